@@ -1,0 +1,46 @@
+# One function per kind of target; every target gets the same warnings and sanitizers.
+
+function(pecs_target_defaults target)
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Wconversion
+    -Wno-sign-conversion $<$<BOOL:${PECS_WERROR}>:-Werror>)
+  if(PECS_SANITIZE)
+    target_compile_options(${target} PRIVATE -fsanitize=${PECS_SANITIZE} -fno-omit-frame-pointer)
+    target_link_options(${target} PUBLIC -fsanitize=${PECS_SANITIZE})
+  endif()
+endfunction()
+
+# pecs_add_library(<name> SOURCES ... [PUBLIC libs...] [PRIVATE libs...]): a static library whose public headers
+# lie in <dir>/include.
+function(pecs_add_library name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  add_library(${name} STATIC ${ARG_SOURCES})
+  pecs_target_defaults(${name})
+  target_include_directories(${name} PUBLIC ${CMAKE_CURRENT_SOURCE_DIR}/include PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/src)
+  target_link_libraries(${name} PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE})
+endfunction()
+
+# pecs_add_program(<name> SOURCES ... LIBS ...)
+function(pecs_add_program name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
+  add_executable(${name} ${ARG_SOURCES})
+  pecs_target_defaults(${name})
+  target_link_libraries(${name} PRIVATE ${ARG_LIBS})
+endfunction()
+
+# pecs_add_test(<name> SOURCES ... LIBS ...): a GoogleTest program. Tests find the checkout by PECS_SOURCE_DIR and
+# the shared folder (absent on a user's machine: skip with a message) by tests/shared.h.
+function(pecs_add_test name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
+  pecs_add_program(${name} SOURCES ${ARG_SOURCES} LIBS ${ARG_LIBS} GTest::gtest_main)
+  target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
+  target_compile_definitions(${name} PRIVATE PECS_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  gtest_discover_tests(${name} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60)
+endfunction()
+
+# pecs_add_bench(<name> SOURCES ... LIBS ...): a Google Benchmark program, never run as a test.
+function(pecs_add_bench name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
+  pecs_add_program(${name} SOURCES ${ARG_SOURCES} LIBS ${ARG_LIBS} benchmark::benchmark_main)
+  target_compile_definitions(${name} PRIVATE PECS_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+endfunction()

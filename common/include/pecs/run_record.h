@@ -1,0 +1,21 @@
+#pragma once
+// "<output>.run.json": what made an output. Written last, so that its presence says that the output is whole.
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "pecs/strict_json.h"
+
+namespace pecs {
+
+struct RunRecord {
+  std::string command;                         // the program's subcommand
+  std::vector<std::string> arguments;          // as given
+  Json config;                                 // resolved: every default filled in
+  std::vector<std::filesystem::path> inputs;   // hashed (sha256) when written; a folder by its stack.json
+  Json results;                                // counts, rates, …
+};
+
+void write_run_record(const std::filesystem::path& output, const RunRecord& record);
+
+}  // namespace pecs

@@ -1,0 +1,67 @@
+/* The C interface of PECS: everything other languages bind to. Opaque handles; errors come back in a pecs_error that
+ * the caller owns; no exception crosses. Options and reports are JSON text in UTF-8 (keys are documented in docs/);
+ * bulk data are plain arrays. A handle may be used by one thread at a time. */
+#ifndef PECS_H
+#define PECS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define PECS_API __declspec(dllexport)
+#else
+#define PECS_API __attribute__((visibility("default")))
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pecs_error {
+  int code;           /* 0 = no error; else as the program's exit codes (docs/exit_codes.md) */
+  char message[1024]; /* one line: file, place, got, wanted; UTF-8, zero-terminated */
+} pecs_error;
+
+PECS_API const char* pecs_version(void);
+
+/* Frees any text that a pecs_ function returned as char*. */
+PECS_API void pecs_text_free(char* text);
+
+/* ---- lens (blender_addon/lens) ------------------------------------------------------------------------------- */
+
+typedef struct pecs_lens pecs_lens;
+PECS_API pecs_lens* pecs_lens_open(const char* path, pecs_error* error); /* NULL on error */
+PECS_API void pecs_lens_close(pecs_lens* lens);
+
+/* First-order data. options: {"lambda_nm": 550, "focus_m": null, "stop_diameter_mm": null}. */
+PECS_API char* pecs_lens_info(const pecs_lens* lens, const char* options_json, pecs_error* error);
+
+/* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm": [...],
+ * "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h}.
+ * focus_bands_nm are all bands of the stack, so that every pass has one focus.
+ * result: {"osl": source of one shader, "shader_name": ..., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit
+ * scene radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered value * e0 of its channel],
+ * "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber", "lens_name", "sha256"}. */
+PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
+
+/* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
+
+/* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "uniform",
+ * "illuminant": null | [[lambda_nm, relative power], ...]}.
+ * result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over lambda of f(lambda) dlambda
+ * ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
+PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
+
+typedef struct pecs_stack_writer pecs_stack_writer;
+/* Opens a new stack in `folder`, or continues one whose stack.json says the same (else bad_output names the key that
+ * differs). stack_json: docs/exr_stack.md. */
+PECS_API pecs_stack_writer* pecs_stack_create(const char* folder, const char* stack_json, pecs_error* error);
+PECS_API int pecs_stack_has_frame(const pecs_stack_writer* stack, int64_t index); /* 1 if whole on disk */
+/* values: [bands][height][width], row 0 at the top, in the stack's unit. The file appears whole or not at all. 0 = done. */
+PECS_API int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float* values, pecs_error* error);
+PECS_API void pecs_stack_close(pecs_stack_writer* stack);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,6 @@
+"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
+
+from ._library import PecsError, version
+
+__version__ = version()
+__all__ = ["PecsError", "version"]

@@ -1,0 +1,79 @@
+"""Finds and loads libpecs, declares nothing: each module declares the functions it uses through `function`.
+
+A process that also uses Blender must import bpy before pecs: both carry libtbb.so.12, and the first one loaded serves both.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+class PecsError(RuntimeError):
+    """An error from the library. `code` is one of the program's exit codes (docs/exit_codes.md)."""
+
+    def __init__(self, message: str, code: int):
+        super().__init__(message)
+        self.code = code
+
+
+class _CError(ctypes.Structure):
+    _fields_ = [("code", ctypes.c_int), ("message", ctypes.c_char * 1024)]
+
+
+def _find() -> Path:
+    here = Path(__file__).resolve().parent
+    tried = [here / "_lib" / "libpecs.so"]  # installed wheel
+    if "PECS_LIBRARY" in os.environ:
+        tried.insert(0, Path(os.environ["PECS_LIBRARY"]))
+    tried += [here.parents[1] / "build" / preset / "lib" / "libpecs.so" for preset in ("release", "dev")]  # checkout
+    for path in tried:
+        if path.is_file():
+            return path
+    raise ImportError("libpecs.so not found; looked at " + ", ".join(map(str, tried)) + " (scripts/setup.sh builds it)")
+
+
+_lib = ctypes.CDLL(str(_find()))
+_lib.pecs_version.restype = ctypes.c_char_p
+_lib.pecs_text_free.argtypes = [ctypes.c_void_p]
+_lib.pecs_text_free.restype = None
+
+
+def version() -> str:
+    return _lib.pecs_version().decode()
+
+
+def function(name: str, restype: Any, *argtypes: Any, error: bool = True):
+    """A callable for C function `name`. With `error`, the trailing pecs_error* is added and raised as PecsError."""
+    f = getattr(_lib, name)
+    f.restype = restype
+    f.argtypes = [*argtypes, ctypes.POINTER(_CError)] if error else list(argtypes)
+    if not error:
+        return f
+
+    def call(*args: Any) -> Any:
+        status = _CError()
+        result = f(*args, ctypes.byref(status))
+        if status.code:
+            raise PecsError(status.message.decode(errors="replace"), status.code)
+        return result
+
+    return call
+
+
+def json_function(name: str, *argtypes: Any):
+    """As `function`, for functions that take JSON text last and return JSON text."""
+    f = function(name, ctypes.c_void_p, *argtypes, ctypes.c_char_p)
+
+    def call(*args: Any) -> Any:
+        *front, options = args
+        text = f(*front, json.dumps(options).encode())
+        try:
+            return json.loads(ctypes.string_at(text))
+        finally:
+            _lib.pecs_text_free(text)
+
+    return call

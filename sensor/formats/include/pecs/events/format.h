@@ -1,0 +1,68 @@
+#pragma once
+// Event files: one Reader and one Writer interface, one source file per format.
+//
+// To add a format:
+//   1. write src/<format>.cpp with a `Codec make_<format>()` that fills the struct below;
+//   2. add it to the list in src/registry.cpp and to CMakeLists.txt;
+//   3. name a reader that is not ours in tests/formats/ — the property suite runs over the registry by itself;
+//   4. describe the layout in docs/event_file.md.
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pecs/events/event.h"
+
+namespace pecs::events {
+
+struct StreamInfo {
+  int width = 0;   // pixels; a format without a size gives 0 until a reader has seen all events
+  int height = 0;
+  std::string camera;  // e.g. "IMX636"; empty when unknown
+};
+
+// Pulls events in file order. Throws pecs::Error (bad_input with file and byte offset) on damage.
+class Reader {
+ public:
+  virtual ~Reader() = default;
+  virtual const StreamInfo& info() const = 0;
+  // Fills at most out.size() events, returns how many; 0 only at the end.
+  virtual std::size_t read(std::span<Event> out) = 0;
+};
+
+// Takes events sorted by t_us (throws bad_input otherwise). The file appears under its name at close() only.
+class Writer {
+ public:
+  virtual ~Writer() = default;
+  virtual void write(std::span<const Event> events) = 0;
+  virtual void close() = 0;
+};
+
+struct Codec {
+  std::string name;                     // "evt3", as for --format
+  std::string description;              // one line for --help
+  std::vector<std::string> extensions;  // ".raw", …; the first one is the usual one
+  // True if the file's first bytes are of this format (extension as a hint only).
+  std::function<bool(const std::filesystem::path&, std::span<const std::byte> head)> sniff;
+  std::function<std::unique_ptr<Reader>(const std::filesystem::path&)> open_reader;                      // or empty
+  std::function<std::unique_ptr<Writer>(const std::filesystem::path&, const StreamInfo&)> open_writer;  // or empty
+};
+
+const std::vector<Codec>& codecs();
+
+// The format is found from the content, else from the extension; `format` overrides. Throws pecs::Error.
+std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format = {});
+// The format is found from the extension; `format` overrides. Throws pecs::Error.
+std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
+                                    const std::optional<std::string>& format = {});
+
+struct Stream {
+  StreamInfo info;
+  std::vector<Event> events;
+};
+Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format = {});
+
+}  // namespace pecs::events
