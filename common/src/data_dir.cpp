@@ -1,0 +1,49 @@
+#include "pecs/data_dir.h"
+
+#include <dlfcn.h>
+#include <fmt/ranges.h>
+
+#include <cstdlib>
+#include <set>
+
+#include "pecs/error.h"
+
+namespace pecs {
+namespace fs = std::filesystem;
+namespace {
+
+// The program or shared library that this code was linked into.
+fs::path own_binary() {
+  Dl_info info{};
+  if (dladdr(reinterpret_cast<const void*>(&own_binary), &info) == 0 || !info.dli_fname) return {};
+  std::error_code ec;
+  fs::path path = fs::canonical(info.dli_fname, ec);
+  return ec ? fs::canonical("/proc/self/exe", ec) : path;
+}
+
+}  // namespace
+
+fs::path data_dir(const std::string& room) {
+  if (const char* set = std::getenv("PECS_DATA"); set && *set) {
+    if (fs::path dir = fs::path(set) / room; fs::is_directory(dir)) return dir;
+    throw not_found((fs::path(set) / room).string(), "no such folder (PECS_DATA is set)");
+  }
+  // build/<preset>/bin/pecs lies four levels below the checkout's root, bin/pecs two below the prefix.
+  fs::path above = own_binary().parent_path();
+  for (int level = 0; level < 5 && above.has_relative_path(); ++level, above = above.parent_path())
+    for (const fs::path& dir : {above / "share" / "pecs" / room, above / room})
+      if (fs::is_directory(dir)) return dir;
+  throw not_found(room, "no such data folder near the program; set PECS_DATA to the folder that holds it");
+}
+
+fs::path find_data(const std::string& room, const std::string& name_or_path) {
+  if (name_or_path.find('/') != std::string::npos || name_or_path.ends_with(".json")) return name_or_path;
+  const fs::path dir = data_dir(room);
+  if (fs::path path = dir / (name_or_path + ".json"); fs::is_regular_file(path)) return path;
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(dir))
+    if (entry.path().extension() == ".json") names.insert(entry.path().stem().string());
+  throw not_found(name_or_path, fmt::format("no file, and none of {}", fmt::join(names, ", ")));
+}
+
+}  // namespace pecs

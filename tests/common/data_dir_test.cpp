@@ -1,0 +1,54 @@
+#include "pecs/data_dir.h"
+
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <fstream>
+
+#include "pecs/error.h"
+#include "shared.h"
+
+namespace pecs {
+namespace {
+
+class DataDir : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::filesystem::create_directories(dir_ / "room/things");
+    std::ofstream(dir_ / "room/things/one.json") << "{}";
+    ::setenv("PECS_DATA", dir_.c_str(), 1);
+  }
+  void TearDown() override {
+    ::unsetenv("PECS_DATA");
+    std::filesystem::remove_all(dir_);
+  }
+  std::filesystem::path dir_ = std::filesystem::path(testing::TempDir()) / "pecs_data_dir_test";
+};
+
+TEST_F(DataDir, FindsByName) {
+  EXPECT_EQ(find_data("room/things", "one"), dir_ / "room/things/one.json");
+}
+
+TEST_F(DataDir, TakesAPathAsItIs) {
+  EXPECT_EQ(find_data("room/things", "./two.json"), "./two.json");
+  EXPECT_EQ(find_data("room/things", "two.json"), "two.json");
+}
+
+TEST_F(DataDir, UnknownNameListsWhatThereIs) {
+  try {
+    find_data("room/things", "two");
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ExitCode::not_found);
+    EXPECT_NE(std::string(e.what()).find("one"), std::string::npos) << e.what();
+  }
+}
+
+TEST_F(DataDir, FindsTheCheckoutAboveTheProgram) {
+  ::unsetenv("PECS_DATA");
+  EXPECT_TRUE(std::filesystem::equivalent(data_dir("docs"), tests::source_dir() / "docs"));
+  EXPECT_THROW(data_dir("no_such_room"), Error);
+}
+
+}  // namespace
+}  // namespace pecs
