@@ -36,12 +36,12 @@ PECS_API void pecs_lens_close(pecs_lens* lens);
 /* First-order data. options: {"lambda_nm": 550, "focus_m": null, "stop_diameter_mm": null}. */
 PECS_API char* pecs_lens_info(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
-/* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm": [...],
- * "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h}.
- * focus_bands_nm are all bands of the stack, so that every pass has one focus.
- * result: {"osl": source of one shader, "shader_name": ..., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit
- * scene radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered value * e0 of its channel],
- * "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber", "lens_name", "sha256"}. */
+/* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm":
+ * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h}. focus_bands_nm
+ * are all bands of the stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name":
+ * ..., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis;
+ * film irradiance = rendered value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber",
+ * "lens_name", "sha256"}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
@@ -57,7 +57,8 @@ typedef struct pecs_stack_writer pecs_stack_writer;
  * differs). stack_json: docs/exr_stack.md. */
 PECS_API pecs_stack_writer* pecs_stack_create(const char* folder, const char* stack_json, pecs_error* error);
 PECS_API int pecs_stack_has_frame(const pecs_stack_writer* stack, int64_t index); /* 1 if whole on disk */
-/* values: [bands][height][width], row 0 at the top, in the stack's unit. The file appears whole or not at all. 0 = done. */
+/* values: [bands][height][width], row 0 at the top, in the stack's unit. The file appears whole or not at all. 0 =
+ * done. */
 PECS_API int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float* values, pecs_error* error);
 PECS_API void pecs_stack_close(pecs_stack_writer* stack);
 

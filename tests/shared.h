@@ -17,6 +17,6 @@ inline std::filesystem::path shared_dir() {
 }  // namespace pecs::tests
 
 // Ends the test as skipped, with a message, when `relative` is not in shared/.
-#define PECS_NEEDS_SHARED(relative)                                         \
-  if (!std::filesystem::exists(pecs::tests::shared_dir() / (relative)))     \
+#define PECS_NEEDS_SHARED(relative)                                     \
+  if (!std::filesystem::exists(pecs::tests::shared_dir() / (relative))) \
   GTEST_SKIP() << "needs " << (pecs::tests::shared_dir() / (relative)).string()

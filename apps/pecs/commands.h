@@ -1,6 +1,6 @@
 #pragma once
-// To add a subcommand: write <name>.cpp with `void add_<name>(CLI::App& app)` that adds it and sets its callback, declare
-// it here, list it in main.cpp and CMakeLists.txt. A callback reports failure by throwing pecs::Error.
+// To add a subcommand: write <name>.cpp with `void add_<name>(CLI::App& app)` that adds it and sets its callback,
+// declare it here, list it in main.cpp and CMakeLists.txt. A callback reports failure by throwing pecs::Error.
 #include <CLI/CLI.hpp>
 
 namespace pecs::app {

@@ -12,8 +12,8 @@ void write_run_record(const std::filesystem::path& output, const RunRecord& reco
     inputs.push_back({{"path", input.string()},
                       {"sha256", std::filesystem::exists(hashed) ? Json(sha256_of_file(hashed)) : Json()}});
   }
-  const Json json = {{"pecs_version", kVersion},     {"command", record.command}, {"arguments", record.arguments},
-                     {"config", record.config},      {"inputs", inputs},          {"output", output.string()},
+  const Json json = {{"pecs_version", kVersion}, {"command", record.command}, {"arguments", record.arguments},
+                     {"config", record.config},  {"inputs", inputs},          {"output", output.string()},
                      {"results", record.results}};
   AtomicFile file(output.string() + ".run.json");
   file.write(json.dump(2) + "\n");

@@ -95,7 +95,8 @@ std::int64_t JsonObject::integer(const std::string& key, std::int64_t min, std::
   const Json& value = required(key);
   const std::string wanted = fmt::format("an integer in [{}, {}]", min, max);
   if (!value.is_number_integer()) fail(key, shown(value), wanted);
-  if (value.is_number_unsigned() && value.get<std::uint64_t>() > static_cast<std::uint64_t>(std::max<std::int64_t>(max, 0)))
+  if (value.is_number_unsigned() &&
+      value.get<std::uint64_t>() > static_cast<std::uint64_t>(std::max<std::int64_t>(max, 0)))
     fail(key, shown(value), wanted);
   const auto x = value.get<std::int64_t>();
   if (x < min || x > max) fail(key, shown(value), wanted);
@@ -145,7 +146,8 @@ std::vector<JsonObject> JsonObject::objects(const std::string& key) {
   const Json& value = required(key);
   if (!value.is_array()) fail(key, shown(value), "a list of objects");
   std::vector<JsonObject> out;
-  for (std::size_t i = 0; i < value.size(); ++i) out.emplace_back(value[i], file_, fmt::format("{}[{}]", where(key), i));
+  for (std::size_t i = 0; i < value.size(); ++i)
+    out.emplace_back(value[i], file_, fmt::format("{}[{}]", where(key), i));
   return out;
 }
 

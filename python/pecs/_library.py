@@ -1,6 +1,7 @@
 """Finds and loads libpecs, declares nothing: each module declares the functions it uses through `function`.
 
-A process that also uses Blender must import bpy before pecs: both carry libtbb.so.12, and the first one loaded serves both.
+A process that also uses Blender must import bpy before pecs: both carry libtbb.so.12, and the first one loaded serves
+both.
 """
 
 from __future__ import annotations

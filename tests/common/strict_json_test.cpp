@@ -22,7 +22,8 @@ std::string error_of(const std::string& text, const std::function<void(pecs::Jso
 
 TEST(StrictJson, SaysFilePlaceGotWanted) {
   EXPECT_EQ(error_of(R"({"a": 1})", [](auto& o) { o.number("a"); }), "");
-  EXPECT_EQ(error_of(R"({"a": 7})", [](auto& o) { o.number("a", {0, 1}); }), "f.json: a: got 7, wanted a number in [0, 1]");
+  EXPECT_EQ(error_of(R"({"a": 7})", [](auto& o) { o.number("a", {0, 1}); }),
+            "f.json: a: got 7, wanted a number in [0, 1]");
   EXPECT_EQ(error_of(R"({"a": "x"})", [](auto& o) { o.number("a"); }), "f.json: a: got \"x\", wanted a finite number");
   EXPECT_EQ(error_of("{}", [](auto& o) { o.number("a"); }), "f.json: a: got nothing, wanted a value");
   EXPECT_EQ(error_of(R"({"s": [{"r": null}]})", [](auto& o) { o.objects("s")[0].number("r"); }),
@@ -31,11 +32,13 @@ TEST(StrictJson, SaysFilePlaceGotWanted) {
 
 TEST(StrictJson, RefusesUnknownKeysButNotComments) {
   EXPECT_EQ(error_of(R"({"a": 1, "_why": 2})", [](auto& o) { o.number("a"); }), "");
-  EXPECT_EQ(error_of(R"({"a": 1, "b": 2})", [](auto& o) { o.number("a"); }), "f.json: b: got an unknown key, wanted one of a");
+  EXPECT_EQ(error_of(R"({"a": 1, "b": 2})", [](auto& o) { o.number("a"); }),
+            "f.json: b: got an unknown key, wanted one of a");
 }
 
 TEST(StrictJson, PlacesSyntaxErrors) {
-  EXPECT_EQ(error_of("{\n \"a\": ,}", [](auto&) {}), "f.json: line 2 column 7: got text that is not JSON, wanted valid JSON");
+  EXPECT_EQ(error_of("{\n \"a\": ,}", [](auto&) {}),
+            "f.json: line 2 column 7: got text that is not JSON, wanted valid JSON");
   EXPECT_EQ(error_of("{\"a\": [1, 2", [](auto&) {}).substr(0, 14), "f.json: line 1");
 }
 

@@ -9,11 +9,11 @@
 namespace pecs {
 
 struct RunRecord {
-  std::string command;                         // the program's subcommand
-  std::vector<std::string> arguments;          // as given
-  Json config;                                 // resolved: every default filled in
-  std::vector<std::filesystem::path> inputs;   // hashed (sha256) when written; a folder by its stack.json
-  Json results;                                // counts, rates, …
+  std::string command;                        // the program's subcommand
+  std::vector<std::string> arguments;         // as given
+  Json config;                                // resolved: every default filled in
+  std::vector<std::filesystem::path> inputs;  // hashed (sha256) when written; a folder by its stack.json
+  Json results;                               // counts, rates, …
 };
 
 void write_run_record(const std::filesystem::path& output, const RunRecord& record);

@@ -19,7 +19,7 @@
 namespace pecs::events {
 
 struct StreamInfo {
-  int width = 0;   // pixels; a format without a size gives 0 until a reader has seen all events
+  int width = 0;  // pixels; a format without a size gives 0 until a reader has seen all events
   int height = 0;
   std::string camera;  // e.g. "IMX636"; empty when unknown
 };
@@ -47,7 +47,7 @@ struct Codec {
   std::vector<std::string> extensions;  // ".raw", …; the first one is the usual one
   // True if the file's first bytes are of this format (extension as a hint only).
   std::function<bool(const std::filesystem::path&, std::span<const std::byte> head)> sniff;
-  std::function<std::unique_ptr<Reader>(const std::filesystem::path&)> open_reader;                      // or empty
+  std::function<std::unique_ptr<Reader>(const std::filesystem::path&)> open_reader;                     // or empty
   std::function<std::unique_ptr<Writer>(const std::filesystem::path&, const StreamInfo&)> open_writer;  // or empty
 };
 

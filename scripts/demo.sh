@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# The main job end to end: sets up, renders the lab's rotating disk through the lab lens with Cycles, simulates the events
+# of an IMX636, compares them with a real recording of that disk, and writes out/demo/ (start with report.html).
+#   scripts/demo.sh [--real FILE]   FILE: a recording of the disk; by default ../shared/data/real/R_360_L.hdf5 if there
+source "$(dirname "$0")/lib.sh"
+REAL=../shared/data/real/R_360_L.hdf5
+case "${1:-}" in
+  "") [ -e "$REAL" ] || REAL= ;;
+  --real) REAL=${2:-}; [ -e "$REAL" ] || die "demo.sh: --real: got '$REAL', wanted a file" 3 ;;
+  *) die "demo.sh: got $1, wanted --real FILE or nothing" 2 ;;
+esac
+
+scripts/setup.sh
+OUT=out/demo
+mkdir -p "$OUT"
+
+# A quarter of the sensor's resolution, so that two cores render half a turn in minutes: each pixel is a full pixel of the
+# chip, on a grid four times coarser; the recording is thinned to the same grid. Speed and phase are the recording's.
+stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data" $OUT/stack/stack.json \
+  "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2735 --frames period \
+  --width 320 --height 180 --set rpm=349.67
+
+stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw \
+  "$PECS" sense $OUT/stack -o $OUT/sim.raw --chip imx636 --seed 1 --warmup-loops 12 --duration-us 54300
+
+stage pictures "$PECS $OUT/sim.raw" $OUT/sim.html sh -c "
+  '$PECS' view $OUT/sim.raw -o $OUT/sim.png && '$PECS' view $OUT/sim.raw -o $OUT/sim.mp4 &&
+  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw lab_15mm -o $OUT/lens.svg"
+
+report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack)
+if [ -n "$REAL" ]; then
+  stage "real recording" "$PECS $REAL" $OUT/real.raw "$PECS" convert "$REAL" $OUT/real.raw --decimate 4
+  stage compare "$PECS $OUT/real.raw $OUT/sim.raw" $OUT/compare.json \
+    sh -c "'$PECS' compare $OUT/real.raw $OUT/sim.raw --json >$OUT/compare.json"
+  report_inputs+=(--real $OUT/real.raw)
+fi
+stage report "$PECS $OUT/sim.raw" $OUT/report.html "$PECS" report "${report_inputs[@]}" -o $OUT/report.html
+
+say "done"
+echo "look at: $ROOT/$OUT/report.html (report), sim.html (3-D), sim.mp4 (slow motion), sim.raw (events)"
+[ -n "$REAL" ] || echo "no recording to compare with: scripts/demo.sh --real FILE"

@@ -1,0 +1,28 @@
+# Shared by the scripts here: where we are, how we speak, what is current. Source it.
+set -euo pipefail
+ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$ROOT"
+PY="$ROOT/.venv/bin/python"
+PECS="$ROOT/build/release/bin/pecs"
+START_S=$SECONDS
+
+say() { printf '\n==> %s  [%d s]\n' "$*" $((SECONDS - START_S)); }
+die() { printf 'pecs: %s\n' "$1" >&2; exit "${2:-1}"; }
+
+# stage NAME "INPUTS" OUTPUT COMMAND...: runs COMMAND unless OUTPUT exists and was made by the same command from the same
+# inputs (files or folders; compared by content).
+STAMPS="$ROOT/out/.stamps"
+stage() {
+  local name=$1 inputs=$2 output=$3; shift 3
+  local stamp="$STAMPS/$(basename "$(dirname "$output")")-$name" key
+  # shellcheck disable=SC2086
+  key=$({ printf '%s\n' "$@"; find $inputs -type f ! -name '*.pyc' -print0 | sort -z | xargs -0 sha256sum; } | sha256sum)
+  if [ -e "$output" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$key" ]; then
+    say "$name: current ($output)"
+    return
+  fi
+  say "$name"
+  "$@"
+  [ -e "$output" ] || die "$name: $output: got nothing, wanted a file"
+  mkdir -p "$STAMPS" && printf '%s' "$key" >"$stamp"
+}

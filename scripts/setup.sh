@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Installs what PECS needs on Debian 12, and builds it: Debian packages by apt (as root; else it says what to install),
+# Python packages into .venv, the program and library into build/release. Can be run again: only what is missing is done.
+#   scripts/setup.sh          what the demo needs
+#   scripts/setup.sh --tests  also what the tests need
+source "$(dirname "$0")/lib.sh"
+[[ "${1:-}" =~ ^(--tests)?$ ]] || die "setup.sh: got $1, wanted --tests or nothing" 2
+WITH_TESTS=$([ "${1:-}" = --tests ] && echo ON || echo OFF)
+
+PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
+  libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libspdlog-dev libcli11-dev libtbb-dev
+  libeigen3-dev libnanoflann-dev libhwy-dev libssl-dev zlib1g-dev libzstd-dev liblz4-dev
+  # bpy's own needs
+  libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
+[ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev libbenchmark-dev)
+
+say "Debian packages"
+missing=()
+for p in "${PACKAGES[@]}"; do
+  dpkg-query -W -f='${Status}' "$p" 2>/dev/null | grep -q 'ok installed' || missing+=("$p")
+done
+if [ ${#missing[@]} -gt 0 ]; then
+  [ "$(id -u)" = 0 ] || die "setup.sh: missing Debian packages; run as root:
+  apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" 3
+  echo "installing ${missing[*]}"
+  apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+else
+  echo "all there"
+fi
+
+say "Python packages (.venv)"
+REQUIREMENTS=requirements/$([ "$WITH_TESTS" = ON ] && echo test || echo run).txt
+[ -x "$PY" ] || /usr/bin/python3.11 -m venv .venv
+key=$(cat requirements/*.txt | sha256sum)$REQUIREMENTS
+if [ "$(cat .venv/pecs-current 2>/dev/null)" != "$key" ] && [ "$(cat .venv/pecs-current 2>/dev/null)" != "${key%run.txt}test.txt" ]; then
+  "$PY" -m pip install --quiet --disable-pip-version-check -r "$REQUIREMENTS"
+  printf '%s' "$key" >.venv/pecs-current
+else
+  echo "all there"
+fi
+# `import pecs` and `python -m pecs_blender` come from this checkout.
+printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" >"$("$PY" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+
+say "Program (build/release)"
+[ "$WITH_TESTS" = OFF ] && grep -qs 'PECS_BUILD_TESTS:BOOL=ON' build/release/CMakeCache.txt && WITH_TESTS=ON
+cmake --preset release -DPECS_BUILD_TESTS=$WITH_TESTS -DPECS_BUILD_BENCH=$WITH_TESTS \
+  -DPECS_WERROR=$([ "${CI:-}" = true ] && echo ON || echo OFF) >build.log 2>&1 || { cat build.log; die "setup.sh: cmake failed"; }
+rm build.log
+cmake --build --preset release
+echo "ready: build/release/bin/pecs ($("$PECS" --version)), .venv/bin/python"

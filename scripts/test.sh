@@ -1,0 +1,12 @@
+#!/usr/bin/env bash
+# Sets up and runs all tests: ctest (C++), pytest (Python, renders with Cycles), and the linters.
+source "$(dirname "$0")/lib.sh"
+scripts/setup.sh --tests
+say "clang-format, ruff"
+git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run --Werror
+.venv/bin/ruff check . && .venv/bin/ruff format --check .
+say "ctest"
+ctest --test-dir build/release --output-on-failure -j "$(nproc)"
+say "pytest"
+"$PY" -m pytest -q tests/python
+say "all tests passed"

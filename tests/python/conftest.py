@@ -1,0 +1,42 @@
+"""Fixtures. `shared` is the folder of recordings and prescriptions beside a developer's checkout; tests that need it
+skip on a machine without it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    folder = Path(os.environ.get("PECS_SHARED", ROOT.parent / "shared"))
+    if not folder.is_dir():
+        pytest.skip(f"needs {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def pecs_program():
+    """Runs the built program: pecs_program("info", path) -> CompletedProcess with text output."""
+    candidates = [ROOT / "build" / preset / "bin" / "pecs" for preset in ("release", "dev")]
+    program = next((c for c in candidates if c.is_file()), None)
+    assert program, "build/release/bin/pecs is missing: scripts/setup.sh builds it"
+
+    def run(*args, **kwargs):
+        return subprocess.run([program, *map(str, args)], capture_output=True, text=True, **kwargs)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def python():
+    return sys.executable

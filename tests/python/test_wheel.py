@@ -1,0 +1,46 @@
+"""The wheel: one py3-none wheel serves every Python, and works away from the checkout."""
+
+import subprocess
+import sys
+import venv
+import zipfile
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def wheel(root, tmp_path_factory):
+    out = tmp_path_factory.mktemp("wheel")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--disable-pip-version-check",
+        "-w",
+        out,
+        root,
+    ]
+    subprocess.run(command, check=True)
+    (path,) = out.glob("*.whl")
+    return path
+
+
+def test_tag_and_contents(wheel):
+    assert "-py3-none-linux_" in wheel.name
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "pecs/_lib/libpecs.so" in names
+    assert not [n for n in names if n.startswith(("tests/", "include/", "bin/"))]
+
+
+def test_imports_away_from_the_checkout(wheel, tmp_path):
+    venv.create(tmp_path / "v", with_pip=True, system_site_packages=False)
+    python = tmp_path / "v" / "bin" / "python"
+    subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel], check=True)
+    code = "import pecs; print(pecs.__version__, pecs.__file__)"
+    result = subprocess.run([python, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
+    version, where = result.stdout.split()
+    assert version == wheel.name.split("-")[1]
+    assert str(tmp_path) in where
