@@ -25,9 +25,7 @@ class DataDir : public testing::Test {
   std::filesystem::path dir_ = std::filesystem::path(testing::TempDir()) / "pecs_data_dir_test";
 };
 
-TEST_F(DataDir, FindsByName) {
-  EXPECT_EQ(find_data("room/things", "one"), dir_ / "room/things/one.json");
-}
+TEST_F(DataDir, FindsByName) { EXPECT_EQ(find_data("room/things", "one"), dir_ / "room/things/one.json"); }
 
 TEST_F(DataDir, TakesAPathAsItIs) {
   EXPECT_EQ(find_data("room/things", "./two.json"), "./two.json");
