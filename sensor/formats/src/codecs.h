@@ -1,0 +1,13 @@
+#pragma once
+// One function per format; registry.cpp lists them.
+#include "pecs/events/format.h"
+
+namespace pecs::events {
+
+Codec make_evt3();
+Codec make_dat();
+Codec make_metavision_hdf5();
+Codec make_npz();
+Codec make_csv();
+
+}  // namespace pecs::events

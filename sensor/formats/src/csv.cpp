@@ -1,0 +1,315 @@
+// CSV: a header line that names the columns and the unit of time, "t_us,x,y,p", then "# width=1280 height=720", then
+// one event a line. Read also: other orders and separators (comma, semicolon, tab, space), t_s, t_ms and t_ns, decimal
+// times (taken exactly, rounded to 1 us), p of -1, and files without a header line that still say what they are:
+// "%geometry:W,H" then x,y,p,t in microseconds (Metavision), and "W H" then t x y p in seconds (ESIM, E2VID).
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstring>
+#include <map>
+#include <string_view>
+#include <utility>
+
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "output_file.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr std::size_t kMaxLine = 4096;
+constexpr std::string_view kSeparators = ",; \t\r";
+enum Field { kT, kX, kY, kP };
+constexpr std::string_view kWanted = "a header line such as t_us,x,y,p";
+
+class LineReader {
+ public:
+  explicit LineReader(const std::filesystem::path& path) : file_(path), buffer_(1 << 16) {}
+
+  // Without its end; valid until the next call.
+  bool next(std::string_view& line) {
+    const void* end = nullptr;
+    while (!(end = std::memchr(buffer_.data() + position_, '\n', filled_ - position_)) && !ended_) {
+      if (filled_ - position_ > kMaxLine)
+        throw bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_ + 1, next_start_),
+                        fmt::format("more than {} bytes", kMaxLine), "lines of events");
+      std::memmove(buffer_.data(), buffer_.data() + position_, filled_ - position_);
+      filled_ -= position_;
+      position_ = 0;
+      const std::size_t got = file_.read(std::as_writable_bytes(std::span(buffer_).subspan(filled_)));
+      ended_ = got == 0;
+      filled_ += got;
+    }
+    const char* begin = buffer_.data() + position_;
+    line = {begin, end ? static_cast<std::size_t>(static_cast<const char*>(end) - begin) : filled_ - position_};
+    if (!end && line.empty()) return false;
+    const std::size_t bytes = line.size() + (end ? 1 : 0);
+    position_ += bytes;
+    line_start_ = std::exchange(next_start_, next_start_ + bytes);
+    ++line_;
+    return true;
+  }
+
+  // Of the line last given.
+  Error damage(std::string_view got, std::string_view wanted) const {
+    return bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_, line_start_),
+                     std::string(got.substr(0, 80)), std::string(wanted));
+  }
+
+ private:
+  InputFile file_;
+  std::vector<char> buffer_;
+  std::size_t filled_ = 0, position_ = 0;
+  std::uint64_t line_ = 0, line_start_ = 0, next_start_ = 0;
+  bool ended_ = false;
+};
+
+// The next word of `line`, which is shortened by it; empty at the end.
+std::string_view next_word(std::string_view& line) {
+  const std::size_t begin = std::min(line.find_first_not_of(kSeparators), line.size());
+  const std::size_t end = std::min(line.find_first_of(kSeparators, begin), line.size());
+  const std::string_view word = line.substr(begin, end - begin);
+  line.remove_prefix(end);
+  return word;
+}
+
+// A decimal number times 10^exponent, without going through floating point.
+struct Decimal {
+  std::int64_t value = 0;  // rounded half up
+  bool exact = true;
+};
+std::optional<Decimal> parse_decimal(std::string_view text, int exponent) {
+  const bool negative = text.starts_with('-');
+  if (negative || text.starts_with('+')) text.remove_prefix(1);
+  std::uint64_t digits = 0;
+  bool any = false, point = false;
+  std::size_t i = 0;
+  for (; i < text.size(); ++i) {
+    const char c = text[i];
+    if (c == '.' && !point) {
+      point = true;
+    } else if (c >= '0' && c <= '9') {
+      any = true;
+      if (digits < 1'000'000'000'000'000'000) {
+        digits = digits * 10 + static_cast<std::uint64_t>(c - '0');
+        exponent -= point;
+      } else {
+        exponent += !point;  // beyond 19 digits
+      }
+    } else {
+      break;
+    }
+  }
+  if (!any) return {};
+  if (i < text.size()) {
+    if (text[i] != 'e' && text[i] != 'E') return {};
+    i += 1 + (i + 1 < text.size() && text[i + 1] == '+');
+    int power = 0;
+    const auto [end, ec] = std::from_chars(text.data() + i, text.data() + text.size(), power);
+    if (ec != std::errc() || end != text.data() + text.size() || power < -400 || power > 400) return {};
+    exponent += power;
+  }
+  Decimal out;
+  for (; exponent < 0 && digits > 0; ++exponent) {
+    const bool last = exponent == -1;
+    out.exact = out.exact && digits % 10 == 0;
+    digits = digits / 10 + (last && digits % 10 >= 5 ? 1 : 0);
+  }
+  for (; exponent > 0 && digits > 0; --exponent) {
+    if (digits > INT64_MAX / 10) return {};
+    digits *= 10;
+  }
+  if (digits > INT64_MAX) return {};
+  out.value = negative ? -static_cast<std::int64_t>(digits) : static_cast<std::int64_t>(digits);
+  return out;
+}
+
+struct Layout {
+  std::array<int, 4> column{-1, -1, -1, -1};  // of t, x, y, p
+  int columns = 0;
+  int t_exponent = 0;  // t in the file = us * 10^-t_exponent
+};
+
+class CsvReader final : public Reader {
+ public:
+  explicit CsvReader(const std::filesystem::path& path) : lines_(path) {
+    find_layout();
+    extent_.emplace(info_, 65536);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      if (!std::exchange(pending_, false) && !next_content()) {
+        extent_->end();
+        break;
+      }
+      parse_event(out[n++]);
+    }
+    return n;
+  }
+
+ private:
+  // The next line that is neither blank nor a comment; a comment may give the size.
+  bool next_content() {
+    while (lines_.next(line_)) {
+      std::string_view rest = line_;
+      if (next_word(rest).empty()) continue;
+      if (line_[0] != '#' && line_[0] != '%') return true;
+      read_comment(line_);
+    }
+    return false;
+  }
+
+  void read_comment(std::string_view comment) {
+    const auto number_after = [&](std::string_view key) {
+      const std::size_t at = comment.find(key);
+      int value = 0;
+      if (at != std::string_view::npos)
+        std::from_chars(comment.data() + at + key.size(), comment.data() + comment.size(), value);
+      return value > 0 && value <= 65536 ? value : 0;
+    };
+    constexpr std::string_view kGeometry = "%geometry:";
+    if (comment.starts_with(kGeometry)) {
+      metavision_ = true;
+      info_.width = number_after(kGeometry);
+      const std::size_t separator = comment.find(',');
+      info_.height = separator == std::string_view::npos ? 0 : number_after(",");
+    } else if (!extent_ && info_.width == 0) {
+      info_.width = number_after("width=");
+      info_.height = number_after("height=");
+    }
+  }
+
+  void find_layout() {
+    if (!next_content()) {
+      if (metavision_) return;  // no events
+      throw lines_.damage("no content", kWanted);
+    }
+    std::string_view rest = line_;
+    const bool names = std::isalpha(static_cast<unsigned char>(line_[0])) || line_[0] == '"';
+    if (names) {
+      parse_header();
+      pending_ = next_content();  // so that a comment with the size is seen
+    } else if (metavision_) {
+      layout_ = {{3, 0, 1, 2}, 4, 0};
+      pending_ = true;
+    } else {
+      const auto width = parse_decimal(next_word(rest), 0), height = parse_decimal(next_word(rest), 0);
+      if (!next_word(rest).empty() || !width || !height || width->value < 1 || width->value > 65536 ||
+          height->value < 1 || height->value > 65536)
+        throw lines_.damage(line_, kWanted);
+      info_.width = static_cast<int>(width->value);
+      info_.height = static_cast<int>(height->value);
+      layout_ = {{0, 1, 2, 3}, 4, 6};
+    }
+  }
+
+  void parse_header() {
+    static const std::map<std::string, Field, std::less<>> kFields = {{"t", kT},         {"ts", kT},  {"time", kT},
+                                                                      {"timestamp", kT}, {"x", kX},   {"y", kY},
+                                                                      {"p", kP},         {"pol", kP}, {"polarity", kP}};
+    static const std::map<std::string, int, std::less<>> kUnits = {{"us", 0}, {"ns", -3}, {"ms", 3}, {"s", 6}};
+    std::string header(line_);
+    std::ranges::transform(header, header.begin(), [](unsigned char c) {
+      return c == '"' || c == '[' || c == ']' || c == '(' || c == ')' ? '_' : static_cast<char>(std::tolower(c));
+    });
+    std::string_view rest = header;
+    for (std::string_view word; !(word = next_word(rest)).empty(); ++layout_.columns) {
+      while (word.starts_with('_')) word.remove_prefix(1);
+      while (word.ends_with('_')) word.remove_suffix(1);
+      const std::size_t underscore = std::min(word.find('_'), word.size());
+      const auto field = kFields.find(word.substr(0, underscore));
+      if (field == kFields.end()) continue;
+      if (field->second == kT) {
+        const std::size_t unit_at = std::min(word.find_first_not_of('_', underscore), word.size());
+        const auto unit = kUnits.find(word.substr(unit_at));
+        if (unit == kUnits.end())
+          throw lines_.damage(fmt::format("time column \"{}\" without its unit", word), "t_us, t_ms, t_s or t_ns");
+        layout_.t_exponent = unit->second;
+      }
+      layout_.column[field->second] = layout_.columns;
+    }
+    if (std::ranges::find(layout_.column, -1) != layout_.column.end()) throw lines_.damage(line_, kWanted);
+  }
+
+  void parse_event(Event& e) {
+    std::array<std::int64_t, 4> values{};
+    std::string_view rest = line_;
+    for (int column = 0; column < layout_.columns; ++column) {
+      const std::string_view word = next_word(rest);
+      const auto field = std::ranges::find(layout_.column, column);
+      if (field == layout_.column.end()) continue;
+      const auto f = static_cast<std::size_t>(field - layout_.column.begin());
+      const auto number = parse_decimal(word, f == kT ? layout_.t_exponent : 0);
+      if (!number || (f != kT && !number->exact)) throw lines_.damage(line_, "t, x, y and p as numbers");
+      values[f] = number->value;
+    }
+    if (!next_word(rest).empty()) throw lines_.damage(line_, fmt::format("{} columns", layout_.columns));
+    const bool p_known = values[kP] >= -1 && values[kP] <= 1;
+    e = {values[kT], static_cast<std::uint16_t>(values[kX]), static_cast<std::uint16_t>(values[kY]),
+         static_cast<std::uint8_t>(values[kP] > 0)};
+    if (!p_known || values[kX] != e.x || values[kY] != e.y || !extent_->add(e))
+      throw lines_.damage(line_, info_.width > 0
+                                     ? fmt::format("a pixel inside {}x{}, p of -1, 0 or 1", info_.width, info_.height)
+                                     : "a pixel, p of -1, 0 or 1");
+  }
+
+  LineReader lines_;
+  std::string_view line_;
+  bool pending_ = false, metavision_ = false;
+  Layout layout_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+};
+
+constexpr Limits kLimits = {};
+
+class CsvWriter final : public CheckedWriter {
+ public:
+  CsvWriter(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits, false), file_(path) {
+    file_.put_text("t_us,x,y,p\n");
+    if (size.width > 0) file_.put_text(fmt::format("# width={} height={}\n", size.width, size.height));
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (const Event& e : events) {
+      std::array<char, 64> line;
+      const auto end = fmt::format_to(line.data(), "{},{},{},{}\n", e.t_us, e.x, e.y, e.p);
+      file_.put_bytes(std::as_bytes(std::span(line.data(), end)));
+    }
+  }
+  void finish() override { file_.commit(); }
+
+  OutputFile file_;
+};
+
+}  // namespace
+
+Codec make_csv() {
+  return {.name = "csv",
+          .description = "CSV with a header line, t_us,x,y,p",
+          .extensions = {".csv", ".txt"},
+          .sniff =
+              [](const std::filesystem::path& path, std::span<const std::byte>) {
+                try {
+                  CsvReader reader(path);
+                  return true;
+                } catch (const Error&) {
+                  return false;
+                }
+              },
+          .open_reader = [](const auto& path) { return std::make_unique<CsvReader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<CsvWriter>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events

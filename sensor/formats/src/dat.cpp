@@ -1,0 +1,81 @@
+// Prophesee DAT, version 2: a text header, one byte event type, one byte event size (8), then per event two 32-bit
+// little-endian words: t_us modulo 2^32; and x in bits 13..0, y in bits 27..14, p in bit 28.
+#include <fmt/format.h>
+
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "raw_header.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr int kMaxSize = 1 << 14;
+constexpr std::int64_t kWrap = std::int64_t{1} << 32;
+constexpr std::byte kOldType{0x00}, kCdType{0x0c}, kEventBytes{8};
+
+class DatReader final : public Reader {
+ public:
+  explicit DatReader(const std::filesystem::path& path) : file_(path) {
+    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
+    info_ = header.info;
+    extent_.emplace(info_, kMaxSize);
+    file_.seek(header.bytes);
+    std::byte type_and_size[2];
+    file_.read_exactly(type_and_size, "event type and size");
+    if ((type_and_size[0] != kOldType && type_and_size[0] != kCdType) || type_and_size[1] != kEventBytes)
+      throw file_.damage(fmt::format("event type {} of {} bytes", static_cast<int>(type_and_size[0]),
+                                     static_cast<int>(type_and_size[1])),
+                         "type 0 or 12 of 8 bytes", 2);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    for (; n < out.size(); ++n) {
+      const auto item = file_.next<std::uint64_t>();
+      if (!item) {
+        extent_->end();
+        break;
+      }
+      // A fall of t by half its range or more is a wrap.
+      const auto t = static_cast<std::int64_t>(*item & 0xffffffff);
+      if (t + kWrap / 2 <= last_) wraps_ += kWrap;
+      last_ = t;
+      const auto address = static_cast<std::uint32_t>(*item >> 32);
+      out[n] = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
+                static_cast<std::uint16_t>(address >> 14 & 0x3fff), static_cast<std::uint8_t>(address >> 28 & 1)};
+      if (!extent_->add(out[n]))
+        throw file_.damage(fmt::format("an event at pixel ({}, {})", out[n].x, out[n].y),
+                           fmt::format("inside {}x{}", info_.width, info_.height), 8);
+    }
+    return n;
+  }
+
+ private:
+  InputFile file_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  std::int64_t last_ = 0, wraps_ = 0;
+};
+
+bool is_dat(const RawHeader& header, std::span<const std::byte> head) {
+  return header.bytes > 0 && header.encoding.empty() && header.fields.contains("version") &&
+         head.size() >= header.bytes + 2 && head[header.bytes + 1] == kEventBytes;
+}
+
+}  // namespace
+
+Codec make_dat() {
+  return {.name = "dat",
+          .description = "Prophesee DAT version 2",
+          .extensions = {".dat"},
+          .sniff = [](const std::filesystem::path&,
+                      std::span<const std::byte> head) { return is_dat(parse_raw_header(head), head); },
+          .open_reader = [](const auto& path) { return std::make_unique<DatReader>(path); },
+          .open_writer = {},
+          .limits = {.t_min_us = 0, .max_size = kMaxSize}};
+}
+
+}  // namespace pecs::events

@@ -1,0 +1,132 @@
+#include "ecf.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+
+namespace pecs::events::ecf {
+namespace {
+
+class Cursor {
+ public:
+  explicit Cursor(std::span<const std::byte> block) : block_(block) {}
+  template <class T>
+  T take() {
+    if (block_.size() - offset_ < sizeof(T))
+      throw Damage{offset_, "the end of the block", fmt::format("{} more bytes", sizeof(T))};
+    T value;
+    std::memcpy(&value, block_.data() + offset_, sizeof(T));
+    offset_ += sizeof(T);
+    return value;
+  }
+  std::size_t offset() const { return offset_; }
+
+ private:
+  std::span<const std::byte> block_;
+  std::size_t offset_ = 0;
+};
+
+// The end of a run of `count` that begins at `i` of `n`.
+std::size_t run_end(const Cursor& in, std::size_t i, std::size_t count, std::size_t n) {
+  if (count > n - i)
+    throw Damage{in.offset(), fmt::format("a run of {} events", count), fmt::format("at most {}", n - i)};
+  return i + count;
+}
+
+void decode_times(Cursor& in, std::vector<Event>& out) {
+  auto t = in.take<std::uint64_t>();
+  std::uint64_t step = 0;
+  unsigned step_bits = 0;
+  for (std::size_t i = 0; i < out.size();) {
+    const auto byte = in.take<std::uint8_t>();
+    const unsigned dt = byte >> 4;
+    std::size_t count = byte & 0xf;
+    if (dt == 0xf) {
+      if (step_bits >= 64) throw Damage{in.offset(), "a step in time of more than 64 bits", "at most 64"};
+      step |= std::uint64_t{count} << step_bits;
+      step_bits += 4;
+      continue;
+    }
+    t += step + dt;
+    step = step_bits = 0;
+    if (count == 0xf) count = in.take<std::uint16_t>();
+    for (const std::size_t end = run_end(in, i, count, out.size()); i < end; ++i)
+      out[i].t_us = static_cast<std::int64_t>(t);
+  }
+}
+
+void decode_y(Cursor& in, std::vector<Event>& out) {
+  for (std::size_t i = 0; i < out.size();) {
+    const auto word = in.take<std::uint16_t>();
+    std::size_t count = word & 0x1f;
+    if (count == 0x1f) count = in.take<std::uint16_t>();
+    for (const std::size_t end = run_end(in, i, count, out.size()); i < end; ++i) out[i].y = word >> 5;
+  }
+}
+
+void decode_x_masks(Cursor& in, std::vector<Event>& out) {
+  for (std::size_t i = 0; i < out.size();) {
+    const auto word = in.take<std::uint16_t>();
+    const auto x = static_cast<std::uint16_t>(word >> 5);
+    out[i++].x = x;
+    for (int k = 0; k < 5; ++k)
+      if ((word >> (4 - k) & 1) && i < out.size()) out[i++].x = static_cast<std::uint16_t>(x + 1 + k);
+  }
+}
+
+void decode_p(Cursor& in, std::vector<Event>& out) {
+  for (std::size_t i = 0; i < out.size();) {
+    const auto byte = in.take<std::uint8_t>();
+    std::size_t count = byte & 0x7f;
+    if (count == 0x7f) count = in.take<std::uint16_t>();
+    for (const std::size_t end = run_end(in, i, count, out.size()); i < end; ++i) out[i].p = byte >> 7;
+  }
+}
+
+void decode_x_p(Cursor& in, std::vector<Event>& out) {
+  for (std::size_t i = 0; i < out.size(); i += 4) {
+    const unsigned a = in.take<std::uint16_t>(), b = in.take<std::uint16_t>(), c = in.take<std::uint16_t>();
+    const unsigned packed[4] = {a >> 4, (a & 0xf) | (b >> 8) << 4, (b & 0xff) | (c >> 12) << 8, c & 0xfff};
+    for (std::size_t k = 0; k < std::min<std::size_t>(4, out.size() - i); ++k) {
+      out[i + k].x = static_cast<std::uint16_t>(packed[k] >> 1);
+      out[i + k].p = packed[k] & 1;
+    }
+  }
+}
+
+void decode_y_x_p(Cursor& in, std::vector<Event>& out) {
+  for (std::size_t i = 0; i < out.size(); i += 4) {
+    const auto a = in.take<std::uint32_t>(), b = in.take<std::uint32_t>(), c = in.take<std::uint32_t>();
+    const std::uint32_t packed[4] = {a >> 8, (a & 0xff) | (b >> 16) << 8, (b & 0xffff) | (c >> 24) << 16, c & 0xffffff};
+    for (std::size_t k = 0; k < std::min<std::size_t>(4, out.size() - i); ++k) {
+      out[i + k].y = packed[k] >> 12 & 0x7ff;
+      out[i + k].x = packed[k] >> 1 & 0x7ff;
+      out[i + k].p = packed[k] & 1;
+    }
+  }
+}
+
+}  // namespace
+
+void decode(std::span<const std::byte> block, std::size_t max_events, std::vector<Event>& out) {
+  Cursor in(block);
+  const auto head = in.take<std::uint32_t>();
+  const std::size_t n = head >> 2;
+  if (n > max_events) throw Damage{0, fmt::format("a block of {} events", n), fmt::format("at most {}", max_events)};
+  out.resize(n);
+  decode_times(in, out);
+  if (head & 2) {
+    decode_y_x_p(in, out);
+    return;
+  }
+  decode_y(in, out);
+  if (head & 1) {
+    decode_x_p(in, out);
+    return;
+  }
+  decode_x_masks(in, out);
+  decode_p(in, out);
+}
+
+}  // namespace pecs::events::ecf

@@ -1,0 +1,229 @@
+// Prophesee EVT3: 16-bit little-endian words, type in bits 15..12.
+//   0 ADDR_Y     y in 10..0
+//   2 ADDR_X     x in 10..0, p in bit 11: one event at (x, y, t)
+//   3 VECT_BASE  x in 10..0, p in bit 11: where the next vector begins
+//   4 VECT_12    events at base + k for every set bit k of 11..0; then base += 12
+//   5 VECT_8     the same with bits 7..0; then base += 8
+//   6 TIME_LOW   bits 11..0 of t_us
+//   8 TIME_HIGH  bits 23..12 of t_us; t wraps every 2^24 us = 16.777 s, and readers count the wraps they see
+//   7, 10..15    continuations, triggers, IMU, counters: skipped
+#include <fmt/format.h>
+
+#include <bit>
+
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "output_file.h"
+#include "raw_header.h"
+
+namespace pecs::events {
+namespace {
+
+enum Type : unsigned { addr_y = 0, addr_x = 2, vect_base = 3, vect_12 = 4, vect_8 = 5, time_low = 6, time_high = 8 };
+
+constexpr int kMaxSize = 2048;
+constexpr std::int64_t kHighs = 4096;  // TIME_HIGH values in a wrap
+
+class Evt3Reader final : public Reader {
+ public:
+  explicit Evt3Reader(const std::filesystem::path& path) : file_(path) {
+    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
+    info_ = header.info;
+    extent_.emplace(info_, kMaxSize);
+    file_.seek(header.bytes);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      if (mask_ != 0) {
+        const int k = std::countr_zero(mask_);
+        mask_ &= mask_ - 1;
+        event_.x = static_cast<std::uint16_t>(mask_x_ + k);
+        put(out[n++]);
+        continue;
+      }
+      const auto word = file_.next<std::uint16_t>();
+      if (!word) {
+        extent_->end();
+        break;
+      }
+      const unsigned value = *word & 0xfff;
+      switch (*word >> 12) {
+        case addr_y:
+          event_.y = value & 0x7ff;
+          break;
+        case addr_x:
+          if (high_ < 0) break;
+          event_.x = value & 0x7ff;
+          event_.p = static_cast<std::uint8_t>(value >> 11);
+          put(out[n++]);
+          break;
+        case vect_base:
+          base_x_ = value & 0x7ff;
+          base_p_ = static_cast<std::uint8_t>(value >> 11);
+          break;
+        case vect_12:
+          take_vector(value, 12);
+          break;
+        case vect_8:
+          take_vector(value & 0xff, 8);
+          break;
+        case time_low:
+          low_ = value;
+          event_.t_us = (high_ << 12) | low_;
+          break;
+        case time_high:
+          take_time_high(value);
+          break;
+        default:
+          break;
+      }
+    }
+    return n;
+  }
+
+ private:
+  void put(Event& out) {
+    if (!extent_->add(event_))
+      throw file_.damage(fmt::format("an event at pixel ({}, {})", event_.x, event_.y),
+                         fmt::format("inside {}x{}", info_.width, info_.height), 2);
+    out = event_;
+  }
+
+  // Events before the first TIME_HIGH have no known time: they are dropped, as by the format's reference decoder.
+  void take_vector(unsigned bits, int size) {
+    mask_ = high_ < 0 ? 0 : bits;
+    mask_x_ = base_x_;
+    event_.p = base_p_;
+    base_x_ += size;
+    if (base_x_ > kMaxSize + 32)
+      throw file_.damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize), 2);
+  }
+
+  // A fall by half the range or more is a wrap; a smaller one is disorder in the stream and taken as it is.
+  void take_time_high(unsigned value) {
+    if (high_ < 0) {
+      high_ = value;
+      low_ = 0;
+    } else {
+      const std::int64_t previous = high_ % kHighs;
+      const std::int64_t wraps = high_ / kHighs + (previous >= value + kHighs / 2 ? 1 : 0);
+      const std::int64_t next = wraps * kHighs + value;
+      if (next != high_) low_ = 0;  // until TIME_LOW says more
+      high_ = next;
+    }
+    event_.t_us = (high_ << 12) | low_;
+  }
+
+  InputFile file_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  Event event_;
+  std::int64_t high_ = -1, low_ = 0;
+  int base_x_ = 0, mask_x_ = 0;
+  std::uint8_t base_p_ = 0;
+  unsigned mask_ = 0;
+};
+
+constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = 10'000'000'000'000, .max_size = kMaxSize};
+
+class Evt3Writer final : public CheckedWriter {
+ public:
+  Evt3Writer(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits), file_(path) {
+    file_.put_text(raw_header_text("EVT3", "3.0", size));
+    put_time(0, 0);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (std::size_t i = 0; i < events.size();) {
+      const Event& e = events[i];
+      step_to(e.t_us);
+      if (e.y != y_) word(addr_y, static_cast<unsigned>(y_ = e.y));
+
+      // A run to the right at one time and polarity, as vectors of 32 pixels where that is shorter.
+      const std::size_t run = vector_run(events.subspan(i));
+      if (run > 4) {
+        put_vector(events.subspan(i, run));
+        i += run;
+      } else {
+        word(addr_x, unsigned{e.x} | unsigned{e.p} << 11);
+        ++i;
+      }
+    }
+  }
+
+  void finish() override { file_.commit(); }
+
+  void word(unsigned type, unsigned value) { file_.put(static_cast<std::uint16_t>(type << 12 | value)); }
+
+  void put_time(std::int64_t high, std::int64_t low) {
+    high_ = high;
+    low_ = low;
+    word(time_high, static_cast<unsigned>(high % kHighs));
+    word(time_low, static_cast<unsigned>(low));
+  }
+
+  // Readers count a wrap when TIME_HIGH falls: it is stepped by at most a quarter of its range, and over every wrap
+  // from 4095 to 0, so that all of them see the same time however long the gap.
+  void step_to(std::int64_t t_us) {
+    const std::int64_t high = t_us >> 12, low = t_us & 0xfff;
+    while (high_ < high) {
+      const std::int64_t last_of_wrap = high_ | (kHighs - 1);
+      std::int64_t next = std::min(high_ + kHighs / 4, high);
+      if (high_ == last_of_wrap)
+        next = high_ + 1;
+      else
+        next = std::min(next, last_of_wrap);
+      put_time(next, next == high ? low : 0);
+    }
+    if (low != low_) word(time_low, static_cast<unsigned>(low_ = low));
+  }
+
+  // How many events from the first on fit one vector of 32 pixels that ends inside the sensor.
+  std::size_t vector_run(std::span<const Event> events) const {
+    const Event& first = events[0];
+    if (info().width < 32) return 1;
+    const int end = std::max<int>(std::min(first.x + 32, info().width), 32);
+    std::size_t n = 1;
+    while (n < events.size() && events[n].t_us == first.t_us && events[n].y == first.y && events[n].p == first.p &&
+           events[n].x > events[n - 1].x && events[n].x < end)
+      ++n;
+    return n;
+  }
+
+  void put_vector(std::span<const Event> events) {
+    const unsigned base = std::min<unsigned>(events[0].x, static_cast<unsigned>(info().width - 32));
+    std::uint32_t mask = 0;
+    for (const Event& e : events) mask |= 1u << (e.x - base);
+    word(vect_base, base | unsigned{events[0].p} << 11);
+    word(vect_12, mask & 0xfff);
+    word(vect_12, mask >> 12 & 0xfff);
+    word(vect_8, mask >> 24);
+  }
+
+  OutputFile file_;
+  std::int64_t high_ = 0, low_ = 0;
+  int y_ = -1;
+};
+
+}  // namespace
+
+Codec make_evt3() {
+  return {.name = "evt3",
+          .description = "Prophesee RAW EVT3",
+          .extensions = {".raw"},
+          .sniff = [](const std::filesystem::path&,
+                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT3"; },
+          .open_reader = [](const auto& path) { return std::make_unique<Evt3Reader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt3Writer>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events

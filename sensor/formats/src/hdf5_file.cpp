@@ -1,0 +1,167 @@
+#include "hdf5_file.h"
+
+#include <fmt/format.h>
+
+#include <cstring>
+
+#include "pecs/files.h"
+
+namespace pecs::events::hdf5 {
+namespace {
+
+std::recursive_mutex& library_mutex() {
+  static std::recursive_mutex mutex;
+  return mutex;
+}
+
+constexpr std::uint64_t kMaxChunkBytes = std::uint64_t{1} << 28;
+
+bool exists(hid_t file, const std::string& path) {  // every link on the way
+  for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
+    if (H5Lexists(file, path.substr(0, slash).c_str(), H5P_DEFAULT) <= 0) return false;
+    if (slash == std::string::npos) return true;
+  }
+}
+
+}  // namespace
+
+Session::Session() : lock_(library_mutex()) {
+  H5Eget_auto2(H5E_DEFAULT, &print_, &print_data_);
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+}
+
+Session::~Session() { H5Eset_auto2(H5E_DEFAULT, print_, print_data_); }
+
+herr_t Handle::close() {
+  if (id_ < 0) return 0;
+  const Session session;
+  return close_(std::exchange(id_, -1));
+}
+
+bool is_hdf5(std::span<const std::byte> head) {
+  return head.size() >= 8 && std::memcmp(head.data(), "\x89HDF\r\n\x1a\n", 8) == 0;
+}
+
+bool has_paths(const std::filesystem::path& path, const std::vector<std::string>& names) {
+  const Session session;
+  const Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (!file) return false;
+  for (const std::string& name : names)
+    if (!exists(file.get(), name)) return false;
+  return true;
+}
+
+Handle open_file(const std::filesystem::path& path) {
+  const Session session;
+  if (!std::filesystem::is_regular_file(path)) throw not_found(path.string(), "no such file");
+  Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (!file) throw bad_input(path.string(), "byte 0", "data that HDF5 cannot open", "a whole HDF5 file");
+  return file;
+}
+
+Handle create_partial(const std::filesystem::path& path) {
+  const Session session;
+  Handle file(H5Fcreate(partial_path(path).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
+  if (!file) throw bad_output(path.string(), std::strerror(errno));
+  return file;
+}
+
+Column::Column(const Handle& file, std::filesystem::path path, std::string name)
+    : path_(std::move(path)), name_(std::move(name)) {
+  const Session session;
+  if (!exists(file.get(), name_)) throw damage("nothing", "a dataset");
+  dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), H5P_DEFAULT), H5Dclose);
+  if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset");
+  const Handle space(H5Dget_space(id()), H5Sclose);
+  hsize_t size = 0;
+  if (H5Sget_simple_extent_ndims(space.get()) != 1 || H5Sget_simple_extent_dims(space.get(), &size, nullptr) < 0)
+    throw damage(fmt::format("{} dimensions", H5Sget_simple_extent_ndims(space.get())), "one");
+  size_ = size;
+
+  // A chunk is decompressed as a whole: hold one in the cache, and refuse one that no writer makes.
+  const Handle properties(H5Dget_create_plist(id()), H5Pclose);
+  if (H5Pget_layout(properties.get()) != H5D_CHUNKED) return;
+  hsize_t chunk = 0;
+  if (H5Pget_chunk(properties.get(), 1, &chunk) != 1) throw damage("unreadable chunk sizes", "one size");
+  const Handle type(H5Dget_type(id()), H5Tclose);
+  const std::uint64_t item_bytes = H5Tget_size(type.get());
+  if (item_bytes == 0 || chunk > kMaxChunkBytes / item_bytes)
+    throw damage(fmt::format("chunks of {} items of {} bytes", chunk, item_bytes),
+                 fmt::format("at most {} bytes", kMaxChunkBytes));
+  chunk_ = chunk;
+  const Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+  H5Pset_chunk_cache(access.get(), H5D_CHUNK_CACHE_NSLOTS_DEFAULT, chunk * item_bytes, 1.0);
+  dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), access.get()), H5Dclose);
+  if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset");
+}
+
+void Column::read(std::uint64_t first, std::uint64_t count, hid_t memory_type, void* out) const {
+  const Session session;
+  const hsize_t start = first, length = count;
+  const Handle file_space(H5Dget_space(id()), H5Sclose);
+  const Handle memory_space(H5Screate_simple(1, &length, nullptr), H5Sclose);
+  if (H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, &start, nullptr, &length, nullptr) < 0 ||
+      H5Dread(id(), memory_type, memory_space.get(), file_space.get(), H5P_DEFAULT, out) < 0)
+    throw damage(fmt::format("unreadable items {} to {}", first, first + count - 1), "readable items");
+}
+
+Error Column::damage(const std::string& got, const std::string& wanted) const {
+  return bad_input(path_.string(), name_, got, wanted);
+}
+
+std::optional<std::string> text_attribute(hid_t object, const char* name) {
+  const Session session;
+  if (H5Aexists(object, name) <= 0) return {};
+  const Handle attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
+  const Handle space(H5Aget_space(attribute.get()), H5Sclose);
+  const Handle type(H5Aget_type(attribute.get()), H5Tclose);
+  if (H5Tget_class(type.get()) != H5T_STRING || H5Sget_simple_extent_npoints(space.get()) != 1) return {};
+  if (H5Tis_variable_str(type.get()) > 0) {
+    char* text = nullptr;
+    const Handle memory(H5Tcopy(H5T_C_S1), H5Tclose);
+    H5Tset_size(memory.get(), H5T_VARIABLE);
+    H5Tset_cset(memory.get(), H5Tget_cset(type.get()));
+    if (H5Aread(attribute.get(), memory.get(), &text) < 0 || !text) return {};
+    std::string out = text;
+    H5free_memory(text);
+    return out;
+  }
+  const std::size_t size = H5Tget_size(type.get());
+  if (size > (1u << 16)) return {};
+  std::string out(size, '\0');
+  if (H5Aread(attribute.get(), type.get(), out.data()) < 0) return {};
+  return out.substr(0, out.find('\0'));
+}
+
+std::optional<std::int64_t> integer_attribute(hid_t object, const char* name) {
+  const Session session;
+  if (H5Aexists(object, name) <= 0) return {};
+  const Handle attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
+  const Handle space(H5Aget_space(attribute.get()), H5Sclose);
+  const Handle type(H5Aget_type(attribute.get()), H5Tclose);
+  std::int64_t value = 0;
+  if (H5Tget_class(type.get()) != H5T_INTEGER || H5Sget_simple_extent_npoints(space.get()) != 1 ||
+      H5Aread(attribute.get(), H5T_NATIVE_INT64, &value) < 0)
+    return {};
+  return value;
+}
+
+void write_attribute(hid_t object, const char* name, const std::string& text) {
+  const Session session;
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+  H5Tset_size(type.get(), H5T_VARIABLE);
+  H5Tset_cset(type.get(), H5T_CSET_UTF8);
+  const Handle attribute(H5Acreate2(object, name, type.get(), space.get(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const char* value = text.c_str();
+  H5Awrite(attribute.get(), type.get(), &value);
+}
+
+void write_attribute(hid_t object, const char* name, std::int64_t value) {
+  const Session session;
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle attribute(H5Acreate2(object, name, H5T_STD_I64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  H5Awrite(attribute.get(), H5T_NATIVE_INT64, &value);
+}
+
+}  // namespace pecs::events::hdf5

@@ -1,0 +1,38 @@
+#pragma once
+// Appends small items to a whole-or-nothing file through a buffer.
+#include <cstring>
+#include <span>
+#include <vector>
+
+#include "pecs/files.h"
+
+namespace pecs::events {
+
+class OutputFile {
+ public:
+  explicit OutputFile(const std::filesystem::path& path) : file_(path) { buffer_.reserve(kBytes); }
+  template <class T>
+  void put(const T& item) {
+    put_bytes(std::as_bytes(std::span(&item, 1)));
+  }
+  void put_text(std::string_view text) { put_bytes(std::as_bytes(std::span(text))); }
+  void put_bytes(std::span<const std::byte> bytes) {
+    if (buffer_.size() + bytes.size() > kBytes) flush();
+    buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
+  }
+  void commit() {
+    flush();
+    file_.commit();
+  }
+
+ private:
+  static constexpr std::size_t kBytes = 1 << 16;
+  void flush() {
+    file_.write(std::span<const std::byte>(buffer_));
+    buffer_.clear();
+  }
+  AtomicFile file_;
+  std::vector<std::byte> buffer_;
+};
+
+}  // namespace pecs::events

@@ -1,0 +1,88 @@
+#include "raw_header.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <ctime>
+#include <string_view>
+
+namespace pecs::events {
+namespace {
+
+int pixels(std::string_view text) {
+  int value = 0;
+  const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return ec == std::errc() && end == text.data() + text.size() && value > 0 && value <= 65536 ? value : 0;
+}
+
+std::string lower(std::string text) {
+  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+std::string_view trimmed(std::string_view text) {
+  const auto first = text.find_first_not_of(" \t\r");
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
+}
+
+}  // namespace
+
+RawHeader parse_raw_header(std::span<const std::byte> head) {
+  RawHeader header;
+  const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+
+  // Lines, until one is "% end" or does not begin with '%'.
+  while (text.substr(header.bytes).starts_with('%')) {
+    const std::size_t end = text.find('\n', header.bytes);
+    if (end == std::string_view::npos) break;
+    const std::string_view line = trimmed(text.substr(header.bytes + 1, end - header.bytes - 1));
+    header.bytes = end + 1;
+    if (line == "end") break;
+    const std::size_t space = line.find(' ');
+    const std::string_view value = space == std::string_view::npos ? "" : trimmed(line.substr(space));
+    header.fields[lower(std::string(line.substr(0, space)))] = value;
+  }
+
+  // "EVT3;height=720;width=1280"
+  std::string_view format = header.fields["format"];
+  header.encoding = format.substr(0, format.find(';'));
+  while (format.find(';') != std::string_view::npos) {
+    format.remove_prefix(format.find(';') + 1);
+    const std::string_view option = format.substr(0, format.find(';'));
+    if (const auto equals = option.find('='); equals != std::string_view::npos)
+      header.options[lower(std::string(option.substr(0, equals)))] = option.substr(equals + 1);
+  }
+  if (header.encoding.empty()) {  // before Metavision 4
+    const std::string& evt = header.fields["evt"];
+    header.encoding = evt == "2.0" ? "EVT2" : evt == "2.1" ? "EVT21" : evt == "3.0" ? "EVT3" : "";
+  }
+
+  // The size: in the format line, else in "geometry", else in DAT's "Width" and "Height".
+  StreamInfo& info = header.info;
+  info.width = pixels(header.options["width"]);
+  info.height = pixels(header.options["height"]);
+  if (info.width == 0 || info.height == 0) {
+    const std::string& geometry = header.fields["geometry"];
+    const std::size_t x = geometry.find('x');
+    info.width = x == std::string::npos ? pixels(header.fields["width"]) : pixels(geometry.substr(0, x));
+    info.height = x == std::string::npos ? pixels(header.fields["height"]) : pixels(geometry.substr(x + 1));
+  }
+  if (info.width == 0 || info.height == 0) info.width = info.height = 0;
+  info.camera = header.fields["sensor_name"];
+  if (info.camera.empty() && header.fields["sensor_generation"] == "4.2") info.camera = "IMX636";
+  return header;
+}
+
+std::string raw_header_text(const std::string& encoding, const std::string& evt, const StreamInfo& info,
+                            const std::string& options) {
+  std::string text = fmt::format("% evt {}\n% format {}{};height={};width={}\n% geometry {}x{}\n", evt, encoding,
+                                 options, info.height, info.width, info.width, info.height);
+  text += "% camera_integrator_name Prophesee\n% integrator_name Prophesee\n% plugin_integrator_name Prophesee\n";
+  if (info.camera == "IMX636") text += "% sensor_generation 4.2\n";
+  if (!info.camera.empty()) text += fmt::format("% sensor_name {}\n", info.camera);
+  return text + "% end\n";
+}
+
+}  // namespace pecs::events

@@ -1,0 +1,90 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "codecs.h"
+#include "input_file.h"
+#include "pecs/error.h"
+#include "raw_header.h"
+
+namespace pecs::events {
+namespace {
+
+std::string names(bool for_output) {
+  std::string out;
+  for (const Codec& c : codecs())
+    if (for_output ? bool(c.open_writer) : bool(c.open_reader)) out += (out.empty() ? "" : ", ") + c.name;
+  return out;
+}
+
+const Codec* by_name(const std::string& name) {
+  const auto& all = codecs();
+  const auto it = std::ranges::find(all, name, &Codec::name);
+  return it == all.end() ? nullptr : &*it;
+}
+
+bool has_extension(const Codec& codec, const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::ranges::find(codec.extensions, extension) != codec.extensions.end();
+}
+
+const Codec& named(const std::filesystem::path& path, const std::string& name, bool for_output) {
+  const Codec* codec = by_name(name);
+  if (!codec || !(for_output ? bool(codec->open_writer) : bool(codec->open_reader)))
+    throw Error(ExitCode::usage,
+                fmt::format("{}: format: got {}, wanted one of {}", path.string(), name, names(for_output)));
+  return *codec;
+}
+
+}  // namespace
+
+const std::vector<Codec>& codecs() {
+  static const std::vector<Codec> all = {make_evt3(), make_dat(), make_metavision_hdf5(), make_npz(), make_csv()};
+  return all;
+}
+
+const Codec& codec_of_file(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  if (format) return named(path, *format, false);
+  const std::vector<std::byte> head = head_of(path, kHeadBytes);
+  for (const Codec& codec : codecs())
+    if (codec.open_reader && codec.sniff(path, head)) return codec;
+  for (const Codec& codec : codecs())
+    if (codec.open_reader && has_extension(codec, path)) return codec;
+  throw bad_input(path.string(), "byte 0", "content of no known event format", "one of " + names(false));
+}
+
+const Codec& codec_for_output(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  if (format) return named(path, *format, true);
+  for (const Codec& codec : codecs())
+    if (codec.open_writer && has_extension(codec, path)) return codec;
+  throw Error(ExitCode::usage,
+              fmt::format("{}: extension: got {}, wanted one of an event format (or name one: {})", path.string(),
+                          path.has_extension() ? path.extension().string() : "none", names(true)));
+}
+
+std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  return codec_of_file(path, format).open_reader(path);
+}
+
+std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
+                                    const std::optional<std::string>& format) {
+  return codec_for_output(path, format).open_writer(path, info);
+}
+
+Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  const std::unique_ptr<Reader> reader = open_reader(path, format);
+  constexpr std::size_t kBlock = 1 << 16;
+  Stream stream;
+  std::size_t n = 0;
+  do {
+    const std::size_t filled = stream.events.size();
+    stream.events.resize(filled + kBlock);
+    n = reader->read(std::span(stream.events).subspan(filled));
+    stream.events.resize(filled + n);
+  } while (n > 0);
+  stream.info = reader->info();
+  return stream;
+}
+
+}  // namespace pecs::events
