@@ -47,7 +47,8 @@ PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json,
 /* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
 
 /* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "uniform",
- * "illuminant": null | [[lambda_nm, relative power], ...]}.
+ * "illuminant": null | [[lambda_nm, relative power], ...], "min_nm": .., "max_nm": ..} (default range: where the QE
+ * and the illuminant are tabulated; the illuminant is linear between its points: use it so in the scene too).
  * result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over lambda of f(lambda) dlambda
  * ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
 PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
@@ -61,6 +62,15 @@ PECS_API int pecs_stack_has_frame(const pecs_stack_writer* stack, int64_t index)
  * done. */
 PECS_API int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float* values, pecs_error* error);
 PECS_API void pecs_stack_close(pecs_stack_writer* stack);
+
+typedef struct pecs_stack_reader pecs_stack_reader;
+/* fps: the times of a folder without stack.json; 0 if it has one. */
+PECS_API pecs_stack_reader* pecs_stack_open(const char* folder, double fps, pecs_error* error);
+/* {"quantity", "width", "height", "bands", "times_ns", "frames" (on disk now), "pixel_pitch_m", "period_ns"} */
+PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error);
+/* values: [bands][height][width], filled. 0 = done. */
+PECS_API int pecs_stack_read_frame(const pecs_stack_reader* stack, int64_t index, float* values, pecs_error* error);
+PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
 #ifdef __cplusplus
 }

@@ -8,4 +8,6 @@ namespace pecs::app {
 // The command line as given, for run records.
 const std::vector<std::string>& arguments();
 
+void add_bands(CLI::App& app);
+
 }  // namespace pecs::app

@@ -65,16 +65,20 @@ def function(name: str, restype: Any, *argtypes: Any, error: bool = True):
     return call
 
 
+def take_json(text: int) -> Any:
+    """Parses JSON text that the library returned, and frees it."""
+    try:
+        return json.loads(ctypes.string_at(text))
+    finally:
+        _lib.pecs_text_free(text)
+
+
 def json_function(name: str, *argtypes: Any):
     """As `function`, for functions that take JSON text last and return JSON text."""
     f = function(name, ctypes.c_void_p, *argtypes, ctypes.c_char_p)
 
     def call(*args: Any) -> Any:
         *front, options = args
-        text = f(*front, json.dumps(options).encode())
-        try:
-            return json.loads(ctypes.string_at(text))
-        finally:
-            _lib.pecs_text_free(text)
+        return take_json(f(*front, json.dumps(options).encode()))
 
     return call

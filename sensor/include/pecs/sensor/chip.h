@@ -1,0 +1,39 @@
+#pragma once
+// A chip profile (sensor/chips/*.json, docs/sensor.md): every value with unit, range and source.
+#include <string>
+#include <vector>
+
+#include "pecs/sensor/spectrum.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::sensor {
+
+struct Chip {
+  std::string name, description;
+  Spectrum relative_qe;  // peak 1
+
+  // Geometry.
+  double width = 0, height = 0;  // pixels; 0: any
+  double pixel_pitch_m = 0;
+  double fill_factor = 0;
+  double peak_qe = 0;  // electrons per photon where relative_qe is 1
+  // Photoreceptor.
+  double dark_current_a = 0;
+  double corner_hz_per_a = 0;  // 0: infinitely fast. f_w = corner_hz_per_a * (photocurrent + dark current)
+  double noise_std = 0;        // of the photoreceptor's output, in ln units
+  // Pixel.
+  double contrast_threshold_on = 0, contrast_threshold_off = 0;  // ln units
+  double threshold_mismatch = 0;                                 // standard deviation / threshold
+  double refractory_period_s = 0;
+  double leak_rate_hz = 0;                             // ON events of a still pixel, from the drift of its reference
+  double background_on_hz = 0, background_off_hz = 0;  // Poisson events of a still pixel
+};
+
+// `name`: of a profile in sensor/chips, or a path (see find_data). `overrides`: "key=value" within the profile's range.
+// Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad override.
+Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {});
+
+// All values and units as resolved, for run records.
+Json chip_to_json(const Chip& chip);
+
+}  // namespace pecs::sensor

@@ -1,0 +1,77 @@
+#pragma once
+// The EXR stack (contract 1, docs/exr_stack.md): a folder with stack.json and one spectral OpenEXR file per instant.
+// Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands of rising wavelength.
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pecs/sensor/bands.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::sensor {
+
+// Larger pictures are refused before anything is allocated for them.
+inline constexpr int kMaxSide = 8192;
+inline constexpr int kMaxBands = 256;
+
+enum class Quantity { irradiance, radiance };  // W m^-2 nm^-1 on the film, W m^-2 sr^-1 nm^-1 along the ray
+
+struct StackInfo {
+  Quantity quantity = Quantity::irradiance;
+  int width = 0, height = 0;  // pixels
+  std::optional<double> pixel_pitch_m;
+  std::vector<Band> bands;
+  std::vector<std::int64_t> times_ns;  // rising
+  std::optional<std::int64_t> period_ns;
+};
+
+// Checks every key of stack.json; `file` is named in errors.
+StackInfo parse_stack_info(const Json& json, const std::string& file);
+
+class StackWriter {
+ public:
+  // Creates the folder and writes stack.json first, or continues a stack whose stack.json says the same.
+  // Throws bad_output naming the key that differs.
+  StackWriter(std::filesystem::path folder, const Json& stack_json);
+  const StackInfo& info() const { return info_; }
+  // True if the frame is whole on disk (its last row can be read and its time is right).
+  bool has_frame(std::int64_t index) const;
+  // values: [bands][height][width]. The file appears whole or not at all.
+  void write_frame(std::int64_t index, std::span<const float> values) const;
+
+ private:
+  std::filesystem::path folder_;
+  StackInfo info_;
+};
+
+// Rows of one frame: values[(band * rows + row) * width + x].
+using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
+
+class StackReader {
+ public:
+  // Reads stack.json; without one, the header of the first frame, and times from `fps`. Throws not_found (folder,
+  // no frames), bad_input (a gap, wrong channels, no times, …). Trailing frames may be missing: frames() counts
+  // those that are there.
+  explicit StackReader(std::filesystem::path folder, std::optional<double> fps = {});
+  const StackInfo& info() const { return info_; }
+  const std::filesystem::path& folder() const { return folder_; }
+  std::int64_t frames() const { return frames_; }
+  std::filesystem::path frame_path(std::int64_t index) const;
+
+  // Decodes a frame in blocks of rows, in order; checks its size, channels and time. May be called from many threads.
+  void read_rows(std::int64_t index, const RowSink& sink) const;
+  // The whole frame as [bands][height][width].
+  std::vector<float> read_frame(std::int64_t index) const;
+
+ private:
+  std::filesystem::path folder_;
+  StackInfo info_;
+  std::int64_t frames_ = 0;
+  bool has_json_ = false;
+};
+
+}  // namespace pecs::sensor

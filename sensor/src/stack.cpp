@@ -1,0 +1,442 @@
+#include "pecs/sensor/stack.h"
+
+#include <Iex.h>
+#include <ImfChannelList.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfIO.h>
+#include <ImfInputFile.h>
+#include <ImfOutputFile.h>
+#include <ImfStringAttribute.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <mutex>
+
+#include "pecs/error.h"
+#include "pecs/files.h"
+
+namespace pecs::sensor {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kIrradianceUnits = "W.m^-2.nm^-1";
+constexpr const char* kRadianceUnits = "W.m^-2.sr^-1.nm^-1";
+constexpr const char* kTimeAttribute = "pecsTimeNs";
+constexpr double kSameLambda_nm = 0.005;  // channel names carry three decimals
+constexpr std::int64_t kMaxFrames = 1'000'000;
+
+std::string frame_name(std::int64_t index) { return fmt::format("frame_{:06}.exr", index); }
+
+// "S0.486,25nm": decimal comma, no trailing zeros.
+std::string channel_name(double lambda_nm) {
+  std::string number = fmt::format("{:.3f}", lambda_nm);
+  number.erase(number.find_last_not_of('0') + 1);
+  if (number.back() == '.') number.pop_back();
+  std::replace(number.begin(), number.end(), '.', ',');
+  return "S0." + number + "nm";
+}
+
+// The wavelength in a channel name of the layout's emissive kind; nothing for other channels.
+std::optional<double> channel_lambda_nm(std::string name) {
+  if (!name.starts_with("S0.") || !name.ends_with("nm")) return std::nullopt;
+  name = name.substr(3, name.size() - 5);
+  std::replace(name.begin(), name.end(), ',', '.');
+  double value = 0;
+  const auto [end, ec] = std::from_chars(name.data(), name.data() + name.size(), value);
+  if (ec != std::errc() || end != name.data() + name.size() || !(value > 0)) return std::nullopt;
+  return value;
+}
+
+// 12 of the 23 mantissa bits, to nearest even: relative error <= 2^-13.
+float rounded(float v) {
+  auto bits = std::bit_cast<std::uint32_t>(v);
+  if ((bits & 0x7f800000u) == 0x7f800000u) return v;  // inf, NaN
+  bits += 0x3ffu + ((bits >> 11) & 1u);
+  return std::bit_cast<float>(bits & ~0x7ffu);
+}
+
+// OpenEXR's global limits, set once before anything is read or written.
+void limit_exr() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    Imf::Header::setMaxImageSize(kMaxSide, kMaxSide);
+    Imf::Header::setMaxTileSize(kMaxSide, kMaxSide);
+  });
+}
+
+std::string one_line(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+// Runs f; what OpenEXR throws becomes our error with the file's name.
+template <class F>
+auto reading(const fs::path& path, F&& f) {
+  limit_exr();
+  try {
+    return f();
+  } catch (const Error&) {
+    throw;
+  } catch (const Iex::BaseExc& e) {
+    throw bad_input(path.string(), "OpenEXR", one_line(e.what()), "a whole OpenEXR file");
+  } catch (const std::exception& e) {
+    throw bad_input(path.string(), "OpenEXR", one_line(e.what()), "a whole OpenEXR file");
+  }
+}
+
+// Collects a file in memory, so that AtomicFile writes it and sees every error (OpenEXR's own stream hides those of
+// its destructor).
+class MemoryStream : public Imf::OStream {
+ public:
+  MemoryStream() : OStream("memory") {}
+  void write(const char c[], int n) override {
+    const auto count = static_cast<std::size_t>(n);
+    if (at_ + count > bytes_.size()) bytes_.resize(at_ + count);
+    std::memcpy(bytes_.data() + at_, c, count);
+    at_ += count;
+  }
+  uint64_t tellp() override { return at_; }
+  void seekp(uint64_t pos) override { at_ = pos; }
+  std::span<const std::byte> bytes() const { return std::as_bytes(std::span(bytes_)); }
+
+ private:
+  std::vector<char> bytes_;
+  std::size_t at_ = 0;
+};
+
+struct Channels {
+  std::vector<std::string> names;  // one per band, in the stack's order
+};
+
+int side(const Imf::Header& header, bool x) {
+  const Imath::Box2i box = header.dataWindow();
+  return x ? box.max.x - box.min.x + 1 : box.max.y - box.min.y + 1;
+}
+
+// What the header of a frame must say to belong to the stack.
+Channels check_header(const Imf::Header& header, const fs::path& path, const StackInfo& info, std::int64_t time_ns,
+                      bool need_time) {
+  const int width = side(header, true), height = side(header, false);
+  if (width != info.width || height != info.height)
+    throw bad_input(path.string(), "dataWindow", fmt::format("{}x{}", width, height),
+                    fmt::format("{}x{}", info.width, info.height));
+  std::vector<std::pair<double, std::string>> found;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+    if (const auto lambda = channel_lambda_nm(c.name())) {
+      if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
+        throw bad_input(path.string(), c.name(), "a subsampled channel", "one value per pixel");
+      found.emplace_back(*lambda, c.name());
+    }
+  Channels channels;
+  for (const Band& band : info.bands) {
+    const auto hit = std::find_if(found.begin(), found.end(),
+                                  [&](const auto& f) { return std::abs(f.first - band.lambda_nm) < kSameLambda_nm; });
+    if (hit == found.end())
+      throw bad_input(path.string(), "channels",
+                      found.empty() ? "no S0.<wavelength>nm channel" : fmt::format("{} others", found.size()),
+                      channel_name(band.lambda_nm));
+    channels.names.push_back(hit->second);
+  }
+  if (const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute)) {
+    if (time->value() != std::to_string(time_ns))
+      throw bad_input(path.string(), kTimeAttribute, time->value().substr(0, 40), std::to_string(time_ns));
+  } else if (need_time) {
+    throw bad_input(path.string(), kTimeAttribute, "nothing", std::to_string(time_ns));
+  }
+  return channels;
+}
+
+Imf::FrameBuffer frame_buffer(const Channels& channels, float* values, int width, int rows, int min_x, int first_y) {
+  Imf::FrameBuffer buffer;
+  const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(rows);
+  for (std::size_t b = 0; b < channels.names.size(); ++b) {
+    // OpenEXR wants the address of pixel (0, 0), which may lie outside the array.
+    float* origin = values + b * plane;
+    char* base = reinterpret_cast<char*>(origin) -
+                 (static_cast<std::ptrdiff_t>(min_x) + static_cast<std::ptrdiff_t>(first_y) * width) *
+                     static_cast<std::ptrdiff_t>(sizeof(float));
+    buffer.insert(channels.names[b],
+                  Imf::Slice(Imf::FLOAT, base, sizeof(float), sizeof(float) * static_cast<std::size_t>(width)));
+  }
+  return buffer;
+}
+
+// Rows per decoding step: a compressed block of the file, so that none is inflated twice.
+int rows_per_block(const Imf::Header& header) {
+  if (header.hasTileDescription()) return static_cast<int>(std::min(header.tileDescription().ySize, 256u));
+  switch (header.compression()) {
+    case Imf::DWAB_COMPRESSION:
+      return 256;
+    case Imf::PIZ_COMPRESSION:
+    case Imf::B44_COMPRESSION:
+    case Imf::B44A_COMPRESSION:
+    case Imf::DWAA_COMPRESSION:
+      return 32;
+    default:
+      return 16;
+  }
+}
+
+std::int64_t frame_index(const std::string& name) {
+  std::int64_t index = -1;
+  if (!name.starts_with("frame_") || !name.ends_with(".exr")) return -1;
+  const char* end = name.data() + name.size() - 4;
+  const auto [stop, ec] = std::from_chars(name.data() + 6, end, index);
+  return ec == std::errc() && stop == end && name == frame_name(index) ? index : -1;
+}
+
+std::vector<std::int64_t> frames_in(const fs::path& folder) {
+  std::vector<std::int64_t> indices;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (const auto i = frame_index(entry.path().filename().string()); i >= 0) indices.push_back(i);
+  std::sort(indices.begin(), indices.end());
+  return indices;
+}
+
+// Path of the first key in which two JSON values differ.
+std::string first_difference(const Json& a, const Json& b) {
+  const Json patch = Json::diff(a, b);
+  std::string at = patch.empty() ? "" : patch[0].at("path").get<std::string>();
+  if (!at.empty()) at.erase(0, 1);
+  std::replace(at.begin(), at.end(), '/', '.');
+  return at;
+}
+
+}  // namespace
+
+StackInfo parse_stack_info(const Json& json, const std::string& file) {
+  JsonObject o(json, file);
+  o.integer("pecs_stack", 1, 1);
+  StackInfo info;
+  info.quantity =
+      o.one_of("quantity", {"irradiance", "radiance"}) == "irradiance" ? Quantity::irradiance : Quantity::radiance;
+  info.width = static_cast<int>(o.integer("width", 1, kMaxSide));
+  info.height = static_cast<int>(o.integer("height", 1, kMaxSide));
+  info.pixel_pitch_m = o.maybe_number("pixel_pitch_m", {1e-7, 1e-3});
+  if (info.quantity == Quantity::irradiance && !info.pixel_pitch_m) o.fail("pixel_pitch_m", "nothing", "metres");
+  for (JsonObject& band : o.objects("bands")) {
+    const Band b{band.number("lambda_nm", {100, 20000}), band.number("weight_nm", {0, 1e6})};
+    if (!info.bands.empty() && b.lambda_nm < info.bands.back().lambda_nm + 2 * kSameLambda_nm)
+      band.fail("lambda_nm", fmt::format("{}", b.lambda_nm), "rising wavelengths");
+    info.bands.push_back(b);
+    band.done();
+  }
+  if (info.bands.empty() || info.bands.size() > kMaxBands)
+    o.fail("bands", fmt::format("{} bands", info.bands.size()), fmt::format("1 to {}", kMaxBands));
+  const Json& times = o.any("times_ns");
+  if (!times.is_array() || times.empty() || times.size() > kMaxFrames)
+    o.fail("times_ns", times.is_array() ? fmt::format("{} times", times.size()) : "no list",
+           fmt::format("a list of 1 to {} integers", kMaxFrames));
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    const std::string place = fmt::format("times_ns[{}]", i);
+    if (!times[i].is_number_integer()) o.fail(place, times[i].dump().substr(0, 40), "an integer");
+    const auto t = times[i].get<std::int64_t>();
+    if (t < 0 || t > std::int64_t{1} << 60) o.fail(place, std::to_string(t), "0 to 2^60 ns");
+    if (i && t <= info.times_ns.back())
+      o.fail(place, std::to_string(t), fmt::format("more than {}", info.times_ns.back()));
+    info.times_ns.push_back(t);
+  }
+  if (o.has("period_ns")) {
+    info.period_ns = o.integer("period_ns", 1, std::int64_t{1} << 60);
+    if (*info.period_ns <= info.times_ns.back() - info.times_ns.front())
+      o.fail("period_ns", std::to_string(*info.period_ns), "more than the span of times_ns");
+  }
+  // Said for the reader's benefit, not needed here.
+  if (o.has("lens")) o.object("lens");
+  for (const char* key : {"scene", "render", "versions"}) o.object(key);
+  o.done();
+  return info;
+}
+
+// ---- writer -------------------------------------------------------------------------------------------------------
+
+StackWriter::StackWriter(fs::path folder, const Json& stack_json)
+    : folder_(std::move(folder)), info_(parse_stack_info(stack_json, (folder_ / "stack.json").string())) {
+  const fs::path json_path = folder_ / "stack.json";
+  std::error_code ec;
+  fs::create_directories(folder_, ec);
+  if (ec) throw bad_output(folder_.string(), ec.message());
+  if (fs::exists(json_path)) {
+    const Json old = parse_json_file(json_path, std::size_t{64} << 20);
+    if (old != stack_json)
+      throw bad_output(json_path.string(),
+                       fmt::format("exists and differs in '{}'", first_difference(old, stack_json)));
+    return;
+  }
+  if (!frames_in(folder_).empty()) throw bad_output(folder_.string(), "holds frames but no stack.json");
+  AtomicFile file(json_path);
+  file.write(stack_json.dump(1) + "\n");
+  file.commit();
+}
+
+bool StackWriter::has_frame(std::int64_t index) const {
+  const fs::path path = folder_ / frame_name(index);
+  if (index < 0 || index >= static_cast<std::int64_t>(info_.times_ns.size()) || !fs::exists(path)) return false;
+  try {
+    return reading(path, [&] {
+      Imf::InputFile file(path.c_str(), 0);
+      const Channels channels =
+          check_header(file.header(), path, info_, info_.times_ns[static_cast<std::size_t>(index)], true);
+      if (!file.isComplete()) return false;
+      const Imath::Box2i box = file.header().dataWindow();
+      std::vector<float> row(static_cast<std::size_t>(info_.width) * info_.bands.size());
+      file.setFrameBuffer(frame_buffer(channels, row.data(), info_.width, 1, box.min.x, box.max.y));
+      file.readPixels(box.max.y);
+      return true;
+    });
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+void StackWriter::write_frame(std::int64_t index, std::span<const float> values) const {
+  const auto count = static_cast<std::int64_t>(info_.times_ns.size());
+  const std::size_t plane = static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(info_.height);
+  if (index < 0 || index >= count)
+    throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
+  if (values.size() != plane * info_.bands.size())
+    throw bad_input(folder_.string(), "frame", fmt::format("{} values", values.size()),
+                    fmt::format("{} x {} x {}", info_.bands.size(), info_.height, info_.width));
+  limit_exr();
+
+  Imf::Header header(info_.width, info_.height);
+  header.compression() = Imf::ZIP_COMPRESSION;
+  header.insert("spectralLayoutVersion", Imf::StringAttribute("1.0"));
+  header.insert("emissiveUnits",
+                Imf::StringAttribute(info_.quantity == Quantity::irradiance ? kIrradianceUnits : kRadianceUnits));
+  header.insert(kTimeAttribute, Imf::StringAttribute(std::to_string(info_.times_ns[static_cast<std::size_t>(index)])));
+  Channels channels;
+  for (const Band& band : info_.bands) {
+    channels.names.push_back(channel_name(band.lambda_nm));
+    header.channels().insert(channels.names.back(), Imf::Channel(Imf::FLOAT));
+  }
+  std::vector<float> copy(values.size());
+  std::transform(values.begin(), values.end(), copy.begin(), rounded);
+
+  const fs::path path = folder_ / frame_name(index);
+  MemoryStream stream;
+  try {
+    Imf::OutputFile file(stream, header, 0);
+    file.setFrameBuffer(frame_buffer(channels, copy.data(), info_.width, info_.height, 0, 0));
+    file.writePixels(info_.height);
+  } catch (const Iex::BaseExc& e) {
+    throw bad_output(path.string(), one_line(e.what()));
+  }
+  AtomicFile file(path);
+  file.write(stream.bytes());
+  file.commit();
+}
+
+// ---- reader -------------------------------------------------------------------------------------------------------
+
+namespace {
+
+// Quadrature for bands that came without weights: the trapezoid rule.
+void trapezoid_weights(std::vector<Band>& bands) {
+  for (std::size_t i = 0; i < bands.size(); ++i) {
+    const double left = i ? bands[i].lambda_nm - bands[i - 1].lambda_nm : 0;
+    const double right = i + 1 < bands.size() ? bands[i + 1].lambda_nm - bands[i].lambda_nm : 0;
+    bands[i].weight_nm = bands.size() == 1 ? 1 : (left + right) / 2;
+  }
+}
+
+StackInfo info_from_header(const fs::path& path) {
+  return reading(path, [&] {
+    const Imf::InputFile file(path.c_str(), 0);
+    const Imf::Header& header = file.header();
+    StackInfo info;
+    info.width = side(header, true);
+    info.height = side(header, false);
+    const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
+    info.quantity = units && units->value() == kIrradianceUnits ? Quantity::irradiance : Quantity::radiance;
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+      if (const auto lambda = channel_lambda_nm(c.name())) info.bands.push_back({*lambda, 0});
+    if (info.bands.empty() || info.bands.size() > kMaxBands)
+      throw bad_input(path.string(), "channels", fmt::format("{} named S0.<wavelength>nm", info.bands.size()),
+                      fmt::format("1 to {}", kMaxBands));
+    std::sort(info.bands.begin(), info.bands.end(),
+              [](const Band& a, const Band& b) { return a.lambda_nm < b.lambda_nm; });
+    trapezoid_weights(info.bands);
+    return info;
+  });
+}
+
+}  // namespace
+
+StackReader::StackReader(fs::path folder, std::optional<double> fps) : folder_(std::move(folder)) {
+  if (!fs::exists(folder_)) throw not_found(folder_.string(), "no such folder");
+  if (!fs::is_directory(folder_)) throw not_found(folder_.string(), "not a folder");
+  const fs::path json_path = folder_ / "stack.json";
+  has_json_ = fs::exists(json_path);
+  const std::vector<std::int64_t> present = frames_in(folder_);
+  if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
+  for (std::size_t i = 0; i < present.size(); ++i)
+    if (present[i] != static_cast<std::int64_t>(i))
+      throw bad_input(
+          folder_.string(), "frames",
+          fmt::format("{} missing before {}", frame_name(static_cast<std::int64_t>(i)), frame_name(present[i])),
+          "no gap");
+  frames_ = static_cast<std::int64_t>(present.size());
+  if (has_json_) {
+    info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
+    if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
+      throw bad_input(folder_.string(), "frames", std::to_string(frames_),
+                      fmt::format("the {} of times_ns", info_.times_ns.size()));
+  } else {
+    if (!fps) throw bad_input(folder_.string(), "times", "no stack.json", "--fps");
+    info_ = info_from_header(frame_path(0));
+    for (std::int64_t i = 0; i < frames_; ++i)
+      info_.times_ns.push_back(std::llround(static_cast<double>(i) * 1e9 / *fps));
+  }
+}
+
+fs::path StackReader::frame_path(std::int64_t index) const { return folder_ / frame_name(index); }
+
+void StackReader::read_rows(std::int64_t index, const RowSink& sink) const {
+  const fs::path path = frame_path(index);
+  if (!fs::exists(path)) throw not_found(path.string(), "no such file");
+  reading(path, [&] {
+    Imf::InputFile file(path.c_str(), 0);
+    const std::int64_t time_ns = has_json_ ? info_.times_ns.at(static_cast<std::size_t>(index)) : 0;
+    Channels channels;
+    if (has_json_) {
+      channels = check_header(file.header(), path, info_, time_ns, false);
+    } else {
+      Imf::Header header = file.header();  // times of a foreign stack are not ours
+      header.erase(kTimeAttribute);
+      channels = check_header(header, path, info_, time_ns, false);
+    }
+    const Imath::Box2i box = file.header().dataWindow();
+    const int step = std::min(rows_per_block(file.header()), info_.height);
+    std::vector<float> values(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(step) *
+                              info_.bands.size());
+    for (int y = 0; y < info_.height; y += step) {
+      const int rows = std::min(step, info_.height - y);
+      file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
+      file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
+      sink(y, rows,
+           std::span(values).first(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(rows) *
+                                   info_.bands.size()));
+    }
+  });
+}
+
+std::vector<float> StackReader::read_frame(std::int64_t index) const {
+  const auto width = static_cast<std::size_t>(info_.width), height = static_cast<std::size_t>(info_.height);
+  std::vector<float> frame(width * height * info_.bands.size());
+  read_rows(index, [&](int y, int rows, std::span<const float> values) {
+    const std::size_t block = width * static_cast<std::size_t>(rows);
+    for (std::size_t b = 0; b < info_.bands.size(); ++b)
+      std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(b * block), block,
+                  frame.begin() + static_cast<std::ptrdiff_t>((b * height + static_cast<std::size_t>(y)) * width));
+  });
+  return frame;
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,143 @@
+"""EXR stacks through Python: round trip, resume, other software's reader, damage."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pecs
+import pytest
+from pecs.stack import StackReader, StackWriter, read_frame
+
+BANDS = [{"lambda_nm": 486.25, "weight_nm": 120.0}, {"lambda_nm": 550.0, "weight_nm": 80.5}]
+
+
+def stack_json(frames=3, width=20, height=17):
+    return {
+        "pecs_stack": 1,
+        "quantity": "irradiance",
+        "width": width,
+        "height": height,
+        "pixel_pitch_m": 4.86e-6,
+        "bands": BANDS,
+        "times_ns": [i * 100_001 for i in range(frames)],
+        "period_ns": None,
+        "lens": None,
+        "scene": {"name": "test"},
+        "render": {"seed": 1},
+        "versions": {},
+    }
+
+
+def frame(seed=0, shape=(2, 17, 20)):
+    return (np.random.default_rng(seed).random(shape) * 3e-7).astype(np.float32)
+
+
+def test_round_trip_within_12_bits(tmp_path):
+    values = frame()
+    values[0, 0, :4] = [0, -1e-9, np.nan, np.inf]
+    with StackWriter(tmp_path / "s", stack_json()) as stack:
+        assert not stack.has_frame(0)
+        stack.write_frame(0, values)
+        assert stack.has_frame(0)
+    back = read_frame(tmp_path / "s", 0)
+    finite = np.isfinite(values)
+    np.testing.assert_array_equal(np.isfinite(back), finite)
+    np.testing.assert_allclose(back[finite], values[finite], rtol=2**-13)
+    assert (back[finite] != values[finite]).any()
+
+
+def test_reader_tells_what_is_there(tmp_path):
+    with StackWriter(tmp_path, stack_json()) as stack:
+        stack.write_frame(0, frame())
+        stack.write_frame(1, frame())
+    with StackReader(tmp_path) as reader:
+        assert reader.info["frames"] == 2
+        assert reader.info["bands"] == BANDS
+        assert reader.info["times_ns"] == [0, 100_001, 200_002]
+
+
+def test_resume_only_if_stack_json_agrees(tmp_path):
+    StackWriter(tmp_path, stack_json()).write_frame(0, frame())
+    assert StackWriter(tmp_path, stack_json()).has_frame(0)
+    other = stack_json() | {"render": {"seed": 2}}
+    with pytest.raises(pecs.PecsError, match="render.seed") as e:
+        StackWriter(tmp_path, other)
+    assert e.value.code == 5
+
+
+def test_a_damaged_frame_is_not_had(tmp_path):
+    stack = StackWriter(tmp_path, stack_json())
+    stack.write_frame(1, frame())
+    path = tmp_path / "frame_000001.exr"
+    path.write_bytes(path.read_bytes()[:-100])
+    assert not stack.has_frame(1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"times_ns": [0, 5, 5]}, r"times_ns\[2\]: got 5, wanted more than 5"),
+        ({"width": 1 << 20}, "width"),
+        ({"bands": BANDS[::-1]}, "rising wavelengths"),
+        ({"colour": 1}, "colour: got an unknown key"),
+        ({"period_ns": 100}, "period_ns"),
+        ({"pixel_pitch_m": None}, "pixel_pitch_m"),
+    ],
+)
+def test_bad_stack_json(tmp_path, change, message):
+    with pytest.raises(pecs.PecsError, match=message):
+        StackWriter(tmp_path, stack_json() | change)
+    assert not (tmp_path / "stack.json").exists()
+
+
+def test_bad_folders(tmp_path):
+    with pytest.raises(pecs.PecsError, match="no such folder") as e:
+        StackReader(tmp_path / "none")
+    assert e.value.code == 3
+    with pytest.raises(pecs.PecsError, match="holds no frame"):
+        StackReader(tmp_path)
+    stack = StackWriter(tmp_path, stack_json())
+    stack.write_frame(0, frame())
+    stack.write_frame(2, frame())
+    with pytest.raises(pecs.PecsError, match="frame_000001.exr missing") as e:
+        StackReader(tmp_path)
+    assert e.value.code == 4
+
+
+def test_frame_that_is_not_of_the_stack(tmp_path):
+    a = StackWriter(tmp_path / "a", stack_json())
+    b = StackWriter(tmp_path / "b", stack_json(width=21))
+    a.write_frame(0, frame())
+    a.write_frame(1, frame())
+    b.write_frame(0, frame(shape=(2, 17, 21)))
+    (tmp_path / "a/frame_000001.exr").write_bytes((tmp_path / "a/frame_000000.exr").read_bytes())
+    with pytest.raises(pecs.PecsError, match="pecsTimeNs: got 0, wanted 100001"):
+        read_frame(tmp_path / "a", 1)
+    (tmp_path / "a/frame_000001.exr").write_bytes((tmp_path / "b/frame_000000.exr").read_bytes())
+    with pytest.raises(pecs.PecsError, match="got 21x17, wanted 20x17"):
+        read_frame(tmp_path / "a", 1)
+
+
+def test_colour_science_reads_our_frames(tmp_path):
+    pytest.importorskip("colour", reason="needs colour-science")
+    pytest.importorskip("OpenImageIO")
+    from colour.io import read_spectral_image_Fichet2021
+
+    values = frame()
+    StackWriter(tmp_path, stack_json()).write_frame(0, values)
+    components = read_spectral_image_Fichet2021(tmp_path / "frame_000000.exr")
+    wavelengths, image = components["S0"]
+    np.testing.assert_allclose(wavelengths, [486.25, 550])
+    np.testing.assert_allclose(np.moveaxis(image, -1, 0), values, rtol=2**-12)
+
+
+def test_works_after_bpy(tmp_path):
+    """bpy brings a libtbb.so.12 and an OpenEXR of its own."""
+    pytest.importorskip("bpy")
+    code = (
+        "import bpy, numpy as np, json, sys\nfrom pecs.stack import StackWriter, read_frame\n"
+        "s = StackWriter(sys.argv[1], json.loads(sys.argv[2]))\n"
+        "s.write_frame(0, np.ones((2, 17, 20), np.float32))\nassert read_frame(sys.argv[1], 0).sum() == 680\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path), json.dumps(stack_json())], check=True)
