@@ -72,6 +72,39 @@ PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error
 PECS_API int pecs_stack_read_frame(const pecs_stack_reader* stack, int64_t index, float* values, pecs_error* error);
 PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
+/* ---- event files (sensor/formats) ----------------------------------------------------------------------------- */
+
+/* docs/event_file.md: t in integer microseconds, x right, y down, p 1 = brighter. */
+typedef struct pecs_event {
+  int64_t t_us;
+  uint16_t x, y;
+  uint8_t p;
+  uint8_t unused[3];
+} pecs_event;
+
+/* [{"name": "evt3", "description": .., "extensions": [".raw"], "reads": true, "writes": true}, ...] */
+PECS_API char* pecs_event_formats(pecs_error* error);
+
+typedef struct pecs_event_reader pecs_event_reader;
+/* format: a name of the list above, or NULL: found from the content. NULL on error. */
+PECS_API pecs_event_reader* pecs_events_open(const char* path, const char* format, pecs_error* error);
+/* {"format": .., "width": .., "height": .., "camera": ..}; width and height are 0 for a file that does not say, until all
+ * events are read. */
+PECS_API char* pecs_events_info(const pecs_event_reader* reader, pecs_error* error);
+/* Reads at most `capacity` events into `out`; returns how many: 0 at the end, -1 on error. */
+PECS_API int64_t pecs_events_read(pecs_event_reader* reader, pecs_event* out, int64_t capacity, pecs_error* error);
+PECS_API void pecs_events_close(pecs_event_reader* reader);
+
+typedef struct pecs_event_writer pecs_event_writer;
+/* options: {"width": w, "height": h, "camera": "", "format": null | name (null: from the extension)}. NULL on error. */
+PECS_API pecs_event_writer* pecs_events_create(const char* path, const char* options_json, pecs_error* error);
+/* Events sorted by t_us. 0 = done. */
+PECS_API int pecs_events_write(pecs_event_writer* writer, const pecs_event* events, int64_t count, pecs_error* error);
+/* Completes the file: it appears under its name now. 0 = done. */
+PECS_API int pecs_events_finish(pecs_event_writer* writer, pecs_error* error);
+/* Frees the writer; a file that was not finished stays as <path>.partial. */
+PECS_API void pecs_events_discard(pecs_event_writer* writer);
+
 #ifdef __cplusplus
 }
 #endif

@@ -9,5 +9,7 @@ namespace pecs::app {
 const std::vector<std::string>& arguments();
 
 void add_bands(CLI::App& app);
+void add_convert(CLI::App& app);
+void add_info(CLI::App& app);
 
 }  // namespace pecs::app

@@ -1,7 +1,18 @@
 """PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
 
 from ._library import PecsError, version
+from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .sensor import bands
 
 __version__ = version()
-__all__ = ["PecsError", "bands", "version"]
+__all__ = [
+    "EVENT_DTYPE",
+    "EventReader",
+    "EventWriter",
+    "PecsError",
+    "bands",
+    "event_formats",
+    "read",
+    "version",
+    "write",
+]

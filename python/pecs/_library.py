@@ -9,8 +9,12 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class PecsError(RuntimeError):
@@ -82,3 +86,29 @@ def json_function(name: str, *argtypes: Any):
         return take_json(f(*front, json.dumps(options).encode()))
 
     return call
+
+
+class Handle:
+    """An opaque handle of the library; `_free` of the subclass gives it back."""
+
+    _handle: int | None = None
+    _free: Callable[[int], None]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def close(self) -> None:
+        if self._handle:
+            handle, self._handle = self._handle, None
+            self._free(handle)
+
+    def _alive(self) -> int:
+        if not self._handle:
+            raise ValueError(f"this {type(self).__name__} is closed")
+        return self._handle

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._library import function, take_json
+from ._library import Handle, function, take_json
 
 _floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
 _create = function("pecs_stack_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
@@ -22,30 +22,7 @@ _read_frame = function("pecs_stack_read_frame", ctypes.c_int, ctypes.c_void_p, c
 _reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error=False)
 
 
-class _Handle:
-    _handle: int | None = None
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def __del__(self) -> None:
-        self.close()
-
-    def close(self) -> None:
-        if self._handle:
-            self._free(self._handle)
-            self._handle = None
-
-    def _alive(self) -> int:
-        if not self._handle:
-            raise ValueError("the stack is closed")
-        return self._handle
-
-
-class StackWriter(_Handle):
+class StackWriter(Handle):
     """Opens a new stack, or continues one whose stack.json says the same as `stack`."""
 
     _free = staticmethod(_close)
@@ -66,7 +43,7 @@ class StackWriter(_Handle):
         _write_frame(self._alive(), index, values)
 
 
-class StackReader(_Handle):
+class StackReader(Handle):
     """Reads a stack; `info` says size, bands, times and how many frames are on disk."""
 
     _free = staticmethod(_reader_close)

@@ -7,6 +7,8 @@ namespace pecs::events {
 Codec make_evt3();
 Codec make_dat();
 Codec make_metavision_hdf5();
+Codec make_dsec_hdf5();
+Codec make_evt2();
 Codec make_npz();
 Codec make_csv();
 

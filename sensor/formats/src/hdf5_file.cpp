@@ -59,13 +59,6 @@ Handle open_file(const std::filesystem::path& path) {
   return file;
 }
 
-Handle create_partial(const std::filesystem::path& path) {
-  const Session session;
-  Handle file(H5Fcreate(partial_path(path).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
-  if (!file) throw bad_output(path.string(), std::strerror(errno));
-  return file;
-}
-
 Column::Column(const Handle& file, std::filesystem::path path, std::string name)
     : path_(std::move(path)), name_(std::move(name)) {
   const Session session;
@@ -163,5 +156,61 @@ void write_attribute(hid_t object, const char* name, std::int64_t value) {
   const Handle attribute(H5Acreate2(object, name, H5T_STD_I64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
   H5Awrite(attribute.get(), H5T_NATIVE_INT64, &value);
 }
+
+Output::Output(std::filesystem::path path) : path_(std::move(path)) {
+  const Session session;
+  file_ = Handle(H5Fcreate(partial_path(path_).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
+  if (!file_) throw bad_output(path_.string(), std::strerror(errno));
+}
+
+void Output::write_scalar(const char* name, std::int64_t value) {
+  const Session session;
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle dataset(H5Dcreate2(id(), name, H5T_STD_I64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+                       H5Dclose);
+  check(dataset && H5Dwrite(dataset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value) >= 0);
+}
+
+void Output::commit() {
+  const Session session;
+  check(H5Fflush(id(), H5F_SCOPE_GLOBAL) >= 0 && file_.close() >= 0);
+  commit_partial(path_);
+}
+
+void Output::check(bool done) const {
+  if (!done) throw bad_output(path_.string(), "HDF5 cannot write it (disk full?)");
+}
+
+Group::Group(const Output& file, const char* name) {
+  const Session session;
+  group_ = Handle(H5Gcreate2(file.id(), name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
+  file.check(bool(group_));
+}
+
+GrowingDataset::GrowingDataset(const Output& file, const char* name, hid_t type) : file_(file), type_(type) {
+  const Session session;
+  const hsize_t empty = 0, unlimited = H5S_UNLIMITED, chunk = kChunk;
+  const Handle space(H5Screate_simple(1, &empty, &unlimited), H5Sclose);
+  const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  H5Pset_chunk(properties.get(), 1, &chunk);
+  H5Pset_shuffle(properties.get());
+  H5Pset_deflate(properties.get(), 1);
+  dataset_ =
+      Handle(H5Dcreate2(file.id(), name, type, space.get(), H5P_DEFAULT, properties.get(), H5P_DEFAULT), H5Dclose);
+  file.check(bool(dataset_));
+}
+
+void GrowingDataset::append(const void* items, std::size_t count) {
+  const Session session;
+  const hsize_t start = size_, length = count, size = size_ + count;
+  file_.check(H5Dset_extent(dataset_.get(), &size) >= 0);
+  const Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
+  const Handle memory_space(H5Screate_simple(1, &length, nullptr), H5Sclose);
+  file_.check(H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, &start, nullptr, &length, nullptr) >= 0 &&
+              H5Dwrite(dataset_.get(), type_, memory_space.get(), file_space.get(), H5P_DEFAULT, items) >= 0);
+  size_ = size;
+}
+
+void GrowingDataset::finish() { file_.check(dataset_.close() >= 0); }
 
 }  // namespace pecs::events::hdf5

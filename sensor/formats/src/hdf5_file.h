@@ -54,8 +54,7 @@ bool is_hdf5(std::span<const std::byte> head);
 // True if the file opens and has these paths. Never throws.
 bool has_paths(const std::filesystem::path& path, const std::vector<std::string>& names);
 
-Handle open_file(const std::filesystem::path& path);       // throws not_found, bad_input
-Handle create_partial(const std::filesystem::path& path);  // "<path>.partial"; throws bad_output
+Handle open_file(const std::filesystem::path& path);  // throws not_found, bad_input
 
 // A one-dimensional dataset opened for reading; `place` of its errors is its name.
 class Column {
@@ -75,9 +74,79 @@ class Column {
   std::uint64_t size_ = 0, chunk_ = 0;
 };
 
+// Of a root attribute or a group's; empty when absent or of another type.
 std::optional<std::string> text_attribute(hid_t object, const char* name);
 std::optional<std::int64_t> integer_attribute(hid_t object, const char* name);
 void write_attribute(hid_t object, const char* name, const std::string& text);
 void write_attribute(hid_t object, const char* name, std::int64_t value);
+
+// A new file: written as "<path>.partial", renamed by commit(). All throw bad_output.
+class Output {
+ public:
+  explicit Output(std::filesystem::path path);
+  hid_t id() const { return file_.get(); }
+  const std::filesystem::path& path() const { return path_; }
+  void write_scalar(const char* name, std::int64_t value);
+  void commit();  // after all groups and datasets are finished
+  void check(bool done) const;
+
+ private:
+  std::filesystem::path path_;
+  Handle file_;
+};
+
+class Group {
+ public:
+  Group(const Output& file, const char* name);
+  hid_t id() const { return group_.get(); }
+  void finish() { group_.close(); }
+
+ private:
+  Handle group_;
+};
+
+inline hid_t type_of(std::uint8_t) { return H5T_NATIVE_UINT8; }
+inline hid_t type_of(std::uint16_t) { return H5T_NATIVE_UINT16; }
+inline hid_t type_of(std::int64_t) { return H5T_NATIVE_INT64; }
+inline hid_t type_of(std::uint64_t) { return H5T_NATIVE_UINT64; }
+
+// A growing one-dimensional dataset of integers, shuffled and gzipped.
+class GrowingDataset {
+ public:
+  static constexpr std::size_t kChunk = 1 << 15;
+  GrowingDataset(const Output& file, const char* name, hid_t type);
+  void append(const void* items, std::size_t count);
+  void finish();
+
+ private:
+  const Output& file_;
+  hid_t type_;
+  Handle dataset_;
+  std::uint64_t size_ = 0;
+};
+
+template <class T>
+class Appender {
+ public:
+  Appender(const Output& file, const char* name) : dataset_(file, name, type_of(T{})) {
+    buffer_.reserve(GrowingDataset::kChunk);
+  }
+  void append(T value) {
+    buffer_.push_back(value);
+    if (buffer_.size() == GrowingDataset::kChunk) flush();
+  }
+  void finish() {
+    flush();
+    dataset_.finish();
+  }
+
+ private:
+  void flush() {
+    if (!buffer_.empty()) dataset_.append(buffer_.data(), buffer_.size());
+    buffer_.clear();
+  }
+  GrowingDataset dataset_;
+  std::vector<T> buffer_;
+};
 
 }  // namespace pecs::events::hdf5

@@ -1,0 +1,114 @@
+// pecs convert: an event file in another format, whole or in part.
+#include <fmt/format.h>
+
+#include "commands.h"
+#include "pecs/error.h"
+#include "pecs/events/format.h"
+#include "pecs/events/select.h"
+#include "pecs/events/summary.h"
+#include "pecs/progress.h"
+#include "pecs/run_record.h"
+
+namespace pecs::app {
+namespace {
+
+struct Options {
+  std::string in, out;
+  std::optional<std::string> format, input_format;
+  std::vector<int> size;
+  events::Selection selection;
+  bool json = false, quiet = false;
+};
+
+// A file may not say its size before it is read: then it is read once for that.
+events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
+  auto reader = codec.open_reader(o.in);
+  events::StreamInfo info = reader->info();
+  if (!o.size.empty()) {
+    info.width = o.size[0];
+    info.height = o.size[1];
+  } else if (info.width == 0) {
+    std::vector<events::Event> block(1 << 16);
+    while (reader->read(block) > 0) {
+    }
+    info = reader->info();
+  }
+  return info;
+}
+
+Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
+
+void convert(const Options& o) {
+  const events::Codec& from = events::codec_of_file(o.in, o.input_format);
+  const events::Codec& to = events::codec_for_output(o.out, o.format);
+  events::Selector selector(o.selection);
+  const events::StreamInfo info = selector.info(input_info(o, from));
+  const auto reader = from.open_reader(o.in);
+  const auto writer = to.open_writer(o.out, info);
+
+  events::Summary read, written;
+  Progress progress("events", 0, o.quiet);
+  std::vector<events::Event> block;
+  for (;;) {
+    block.resize(1 << 16);
+    block.resize(reader->read(block));
+    if (block.empty()) break;
+    read.add(block);
+    selector.apply(block);
+    writer->write(block);
+    written.add(block);
+    progress.at(read.events);
+  }
+  writer->close();
+
+  Json results = written.json(info.width, info.height);
+  results["events_read"] = read.events;
+  results["width"] = info.width;
+  results["height"] = info.height;
+  results["format"] = to.name;
+  const events::Selection& s = o.selection;
+  write_run_record(o.out, {.command = "convert",
+                           .arguments = arguments(),
+                           .config = {{"input_format", from.name},
+                                      {"format", to.name},
+                                      {"t_start_us", optional_json(s.t_start_us)},
+                                      {"t_end_us", optional_json(s.t_end_us)},
+                                      {"rezero", s.rezero},
+                                      {"decimate", s.decimate}},
+                           .inputs = {o.in},
+                           .results = results});
+  if (o.json)
+    fmt::print("{}\n", results.dump());
+  else
+    fmt::print("{}: {} of {} events, {}x{} pixels, {}\n", o.out, written.events, read.events, info.width, info.height,
+               to.name);
+}
+
+}  // namespace
+
+void add_convert(CLI::App& app) {
+  const auto o = std::make_shared<Options>();
+  CLI::App* sub = app.add_subcommand("convert", "an event file in another format, whole or in part");
+  sub->add_option("IN", o->in, "event file")->required();
+  sub->add_option("OUT", o->out, "event file to write; its extension says the format")->required();
+  std::string names;
+  for (const events::Codec& c : events::codecs())
+    if (c.open_writer) names += fmt::format("\n{} ({}): {}", c.name, c.extensions.front(), c.description);
+  sub->add_option("--format", o->format, "of OUT, one of:" + names);
+  sub->add_option("--input-format", o->input_format, "of IN, when its content does not say");
+  sub->add_option("--t-start-us", o->selection.t_start_us, "keep events from this time on, us in IN");
+  sub->add_option("--t-end-us", o->selection.t_end_us, "keep events before this time, us in IN");
+  sub->add_flag("--rezero", o->selection.rezero, "subtract the time of the first event kept");
+  sub->add_option("--decimate", o->selection.decimate,
+                  "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "
+                  "coarser grid")
+      ->check(CLI::Range(1, 1024));
+  sub->add_option("--size", o->size, "width and height of IN in pixels, when it does not say (else measured)")
+      ->expected(2)
+      ->check(CLI::Range(1, 65536));
+  sub->add_flag("--json", o->json, "machine output");
+  sub->add_flag("--quiet", o->quiet, "no progress");
+  sub->callback([o] { convert(*o); });
+}
+
+}  // namespace pecs::app

@@ -1,0 +1,49 @@
+#pragma once
+// A part of a stream, taken block by block as it passes.
+#include <algorithm>
+#include <optional>
+#include <vector>
+
+#include "pecs/events/format.h"
+
+namespace pecs::events {
+
+struct Selection {
+  std::optional<std::int64_t> t_start_us, t_end_us;  // t_start <= t < t_end, in the input's time
+  bool rezero = false;                               // subtract the time of the first event kept
+  // Keep the pixels with x % n == n / 2 and y % n == n / 2 and divide their coordinates by n: a camera with the same
+  // pixels on a grid n times as wide.
+  int decimate = 1;
+};
+
+class Selector {
+ public:
+  explicit Selector(const Selection& selection) : s_(selection) {}
+
+  StreamInfo info(StreamInfo info) const {
+    const auto kept = [&](int pixels) { return (pixels - s_.decimate / 2 + s_.decimate - 1) / s_.decimate; };
+    if (info.width > 0) info.width = kept(info.width);
+    if (info.height > 0) info.height = kept(info.height);
+    return info;
+  }
+
+  void apply(std::vector<Event>& events) {
+    const int n = s_.decimate, middle = s_.decimate / 2;
+    std::erase_if(events, [&](const Event& e) {
+      return (s_.t_start_us && e.t_us < *s_.t_start_us) || (s_.t_end_us && e.t_us >= *s_.t_end_us) ||
+             e.x % n != middle || e.y % n != middle;
+    });
+    if (s_.rezero && !zero_us_ && !events.empty()) zero_us_ = events.front().t_us;
+    for (Event& e : events) {
+      e.x = static_cast<std::uint16_t>(e.x / n);
+      e.y = static_cast<std::uint16_t>(e.y / n);
+      e.t_us -= zero_us_.value_or(0);
+    }
+  }
+
+ private:
+  Selection s_;
+  std::optional<std::int64_t> zero_us_;
+};
+
+}  // namespace pecs::events

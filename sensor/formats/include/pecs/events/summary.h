@@ -1,0 +1,49 @@
+#pragma once
+// What `pecs info` says of a stream, gathered as it passes.
+#include <algorithm>
+#include <optional>
+#include <span>
+
+#include "pecs/events/event.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::events {
+
+struct Summary {
+  std::uint64_t events = 0, on = 0;
+  std::uint64_t time_reversals = 0;  // events earlier than the one before
+  std::optional<std::int64_t> t_first_us, t_last_us;
+
+  void add(std::span<const Event> block) {
+    for (const Event& e : block) {
+      time_reversals += t_last_us && e.t_us < *t_last_us;
+      if (!t_first_us) t_first_us = e.t_us;
+      t_last_us = e.t_us;
+      on += e.p;
+    }
+    events += block.size();
+  }
+
+  // "events", "t_first_us", "t_last_us", "duration_us", "on_fraction", "time_reversals", "event_rate_hz",
+  // "event_rate_per_pixel_hz"; null where a stream without events, duration or size has none.
+  Json json(int width, int height) const {
+    Json out = {{"events", events}, {"time_reversals", time_reversals}};
+    for (const char* key :
+         {"t_first_us", "t_last_us", "duration_us", "on_fraction", "event_rate_hz", "event_rate_per_pixel_hz"})
+      out[key] = nullptr;
+    if (events == 0) return out;
+    const std::int64_t duration_us = *t_last_us - *t_first_us;
+    out["t_first_us"] = *t_first_us;
+    out["t_last_us"] = *t_last_us;
+    out["duration_us"] = duration_us;
+    out["on_fraction"] = static_cast<double>(on) / static_cast<double>(events);
+    if (duration_us <= 0) return out;
+    const double rate_hz = static_cast<double>(events) / (static_cast<double>(duration_us) * 1e-6);
+    out["event_rate_hz"] = rate_hz;
+    if (width > 0 && height > 0)
+      out["event_rate_per_pixel_hz"] = rate_hz / (static_cast<double>(width) * static_cast<double>(height));
+    return out;
+  }
+};
+
+}  // namespace pecs::events

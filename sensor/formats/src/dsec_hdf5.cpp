@@ -1,0 +1,201 @@
+// DSEC HDF5 (dsec.ifi.uzh.ch): /events/t, x, y, p of equal length; /t_offset, added to every t; /ms_to_idx, for every
+// millisecond ms of t the index of the first event with t >= 1000 ms (one more entry than there are begun milliseconds,
+// so that a window may end with the last event). The published files are compressed by blosc (filter 32001), ours by
+// gzip, which every HDF5 library has. The layout has no size: ours is in the attributes width and height of /events.
+#include <blosc.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "hdf5_file.h"
+#include "pecs/files.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr std::array kColumns = {"/events/t", "/events/x", "/events/y", "/events/p"};
+constexpr H5Z_filter_t kBloscFilter = 32001;
+constexpr std::size_t kBlock = 1 << 16;
+constexpr std::size_t kMaxBloscBytes = std::size_t{1} << 28;
+
+// The reading half of the blosc filter: a chunk is one blosc buffer.
+std::size_t blosc_filter(unsigned flags, std::size_t, const unsigned*, std::size_t bytes, std::size_t* size, void** buffer) {
+  std::size_t unpacked = 0;
+  if (!(flags & H5Z_FLAG_REVERSE) || blosc_cbuffer_validate(*buffer, bytes, &unpacked) != 0 || unpacked > kMaxBloscBytes)
+    return 0;
+  void* out = H5allocate_memory(unpacked, false);
+  if (!out) return 0;
+  if (blosc_decompress_ctx(*buffer, out, unpacked, 1) != static_cast<int>(unpacked)) {
+    H5free_memory(out);
+    return 0;
+  }
+  H5free_memory(*buffer);
+  *buffer = out;
+  *size = unpacked;
+  return unpacked;
+}
+
+void register_blosc() {
+  const hdf5::Session session;
+  if (H5Zfilter_avail(kBloscFilter) > 0) return;
+  const H5Z_class2_t filter = {H5Z_CLASS_T_VERS, kBloscFilter, 0, 1, "blosc", nullptr, nullptr, blosc_filter};
+  H5Zregister(&filter);
+}
+
+class DsecReader final : public Reader {
+ public:
+  explicit DsecReader(const std::filesystem::path& path) : file_(hdf5::open_file(path)) {
+    register_blosc();
+    const hdf5::Session session;
+    for (const char* name : kColumns) columns_.emplace_back(file_, path, name);
+    for (const hdf5::Column& column : columns_) {
+      if (column.size() != columns_[0].size())
+        throw column.damage(fmt::format("{} values", column.size()), fmt::format("{}, as in t", columns_[0].size()));
+      const hdf5::Handle type(H5Dget_type(column.id()), H5Tclose);
+      const H5T_class_t kind = H5Tget_class(type.get());
+      // h5py stores booleans as an enumeration.
+      if (kind != H5T_INTEGER && !(kind == H5T_ENUM && &column == &columns_[3]))
+        throw column.damage("values that are no integers", &column == &columns_[0] ? "microseconds" : "integers");
+    }
+    if (H5Lexists(file_.get(), "t_offset", H5P_DEFAULT) > 0) {
+      const hdf5::Handle offset(H5Dopen2(file_.get(), "t_offset", H5P_DEFAULT), H5Dclose);
+      const hdf5::Handle space(H5Dget_space(offset.get()), H5Sclose);
+      if (H5Sget_simple_extent_npoints(space.get()) != 1 ||
+          H5Dread(offset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &t_offset_us_) < 0)
+        throw bad_input(path.string(), "/t_offset", "an unreadable value", "one integer");
+    }
+    const hdf5::Handle group(H5Gopen2(file_.get(), "/events", H5P_DEFAULT), H5Gclose);
+    const auto width = hdf5::integer_attribute(group.get(), "width"), height = hdf5::integer_attribute(group.get(), "height");
+    if (width && height && *width > 0 && *width <= 65536 && *height > 0 && *height <= 65536)
+      info_ = {static_cast<int>(*width), static_cast<int>(*height), ""};
+    extent_.emplace(info_, 65536);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      if (used_ == t_.size() && !next_block()) {
+        extent_->end();
+        break;
+      }
+      for (; n < out.size() && used_ < t_.size(); ++used_, ++n) {
+        out[n] = {t_[used_] + t_offset_us_, x_[used_], y_[used_], static_cast<std::uint8_t>(p_[used_] > 0)};
+        if (!extent_->add(out[n]))
+          throw columns_[1].damage(
+              fmt::format("event {} at pixel ({}, {})", first_ - t_.size() + used_, out[n].x, out[n].y),
+              fmt::format("inside {}x{}", info_.width, info_.height));
+      }
+    }
+    return n;
+  }
+
+ private:
+  bool next_block() {
+    const std::size_t size = std::min<std::uint64_t>(kBlock, columns_[0].size() - first_);
+    if (size == 0) return false;
+    t_.resize(size);
+    x_.resize(size);
+    y_.resize(size);
+    p_.resize(size);
+    columns_[0].read(first_, size, H5T_NATIVE_INT64, t_.data());
+    columns_[1].read(first_, size, H5T_NATIVE_UINT16, x_.data());
+    columns_[2].read(first_, size, H5T_NATIVE_UINT16, y_.data());
+    columns_[3].read(first_, size, H5T_NATIVE_INT8, p_.data());
+    first_ += size;
+    used_ = 0;
+    return true;
+  }
+
+  hdf5::Handle file_;
+  std::vector<hdf5::Column> columns_;  // t, x, y, p
+  std::int64_t t_offset_us_ = 0;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  std::uint64_t first_ = 0;  // event of the next block
+  std::vector<std::int64_t> t_;
+  std::vector<std::uint16_t> x_, y_;
+  std::vector<std::int8_t> p_;
+  std::size_t used_ = 0;
+};
+
+// Without negative times; late streams begin near 0 by t_offset, so that ms_to_idx stays short.
+constexpr Limits kLimits = {.t_min_us = 0};
+constexpr std::int64_t kLateUs = 3'600'000'000;
+constexpr std::int64_t kMaxSpanUs = 1'000'000'000'000;  // 11 days: ms_to_idx has 10^9 entries
+
+class DsecWriter final : public CheckedWriter {
+ public:
+  DsecWriter(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits, false),
+        file_(path),
+        group_(file_, "/events"),
+        t_(file_, "/events/t"),
+        x_(file_, "/events/x"),
+        y_(file_, "/events/y"),
+        p_(file_, "/events/p"),
+        ms_to_idx_(file_, "/ms_to_idx") {
+    if (size.width == 0) return;
+    hdf5::write_attribute(group_.id(), "width", size.width);
+    hdf5::write_attribute(group_.id(), "height", size.height);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    if (count() == 0 && events[0].t_us >= kLateUs) t_offset_us_ = events[0].t_us - events[0].t_us % 1000;
+    std::uint64_t index = count();
+    for (const Event& e : events) {
+      const std::int64_t t_us = e.t_us - t_offset_us_;
+      if (t_us > kMaxSpanUs)
+        throw bad_input(path().string(), fmt::format("event {}", index), fmt::format("t = {} us", e.t_us),
+                        fmt::format("at most {} us after the first event", kMaxSpanUs));
+      for (; next_ms_ * 1000 <= t_us; ++next_ms_) ms_to_idx_.append(index);
+      t_.append(t_us);
+      x_.append(e.x);
+      y_.append(e.y);
+      p_.append(e.p);
+      ++index;
+    }
+  }
+
+  void finish() override {
+    ms_to_idx_.append(count());
+    t_.finish();
+    x_.finish();
+    y_.finish();
+    p_.finish();
+    ms_to_idx_.finish();
+    group_.finish();
+    file_.write_scalar("/t_offset", t_offset_us_);
+    file_.commit();
+  }
+
+  hdf5::Output file_;
+  hdf5::Group group_;
+  hdf5::Appender<std::int64_t> t_;
+  hdf5::Appender<std::uint16_t> x_, y_;
+  hdf5::Appender<std::uint8_t> p_;
+  hdf5::Appender<std::uint64_t> ms_to_idx_;
+  std::int64_t t_offset_us_ = 0, next_ms_ = 0;
+};
+
+}  // namespace
+
+Codec make_dsec_hdf5() {
+  return {.name = "dsec",
+          .description = "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)",
+          .extensions = {".h5"},
+          .sniff = [](const std::filesystem::path& path, std::span<const std::byte> head) {
+            return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
+          },
+          .open_reader = [](const auto& path) { return std::make_unique<DsecReader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<DsecWriter>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events

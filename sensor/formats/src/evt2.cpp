@@ -1,0 +1,116 @@
+// Prophesee EVT2: 32-bit little-endian words, type in bits 31..28.
+//   0, 1   an event of p = type: bits 5..0 of t_us in 27..22, x in 21..11, y in 10..0
+//   8      TIME_HIGH: bits 33..6 of t_us in 27..0; t wraps every 2^34 us = 4 h 46 min
+//   10     trigger; 14, 15 others: skipped
+#include <fmt/format.h>
+
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "output_file.h"
+#include "raw_header.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr int kMaxSize = 2048;
+constexpr unsigned kTimeHigh = 8;
+constexpr std::int64_t kHighs = std::int64_t{1} << 28;
+
+class Evt2Reader final : public Reader {
+ public:
+  explicit Evt2Reader(const std::filesystem::path& path) : file_(path) {
+    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
+    info_ = header.info;
+    extent_.emplace(info_, kMaxSize);
+    file_.seek(header.bytes);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      const auto word = file_.next<std::uint32_t>();
+      if (!word) {
+        extent_->end();
+        break;
+      }
+      const unsigned type = *word >> 28;
+      if (type == kTimeHigh) {
+        // A fall by half the range or more is a wrap.
+        const std::int64_t value = *word & 0x0fffffff;
+        const std::int64_t previous = high_ < 0 ? 0 : high_ % kHighs;
+        const std::int64_t wraps = high_ < 0 ? 0 : high_ / kHighs + (previous >= value + kHighs / 2 ? 1 : 0);
+        high_ = wraps * kHighs + value;
+      } else if (type <= 1 && high_ >= 0) {  // before the first TIME_HIGH the time is not known
+        Event& e = out[n];
+        e = {(high_ << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
+             static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)};
+        if (!extent_->add(e))
+          throw file_.damage(fmt::format("an event at pixel ({}, {})", e.x, e.y),
+                             fmt::format("inside {}x{}", info_.width, info_.height), 4);
+        ++n;
+      }
+    }
+    return n;
+  }
+
+ private:
+  InputFile file_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  std::int64_t high_ = -1;
+};
+
+constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kMaxSize};
+
+class Evt2Writer final : public CheckedWriter {
+ public:
+  Evt2Writer(const std::filesystem::path& path, const StreamInfo& size) : CheckedWriter(path, size, kLimits), file_(path) {
+    file_.put_text(raw_header_text("EVT2", "2.0", size));
+    put_high(0);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (const Event& e : events) {
+      step_to(e.t_us >> 6);
+      file_.put(std::uint32_t{e.p} << 28 | static_cast<std::uint32_t>(e.t_us & 0x3f) << 22 | std::uint32_t{e.x} << 11 | e.y);
+    }
+  }
+  void finish() override { file_.commit(); }
+
+  void put_high(std::int64_t high) {
+    high_ = high;
+    file_.put(kTimeHigh << 28 | static_cast<std::uint32_t>(high % kHighs));
+  }
+
+  // Steps of at most a quarter of the range, over every wrap from its last value to 0: readers count the falls.
+  void step_to(std::int64_t high) {
+    while (high_ < high) {
+      const std::int64_t last_of_wrap = high_ | (kHighs - 1);
+      put_high(high_ == last_of_wrap ? high_ + 1 : std::min({high_ + kHighs / 4, high, last_of_wrap}));
+    }
+  }
+
+  OutputFile file_;
+  std::int64_t high_ = 0;
+};
+
+}  // namespace
+
+Codec make_evt2() {
+  return {.name = "evt2",
+          .description = "Prophesee RAW EVT2",
+          .extensions = {".raw"},
+          .sniff = [](const std::filesystem::path&, std::span<const std::byte> head) {
+            return parse_raw_header(head).encoding == "EVT2";
+          },
+          .open_reader = [](const auto& path) { return std::make_unique<Evt2Reader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt2Writer>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events
