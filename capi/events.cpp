@@ -15,9 +15,11 @@ struct pecs_event_writer {
   std::unique_ptr<events::Writer> writer;
 };
 
-static_assert(sizeof(pecs_event) == sizeof(events::Event) && offsetof(pecs_event, t_us) == offsetof(events::Event, t_us) &&
+static_assert(sizeof(pecs_event) == sizeof(events::Event) &&
+              offsetof(pecs_event, t_us) == offsetof(events::Event, t_us) &&
               offsetof(pecs_event, x) == offsetof(events::Event, x) &&
-              offsetof(pecs_event, y) == offsetof(events::Event, y) && offsetof(pecs_event, p) == offsetof(events::Event, p));
+              offsetof(pecs_event, y) == offsetof(events::Event, y) &&
+              offsetof(pecs_event, p) == offsetof(events::Event, p));
 
 extern "C" {
 
@@ -45,7 +47,8 @@ pecs_event_reader* pecs_events_open(const char* path, const char* format, pecs_e
 char* pecs_events_info(const pecs_event_reader* reader, pecs_error* error) {
   return guard(error, static_cast<char*>(nullptr), [&] {
     const events::StreamInfo& info = reader->reader->info();
-    const Json json = {{"format", reader->codec->name}, {"width", info.width}, {"height", info.height}, {"camera", info.camera}};
+    const Json json = {
+        {"format", reader->codec->name}, {"width", info.width}, {"height", info.height}, {"camera", info.camera}};
     return capi::hand_over(json.dump());
   });
 }

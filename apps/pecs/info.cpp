@@ -31,11 +31,11 @@ void print(const std::string& path, const Json& info) {
   fmt::print("time         {} to {} us, {:.6f} s\n", info["t_first_us"].get<std::int64_t>(),
              info["t_last_us"].get<std::int64_t>(), info["duration_us"].get<double>() * 1e-6);
   fmt::print("ON fraction  {:.4f}\n", info["on_fraction"].get<double>());
-  if (!info["event_rate_hz"].is_null()) fmt::print("mean rate    {:.4g} events/s\n", info["event_rate_hz"].get<double>());
+  if (!info["event_rate_hz"].is_null())
+    fmt::print("mean rate    {:.4g} events/s\n", info["event_rate_hz"].get<double>());
   if (!info["event_rate_per_pixel_hz"].is_null())
     fmt::print("             {:.4g} events/s per pixel\n", info["event_rate_per_pixel_hz"].get<double>());
-  if (const auto n = info["time_reversals"].get<std::uint64_t>(); n > 0)
-    fmt::print("time goes back {} times\n", n);
+  if (const auto n = info["time_reversals"].get<std::uint64_t>(); n > 0) fmt::print("time goes back {} times\n", n);
 }
 
 }  // namespace

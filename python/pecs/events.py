@@ -41,7 +41,7 @@ def event_formats() -> list[dict[str, Any]]:
 
 
 class EventReader(Handle):
-    """Iterates over a file's events in blocks. `format`: a name of `event_formats()`; found from the content if None."""
+    """Iterates over a file's events in blocks. `format`: a name of `event_formats()`, or None: by content."""
 
     _free = staticmethod(_close)
 

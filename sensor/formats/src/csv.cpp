@@ -1,7 +1,8 @@
-// CSV: a header line that names the columns and the unit of time, "t_us,x,y,p", then "# width=1280 height=720", then
-// one event a line. Read also: other orders and separators (comma, semicolon, tab, space), t_s, t_ms and t_ns, decimal
-// times (taken exactly, rounded to 1 us), p of -1, and files without a header line that still say what they are:
-// "%geometry:W,H" then x,y,p,t in microseconds (Metavision), and "W H" then t x y p in seconds (ESIM, E2VID).
+// CSV: a header line that names the columns and the unit of time, "t_us,x,y,p", then one event a line and nothing else:
+// common readers stumble over comments. Read also: "# width=1280 height=720", other orders and separators (comma,
+// semicolon, tab, space), t_s, t_ms and t_ns, decimal times (taken exactly, rounded to 1 us), p of -1, and files
+// without a header line that still say what they are: "%geometry:W,H" then x,y,p,t in microseconds (Metavision), and "W
+// H" then t x y p in seconds (ESIM, E2VID).
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -217,6 +218,8 @@ class CsvReader final : public Reader {
                                                                       {"p", kP},         {"pol", kP}, {"polarity", kP}};
     static const std::map<std::string, int, std::less<>> kUnits = {{"us", 0}, {"ns", -3}, {"ms", 3}, {"s", 6}};
     std::string header(line_);
+    for (const char* open : {" [", " ("})  // "timestamp [us]"
+      for (std::size_t at; (at = header.find(open)) != std::string::npos;) header.erase(at, 1);
     std::ranges::transform(header, header.begin(), [](unsigned char c) {
       return c == '"' || c == '[' || c == ']' || c == '(' || c == ')' ? '_' : static_cast<char>(std::tolower(c));
     });
@@ -269,14 +272,13 @@ class CsvReader final : public Reader {
   std::optional<Extent> extent_;
 };
 
-constexpr Limits kLimits = {};
+constexpr Limits kLimits = {.keeps_size = false};
 
 class CsvWriter final : public CheckedWriter {
  public:
   CsvWriter(const std::filesystem::path& path, const StreamInfo& size)
       : CheckedWriter(path, size, kLimits, false), file_(path) {
     file_.put_text("t_us,x,y,p\n");
-    if (size.width > 0) file_.put_text(fmt::format("# width={} height={}\n", size.width, size.height));
   }
 
  private:

@@ -23,9 +23,11 @@ constexpr std::size_t kBlock = 1 << 16;
 constexpr std::size_t kMaxBloscBytes = std::size_t{1} << 28;
 
 // The reading half of the blosc filter: a chunk is one blosc buffer.
-std::size_t blosc_filter(unsigned flags, std::size_t, const unsigned*, std::size_t bytes, std::size_t* size, void** buffer) {
+std::size_t blosc_filter(unsigned flags, std::size_t, const unsigned*, std::size_t bytes, std::size_t* size,
+                         void** buffer) {
   std::size_t unpacked = 0;
-  if (!(flags & H5Z_FLAG_REVERSE) || blosc_cbuffer_validate(*buffer, bytes, &unpacked) != 0 || unpacked > kMaxBloscBytes)
+  if (!(flags & H5Z_FLAG_REVERSE) || blosc_cbuffer_validate(*buffer, bytes, &unpacked) != 0 ||
+      unpacked > kMaxBloscBytes)
     return 0;
   void* out = H5allocate_memory(unpacked, false);
   if (!out) return 0;
@@ -69,7 +71,8 @@ class DsecReader final : public Reader {
         throw bad_input(path.string(), "/t_offset", "an unreadable value", "one integer");
     }
     const hdf5::Handle group(H5Gopen2(file_.get(), "/events", H5P_DEFAULT), H5Gclose);
-    const auto width = hdf5::integer_attribute(group.get(), "width"), height = hdf5::integer_attribute(group.get(), "height");
+    const auto width = hdf5::integer_attribute(group.get(), "width"),
+               height = hdf5::integer_attribute(group.get(), "height");
     if (width && height && *width > 0 && *width <= 65536 && *height > 0 && *height <= 65536)
       info_ = {static_cast<int>(*width), static_cast<int>(*height), ""};
     extent_.emplace(info_, 65536);
@@ -126,8 +129,9 @@ class DsecReader final : public Reader {
 
 // Without negative times; late streams begin near 0 by t_offset, so that ms_to_idx stays short.
 constexpr Limits kLimits = {.t_min_us = 0};
-constexpr std::int64_t kLateUs = 3'600'000'000;
-constexpr std::int64_t kMaxSpanUs = 1'000'000'000'000;  // 11 days: ms_to_idx has 10^9 entries
+constexpr std::int64_t kHourUs = 3'600'000'000;
+constexpr std::int64_t kLateUs = 3 * kHourUs;
+constexpr std::int64_t kMaxSpanUs = 24 * kHourUs;  // 86 million entries of ms_to_idx
 
 class DsecWriter final : public CheckedWriter {
  public:
@@ -190,9 +194,10 @@ Codec make_dsec_hdf5() {
   return {.name = "dsec",
           .description = "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)",
           .extensions = {".h5"},
-          .sniff = [](const std::filesystem::path& path, std::span<const std::byte> head) {
-            return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
-          },
+          .sniff =
+              [](const std::filesystem::path& path, std::span<const std::byte> head) {
+                return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
+              },
           .open_reader = [](const auto& path) { return std::make_unique<DsecReader>(path); },
           .open_writer = [](const auto& path, const auto& info) { return std::make_unique<DsecWriter>(path, info); },
           .limits = kLimits};

@@ -68,7 +68,8 @@ constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .m
 
 class Evt2Writer final : public CheckedWriter {
  public:
-  Evt2Writer(const std::filesystem::path& path, const StreamInfo& size) : CheckedWriter(path, size, kLimits), file_(path) {
+  Evt2Writer(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits), file_(path) {
     file_.put_text(raw_header_text("EVT2", "2.0", size));
     put_high(0);
   }
@@ -77,7 +78,8 @@ class Evt2Writer final : public CheckedWriter {
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
       step_to(e.t_us >> 6);
-      file_.put(std::uint32_t{e.p} << 28 | static_cast<std::uint32_t>(e.t_us & 0x3f) << 22 | std::uint32_t{e.x} << 11 | e.y);
+      file_.put(std::uint32_t{e.p} << 28 | static_cast<std::uint32_t>(e.t_us & 0x3f) << 22 | std::uint32_t{e.x} << 11 |
+                e.y);
     }
   }
   void finish() override { file_.commit(); }
@@ -105,9 +107,8 @@ Codec make_evt2() {
   return {.name = "evt2",
           .description = "Prophesee RAW EVT2",
           .extensions = {".raw"},
-          .sniff = [](const std::filesystem::path&, std::span<const std::byte> head) {
-            return parse_raw_header(head).encoding == "EVT2";
-          },
+          .sniff = [](const std::filesystem::path&,
+                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT2"; },
           .open_reader = [](const auto& path) { return std::make_unique<Evt2Reader>(path); },
           .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt2Writer>(path, info); },
           .limits = kLimits};

@@ -1,0 +1,373 @@
+"""Our event files by readers that are not ours, and real files read by them and by us, event by event."""
+
+import json
+
+import numpy as np
+import pecs
+import pytest
+
+WIDTH, HEIGHT = 1280, 720
+MINUTE_US = 60_000_000
+
+
+def array(*events):
+    return np.array([tuple(e) for e in events], dtype=[("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+
+
+def row_bursts():
+    """Several events of one row at one time, as a row arbiter makes them."""
+    rng = np.random.default_rng(1)
+    out = []
+    for t in range(10, 2000, 7):
+        y, p, keep = rng.integers(HEIGHT), rng.integers(2), rng.integers(1, 4)
+        out += [(t, x, y, p) for x in range(rng.integers(WIDTH), WIDTH) if rng.integers(keep) == 0]
+        out += [(t, WIDTH - 1, y, p), (t, 0, y, p)]
+    return array(*out)
+
+
+def around(*times_us):
+    return array(*((t + d, WIDTH - 1, 3, 1) for t in times_us for d in (-1, 0, 1)))
+
+
+STREAMS = {
+    "empty": array(),
+    "one_at_zero": array((0, 0, 0, 0)),
+    "corners": array((0, 0, 0, 1), (0, 1279, 0, 1), (0, 1279, 719, 0), (5, 0, 719, 1), (5, 1279, 719, 1)),
+    "bursts": row_bursts(),
+    "wraps_of_16_s": around(1 << 12, 1 << 24, 2 << 24),
+    "wraps_of_71_min": around(1 << 31, 1 << 32),
+    "gaps_of_minutes": array((0, 5, 5, 1), *((i * 7 * MINUTE_US + i, 1279, 719, i % 2) for i in range(1, 11))),
+    "late_start": array((100 * MINUTE_US + 4095, 1279, 0, 1)),
+}
+
+
+# --- readers that are not ours: path -> (t_us, x, y, p) ---------------------------------------------------------------
+
+
+def by_evlib(path):
+    import evlib
+
+    events = evlib.load_events(str(path), sort=False).collect()
+    return events["t"].to_physical(), events["x"], events["y"], events["polarity"].to_numpy() > 0
+
+
+def by_evt3(path):
+    import evt3
+
+    events = evt3.decode_file(str(path))
+    return events.timestamp, events.x, events.y, events.polarity
+
+
+def by_eventcv(path):
+    import eventcv
+
+    unit = {} if path.suffix == ".raw" else {"time_unit": "microseconds"}  # else guessed from the values
+    events = np.asarray(eventcv.load(str(path), **unit).numpy())  # x, y, t, p
+    return events[:, 2], events[:, 0], events[:, 1], events[:, 3]
+
+
+def by_faery(path):
+    import faery
+
+    packets = [*faery.events_stream_from_file(str(path))]
+    events = np.concatenate(packets) if packets else np.zeros(0, faery.EVENTS_DTYPE)
+    return events["t"], events["x"], events["y"], events["on"]
+
+
+def by_expelliarmus_dat(path):
+    import expelliarmus
+
+    events = expelliarmus.Wizard(encoding="dat").read(str(path))
+    return events["t"], events["x"], events["y"], events["p"]
+
+
+def by_h5py_dsec(path):
+    import h5py
+
+    with h5py.File(path) as file:
+        events = file["events"]
+        return events["t"][:] + file["t_offset"][()], events["x"][:], events["y"][:], events["p"][:]
+
+
+def by_h5py_metavision(path):
+    import h5py
+
+    if not h5py.h5z.filter_avail(0x8ECF):
+        pytest.skip("needs the vendor's ECF plugin on HDF5_PLUGIN_PATH")
+    with h5py.File(path) as file:
+        events = file["CD/events"][:]
+        return events["t"], events["x"], events["y"], events["p"]
+
+
+def by_numpy(path):
+    with np.load(path, allow_pickle=False) as file:
+        assert (file["width"], file["height"]) == (WIDTH, HEIGHT)
+        return file["t"], file["x"], file["y"], file["p"]
+
+
+def by_numpy_csv(path):
+    assert path.read_text().splitlines()[0] == "t_us,x,y,p"
+    return np.loadtxt(path, np.int64, delimiter=",", skiprows=1, ndmin=2).reshape(-1, 4).T
+
+
+PEERS = [
+    ("evt3", ".raw", by_evlib),
+    ("evt3", ".raw", by_evt3),
+    ("evt3", ".raw", by_eventcv),
+    ("evt3", ".raw", by_faery),
+    ("evt2", ".raw", by_evlib),
+    ("evt2", ".raw", by_eventcv),
+    ("evt2", ".raw", by_faery),
+    ("dsec", ".h5", by_h5py_dsec),
+    ("dsec", ".h5", by_evlib),
+    ("dsec", ".h5", by_eventcv),
+    ("npz", ".npz", by_numpy),
+    ("csv", ".csv", by_numpy_csv),
+    ("csv", ".csv", by_faery),
+]
+KNOWN_TO_FAIL = {("dsec", by_evlib, "empty"): "evlib 0.13.2 cannot load an empty HDF5 file"}
+
+
+def assert_same(got, wanted):
+    for name, column in zip("txyp", got, strict=True):
+        column = np.asarray(column).astype(np.int64)
+        assert column.shape == wanted[name].shape, name
+        np.testing.assert_array_equal(column, wanted[name].astype(np.int64), err_msg=name)
+
+
+@pytest.mark.filterwarnings("ignore:loadtxt")
+@pytest.mark.parametrize("stream", STREAMS)
+@pytest.mark.parametrize(("format", "extension", "reader"), PEERS, ids=lambda v: getattr(v, "__name__", v))
+def test_peer_reads_ours(tmp_path, format, extension, reader, stream):
+    if reason := KNOWN_TO_FAIL.get((format, reader, stream)):
+        pytest.skip(reason)
+    path = tmp_path / f"events{extension}"
+    pecs.write(path, STREAMS[stream], WIDTH, HEIGHT, format)
+    assert_same(reader(path), STREAMS[stream])
+
+
+def test_the_real_recording_by_the_vendors_decoder(shared):
+    """Needs the vendor's HDF5 plugin (github.com/prophesee-ai/hdf5_ecf) on HDF5_PLUGIN_PATH; where it is absent, the sums
+    of what it gives stand in tests/formats/real_test.cpp."""
+    path = shared / "data/real/R_360_L.hdf5"
+    assert_same(by_h5py_metavision(path), pecs.read(path))
+
+
+def test_the_peers_dat_by_another_reader(shared):
+    path = shared / "data/peer/R_360_L_ESIM.dat"
+    assert_same(by_expelliarmus_dat(path), pecs.read(path))
+
+
+def test_the_real_recording_through_evt3_and_dsec(shared, tmp_path):
+    ours = pecs.read(shared / "data/real/R_360_L.hdf5")
+    for name, readers in (("r.raw", (by_evlib, by_evt3)), ("r.h5", (by_h5py_dsec, by_evlib))):
+        pecs.write(tmp_path / name, ours, WIDTH, HEIGHT)
+        for reader in readers:
+            assert_same(reader(tmp_path / name), ours)
+
+
+def test_dsec_as_its_loader_slices_it(tmp_path):
+    """ms_to_idx by its definition: t[ms_to_idx[ms]] >= 1000 ms > t[ms_to_idx[ms] - 1]."""
+    import h5py
+
+    events = STREAMS["bursts"]
+    pecs.write(tmp_path / "e.h5", events, WIDTH, HEIGHT)
+    with h5py.File(tmp_path / "e.h5") as file:
+        ms_to_idx = file["ms_to_idx"][:]
+        t = file["events/t"][:]
+    np.testing.assert_array_equal(ms_to_idx, np.searchsorted(t, 1000 * np.arange(t[-1] // 1000 + 2), side="left"))
+    assert ms_to_idx[-1] == len(t)
+
+
+@pytest.mark.parametrize("compression", ["blosc", "gzip", None])
+def test_dsec_from_other_writers(tmp_path, compression):
+    import h5py
+    import hdf5plugin
+
+    options = {"blosc": hdf5plugin.Blosc(cname="zstd"), "gzip": {"compression": "gzip", "shuffle": True}, None: {}}
+    events = STREAMS["bursts"]
+    with h5py.File(tmp_path / "e.h5", "w") as file:
+        for name, kind in zip("txyp", ("u4", "u2", "u2", "u1"), strict=True):
+            file.create_dataset(
+                f"events/{name}", data=events[name].astype(kind), chunks=(1000,), **options[compression]
+            )
+        file["t_offset"] = np.int64(49_599_300_523)
+        file["ms_to_idx"] = np.zeros(1, "u8")
+    back = pecs.read(tmp_path / "e.h5")
+    assert_same((back["t"] - 49_599_300_523, back["x"], back["y"], back["p"]), events)
+
+
+def test_npz_from_numpy(tmp_path):
+    e = STREAMS["bursts"]
+    np.savez_compressed(tmp_path / "e.npz", t=e["t"].astype(">u8"), x=e["x"].astype("i4"), y=e["y"], p=e["p"] > 0)
+    assert_same([pecs.read(tmp_path / "e.npz")[name] for name in "txyp"], e)
+    np.savez(tmp_path / "seconds.npz", t=e["t"] * 1e-6, x=e["x"], y=e["y"], p=e["p"])
+    with pytest.raises(pecs.PecsError, match=r"t\.npy: byte \d+: got type '<f8', wanted integer microseconds"):
+        pecs.read(tmp_path / "seconds.npz")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_us,x,y,p\n5,1,2,1\n7,3,4,0\n",
+        "x;y;polarity;timestamp [ms]\n1;2;1;0.005\n3;4;-1;0.007\n",
+        "# anything\nt_s x y p\n5.0e-06 1.0 2.0 1.0\n.000007 3 4 0\n",
+        "t_ns,p,x,y,why\n5499,1,1,2,a\n6500,0,3,4,b\n",
+        "%geometry:1280,720\n1,2,1,5\n3,4,0,7\n",
+        "1280 720\n0.000005 1 2 1\n7e-6 3 4 0\n",
+    ],
+)
+def test_text_conventions(tmp_path, text):
+    (tmp_path / "e.csv").write_text(text)
+    assert_same([pecs.read(tmp_path / "e.csv")[name] for name in "txyp"], array((5, 1, 2, 1), (7, 3, 4, 0)))
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("t,x,y,p\n", r'line 1 \(byte 0\): got time column "t" without its unit, wanted t_us'),
+        ("1,2,3,4\n", r"line 1 \(byte 0\): got 1,2,3,4, wanted a header line"),
+        ("t_us,x,y\n", "wanted a header line such as t_us,x,y,p"),
+        ("t_us,x,y,p\n1,2,3,1\n4,5,x,1\n", r"line 3 \(byte 19\): got 4,5,x,1, wanted t, x, y and p as numbers"),
+        ("t_us,x,y,p\n1,2,3\n", "wanted t, x, y and p as numbers"),
+        ("t_us,x,y,p\n1,2,3,1,9\n", "wanted 4 columns"),
+        ("t_us,x,y,p\n1,70000,3,1\n", "wanted a pixel"),
+        ("t_us,x,y,p\n1,2,3,7\n", "p of -1, 0 or 1"),
+        ("t_us,x,y,p\n99999999999999999999,2,3,1\n", "as numbers"),
+        ("", "got no content"),
+    ],
+)
+def test_bad_text_is_placed(tmp_path, text, line):
+    (tmp_path / "e.csv").write_text(text)
+    with pytest.raises(pecs.PecsError, match=line) as error:
+        pecs.read(tmp_path / "e.csv")
+    assert error.value.code == 4
+
+
+# --- python, info, convert --------------------------------------------------------------------------------------------
+
+
+def test_blocks(tmp_path):
+    events = STREAMS["bursts"]
+    with pecs.EventWriter(tmp_path / "e.raw", WIDTH, HEIGHT, camera="IMX636") as writer:
+        for block in np.array_split(events, 7):
+            writer.write(block)
+        assert not (tmp_path / "e.raw").exists()
+    with pecs.EventReader(tmp_path / "e.raw") as reader:
+        assert reader.info == {"format": "evt3", "width": WIDTH, "height": HEIGHT, "camera": "IMX636"}
+        back = np.concatenate([*reader])
+    assert_same([back[name] for name in "txyp"], events)
+
+
+def test_an_exception_leaves_no_output(tmp_path):
+    with pytest.raises(KeyError), pecs.EventWriter(tmp_path / "e.raw", WIDTH, HEIGHT) as writer:
+        writer.write(STREAMS["bursts"])
+        raise KeyError
+    assert not (tmp_path / "e.raw").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"t": "f8"}, "t: got float64, wanted integer microseconds"),
+        ({"x": "f4"}, "x: got float32, wanted integers"),
+        ({"x": "i4"}, "x: got values from -1 to 3, wanted uint16"),
+    ],
+)
+def test_other_arrays_are_refused(tmp_path, change, line):
+    kinds = {"t": "i8", "x": "u2", "y": "u2", "p": "u1"} | change
+    events = np.array([(1, 3, 2, 1), (2, 3, 4, 0)], dtype=[*kinds.items()])
+    if change == {"x": "i4"}:
+        events["x"][1] = -1
+    with pytest.raises(ValueError, match=line):
+        pecs.write(tmp_path / "e.raw", events, WIDTH, HEIGHT)
+    with pytest.raises(ValueError, match="wanted one dimension with t, x, y and p"):
+        pecs.write(tmp_path / "e.raw", np.zeros((3, 4)), WIDTH, HEIGHT)
+
+
+def test_errors_name_the_formats(tmp_path):
+    (tmp_path / "e.bin").write_bytes(b"\x00\x01\x02" * 100)
+    with pytest.raises(pecs.PecsError, match="byte 0: got content of no known event format, wanted one of evt3, "):
+        pecs.read(tmp_path / "e.bin")
+    with pytest.raises(pecs.PecsError, match="format: got evt9, wanted one of evt3, "):
+        pecs.write(tmp_path / "e.raw", STREAMS["corners"], WIDTH, HEIGHT, "evt9")
+    with pytest.raises(pecs.PecsError, match="wanted 1x1 to 2048x2048"):
+        pecs.write(tmp_path / "e.raw", STREAMS["corners"])
+    assert {"evt3", "evt2", "dat", "dsec", "metavision-hdf5", "npz", "csv"} <= {f["name"] for f in pecs.event_formats()}
+
+
+def test_the_docs_list_every_format(root):
+    rows = [
+        line.split("|") for line in (root / "docs/event_file.md").read_text().splitlines() if line.startswith("| `")
+    ]
+    listed = {row[1].strip(" `"): (row[3].strip() == "yes", row[4].strip() == "yes") for row in rows}
+    assert listed == {f["name"]: (f["reads"], f["writes"]) for f in pecs.event_formats()}
+
+
+def test_info(pecs_program, tmp_path):
+    pecs.write(tmp_path / "e.raw", array((1000, 1, 2, 1), (2000, 3, 4, 0), (5000, 3, 4, 1)), 100, 50, camera="X1")
+    info = json.loads(pecs_program("info", tmp_path / "e.raw", "--json", check=True).stdout)
+    assert info == {
+        "format": "evt3",
+        "width": 100,
+        "height": 50,
+        "camera": "X1",
+        "events": 3,
+        "t_first_us": 1000,
+        "t_last_us": 5000,
+        "duration_us": 4000,
+        "on_fraction": pytest.approx(2 / 3),
+        "event_rate_hz": pytest.approx(750),
+        "event_rate_per_pixel_hz": pytest.approx(0.15),
+        "time_reversals": 0,
+    }
+    words = pecs_program("info", tmp_path / "e.raw", check=True).stdout
+    assert "evt3, 100x50 pixels, X1" in words and "1000 to 5000 us" in words
+
+
+def test_info_of_what_is_not_there(pecs_program, tmp_path):
+    gone = pecs_program("info", tmp_path / "none.raw")
+    assert (gone.returncode, gone.stdout) == (3, "")
+    assert gone.stderr == f"pecs: {tmp_path}/none.raw: cannot be opened: No such file or directory\n"
+    (tmp_path / "cut.raw").write_bytes(b"% format EVT3;height=720;width=1280\n% end\n\x00\x80\x00")
+    cut = pecs_program("info", tmp_path / "cut.raw")
+    assert cut.returncode == 4
+    assert cut.stderr == f"pecs: {tmp_path}/cut.raw: byte 44: got 1 trailing bytes, wanted whole items of 2 bytes\n"
+
+
+def test_convert_a_part(pecs_program, tmp_path):
+    events = STREAMS["bursts"]
+    pecs.write(tmp_path / "in.raw", events, WIDTH, HEIGHT)
+    out = tmp_path / "out.h5"
+    options = ("--t-start-us", 500, "--t-end-us", 1500, "--rezero", "--decimate", 4, "--json")
+    result = json.loads(pecs_program("convert", tmp_path / "in.raw", out, *options, check=True).stdout)
+
+    keep = (events["t"] >= 500) & (events["t"] < 1500) & (events["x"] % 4 == 2) & (events["y"] % 4 == 2)
+    wanted = events[keep]
+    assert len(wanted) > 1000
+    assert_same(
+        (pecs.read(out)["t"], *(pecs.read(out)[n] for n in "xyp")),
+        {"t": wanted["t"] - wanted["t"][0], "x": wanted["x"] // 4, "y": wanted["y"] // 4, "p": wanted["p"]},
+    )
+    assert (result["width"], result["height"], result["events"]) == (320, 180, len(wanted))
+    record = json.loads((tmp_path / "out.h5.run.json").read_text())
+    assert record["config"]["decimate"] == 4 and record["results"]["events"] == len(wanted)
+    assert record["inputs"][0]["sha256"]
+
+
+def test_convert_measures_a_size_that_the_file_does_not_say(pecs_program, tmp_path):
+    (tmp_path / "e.csv").write_text("t_us,x,y,p\n5,10,20,1\n")
+    pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.raw", check=True)
+    assert pecs.EventReader(tmp_path / "e.raw").info["width"] == 11
+    pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.raw", "--size", 640, 480, check=True)
+    assert pecs.EventReader(tmp_path / "e.raw").info["width"] == 640
+
+
+def test_convert_refuses(pecs_program, tmp_path):
+    (tmp_path / "e.csv").write_text("t_us,x,y,p\n5,10,20,1\n4,10,20,1\n")
+    back = pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.raw")
+    assert back.returncode == 4
+    assert back.stderr == f"pecs: {tmp_path}/e.raw: event 1: got t = 4 us, wanted at least 5 us, the event before\n"
+    assert not (tmp_path / "e.raw").exists() and not (tmp_path / "e.raw.run.json").exists()
+    assert pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.xyz").returncode == 2
+    assert pecs_program("convert", tmp_path / "e.csv").returncode == 2
