@@ -105,6 +105,14 @@ PECS_API int pecs_events_finish(pecs_event_writer* writer, pecs_error* error);
 /* Frees the writer; a file that was not finished stays as <path>.partial. */
 PECS_API void pecs_events_discard(pecs_event_writer* writer);
 
+/* ---- comparison (calibration) --------------------------------------------------------------------------------- */
+
+/* Distances and summaries (docs/metrics.md). options: {"width": pixels, "height": pixels, "normalisation": "shared" |
+ * "eq16" | "paper", "window_us": null | integer, "origin": "first-event" | "zero", "seed": 1}.
+ * result: as printed by `pecs compare --json`. */
+PECS_API char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
+                            const char* options_json, pecs_error* error);
+
 #ifdef __cplusplus
 }
 #endif

@@ -9,7 +9,9 @@ namespace pecs::app {
 const std::vector<std::string>& arguments();
 
 void add_bands(CLI::App& app);
+void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_info(CLI::App& app);
+void add_view(CLI::App& app);
 
 }  // namespace pecs::app

@@ -25,8 +25,10 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string("pecs ") + pecs::kVersion);
   app.require_subcommand(1);
   pecs::app::add_bands(app);
+  pecs::app::add_compare(app);
   pecs::app::add_convert(app);
   pecs::app::add_info(app);
+  pecs::app::add_view(app);
 
   try {
     app.parse(argc, argv);

@@ -1,6 +1,7 @@
 """PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
 
 from ._library import PecsError, version
+from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .sensor import bands
 
@@ -11,6 +12,7 @@ __all__ = [
     "EventWriter",
     "PecsError",
     "bands",
+    "distance",
     "event_formats",
     "read",
     "version",

@@ -76,7 +76,7 @@ class EventWriter(Handle):
 
     def write(self, events: NDArray[np.void]) -> None:
         """A structured array with the fields t, x, y and p, of integers (p also boolean)."""
-        events = _as_events(events)
+        events = as_events(events)
         _write(self._alive(), events.ctypes.data, len(events))
 
     def finish(self) -> None:
@@ -110,7 +110,7 @@ def write(
         writer.write(events)
 
 
-def _as_events(events: NDArray[np.void]) -> NDArray[np.void]:
+def as_events(events: NDArray[np.void]) -> NDArray[np.void]:
     events = np.asarray(events)
     if events.dtype == EVENT_DTYPE:
         return np.ascontiguousarray(events)

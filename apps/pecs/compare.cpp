@@ -1,0 +1,91 @@
+// pecs compare REAL SIM: scores of a simulation against a recording.
+#include "pecs/calibration/compare.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <memory>
+
+#include "commands.h"
+#include "pecs/events/format.h"
+#include "units.h"
+
+namespace pecs::app {
+namespace {
+
+struct Arguments {
+  std::string real, sim;
+  double window_us = 0;
+  std::string normalisation = "shared", origin = "first-event";
+  std::uint64_t seed = 1;
+  bool json = false;
+};
+
+std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
+
+void print_table(const calibration::Comparison& c) {
+  const auto row = [](const char* name, const std::string& value, const std::string& floor, const std::string& note) {
+    fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
+  };
+  const auto parts = [](const std::array<double, 2>& p) {
+    return fmt::format("real to sim {:.4f}, sim to real {:.4f}", p[0], p[1]);
+  };
+  const auto& d = c.distance;
+  row("distance", "real-sim", "split half",
+      fmt::format("({} normalisation, {}x{}, window {} us)", calibration::name_of(c.options.normalisation), c.width,
+                  c.height, c.window_us));
+  row("Chamfer", fmt::format("{:.4f}", d.chamfer()), c.floor ? fmt::format("{:.4f}", c.floor->chamfer()) : "none",
+      parts(d.chamfer_parts));
+  row("Gaussian", fmt::format("{:.5f}", d.gaussian()), c.floor ? fmt::format("{:.5f}", c.floor->gaussian()) : "none",
+      parts(d.gaussian_parts));
+
+  fmt::print("\n");
+  row("stream", "real", "simulated", "");
+  row("events", fmt::format("{}", c.real.events), fmt::format("{}", c.sim.events),
+      fmt::format("ratio {:.4f}", static_cast<double>(c.sim.events) / static_cast<double>(c.real.events)));
+  row("events per second", fmt::format("{:.4g}", c.real.rate_hz), fmt::format("{:.4g}", c.sim.rate_hz),
+      fmt::format("correlation of the rate curves: all {}, ON {}, OFF {}", or_none(c.rate_correlation),
+                  or_none(c.on_correlation), or_none(c.off_correlation)));
+  row("ON fraction", fmt::format("{:.4f}", c.real.on_fraction), fmt::format("{:.4f}", c.sim.on_fraction), "");
+}
+
+void run(const Arguments& a) {
+  calibration::CompareOptions options;
+  options.normalisation = calibration::normalisation_from(a.normalisation);
+  if (a.window_us > 0) options.window_us = std::llround(a.window_us);
+  options.common_origin = a.origin == "zero";
+  options.seed = a.seed;
+  const events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
+  const auto comparison = calibration::compare(real, a.real, sim, a.sim, options);
+  for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
+  if (a.json)
+    fmt::print("{}\n", calibration::to_json(comparison).dump(2));
+  else
+    print_table(comparison);
+}
+
+}  // namespace
+
+void add_compare(CLI::App& app) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("compare", "Score a simulation against a real recording (docs/metrics.md)");
+  command->add_option("REAL", a->real, "Recording, any event format")->required();
+  command->add_option("SIM", a->sim, "Simulation, same sensor size")->required();
+  command->add_option("--window", a->window_us, "Only this much from the origin, e.g. 100ms (default: all)")
+      ->transform(time_us())
+      ->check(CLI::PositiveNumber);
+  command->add_option("--origin", a->origin, "Where time starts: each stream's first event, or t = 0 of both")
+      ->check(CLI::IsMember({"first-event", "zero"}))
+      ->capture_default_str();
+  command
+      ->add_option("--metric-compat", a->normalisation,
+                   "Normalisation: shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
+                   "behind its tables, integer overflow included)")
+      ->check(CLI::IsMember({"shared", "eq16", "paper"}))
+      ->capture_default_str();
+  command->add_option("--seed", a->seed, "Seed of the split-half floor")->capture_default_str();
+  command->add_flag("--json", a->json, "Machine-readable output");
+  command->callback([a] { run(*a); });
+}
+
+}  // namespace pecs::app

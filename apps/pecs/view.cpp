@@ -1,0 +1,119 @@
+// pecs view EVENTS -o FILE: events as a picture (.png), a slow-motion video (.mp4) or a page to turn (.html).
+#include <fmt/format.h>
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <opencv2/imgcodecs.hpp>
+
+#include "commands.h"
+#include "pecs/calibration/pictures.h"
+#include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/run_record.h"
+#include "units.h"
+
+namespace pecs::app {
+namespace {
+
+struct Arguments {
+  std::string events, output, theme = "light";
+  double from_us = 0, to_us = 0, window_us = 0;
+  int count = 6;
+  double slow_motion = 0, fps = 30;
+  std::size_t limit = 500'000;
+  bool json = false;
+};
+
+// A slow motion that makes a video of about ten seconds: 1, 2, 5, 10, ….
+double readable_slow_motion(std::int64_t span_us) {
+  const double wanted = 10e6 / static_cast<double>(span_us);
+  if (wanted <= 1) return 1;
+  const double power = std::pow(10, std::floor(std::log10(wanted)));
+  return wanted >= 5 * power ? 5 * power : wanted >= 2 * power ? 2 * power : power;
+}
+
+void run(const Arguments& a) {
+  const std::filesystem::path output = a.output;
+  const std::string extension = output.extension().string();
+  if (extension != ".png" && extension != ".mp4" && extension != ".html")
+    throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .png, .mp4 or .html", a.output));
+
+  const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
+  const calibration::Shown shown =
+      calibration::shown_of(events::read_all(a.events), a.events, std::llround(a.from_us), to_us);
+  const calibration::Theme& theme = a.theme == "dark" ? calibration::kDark : calibration::kLight;
+
+  Json result = {{"output", a.output},
+                 {"events", shown.events.size()},
+                 {"width", shown.width},
+                 {"height", shown.height},
+                 {"span_us", shown.span_us}};
+  if (extension == ".png") {
+    const std::int64_t window = a.window_us > 0 ? std::llround(a.window_us)
+                                                : calibration::readable_window_us(shown, shown.span_us / a.count + 1);
+    result["window_us"] = window;
+    std::vector<std::uint8_t> png;
+    cv::imencode(".png", calibration::contact_sheet(shown, window, a.count, theme), png);
+    AtomicFile file(output);
+    file.write(std::as_bytes(std::span(png)));
+    file.commit();
+  } else if (extension == ".mp4") {
+    calibration::VideoOptions video{
+        .fps = a.fps,
+        .slow_motion = a.slow_motion > 0 ? a.slow_motion : readable_slow_motion(shown.span_us),
+        .window_us = std::llround(a.window_us),
+        .theme = theme};
+    const auto info = calibration::write_video(shown, output, video);
+    result["slow_motion"] = video.slow_motion;
+    result["frames"] = info.frames;
+    result["codec"] = info.codec;
+  } else {
+    result["events_in_page"] = calibration::write_page(shown, output, a.limit);
+  }
+  const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
+                       {"theme", a.theme},     {"count", a.count},
+                       {"fps", a.fps},         {"limit", a.limit}};
+  write_run_record(
+      output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
+
+  if (a.json) {
+    fmt::print("{}\n", result.dump(2));
+    return;
+  }
+  fmt::print("{}: {} events in {:.3f} ms", a.output, shown.events.size(), static_cast<double>(shown.span_us) * 1e-3);
+  if (result.contains("slow_motion"))
+    fmt::print(", {} frames, {:g} times slower", result["frames"].get<int>(), result["slow_motion"].get<double>());
+  if (result.contains("events_in_page") && result["events_in_page"] < result["events"])
+    fmt::print(", {} of them drawn at random (--limit)", result["events_in_page"].get<std::size_t>());
+  fmt::print("\n");
+}
+
+}  // namespace
+
+void add_view(CLI::App& app) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("view", "Events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
+  command->add_option("EVENTS", a->events, "Event file, any format")->required();
+  command->add_option("-o,--output", a->output, "What to write; the ending chooses")->required();
+  command->add_option("--from", a->from_us, "Start, counted from the first event, e.g. 20ms")->transform(time_us());
+  command->add_option("--to", a->to_us, "End, counted from the first event (default: all)")->transform(time_us());
+  command->add_option("--window", a->window_us, "Time of the events in one picture, e.g. 5ms (default: readable)")
+      ->transform(time_us());
+  command->add_option("--count", a->count, "png: pictures on the sheet")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  command->add_option("--slow-motion", a->slow_motion, "mp4: how many times slower (default: about 10 s of video)")
+      ->check(CLI::Range(1.0, 1e7));
+  command->add_option("--fps", a->fps, "mp4: frames per second")->check(CLI::Range(1.0, 240.0))->capture_default_str();
+  command->add_option("--limit", a->limit, "html: at most this many events, drawn at random")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{20'000'000}))
+      ->capture_default_str();
+  command->add_option("--theme", a->theme, "png, mp4: light or dark")
+      ->check(CLI::IsMember({"light", "dark"}))
+      ->capture_default_str();
+  command->add_flag("--json", a->json, "Machine-readable output");
+  command->callback([a] { run(*a); });
+}
+
+}  // namespace pecs::app

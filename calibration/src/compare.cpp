@@ -1,0 +1,176 @@
+#include "pecs/calibration/compare.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pecs/error.h"
+
+namespace pecs::calibration {
+namespace {
+
+using events::Event;
+
+// The events of the window, their time counted from its origin. Keeps file order.
+std::vector<Event> windowed(const events::Stream& stream, const std::string& name, const CompareOptions& options) {
+  const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
+  if (stream.events.empty()) throw bad_input(name, "", "0 events", "at least 1");
+  const std::int64_t origin =
+      options.common_origin ? 0 : std::min_element(stream.events.begin(), stream.events.end(), by_time)->t_us;
+
+  std::vector<Event> inside;
+  inside.reserve(stream.events.size());
+  for (Event e : stream.events) {
+    e.t_us -= origin;
+    if (e.t_us >= 0 && (!options.window_us || e.t_us < *options.window_us)) inside.push_back(e);
+  }
+  if (inside.empty())
+    throw bad_input(name, "window", "0 events",
+                    options.window_us
+                        ? fmt::format("at least 1 event in {} us from t = {} us", *options.window_us, origin)
+                        : "at least 1 event at or after t = 0");
+  return inside;
+}
+
+std::int64_t extent_us(const std::vector<Event>& events) {
+  std::int64_t end = 0;
+  for (const Event& e : events) end = std::max(end, e.t_us + 1);
+  return end;
+}
+
+StreamSummary summary_of(const std::vector<Event>& events, const events::Stream& stream, std::int64_t curve_us,
+                         int bins) {
+  StreamSummary s;
+  s.events = events.size();
+  const auto [first, last] = std::minmax_element(stream.events.begin(), stream.events.end(),
+                                                 [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
+  s.t_first_us = first->t_us, s.t_last_us = last->t_us;
+  const double curve_s = static_cast<double>(curve_us) * 1e-6, n = static_cast<double>(events.size());
+  s.rate_hz = n / (static_cast<double>(extent_us(events)) * 1e-6);
+
+  s.on_hz.resize(static_cast<std::size_t>(bins)), s.off_hz.resize(static_cast<std::size_t>(bins));
+  std::size_t on = 0;
+  for (const Event& e : events) {
+    on += e.p;
+    const auto bin = static_cast<std::size_t>(std::min<std::int64_t>(e.t_us * bins / curve_us, bins - 1));
+    (e.p ? s.on_hz : s.off_hz)[bin] += bins / curve_s;
+  }
+  s.on_fraction = static_cast<double>(on) / n;
+  return s;
+}
+
+std::optional<double> correlation(const std::vector<double>& a, const std::vector<double>& b) {
+  const auto mean = [](const auto& v) {
+    return std::accumulate(v.begin(), v.end(), 0.0) / static_cast<double>(v.size());
+  };
+  const double mean_a = mean(a), mean_b = mean(b);
+  double ab = 0, aa = 0, bb = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    ab += (a[i] - mean_a) * (b[i] - mean_b);
+    aa += (a[i] - mean_a) * (a[i] - mean_a);
+    bb += (b[i] - mean_b) * (b[i] - mean_b);
+  }
+  if (aa <= 0 || bb <= 0) return {};
+  return ab / std::sqrt(aa * bb);
+}
+
+std::vector<double> sum(const std::vector<double>& a, const std::vector<double>& b) {
+  std::vector<double> out(a.size());
+  std::transform(a.begin(), a.end(), b.begin(), out.begin(), std::plus<>());
+  return out;
+}
+
+// A fair coin per event: SplitMix64 of seed and index.
+bool coin(std::uint64_t seed, std::uint64_t index) {
+  std::uint64_t z = seed * 0xD1342543DE82EF95ULL + (index + 1) * 0x9E3779B97F4A7C15ULL;
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
+  return (z ^ (z >> 31)) >> 63;
+}
+
+Json json_of(const Distances& d) {
+  return {{"chamfer", d.chamfer()},
+          {"chamfer_parts", d.chamfer_parts},
+          {"gaussian", d.gaussian()},
+          {"gaussian_parts", d.gaussian_parts}};
+}
+
+Json json_of(const StreamSummary& s) {
+  return {{"events", s.events},           {"t_first_us", s.t_first_us},   {"t_last_us", s.t_last_us},
+          {"rate_hz", s.rate_hz},         {"on_fraction", s.on_fraction}, {"on_rate_curve_hz", s.on_hz},
+          {"off_rate_curve_hz", s.off_hz}};
+}
+
+Json json_of(const std::optional<double>& value) { return value ? Json(*value) : Json(nullptr); }
+
+}  // namespace
+
+Comparison compare(const events::Stream& real, const std::string& real_name, const events::Stream& sim,
+                   const std::string& sim_name, const CompareOptions& options) {
+  if (options.window_us && *options.window_us < 1)
+    throw Error(ExitCode::usage, fmt::format("window: got {} us, wanted at least 1 us", *options.window_us));
+  if (options.normalisation == Normalisation::shared &&
+      (real.info.width != sim.info.width || real.info.height != sim.info.height))
+    throw bad_input(sim_name, "sensor size", fmt::format("{}x{}", sim.info.width, sim.info.height),
+                    fmt::format("{}x{} as in {} (pecs convert --decimate brings a recording to a smaller grid)",
+                                real.info.width, real.info.height, real_name));
+
+  // The common window.
+  const std::vector<Event> real_events = windowed(real, real_name, options);
+  const std::vector<Event> sim_events = windowed(sim, sim_name, options);
+  Comparison c;
+  c.options = options;
+  c.width = real.info.width, c.height = real.info.height;
+  c.curve_us = std::max(extent_us(real_events), extent_us(sim_events));
+  c.window_us = options.window_us.value_or(c.curve_us);
+
+  // Distances, and what they would be between recordings that differ by chance only.
+  const MetricOptions metric{
+      .normalisation = options.normalisation, .width = c.width, .height = c.height, .window_us = c.window_us};
+  c.distance = distances(real_events, sim_events, metric);
+  std::array<std::vector<Event>, 2> halves;
+  for (std::size_t i = 0; i < real_events.size(); ++i) halves[coin(options.seed, i)].push_back(real_events[i]);
+  if (halves[0].empty() || halves[1].empty())
+    c.warnings.push_back(fmt::format("{}: too few events for a split-half floor", real_name));
+  else
+    c.floor = distances(halves[0], halves[1], metric);
+
+  // Rates and polarities, which know nothing of where an event lies.
+  c.real = summary_of(real_events, real, c.curve_us, options.rate_bins);
+  c.sim = summary_of(sim_events, sim, c.curve_us, options.rate_bins);
+  c.on_correlation = correlation(c.real.on_hz, c.sim.on_hz);
+  c.off_correlation = correlation(c.real.off_hz, c.sim.off_hz);
+  c.rate_correlation = correlation(sum(c.real.on_hz, c.real.off_hz), sum(c.sim.on_hz, c.sim.off_hz));
+
+  // What the reader of these numbers should know.
+  for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
+    if (s.on_fraction == 0 || s.on_fraction == 1)
+      c.warnings.push_back(
+          fmt::format("{}: all {} events are {}; distances to the other polarity are at least 100 units", name,
+                      s.events, s.on_fraction == 1 ? "ON" : "OFF"));
+  return c;
+}
+
+Json to_json(const Comparison& c) {
+  Json json = json_of(c.distance);
+  json["normalisation"] = name_of(c.options.normalisation);
+  json["origin"] = c.options.common_origin ? "zero" : "first-event";
+  json["window_us"] = c.window_us;
+  json["width"] = c.width;
+  json["height"] = c.height;
+  json["split_half"] = c.floor ? json_of(*c.floor) : Json(nullptr);
+  json["seed"] = c.options.seed;
+  json["real"] = json_of(c.real);
+  json["sim"] = json_of(c.sim);
+  json["event_ratio"] = static_cast<double>(c.sim.events) / static_cast<double>(c.real.events);
+  json["rate_curve_us"] = c.curve_us;
+  json["rate_correlation"] = json_of(c.rate_correlation);
+  json["on_rate_correlation"] = json_of(c.on_correlation);
+  json["off_rate_correlation"] = json_of(c.off_correlation);
+  json["warnings"] = c.warnings;
+  return json;
+}
+
+}  // namespace pecs::calibration

@@ -1,0 +1,42 @@
+#include "pecs/calibration/compare.h"
+
+#include <fmt/format.h>
+
+#include "guard.h"
+
+namespace {
+
+// The layouts are equal: capi/events.cpp asserts it.
+pecs::events::Stream stream_of(const pecs_event* events, int64_t count, int width, int height, const char* name) {
+  const auto* first = reinterpret_cast<const pecs::events::Event*>(events);
+  pecs::events::Stream stream{{width, height, ""}, {first, first + count}};
+  for (std::size_t i = 0; i < stream.events.size(); ++i) {
+    const auto& e = stream.events[i];
+    if (e.x >= width || e.y >= height || e.p > 1)
+      throw pecs::bad_input(name, fmt::format("event {}", i), fmt::format("x {} y {} p {}", e.x, e.y, e.p),
+                            fmt::format("x < {}, y < {}, p 0 or 1", width, height));
+  }
+  return stream;
+}
+
+}  // namespace
+
+extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
+                              const char* options_json, pecs_error* error) {
+  return pecs::capi::guard(error, static_cast<char*>(nullptr), [&] {
+    const pecs::Json json = pecs::parse_json(options_json, "options");
+    pecs::JsonObject object(json, "options");
+    const auto width = static_cast<int>(object.integer("width", 1, 65536));
+    const auto height = static_cast<int>(object.integer("height", 1, 65536));
+    pecs::calibration::CompareOptions options;
+    options.normalisation = pecs::calibration::normalisation_from(object.text_or("normalisation", "shared"));
+    if (object.has("window_us")) options.window_us = object.integer("window_us", 1, std::int64_t{1} << 52);
+    if (object.has("origin")) options.common_origin = object.one_of("origin", {"first-event", "zero"}) == "zero";
+    options.seed = static_cast<std::uint64_t>(object.integer_or("seed", 1, 0, std::int64_t{1} << 62));
+    object.done();
+
+    const auto comparison = pecs::calibration::compare(stream_of(real, real_count, width, height, "real"), "real",
+                                                       stream_of(sim, sim_count, width, height, "sim"), "sim", options);
+    return pecs::capi::hand_over(pecs::calibration::to_json(comparison).dump());
+  });
+}

@@ -1,0 +1,43 @@
+"""Scores of simulated events against recorded ones; what each number means stands in docs/metrics.md."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._library import json_function
+from .events import as_events
+
+_compare = json_function("pecs_compare", ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
+
+
+def distance(
+    real: NDArray[np.void],
+    sim: NDArray[np.void],
+    *,
+    width: int,
+    height: int,
+    normalisation: str = "shared",
+    window_us: int | None = None,
+    origin: str = "first-event",
+    seed: int = 1,
+) -> dict[str, Any]:
+    """Compares two event streams; the dictionary that `pecs compare --json` prints ("chamfer", "gaussian", ...).
+
+    Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height`. `window_us` counts from
+    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper".
+    Raises PecsError when a stream is empty or an event lies outside the sensor.
+    """
+    real, sim = as_events(real), as_events(sim)
+    options = {
+        "width": width,
+        "height": height,
+        "normalisation": normalisation,
+        "window_us": window_us,
+        "origin": origin,
+        "seed": seed,
+    }
+    return _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)

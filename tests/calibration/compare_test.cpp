@@ -1,0 +1,129 @@
+#include "pecs/calibration/compare.h"
+
+#include <gtest/gtest.h>
+
+#include "calibration/random_events.h"
+#include "pecs/error.h"
+#include "shared.h"
+
+namespace pecs::calibration {
+namespace {
+
+using events::Event;
+using events::Stream;
+using tests::random_events;
+
+Stream stream_of(std::vector<Event> events, int width = 64, int height = 48) {
+  return {{width, height, ""}, std::move(events)};
+}
+
+std::string error_of(const Stream& real, const Stream& sim, const CompareOptions& options = {}) {
+  try {
+    compare(real, "real.raw", sim, "sim.raw", options);
+  } catch (const Error& e) {
+    return e.what();
+  }
+  return "no error";
+}
+
+TEST(Compare, WindowCountsFromEachStreamsFirstEvent) {
+  const auto events = random_events(4000, 1);
+  auto late = events;
+  for (auto& e : late) e.t_us += 123'456;
+  CompareOptions options{.window_us = 5000};
+  const auto c = compare(stream_of(events), "r", stream_of(late), "s", options);
+  EXPECT_EQ(c.distance.chamfer(), 0);
+  EXPECT_EQ(c.real.events, c.sim.events);
+  EXPECT_LT(c.real.events, 2300U);  // half of the span
+  EXPECT_GT(c.real.events, 1700U);
+  EXPECT_EQ(c.window_us, 5000);
+
+  options.common_origin = true;
+  EXPECT_NE(error_of(stream_of(events), stream_of(late), options).find("sim.raw: window: got 0 events"),
+            std::string::npos);
+}
+
+TEST(Compare, TheWindowIsHalfOpen) {
+  const Stream a = stream_of({{10, 1, 1, 1}, {109, 2, 2, 0}, {110, 3, 3, 1}});
+  EXPECT_EQ(compare(a, "r", a, "s", {.window_us = 100}).real.events, 2U);
+}
+
+TEST(Compare, SummariesOfAKnownStream) {
+  // 100 ON events per ms for 5 ms, then 300 OFF events per ms for 5 ms.
+  std::vector<Event> events;
+  for (int i = 0; i < 500; ++i) events.push_back({i * 10, 1, 1, 1});
+  for (int i = 0; i < 1500; ++i) events.push_back({5000 + i * 10 / 3, 2, 2, 0});
+  auto twice = events;
+  for (auto& e : twice) e.p = 1 - e.p;
+  const auto c = compare(stream_of(events), "r", stream_of(twice), "s", {.window_us = 10'000, .rate_bins = 10});
+  EXPECT_DOUBLE_EQ(c.real.on_fraction, 0.25);
+  EXPECT_DOUBLE_EQ(c.sim.on_fraction, 0.75);
+  EXPECT_NEAR(c.real.rate_hz, 200'000, 100);
+  EXPECT_NEAR(c.real.on_hz[0], 100'000, 100);
+  EXPECT_NEAR(c.real.off_hz[9], 300'000, 200);
+  EXPECT_NEAR(*c.rate_correlation, 1, 1e-4);
+  EXPECT_NEAR(*c.on_correlation, -1, 1e-4);
+}
+
+TEST(Compare, FloorIsLowForLikeAndTheSimulationOfNoiseIsAboveIt) {
+  // Events on a moving line, against another draw of it, and against noise.
+  const auto line = [](unsigned seed) {
+    auto events = random_events(6000, seed);
+    for (auto& e : events) e.x = static_cast<std::uint16_t>(e.t_us * 63 / 10'000);
+    return stream_of(events);
+  };
+  const auto like = compare(line(1), "r", line(2), "s", {});
+  const auto noise = compare(line(1), "r", stream_of(random_events(6000, 3)), "s", {});
+  ASSERT_TRUE(like.floor);
+  EXPECT_GT(like.floor->chamfer(), 0);
+  EXPECT_LT(like.distance.chamfer(), like.floor->chamfer());  // halves are sparser than the whole
+  EXPECT_GT(noise.distance.chamfer(), 2 * like.floor->chamfer());
+}
+
+TEST(Compare, TheFloorFollowsTheSeedAndNothingElse) {
+  const auto a = stream_of(random_events(3000, 1)), b = stream_of(random_events(3000, 2));
+  const auto first = compare(a, "r", b, "s", {.seed = 1}), again = compare(a, "r", b, "s", {.seed = 1});
+  const auto other = compare(a, "r", b, "s", {.seed = 2});
+  EXPECT_EQ(to_json(first), to_json(again));
+  EXPECT_NE(first.floor->chamfer(), other.floor->chamfer());
+  EXPECT_EQ(first.distance.chamfer(), other.distance.chamfer());
+}
+
+TEST(Compare, RefusesEmptyStreamsAndOtherSensorsAndWarnsOfOneSidedOnes) {
+  const auto a = stream_of(random_events(300, 1));
+  EXPECT_EQ(error_of(a, stream_of({})), "sim.raw: got 0 events, wanted at least 1");
+  EXPECT_NE(error_of(a, stream_of(random_events(300, 1), 32, 24)).find("sim.raw: sensor size: got 32x24, wanted 64x48"),
+            std::string::npos);
+  const auto c = compare(a, "r", stream_of(random_events(300, 2, 64, 48, 10'000, 1.0)), "s", {});
+  ASSERT_EQ(c.warnings.size(), 1U);
+  EXPECT_NE(c.warnings[0].find("s: all 300 events are ON"), std::string::npos);
+  EXPECT_TRUE(to_json(c)["off_rate_correlation"].is_null());
+}
+
+// facts.md: the published arithmetic gives 35.0816 (16.4662 + 18.6154) and 1.96512, Eq. 16 in float 23.849 and 1.974.
+TEST(Compare, ReproducesThePublishedNumbersOfTheRealRecording) {
+  PECS_NEEDS_SHARED("data/peer/R_360_L_ESIM.dat");
+  const auto real = events::read_all(tests::shared_dir() / "data/real/R_360_L.hdf5");
+  const auto esim = events::read_all(tests::shared_dir() / "data/peer/R_360_L_ESIM.dat");
+  const auto score = [&](Normalisation n) {
+    return compare(real, "real", esim, "esim", {.normalisation = n, .window_us = 100'000}).distance;
+  };
+  const Distances paper = score(Normalisation::paper);
+  EXPECT_NEAR(paper.chamfer(), 35.0816, 5e-5);
+  EXPECT_NEAR(paper.chamfer_parts[0], 16.4662, 5e-5);
+  EXPECT_NEAR(paper.chamfer_parts[1], 18.6154, 5e-5);
+  EXPECT_NEAR(paper.gaussian(), 1.96512, 5e-6);
+  const Distances eq16 = score(Normalisation::eq16);
+  EXPECT_NEAR(eq16.chamfer(), 23.849, 5e-4);
+  EXPECT_NEAR(eq16.gaussian(), 1.974, 5e-4);
+}
+
+TEST(Compare, ASingleEventHasNoFloor) {
+  const auto one = stream_of({{5, 1, 1, 1}});
+  const auto c = compare(one, "r", one, "s", {});
+  EXPECT_EQ(c.distance.chamfer(), 0);
+  EXPECT_FALSE(c.floor);
+}
+
+}  // namespace
+}  // namespace pecs::calibration

@@ -1,0 +1,75 @@
+import json
+
+import numpy as np
+import pecs
+import pytest
+
+
+def stream(count, seed, width=64, height=48):
+    random = np.random.default_rng(seed)
+    events = np.zeros(count, pecs.EVENT_DTYPE)
+    events["t"] = np.sort(random.integers(0, 10_000, count))
+    events["x"] = random.integers(0, width, count)
+    events["y"] = random.integers(0, height, count)
+    events["p"] = random.integers(0, 2, count)
+    return events
+
+
+def test_tiny_example():
+    r = np.array([(0, 0, 0, 0), (1000, 10, 10, 1), (2000, 20, 20, 1)], pecs.EVENT_DTYPE)
+    q = r.copy()
+    q["t"][1] = 1001
+    eq16 = pecs.distance(r, q, width=64, height=48, normalisation="eq16")
+    paper = pecs.distance(r, q, width=64, height=48, normalisation="paper")
+    assert eq16["chamfer"] == pytest.approx(0.33333, abs=1e-5)
+    assert eq16["gaussian"] == pytest.approx(0.30983, abs=1e-5)
+    assert paper["chamfer"] == pytest.approx(0.66667, abs=1e-5)
+    assert paper["gaussian"] == pytest.approx(0.61194, abs=1e-5)
+
+
+def test_wrong_input():
+    a = stream(100, 1)
+    with pytest.raises(pecs.PecsError, match="event .*: got x .* wanted x < 32, y < 48"):
+        pecs.distance(a, a, width=32, height=48)
+    with pytest.raises(pecs.PecsError, match="sim: got 0 events, wanted at least 1"):
+        pecs.distance(a, stream(0, 1), width=64, height=48)
+    with pytest.raises(pecs.PecsError, match="normalisation: got 'float'"):
+        pecs.distance(a, a, width=64, height=48, normalisation="float")
+
+
+def test_program_says_the_same(pecs_program, tmp_path):
+    streams = [stream(2000, seed) for seed in (1, 2)]
+    names = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for name, s in zip(names, streams, strict=True):
+        pecs.write(name, s)
+    result = pecs_program("compare", *names, "--metric-compat", "eq16", "--json")
+    assert result.returncode == 0, result.stderr
+    ours = pecs.distance(*streams, width=64, height=48, normalisation="eq16")
+    theirs = json.loads(result.stdout)
+    assert theirs == ours
+    table = pecs_program("compare", *names, "--metric-compat", "eq16").stdout
+    assert f"{ours['chamfer']:.4f}" in table and f"{ours['gaussian']:.5f}" in table
+
+
+@pytest.mark.parametrize(
+    "arguments, code, line",
+    [
+        (["--window", "100"], 2, "--window"),
+        (["--window", "0ms"], 2, "--window"),
+        (["--metric-compat", "float"], 2, "--metric-compat"),
+        (["--origin", "middle"], 2, "--origin"),
+    ],
+)
+def test_wrong_options(pecs_program, tmp_path, arguments, code, line):
+    (tmp_path / "a.csv").write_text("t_us,x,y,p\n1,1,1,1\n")
+    result = pecs_program("compare", tmp_path / "a.csv", tmp_path / "a.csv", *arguments)
+    assert result.returncode == code
+    assert line in result.stderr
+    assert not result.stdout
+
+
+def test_missing_file(pecs_program, tmp_path):
+    result = pecs_program("compare", tmp_path / "a.raw", tmp_path / "b.raw")
+    assert result.returncode == 3
+    assert len(result.stderr.splitlines()) == 1
+    assert "a.raw" in result.stderr
