@@ -4,6 +4,7 @@ from ._library import PecsError, version
 from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .sensor import bands
+from .stack import StackReader, StackWriter
 
 __version__ = version()
 __all__ = [
@@ -11,6 +12,8 @@ __all__ = [
     "EventReader",
     "EventWriter",
     "PecsError",
+    "StackReader",
+    "StackWriter",
     "bands",
     "distance",
     "event_formats",
