@@ -68,10 +68,16 @@ inline std::vector<NamedStream> streams_for(const events::Limits& limits) {
                                   std::int64_t{1} << 32, std::int64_t{1} << 34, std::int64_t{3} << 34})
     for (const std::int64_t t_us : {wrap - 1, wrap, wrap + 1}) wraps.stream.events.push_back({t_us, 1279, 3, 1});
   NamedStream gaps{"gaps", {hd, {{0, 5, 5, 1}}}};
-  for (int i = 1; i <= 10; ++i) gaps.stream.events.push_back({i * 7 * minute_us + i, 1279, 719, i % 2 == 0});
+  for (int i = 1; i <= 13; ++i)
+    gaps.stream.events.push_back({i * 7 * minute_us + i, 1279, 719, static_cast<std::uint8_t>(i % 2)});
   NamedStream late{"late_start", {hd, {{100 * minute_us + 4095, 1279, 0, 1}}}};
   for (NamedStream* s : {&wraps, &gaps, &late}) {
-    std::erase_if(s->stream.events, [&](const events::Event& e) { return e.t_us > limits.t_max_us; });
+    std::int64_t last_us = 0;
+    std::erase_if(s->stream.events, [&](const events::Event& e) {
+      if (e.t_us > limits.t_max_us || e.t_us - last_us >= limits.max_gap_us) return true;
+      last_us = e.t_us;
+      return false;
+    });
     all.push_back(*s);
   }
   return all;

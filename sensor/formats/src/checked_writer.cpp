@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "pecs/error.h"
 
 namespace pecs::events {
@@ -24,11 +26,14 @@ void CheckedWriter::write(std::span<const Event> events) {
     const auto refuse = [&](const std::string& got, const std::string& wanted) {
       return bad_input(path_.string(), fmt::format("event {}", count_ + i), got, wanted);
     };
-    if (e.t_us < last_t_us_ || e.t_us > limits_.t_max_us)
-      throw e.t_us < limits_.t_min_us || e.t_us > limits_.t_max_us
-          ? refuse(fmt::format("t = {} us", e.t_us),
-                   fmt::format("{} to {} us (--rezero)", limits_.t_min_us, limits_.t_max_us))
-          : refuse(fmt::format("t = {} us", e.t_us), fmt::format("at least {} us, the event before", last_t_us_));
+    if (e.t_us < limits_.t_min_us || e.t_us > limits_.t_max_us)
+      throw refuse(fmt::format("t = {} us", e.t_us),
+                   fmt::format("{} to {} us (--rezero)", limits_.t_min_us, limits_.t_max_us));
+    if (e.t_us < last_t_us_)
+      throw refuse(fmt::format("t = {} us", e.t_us), fmt::format("at least {} us, the event before", last_t_us_));
+    if (limits_.max_gap_us < INT64_MAX && e.t_us - std::max<std::int64_t>(last_t_us_, 0) >= limits_.max_gap_us)
+      throw refuse(fmt::format("t = {} us, {} us after the event before", e.t_us, e.t_us - last_t_us_),
+                   fmt::format("a gap below {} us (--rezero for the first)", limits_.max_gap_us));
     if (e.x >= width || e.y >= height)
       throw refuse(fmt::format("pixel ({}, {})", e.x, e.y), fmt::format("inside {}x{}", width, height));
     if (e.p > 1) throw refuse(fmt::format("p = {}", e.p), "0 or 1");

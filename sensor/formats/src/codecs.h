@@ -9,6 +9,7 @@ Codec make_dat();
 Codec make_metavision_hdf5();
 Codec make_dsec_hdf5();
 Codec make_evt2();
+Codec make_evt21();
 Codec make_npz();
 Codec make_csv();
 

@@ -2,9 +2,11 @@
 // little-endian words: t_us modulo 2^32; and x in bits 13..0, y in bits 27..14, p in bit 28.
 #include <fmt/format.h>
 
+#include "checked_writer.h"
 #include "codecs.h"
 #include "extent.h"
 #include "input_file.h"
+#include "output_file.h"
 #include "raw_header.h"
 
 namespace pecs::events {
@@ -60,6 +62,30 @@ class DatReader final : public Reader {
   std::int64_t last_ = 0, wraps_ = 0;
 };
 
+// 32 bits of t and a fall of half their range as the sign of a wrap: a gap must be shorter than 2^31 us = 35 min.
+constexpr Limits kLimits = {.t_min_us = 0, .max_gap_us = kWrap / 2, .max_size = kMaxSize};
+
+class DatWriter final : public CheckedWriter {
+ public:
+  DatWriter(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits), file_(path) {
+    file_.put_text(fmt::format("% Data file containing CD events.\n% Version 2\n% Height {}\n% Width {}\n", size.height,
+                               size.width));
+    file_.put(kCdType);
+    file_.put(kEventBytes);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (const Event& e : events)
+      file_.put(static_cast<std::uint64_t>(e.t_us & 0xffffffff) |
+                std::uint64_t{e.x | std::uint32_t{e.y} << 14 | std::uint32_t{e.p} << 28} << 32);
+  }
+  void finish() override { file_.commit(); }
+
+  OutputFile file_;
+};
+
 bool is_dat(const RawHeader& header, std::span<const std::byte> head) {
   return header.bytes > 0 && header.encoding.empty() && header.fields.contains("version") &&
          head.size() >= header.bytes + 2 && head[header.bytes + 1] == kEventBytes;
@@ -74,8 +100,8 @@ Codec make_dat() {
           .sniff = [](const std::filesystem::path&,
                       std::span<const std::byte> head) { return is_dat(parse_raw_header(head), head); },
           .open_reader = [](const auto& path) { return std::make_unique<DatReader>(path); },
-          .open_writer = {},
-          .limits = {.t_min_us = 0, .max_size = kMaxSize}};
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<DatWriter>(path, info); },
+          .limits = kLimits};
 }
 
 }  // namespace pecs::events

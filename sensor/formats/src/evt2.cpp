@@ -10,6 +10,7 @@
 #include "input_file.h"
 #include "output_file.h"
 #include "raw_header.h"
+#include "time_high.h"
 
 namespace pecs::events {
 namespace {
@@ -39,14 +40,10 @@ class Evt2Reader final : public Reader {
       }
       const unsigned type = *word >> 28;
       if (type == kTimeHigh) {
-        // A fall by half the range or more is a wrap.
-        const std::int64_t value = *word & 0x0fffffff;
-        const std::int64_t previous = high_ < 0 ? 0 : high_ % kHighs;
-        const std::int64_t wraps = high_ < 0 ? 0 : high_ / kHighs + (previous >= value + kHighs / 2 ? 1 : 0);
-        high_ = wraps * kHighs + value;
-      } else if (type <= 1 && high_ >= 0) {  // before the first TIME_HIGH the time is not known
+        high_.take(*word & 0x0fffffff);
+      } else if (type <= 1 && high_.known()) {
         Event& e = out[n];
-        e = {(high_ << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
+        e = {(high_.value() << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
              static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)};
         if (!extent_->add(e))
           throw file_.damage(fmt::format("an event at pixel ({}, {})", e.x, e.y),
@@ -61,7 +58,7 @@ class Evt2Reader final : public Reader {
   InputFile file_;
   StreamInfo info_;
   std::optional<Extent> extent_;
-  std::int64_t high_ = -1;
+  TimeHighReader high_{kHighs};
 };
 
 constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kMaxSize};
@@ -77,25 +74,16 @@ class Evt2Writer final : public CheckedWriter {
  private:
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
-      step_to(e.t_us >> 6);
+      const std::int64_t high = e.t_us >> 6;
+      step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_high(next); });
+      high_ = high;
       file_.put(std::uint32_t{e.p} << 28 | static_cast<std::uint32_t>(e.t_us & 0x3f) << 22 | std::uint32_t{e.x} << 11 |
                 e.y);
     }
   }
   void finish() override { file_.commit(); }
 
-  void put_high(std::int64_t high) {
-    high_ = high;
-    file_.put(kTimeHigh << 28 | static_cast<std::uint32_t>(high % kHighs));
-  }
-
-  // Steps of at most a quarter of the range, over every wrap from its last value to 0: readers count the falls.
-  void step_to(std::int64_t high) {
-    while (high_ < high) {
-      const std::int64_t last_of_wrap = high_ | (kHighs - 1);
-      put_high(high_ == last_of_wrap ? high_ + 1 : std::min({high_ + kHighs / 4, high, last_of_wrap}));
-    }
-  }
+  void put_high(std::int64_t high) { file_.put(kTimeHigh << 28 | static_cast<std::uint32_t>(high % kHighs)); }
 
   OutputFile file_;
   std::int64_t high_ = 0;

@@ -17,6 +17,7 @@
 #include "input_file.h"
 #include "output_file.h"
 #include "raw_header.h"
+#include "time_high.h"
 
 namespace pecs::events {
 namespace {
@@ -58,7 +59,7 @@ class Evt3Reader final : public Reader {
           event_.y = value & 0x7ff;
           break;
         case addr_x:
-          if (high_ < 0) break;
+          if (!high_.known()) break;
           event_.x = value & 0x7ff;
           event_.p = static_cast<std::uint8_t>(value >> 11);
           put(out[n++]);
@@ -75,7 +76,7 @@ class Evt3Reader final : public Reader {
           break;
         case time_low:
           low_ = value;
-          event_.t_us = (high_ << 12) | low_;
+          event_.t_us = (high_.value() << 12) | low_;
           break;
         case time_high:
           take_time_high(value);
@@ -95,9 +96,8 @@ class Evt3Reader final : public Reader {
     out = event_;
   }
 
-  // Events before the first TIME_HIGH have no known time: they are dropped, as by the format's reference decoder.
   void take_vector(unsigned bits, int size) {
-    mask_ = high_ < 0 ? 0 : bits;
+    mask_ = high_.known() ? bits : 0;
     mask_x_ = base_x_;
     event_.p = base_p_;
     base_x_ += size;
@@ -105,26 +105,20 @@ class Evt3Reader final : public Reader {
       throw file_.damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize), 2);
   }
 
-  // A fall by half the range or more is a wrap; a smaller one is disorder in the stream and taken as it is.
+  // Until TIME_LOW says more, a new high part begins at its start.
   void take_time_high(unsigned value) {
-    if (high_ < 0) {
-      high_ = value;
-      low_ = 0;
-    } else {
-      const std::int64_t previous = high_ % kHighs;
-      const std::int64_t wraps = high_ / kHighs + (previous >= value + kHighs / 2 ? 1 : 0);
-      const std::int64_t next = wraps * kHighs + value;
-      if (next != high_) low_ = 0;  // until TIME_LOW says more
-      high_ = next;
-    }
-    event_.t_us = (high_ << 12) | low_;
+    const std::int64_t before = high_.value();
+    high_.take(value);
+    if (high_.value() != before) low_ = 0;
+    event_.t_us = (high_.value() << 12) | low_;
   }
 
   InputFile file_;
   StreamInfo info_;
   std::optional<Extent> extent_;
   Event event_;
-  std::int64_t high_ = -1, low_ = 0;
+  TimeHighReader high_{kHighs};
+  std::int64_t low_ = 0;
   int base_x_ = 0, mask_x_ = 0;
   std::uint8_t base_p_ = 0;
   unsigned mask_ = 0;
@@ -170,19 +164,9 @@ class Evt3Writer final : public CheckedWriter {
     word(time_low, static_cast<unsigned>(low));
   }
 
-  // Readers count a wrap when TIME_HIGH falls: it is stepped by at most a quarter of its range, and over every wrap
-  // from 4095 to 0, so that all of them see the same time however long the gap.
   void step_to(std::int64_t t_us) {
     const std::int64_t high = t_us >> 12, low = t_us & 0xfff;
-    while (high_ < high) {
-      const std::int64_t last_of_wrap = high_ | (kHighs - 1);
-      std::int64_t next = std::min(high_ + kHighs / 4, high);
-      if (high_ == last_of_wrap)
-        next = high_ + 1;
-      else
-        next = std::min(next, last_of_wrap);
-      put_time(next, next == high ? low : 0);
-    }
+    step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_time(next, next == high ? low : 0); });
     if (low != low_) word(time_low, static_cast<unsigned>(low_ = low));
   }
 

@@ -187,16 +187,32 @@ Group::Group(const Output& file, const char* name) {
   file.check(bool(group_));
 }
 
-GrowingDataset::GrowingDataset(const Output& file, const char* name, hid_t type) : file_(file), type_(type) {
+namespace {
+Handle copy_of(hid_t type) {
   const Session session;
-  const hsize_t empty = 0, unlimited = H5S_UNLIMITED, chunk = kChunk;
+  return {H5Tcopy(type), H5Tclose};
+}
+}  // namespace
+
+Handle type_of(std::uint8_t) { return copy_of(H5T_NATIVE_UINT8); }
+Handle type_of(std::uint16_t) { return copy_of(H5T_NATIVE_UINT16); }
+Handle type_of(std::int64_t) { return copy_of(H5T_NATIVE_INT64); }
+Handle type_of(std::uint64_t) { return copy_of(H5T_NATIVE_UINT64); }
+
+GrowingDataset::GrowingDataset(const Output& file, const char* name, Handle type, const DatasetOptions& options)
+    : file_(file), type_(std::move(type)) {
+  const Session session;
+  const hsize_t empty = 0, unlimited = H5S_UNLIMITED, chunk = options.chunk;
   const Handle space(H5Screate_simple(1, &empty, &unlimited), H5Sclose);
   const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_chunk(properties.get(), 1, &chunk);
-  H5Pset_shuffle(properties.get());
-  H5Pset_deflate(properties.get(), 1);
-  dataset_ =
-      Handle(H5Dcreate2(file.id(), name, type, space.get(), H5P_DEFAULT, properties.get(), H5P_DEFAULT), H5Dclose);
+  if (options.gzip) {
+    H5Pset_shuffle(properties.get());
+    H5Pset_deflate(properties.get(), 1);
+  }
+  if (options.filter != H5Z_FILTER_NONE) H5Pset_filter(properties.get(), options.filter, H5Z_FLAG_OPTIONAL, 0, nullptr);
+  dataset_ = Handle(H5Dcreate2(file.id(), name, type_.get(), space.get(), H5P_DEFAULT, properties.get(), H5P_DEFAULT),
+                    H5Dclose);
   file.check(bool(dataset_));
 }
 
@@ -207,7 +223,15 @@ void GrowingDataset::append(const void* items, std::size_t count) {
   const Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
   const Handle memory_space(H5Screate_simple(1, &length, nullptr), H5Sclose);
   file_.check(H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, &start, nullptr, &length, nullptr) >= 0 &&
-              H5Dwrite(dataset_.get(), type_, memory_space.get(), file_space.get(), H5P_DEFAULT, items) >= 0);
+              H5Dwrite(dataset_.get(), type_.get(), memory_space.get(), file_space.get(), H5P_DEFAULT, items) >= 0);
+  size_ = size;
+}
+
+void GrowingDataset::append_chunk(std::span<const std::byte> encoded, std::size_t count) {
+  const Session session;
+  const hsize_t start = size_, size = size_ + count;
+  file_.check(H5Dset_extent(dataset_.get(), &size) >= 0 &&
+              H5Dwrite_chunk(dataset_.get(), H5P_DEFAULT, 0, &start, encoded.size(), encoded.data()) >= 0);
   size_ = size;
 }
 

@@ -105,35 +105,42 @@ class Group {
   Handle group_;
 };
 
-inline hid_t type_of(std::uint8_t) { return H5T_NATIVE_UINT8; }
-inline hid_t type_of(std::uint16_t) { return H5T_NATIVE_UINT16; }
-inline hid_t type_of(std::int64_t) { return H5T_NATIVE_INT64; }
-inline hid_t type_of(std::uint64_t) { return H5T_NATIVE_UINT64; }
+Handle type_of(std::uint8_t);
+Handle type_of(std::uint16_t);
+Handle type_of(std::int64_t);
+Handle type_of(std::uint64_t);
 
-// A growing one-dimensional dataset of integers, shuffled and gzipped.
+struct DatasetOptions {
+  std::size_t chunk = 1 << 15;            // items
+  bool gzip = false;                      // after shuffling
+  H5Z_filter_t filter = H5Z_FILTER_NONE;  // an optional one, whose chunks come encoded through append_chunk
+};
+
+// A growing one-dimensional dataset.
 class GrowingDataset {
  public:
-  static constexpr std::size_t kChunk = 1 << 15;
-  GrowingDataset(const Output& file, const char* name, hid_t type);
+  GrowingDataset(const Output& file, const char* name, Handle type, const DatasetOptions& options);
+  hid_t id() const { return dataset_.get(); }
   void append(const void* items, std::size_t count);
+  void append_chunk(std::span<const std::byte> encoded, std::size_t count);  // starts at a multiple of the chunk
   void finish();
 
  private:
   const Output& file_;
-  hid_t type_;
-  Handle dataset_;
+  Handle type_, dataset_;
   std::uint64_t size_ = 0;
 };
 
+// A gzipped dataset of integers, item by item.
 template <class T>
 class Appender {
  public:
-  Appender(const Output& file, const char* name) : dataset_(file, name, type_of(T{})) {
-    buffer_.reserve(GrowingDataset::kChunk);
+  Appender(const Output& file, const char* name) : dataset_(file, name, type_of(T{}), {.chunk = kChunk, .gzip = true}) {
+    buffer_.reserve(kChunk);
   }
   void append(T value) {
     buffer_.push_back(value);
-    if (buffer_.size() == GrowingDataset::kChunk) flush();
+    if (buffer_.size() == kChunk) flush();
   }
   void finish() {
     flush();
@@ -141,6 +148,7 @@ class Appender {
   }
 
  private:
+  static constexpr std::size_t kChunk = 1 << 15;
   void flush() {
     if (!buffer_.empty()) dataset_.append(buffer_.data(), buffer_.size());
     buffer_.clear();

@@ -1,10 +1,13 @@
 // Metavision HDF5: /CD/events, a dataset of {x u16, y u16, p i16, t i64} in chunks of 16384 under the ECF filter
-// (ecf.h), and /CD/indexes, one {id, ts} for every 2 ms, which a reader from front to back does not need. Root
-// attributes are text: "geometry" = "1280x720", "format", "sensor_generation", ….
+// (ecf.h), the last chunk as short as its events; /CD/indexes, {id, ts} for every 2 ms from the first event on,
+// uncompressed: entry 0 is {0, -1}, entry k the number and time (since the first event) of the first event in the last
+// period before k that has any; its attribute "offset" is minus the first event's time. /EXT_TRIGGER is the same for
+// triggers. Attributes are text: root "version", "geometry" = "1280x720", "format", "sensor_generation", ….
 #include <fmt/format.h>
 
 #include <algorithm>
 
+#include "checked_writer.h"
 #include "codecs.h"
 #include "ecf.h"
 #include "extent.h"
@@ -15,7 +18,6 @@ namespace pecs::events {
 namespace {
 
 constexpr const char* kEvents = "/CD/events";
-constexpr std::size_t kMaxBlockEvents = 65535;  // in one ECF block
 constexpr std::size_t kBlockEvents = 16384;
 
 struct MetavisionEvent {
@@ -51,9 +53,9 @@ class MetavisionReader final : public Reader {
     std::size_t values = 0;
     ecf_ = events_.chunk() > 0 && H5Pget_nfilters(properties.get()) == 1 &&
            H5Pget_filter2(properties.get(), 0, &flags, &values, nullptr, 0, nullptr, &config) == ecf::kFilter;
-    if (ecf_ && events_.chunk() > kMaxBlockEvents)
+    if (ecf_ && events_.chunk() > ecf::kMaxEvents)
       throw events_.damage(fmt::format("chunks of {} events", events_.chunk()),
-                           fmt::format("at most {}", kMaxBlockEvents));
+                           fmt::format("at most {}", ecf::kMaxEvents));
   }
 
   const StreamInfo& info() const override { return info_; }
@@ -143,6 +145,106 @@ class MetavisionReader final : public Reader {
   std::size_t used_ = 0;
 };
 
+struct Index {
+  std::uint64_t id;
+  std::int64_t ts_us;
+};
+
+hdf5::Handle index_type() {
+  hdf5::Handle type(H5Tcreate(H5T_COMPOUND, sizeof(Index)), H5Tclose);
+  H5Tinsert(type.get(), "id", HOFFSET(Index, id), H5T_NATIVE_UINT64);
+  H5Tinsert(type.get(), "ts", HOFFSET(Index, ts_us), H5T_NATIVE_INT64);
+  return type;
+}
+
+hdf5::Handle trigger_type() {
+  hdf5::Handle type(H5Tcreate(H5T_COMPOUND, 24), H5Tclose);
+  H5Tinsert(type.get(), "p", 0, H5T_NATIVE_SHORT);
+  H5Tinsert(type.get(), "t", 8, H5T_NATIVE_LLONG);
+  H5Tinsert(type.get(), "id", 16, H5T_NATIVE_SHORT);
+  return type;
+}
+
+constexpr Limits kLimits = {.t_min_us = 0, .max_gap_us = 86'400'000'000, .max_size = 2048};
+constexpr std::int64_t kIndexPeriodUs = 2000;
+constexpr std::size_t kIndexChunk = 1024;
+
+class MetavisionWriter final : public CheckedWriter {
+ public:
+  MetavisionWriter(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits),
+        file_(path),
+        cd_(file_, "/CD"),
+        triggers_(file_, "/EXT_TRIGGER"),
+        events_(file_, kEvents, event_type(), {.chunk = kBlockEvents, .filter = ecf::kFilter}),
+        indexes_(file_, "/CD/indexes", index_type(), {.chunk = kIndexChunk}) {
+    hdf5::GrowingDataset(file_, "/EXT_TRIGGER/events", trigger_type(), {.chunk = kIndexChunk}).finish();
+    hdf5::GrowingDataset(file_, "/EXT_TRIGGER/indexes", index_type(), {.chunk = kIndexChunk}).finish();
+    const auto attribute = [&](const char* name, const std::string& text) {
+      hdf5::write_attribute(file_.id(), name, text);
+    };
+    attribute("version", "1.0");
+    attribute("format", fmt::format("EVT3;height={};width={}", size.height, size.width));
+    attribute("geometry", fmt::format("{}x{}", size.width, size.height));
+    attribute("plugin_integrator_name", "Prophesee");
+    if (!size.camera.empty()) attribute("sensor_name", size.camera);
+    if (size.camera == "IMX636") attribute("sensor_generation", "4.2");
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    if (count() == 0) {
+      first_us_ = events[0].t_us;
+      hdf5::write_attribute(indexes_.id(), "offset", std::to_string(-first_us_));
+    }
+    std::uint64_t id = count();
+    for (const Event& e : events) {
+      const std::int64_t ts_us = e.t_us - first_us_, period = ts_us / kIndexPeriodUs;
+      if (period > period_) {
+        for (; period_ < period; ++period_) put_index(first_of_period_);
+        first_of_period_ = {id, ts_us};
+      }
+      ++id;
+      block_.push_back(e);
+      if (block_.size() == kBlockEvents) put_block();
+    }
+  }
+
+  void finish() override {
+    if (count() > 0) put_index(first_of_period_);
+    if (!index_block_.empty()) indexes_.append(index_block_.data(), index_block_.size());
+    if (!block_.empty()) put_block();
+    events_.finish();
+    indexes_.finish();
+    cd_.finish();
+    triggers_.finish();
+    file_.commit();
+  }
+
+  void put_index(const Index& index) {
+    index_block_.push_back(index);
+    if (index_block_.size() < kIndexChunk) return;
+    indexes_.append(index_block_.data(), index_block_.size());
+    index_block_.clear();
+  }
+
+  void put_block() {
+    stored_.clear();
+    ecf::encode(block_, stored_);
+    events_.append_chunk(stored_, block_.size());
+    block_.clear();
+  }
+
+  hdf5::Output file_;
+  hdf5::Group cd_, triggers_;
+  hdf5::GrowingDataset events_, indexes_;
+  std::int64_t first_us_ = 0, period_ = -1;
+  Index first_of_period_{0, -1};
+  std::vector<Index> index_block_;
+  std::vector<Event> block_;
+  std::vector<std::byte> stored_;
+};
+
 }  // namespace
 
 Codec make_metavision_hdf5() {
@@ -153,8 +255,8 @@ Codec make_metavision_hdf5() {
       .sniff = [](const std::filesystem::path& path,
                   std::span<const std::byte> head) { return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kEvents}); },
       .open_reader = [](const auto& path) { return std::make_unique<MetavisionReader>(path); },
-      .open_writer = {},
-      .limits = {.max_size = 2048}};
+      .open_writer = [](const auto& path, const auto& info) { return std::make_unique<MetavisionWriter>(path, info); },
+      .limits = kLimits};
 }
 
 }  // namespace pecs::events

@@ -1,0 +1,133 @@
+// Prophesee EVT2.1: 64-bit words, type in bits 63..60.
+//   0, 1   events of p = type at (x + k, y) for every set bit k of 31..0: bits 5..0 of t_us in 59..54, x in 53..43,
+//          y in 42..32
+//   8      TIME_HIGH: bits 33..6 of t_us in 59..32; t wraps every 2^34 us
+//   10     trigger; 14, 15 others: skipped
+// Little-endian; with "endianness=legacy" in the header the two 32-bit halves of a word come in the other order.
+#include <fmt/format.h>
+
+#include <bit>
+
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "output_file.h"
+#include "raw_header.h"
+#include "time_high.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr int kMaxSize = 2048;
+constexpr std::uint64_t kTimeHigh = 8;
+constexpr std::int64_t kHighs = std::int64_t{1} << 28;
+
+class Evt21Reader final : public Reader {
+ public:
+  explicit Evt21Reader(const std::filesystem::path& path) : file_(path) {
+    RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
+    info_ = header.info;
+    extent_.emplace(info_, kMaxSize);
+    halves_swapped_ = header.options["endianness"] == "legacy";
+    file_.seek(header.bytes);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      if (mask_ != 0) {
+        event_.x = static_cast<std::uint16_t>(base_x_ + std::countr_zero(mask_));
+        mask_ &= mask_ - 1;
+        if (!extent_->add(event_))
+          throw file_.damage(fmt::format("an event at pixel ({}, {})", event_.x, event_.y),
+                             fmt::format("inside {}x{}", info_.width, info_.height), 8);
+        out[n++] = event_;
+        continue;
+      }
+      auto word = file_.next<std::uint64_t>();
+      if (!word) {
+        extent_->end();
+        break;
+      }
+      if (halves_swapped_) word = std::rotl(*word, 32);
+      const std::uint64_t type = *word >> 60;
+      if (type == kTimeHigh) {
+        high_.take(static_cast<std::int64_t>(*word >> 32 & 0x0fffffff));
+      } else if (type <= 1 && high_.known()) {
+        event_ = {(high_.value() << 6) | static_cast<std::int64_t>(*word >> 54 & 0x3f), 0,
+                  static_cast<std::uint16_t>(*word >> 32 & 0x7ff), static_cast<std::uint8_t>(type)};
+        base_x_ = static_cast<unsigned>(*word >> 43 & 0x7ff);
+        mask_ = static_cast<std::uint32_t>(*word);
+      }
+    }
+    return n;
+  }
+
+ private:
+  InputFile file_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  bool halves_swapped_ = false;
+  TimeHighReader high_{kHighs};
+  Event event_;
+  unsigned base_x_ = 0;
+  std::uint32_t mask_ = 0;
+};
+
+constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kMaxSize};
+
+class Evt21Writer final : public CheckedWriter {
+ public:
+  Evt21Writer(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits), file_(path) {
+    file_.put_text(raw_header_text("EVT21", "2.1", size, ";endianness=little"));
+    put_high(0);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (std::size_t i = 0; i < events.size();) {
+      const Event& first = events[i];
+      const std::int64_t high = first.t_us >> 6;
+      step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_high(next); });
+      high_ = high;
+
+      // A run to the right at one time and polarity within 32 aligned pixels is one word.
+      std::uint64_t mask = 0;
+      int last_x = -1;
+      for (; i < events.size(); ++i) {
+        const Event& e = events[i];
+        if (e.t_us != first.t_us || e.y != first.y || e.p != first.p || e.x / 32 != first.x / 32 || e.x <= last_x)
+          break;
+        mask |= std::uint64_t{1} << (e.x % 32);
+        last_x = e.x;
+      }
+      file_.put(std::uint64_t{first.p} << 60 | static_cast<std::uint64_t>(first.t_us & 0x3f) << 54 |
+                static_cast<std::uint64_t>(first.x & ~31) << 43 | std::uint64_t{first.y} << 32 | mask);
+    }
+  }
+  void finish() override { file_.commit(); }
+
+  void put_high(std::int64_t high) { file_.put(kTimeHigh << 60 | static_cast<std::uint64_t>(high % kHighs) << 32); }
+
+  OutputFile file_;
+  std::int64_t high_ = 0;
+};
+
+}  // namespace
+
+Codec make_evt21() {
+  return {.name = "evt21",
+          .description = "Prophesee RAW EVT2.1",
+          .extensions = {".raw"},
+          .sniff = [](const std::filesystem::path&,
+                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT21"; },
+          .open_reader = [](const auto& path) { return std::make_unique<Evt21Reader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt21Writer>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events
