@@ -45,7 +45,8 @@ void add_sense(CLI::App& app) {
     }
     fmt::print("{}: {} events, {}x{}\n", o->output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
                r["height"].get<int>());
-    const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
+    const auto bad =
+        r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
     if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o->stack.string(), bad);
   });
 }

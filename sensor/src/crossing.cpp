@@ -24,6 +24,11 @@ double solve(const Cubic& q, double level, double a, double b) {
   return s;
 }
 
+// A slope that overshoots a step it goes along with: in very fast light a relaxation is over within the step.
+double limited(double slope, double rise) {
+  return slope * rise > 0 && std::abs(slope) > 3 * std::abs(rise) ? 3 * rise : slope;
+}
+
 }  // namespace
 
 Cubic hermite(double v0, double v1, double m0, double m1) {
@@ -58,10 +63,10 @@ Crossing first_crossing(const Cubic& q, double from, double low, double high) {
   return {2, false};
 }
 
-int receptor_steps(double x, double dl) {
-  // Error of V per step ~ min(x, 1) dl^2 / 50; also resolve the relaxation when it fits into an interval.
+int receptor_steps(double x, double dl, double lag) {
+  // Error of V per step ~ min(x, 1) dl^2 / 50; the relaxation of a lag wants steps of 1/5 of its time constant.
   const double for_light = std::sqrt(dl * dl * std::min(x, 1.0) / 1e-3);
-  const double for_relaxation = std::abs(dl) > 0.01 && x > 0.2 ? std::min(x / 0.2, 64.0) : 1.0;
+  const double for_relaxation = std::max(std::abs(dl), std::abs(lag)) > 0.01 ? std::min(x / 0.2, 64.0) : 1.0;
   return static_cast<int>(std::clamp(std::ceil(std::max(for_light, for_relaxation)), 1.0, 128.0));
 }
 
@@ -69,10 +74,10 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
   const LogLight light{p.l0, p.l1, p.m0, p.m1};
   const double a_h = k.a_per_us * p.h_us;
   const double mean_light = k.a_per_us > 0 ? (std::exp(p.l0) + std::exp(p.l1)) / 2 : 0;
-  const int steps = k.a_per_us > 0 ? receptor_steps(a_h * mean_light, p.l1 - p.l0) : 1;
-  const double h = p.h_us / steps;                       // of a step
+  const int steps = k.a_per_us > 0 ? receptor_steps(a_h * mean_light, p.l1 - p.l0, p.l0 + std::log(p.w0)) : 1;
+  const double h = p.h_us / steps;                            // of a step
   const double drift = p.n1 - p.n0 + k.leak_per_us * p.h_us;  // per interval, added to V
-  double blind_until = p.blind_us;                       // from the interval's start
+  double blind_until = p.blind_us;                            // from the interval's start
   auto background = p.background.begin();
   double w = p.w0;
 
@@ -84,8 +89,8 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
       const double next = receptor_advance(w, light, s0, s1, a_h);
       v0 = -std::log(w);
       v1 = -std::log(next);
-      m0 = a_h * (s1 - s0) * (std::exp(light.at(s0)) - 1 / w);  // dV/dt = a (I - u)
-      m1 = a_h * (s1 - s0) * (std::exp(light.at(s1)) - 1 / next);
+      m0 = limited(a_h * (s1 - s0) * (std::exp(light.at(s0)) - 1 / w), v1 - v0);  // dV/dt = a (I - u)
+      m1 = limited(a_h * (s1 - s0) * (std::exp(light.at(s1)) - 1 / next), v1 - v0);
       w = next;
     }
     const double n0 = p.n0 + drift * s0, n1 = p.n0 + drift * s1;

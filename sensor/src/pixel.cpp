@@ -8,6 +8,7 @@
 
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
+#include "pecs/sensor/stack.h"
 #include "pixel_kernel.h"
 
 namespace pecs::sensor {
@@ -86,10 +87,28 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
   std::vector<BackgroundEvent> noise;
   if (complete && background_on_hz_ + background_off_hz_ > 0)
     noise = background(batch.t_us[0], batch.t_us[complete], first, count);
-  run_kernel({constants_, static_cast<float>(dark_fa_), static_cast<float>(gain_fa_), static_cast<float>(noise_std_),
-              seed_, threshold_on_.data(), threshold_off_.data(), l0_.data(), l1_.data(), m0_.data(),
-              reference_.data(), blind_us_.data(), w_.data(), noise_.data(), batch.planes, batch.first_frame,
-              intervals, batch.last, first, count, noise, &events});
+  run_kernel({constants_,
+              static_cast<float>(dark_fa_),
+              static_cast<float>(gain_fa_),
+              static_cast<float>(noise_std_),
+              seed_,
+              threshold_on_.data(),
+              threshold_off_.data(),
+              l0_.data(),
+              l1_.data(),
+              m0_.data(),
+              reference_.data(),
+              blind_us_.data(),
+              w_.data(),
+              noise_.data(),
+              batch.planes,
+              batch.first_frame,
+              intervals,
+              batch.last,
+              first,
+              count,
+              noise,
+              &events});
 }
 
 // A Poisson process of one rate in all pixels is one of the summed rate whose events fall on pixels at random: drawn

@@ -129,8 +129,8 @@ HWY_INLINE V inner_slope(V s0, V s1, const IntervalTimes& t) {
 // Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.
 HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
   const F f;
-  const V slope = hn::Mul(hn::Set(f, 1 / (h0 + h1)),
-                          hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
+  const V slope =
+      hn::Mul(hn::Set(f, 1 / (h0 + h1)), hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
   const V most = hn::Mul(hn::Set(f, 3.0f), s0);
   const M turns = hn::Lt(hn::Mul(s0, s1), hn::Zero(f));
   const V limited = hn::IfThenElse(hn::And(turns, hn::Gt(hn::Abs(slope), hn::Abs(most))), most, slope);
@@ -277,8 +277,10 @@ class Run {
 
     // Two half steps of the photoreceptor.
     const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24)), zero = hn::Zero(f_);
-    const V x0 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i0, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
-    const V x1 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i0)));
+    const V x0 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i0, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
+    const V x1 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i0)));
     V e0, e1;
     const V wm = receptor_step(s_.w, g0, gm, x0, e0);
     V w1 = receptor_step(wm, gm, g1, x1, e1);
@@ -323,7 +325,7 @@ class Run {
   }
 
   HWY_NOINLINE void find_slowly(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
-    constexpr std::size_t kLanes = HWY_MAX_LANES_D(F);
+    constexpr std::size_t kLanes = HWY_MAX_BYTES / sizeof(float);
     HWY_ALIGN float flag[kLanes], fl0[kLanes], fl1[kLanes], fm0[kLanes], fm1[kLanes], fw0[kLanes], fw1[kLanes],
         fn0[kLanes], fn1[kLanes], fon[kLanes], foff[kLanes], fref[kLanes], fblind[kLanes];
     hn::Store(hn::IfThenElseZero(active, hn::Set(f_, 1.0f)), f_, flag);
@@ -354,8 +356,9 @@ class Run {
       own.clear();
       for (const BackgroundEvent& e : now)
         if (e.pixel == pixel_ + i) own.push_back(e);
-      PixelInterval p{t.t0_us, t.t1_us - t.t0_us, pixel_ + i, fl0[i], fl1[i], fm0[i], fm1[i], fw0[i], fw1[i], fn0[i], fn1[i],
-                      fon[i],  -foff[i], fref[i], fblind[i], own};
+      PixelInterval p{
+          t.t0_us, t.t1_us - t.t0_us, pixel_ + i, fl0[i],    fl1[i], fm0[i], fm1[i], fw0[i], fw1[i], fn0[i], fn1[i],
+          fon[i],  -foff[i],          fref[i],    fblind[i], own};
       find_events(a_.constants, p, *a_.events);
       fref[i] = static_cast<float>(p.reference) + leak;  // the caller takes it off for all lanes
       fblind[i] = static_cast<float>(p.blind_us);

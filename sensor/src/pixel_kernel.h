@@ -7,9 +7,9 @@ namespace pecs::sensor {
 // Constants of the interval that starts at frame k, with what the slope at frame k + 1 needs.
 struct IntervalTimes {
   double t0_us, t1_us;
-  float h_us, per_h, per_next;  // duration, 1 / duration, 1 / duration of the next interval
+  float h_us, per_h, per_next;                 // duration, 1 / duration, 1 / duration of the next interval
   float weight_next, weight_this, weight_sum;  // of the harmonic mean
-  std::int64_t step;            // index of the interval since the start
+  std::int64_t step;                           // index of the interval since the start
 };
 
 struct KernelArguments {
@@ -22,7 +22,7 @@ struct KernelArguments {
   std::span<const float* const> planes;
   std::int64_t first_frame;
   std::span<const IntervalTimes> intervals;  // one per plane from frame 2 on, and one more when the stream ends
-  bool last;  // the last of `intervals` has no frame after it
+  bool last;                                 // the last of `intervals` has no frame after it
   std::uint32_t first, count;
   std::span<const BackgroundEvent> background;  // by pixel; within these intervals
   std::vector<EventKey>* events;

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
@@ -37,7 +38,8 @@ class LightReader {
     for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
   }
 
-  // Rows [begin, end) of a frame into `plane`. Not finite stays so: the pixel holds its last value. Negative light is 0.
+  // Rows [begin, end) of a frame into `plane`. Not finite stays so: the pixel holds its last value. Negative light is
+  // 0.
   void read(std::int64_t frame, int begin, int end, float* plane) {
     const auto width = static_cast<std::size_t>(stack_.info().width);
     stack_.read_rows(
@@ -100,8 +102,9 @@ class LightStatistics {
     std::ranges::sort(values_);
     Json light;
     for (const auto& [name, part] : {std::pair{"p05", 0.05}, {"median", 0.5}, {"p95", 0.95}}) {
-      const double a =
-          values_.empty() ? 0 : 1e-15 * values_[static_cast<std::size_t>(part * static_cast<double>(values_.size() - 1))];
+      const double a = values_.empty()
+                           ? 0
+                           : 1e-15 * values_[static_cast<std::size_t>(part * static_cast<double>(values_.size() - 1))];
       light["photocurrent_a"][name] = a;
       light["corner_hz"][name] = chip.corner_hz_per_a * (a + chip.dark_current_a);
     }
@@ -152,10 +155,11 @@ struct Run {
     const auto width = static_cast<std::size_t>(info.width), height = static_cast<std::size_t>(info.height);
     const std::int64_t frames = stack.frames();
     const auto threads = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
-    const auto batch = static_cast<std::int64_t>(
-        std::clamp(kFrameBytes / (width * height * sizeof(float)), std::min<std::size_t>(threads, 16), std::size_t{64}));
+    const auto batch = static_cast<std::int64_t>(std::clamp(kFrameBytes / (width * height * sizeof(float)),
+                                                            std::min<std::size_t>(threads, 16), std::size_t{64}));
     const std::int64_t origin_us = options.start_us;
-    const std::int64_t end_us = options.duration_us ? origin_us + *options.duration_us : std::numeric_limits<std::int64_t>::max();
+    const std::int64_t end_us =
+        options.duration_us ? origin_us + *options.duration_us : std::numeric_limits<std::int64_t>::max();
 
     Sensor sensor(chip, info.width, info.height, options.seed, 1.0);
     Progress progress("sense", static_cast<std::uint64_t>(frames), options.quiet);
@@ -163,7 +167,8 @@ struct Run {
     for (auto& half : planes) half.assign(static_cast<std::size_t>(std::min(batch, frames)), {});
     const auto decode = [&](std::int64_t first) {
       auto& half = planes[static_cast<std::size_t>(first / batch % 2)];
-      for (std::int64_t i = first + batch; i < std::min(frames, first + 2 * batch); ++i) read_ahead(stack.frame_path(i));
+      for (std::int64_t i = first + batch; i < std::min(frames, first + 2 * batch); ++i)
+        read_ahead(stack.frame_path(i));
       tbb::parallel_for(first, std::min(frames, first + batch), [&](std::int64_t i) {
         auto& plane = half[static_cast<std::size_t>(i - first)];
         plane.resize(width * height);
@@ -181,7 +186,8 @@ struct Run {
       std::vector<const float*> pointers;
       std::vector<double> t_us;
       for (std::int64_t i = first; i < end; ++i) {
-        pointers.push_back(planes[static_cast<std::size_t>(first / batch % 2)][static_cast<std::size_t>(i - first)].data());
+        pointers.push_back(
+            planes[static_cast<std::size_t>(first / batch % 2)][static_cast<std::size_t>(i - first)].data());
         t_us.push_back(static_cast<double>(info.times_ns[static_cast<std::size_t>(i)] - info.times_ns[0]) * 1e-3);
       }
       events.clear();
@@ -232,7 +238,8 @@ struct Run {
 
       const auto first = static_cast<std::uint32_t>(width * static_cast<std::size_t>(y));
       const auto last = static_cast<std::uint32_t>(first + plane);
-      const std::uint32_t first_block = first / PixelArray::kBlock, blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
+      const std::uint32_t first_block = first / PixelArray::kBlock,
+                          blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
       found.resize(std::max<std::size_t>(found.size(), blocks));
       tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
         const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
@@ -292,6 +299,9 @@ SenseReport sense(const SenseOptions& options) {
   events::StreamInfo stream_info{info.width, info.height, chip.name};
   const auto writer = events::open_writer(options.output, stream_info, options.format);
   Run run{options, stack, chip, light, {}, *writer, {}};
+  std::optional<tbb::global_control> limit;
+  if (options.threads > 0)
+    limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
   tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
   arena.execute([&] { looped ? run.loop() : run.stream(); });
   writer->close();
@@ -309,15 +319,16 @@ SenseReport sense(const SenseOptions& options) {
                    {"fnumber", options.fnumber ? Json(*options.fnumber) : Json()},
                    {"fps", options.fps ? Json(*options.fps) : Json()}};
   report.results = run.statistics.report(chip);
-  report.results.update({{"width", info.width},
-                         {"height", info.height},
-                         {"frames", stack.frames()},
-                         {"events", c.events},
-                         {"on_fraction", c.events ? Json(static_cast<double>(c.on) / static_cast<double>(c.events)) : Json()},
-                         {"t_first_us", c.first_us},
-                         {"t_last_us", c.last_us},
-                         {"rate_hz", seconds > 0 ? Json(static_cast<double>(c.events) / seconds) : Json()},
-                         {"bad_values", {{"not_finite", light.bad().not_finite.load()}, {"negative", light.bad().negative.load()}}}});
+  report.results.update(
+      {{"width", info.width},
+       {"height", info.height},
+       {"frames", stack.frames()},
+       {"events", c.events},
+       {"on_fraction", c.events ? Json(static_cast<double>(c.on) / static_cast<double>(c.events)) : Json()},
+       {"t_first_us", c.first_us},
+       {"t_last_us", c.last_us},
+       {"rate_hz", seconds > 0 ? Json(static_cast<double>(c.events) / seconds) : Json()},
+       {"bad_values", {{"not_finite", light.bad().not_finite.load()}, {"negative", light.bad().negative.load()}}}});
   return report;
 }
 

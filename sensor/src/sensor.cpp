@@ -90,8 +90,9 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
 
   // Events of the intervals to come round to the end of these at the earliest.
   const std::size_t known = batch.t_us.size();
-  recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)), batch.t_us.end());
-  const std::int64_t until_us = last          ? std::numeric_limits<std::int64_t>::max() >> 28
+  recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),
+                      batch.t_us.end());
+  const std::int64_t until_us = last         ? std::numeric_limits<std::int64_t>::max() >> 28
                                 : known >= 2 ? std::llround(recent_t_us_.front())
                                              : 0;
   order_.take(until_us, 0, out);

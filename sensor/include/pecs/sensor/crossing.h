@@ -40,12 +40,12 @@ struct BackgroundEvent {
 struct PixelInterval {
   double t0_us, h_us;
   std::uint32_t pixel;
-  double l0, l1, m0, m1;          // ln of photo- plus dark current [fA]; slopes per interval
-  double w0, w1;                  // photoreceptor state 1/u [1/fA]; w1 is written when a > 0
-  double n0, n1;                  // noise at the ends
+  double l0, l1, m0, m1;  // ln of photo- plus dark current [fA]; slopes per interval
+  double w0, w1;          // photoreceptor state 1/u [1/fA]; w1 is written when a > 0
+  double n0, n1;          // noise at the ends
   double threshold_on, threshold_off;
-  double reference;               // in and out: V at the last reset
-  double blind_us;                // in and out: time left until the reference is taken
+  double reference;                             // in and out: V at the last reset
+  double blind_us;                              // in and out: time left until the reference is taken
   std::span<const BackgroundEvent> background;  // within the interval, in time order
 };
 
@@ -55,8 +55,9 @@ struct PixelConstants {
   double refractory_us = 0;
 };
 
-// Steps of the photoreceptor that an interval needs: 1 in steady light. x: exposure, dl: change of ln I.
-int receptor_steps(double x, double dl);
+// Steps of the photoreceptor that an interval needs: 1 in steady light. x: exposure; dl: change of ln I; lag: ln I - V
+// at the start.
+int receptor_steps(double x, double dl, double lag);
 
 // Appends the interval's events.
 void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events);

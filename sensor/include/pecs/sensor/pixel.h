@@ -16,10 +16,10 @@ namespace pecs::sensor {
 
 // What a batch of frames brings. Planes hold photocurrent in any unit: I [fA] = value * gain_fa.
 struct FrameBatch {
-  std::int64_t first_frame = 0;            // frames given before
-  std::vector<const float*> planes;        // each [height * width], row 0 at the top
-  std::vector<double> t_us;                // of frames first_frame - 2 … (those that exist), then one per plane
-  bool last = false;                       // no frame follows: the last interval is finished too
+  std::int64_t first_frame = 0;      // frames given before
+  std::vector<const float*> planes;  // each [height * width], row 0 at the top
+  std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
+  bool last = false;                 // no frame follows: the last interval is finished too
 };
 
 class PixelArray {
@@ -33,7 +33,8 @@ class PixelArray {
   void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, std::vector<EventKey>& events);
 
  private:
-  std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first, std::uint32_t count) const;
+  std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
+                                          std::uint32_t count) const;
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;

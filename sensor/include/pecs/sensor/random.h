@@ -26,9 +26,9 @@ constexpr Random4 philox(Random4 c, std::uint64_t key) {
 
 constexpr Random4 random4(std::uint64_t seed, std::uint32_t pixel, std::int64_t step, Purpose purpose) {
   const auto s = static_cast<std::uint64_t>(step);
-  return philox({pixel, static_cast<std::uint32_t>(s), static_cast<std::uint32_t>(s >> 32),
-                 static_cast<std::uint32_t>(purpose)},
-                seed);
+  return philox(
+      {pixel, static_cast<std::uint32_t>(s), static_cast<std::uint32_t>(s >> 32), static_cast<std::uint32_t>(purpose)},
+      seed);
 }
 
 // In (0, 1).

@@ -12,16 +12,16 @@ namespace pecs::sensor {
 
 struct SenseOptions {
   std::filesystem::path stack, output;
-  std::optional<std::string> format;   // of the output; else from its name
+  std::optional<std::string> format;  // of the output; else from its name
   std::string chip = "imx636";
   std::vector<std::string> overrides;  // "key=value"
   bool no_noise = false;               // photon noise, leak, background and mismatch off
   std::uint64_t seed = 1;
-  int threads = 0;                     // 0: all
-  std::optional<double> fps;           // for a folder without stack.json
-  std::optional<double> fnumber;       // for a stack of radiance
-  int warmup_loops = 0;                // of a periodic stack, before the output begins
-  std::int64_t start_us = 0;           // output begins this long after the warm-up
+  int threads = 0;                // 0: all
+  std::optional<double> fps;      // for a folder without stack.json
+  std::optional<double> fnumber;  // for a stack of radiance
+  int warmup_loops = 0;           // of a periodic stack, before the output begins
+  std::int64_t start_us = 0;      // output begins this long after the warm-up
   std::optional<std::int64_t> duration_us;
   bool quiet = false;
 };

@@ -33,7 +33,8 @@ class Sensor {
   // planes: [height * width] each, at rising times. Appends the events that are final; an interval's events come with
   // the second frame after it, or with `last`. Parallel over tiles, in the caller's TBB arena.
   // Throws bad_input for times that do not rise.
-  void push(std::span<const float* const> planes, std::span<const double> t_us, bool last, std::vector<events::Event>& out);
+  void push(std::span<const float* const> planes, std::span<const double> t_us, bool last,
+            std::vector<events::Event>& out);
 
  private:
   int width_, height_;
