@@ -13,5 +13,6 @@ void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_info(CLI::App& app);
 void add_view(CLI::App& app);
+void add_lens(CLI::App& app);
 
 }  // namespace pecs::app
