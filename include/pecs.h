@@ -33,15 +33,19 @@ typedef struct pecs_lens pecs_lens;
 PECS_API pecs_lens* pecs_lens_open(const char* path, pecs_error* error); /* NULL on error */
 PECS_API void pecs_lens_close(pecs_lens* lens);
 
-/* First-order data. options: {"lambda_nm": 550, "focus_m": null, "stop_diameter_mm": null}. */
+/* First-order data. options: {"lambda_nm": 587.56, "focus_m": metres | null (infinity), "stop_diameter_mm": mm | null,
+ * "fnumber": N | null, "film_width_mm", "film_height_mm"}; result: docs/lens.md. */
 PECS_API char* pecs_lens_info(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
+/* The pupil's table at one wavelength, over the film radius: ellipses, exact areas, irradiance. Options as for info. */
+PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, pecs_error* error);
+
 /* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm":
- * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h}. focus_bands_nm
- * are all bands of the stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name":
+ * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h, "pixel_pitch_mm":
+ * p, "colour_tolerance_px": 0.1}. focus_bands_nm are all bands of the stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name":
  * ..., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis;
  * film irradiance = rendered value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber",
- * "lens_name", "sha256"}. */
+ * "channel_mode", "lens_name", "sha256", ...: docs/lens.md}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */

@@ -14,5 +14,6 @@ void add_convert(CLI::App& app);
 void add_info(CLI::App& app);
 void add_sense(CLI::App& app);
 void add_view(CLI::App& app);
+void add_lens(CLI::App& app);
 
 }  // namespace pecs::app

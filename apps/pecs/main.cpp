@@ -30,6 +30,7 @@ int main(int argc, char** argv) {
   pecs::app::add_info(app);
   pecs::app::add_sense(app);
   pecs::app::add_view(app);
+  pecs::app::add_lens(app);
 
   try {
     app.parse(argc, argv);

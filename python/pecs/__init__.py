@@ -3,14 +3,17 @@
 from ._library import PecsError, version
 from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
+from .lens import Camera, Lens
 from .sensor import bands
 from .stack import StackReader, StackWriter
 
 __version__ = version()
 __all__ = [
+    "Camera",
     "EVENT_DTYPE",
     "EventReader",
     "EventWriter",
+    "Lens",
     "PecsError",
     "StackReader",
     "StackWriter",

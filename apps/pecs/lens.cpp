@@ -1,0 +1,194 @@
+// pecs lens info|trace|draw: the lens room's answers on the command line.
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+
+#include "commands.h"
+#include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/lens/draw.h"
+#include "pecs/lens/report.h"
+#include "pecs/run_record.h"
+
+namespace pecs::app {
+namespace {
+
+// What every lens command asks for.
+struct LensArguments {
+  std::string lens;
+  std::optional<double> focus_m;
+  lens::StopChoice stop;
+  bool json = false;
+
+  void add_to(CLI::App& command) {
+    command.add_option("LENS", lens, "a prescription (lens_data/SCHEMA.md), or the name of one of lens_data/lenses")
+        ->required();
+  }
+  void add_state_to(CLI::App& command) {
+    command.add_option("--focus-m", focus_m, "object distance from the entrance pupil, metres (default: infinity)");
+    auto* diameter =
+        command.add_option("--stop-diameter-mm", stop.diameter_mm, "diameter of the stop (default: wide open)");
+    command.add_option("--fnumber", stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
+  }
+};
+
+void print_text(const Json& report) {
+  const auto row = [&](const char* name, const char* key, const char* unit) {
+    const Json& value = report[key];
+    fmt::print("  {:<24}{}\n", name, value.is_null() ? "-" : fmt::format("{:.6g} {}", value.get<double>(), unit));
+  };
+  fmt::print("{}\n", report["name"].get<std::string>());
+  row("wavelength", "lambda_nm", "nm");
+  row("EFL", "efl_mm", "mm");
+  row("BFL", "bfl_mm", "mm");
+  row("f-number", "fnumber", "");
+  row("working f-number", "working_fnumber", "");
+  row("stop diameter", "stop_diameter_mm", "mm");
+  row("entrance pupil z", "entrance_pupil_z_mm", "mm");
+  row("entrance pupil diameter", "entrance_pupil_diameter_mm", "mm");
+  row("exit pupil z", "exit_pupil_z_mm", "mm");
+  row("exit pupil diameter", "exit_pupil_diameter_mm", "mm");
+  row("film z", "film_z_mm", "mm");
+  row("RMS spot on the axis", "rms_spot_um", "um");
+  row("E0 per radiance", "e0_sr", "sr");
+  row("field of view, across", "hfov_deg", "deg");
+  row("field of view, up", "vfov_deg", "deg");
+  row("field of view, diagonal", "dfov_deg", "deg");
+}
+
+void add_lens_info(CLI::App& parent) {
+  struct Options : LensArguments {
+    lens::InfoOptions info;
+  };
+  const auto o = std::make_shared<Options>();
+  CLI::App* command = parent.add_subcommand("info", "focal lengths, f-number, pupils, field of view");
+  o->add_to(*command);
+  o->add_state_to(*command);
+  command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
+  command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
+  command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
+  command->add_flag("--json", o->json, "machine output");
+  command->callback([o] {
+    o->info.focus_m = o->focus_m;
+    o->info.stop = o->stop;
+    const Json report = lens::info(lens::load_prescription(o->lens), o->info);
+    if (o->json)
+      fmt::print("{}\n", report.dump(2));
+    else
+      print_text(report);
+  });
+}
+
+// x,y,z,dx,dy,dz from one line; throws bad_input.
+lens::Ray parse_ray(const std::string& line, std::size_t line_number) {
+  double v[6];
+  const char *at = line.data(), *end = at + line.size();
+  for (int i = 0; i < 6; ++i) {
+    while (at < end && *at == ' ') ++at;
+    const auto [next, ec] = std::from_chars(at, end, v[i]);
+    const bool last = i == 5;
+    const bool ends_well =
+        last ? (next == end || *next == ',' || *next == '\r' || *next == ' ') : (next < end && *next == ',');
+    if (ec != std::errc() || !std::isfinite(v[i]) || !ends_well)
+      throw bad_input("stdin", fmt::format("line {}", line_number), '"' + line.substr(0, 60) + '"', "x,y,z,dx,dy,dz");
+    at = next + 1;
+  }
+  const lens::Vec3 d{v[3], v[4], v[5]};
+  if (!(lens::dot(d, d) > 0) || d.z == 0)
+    throw bad_input("stdin", fmt::format("line {}", line_number), "a direction across the axis or zero",
+                    "dz > 0 or dz < 0");
+  return {{v[0], v[1], v[2]}, lens::normalized(d)};
+}
+
+void add_lens_trace(CLI::App& parent) {
+  struct Options : LensArguments {
+    double lambda_nm = lens::kLambdaD;
+    double to_z_mm = 0;
+    bool no_clip = false;
+  };
+  const auto o = std::make_shared<Options>();
+  CLI::App* command = parent.add_subcommand(
+      "trace", "rays from stdin through the lens: x,y,z,dx,dy,dz in mm, first vertex z = 0, +z from object to film");
+  o->add_to(*command);
+  auto* diameter =
+      command->add_option("--stop-diameter-mm", o->stop.diameter_mm, "diameter of the stop (default: wide open)");
+  command->add_option("--fnumber", o->stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
+  command->add_option("--lambda-nm", o->lambda_nm, "wavelength")->capture_default_str();
+  command->add_option("--to-z-mm", o->to_z_mm, "plane on which the traced rays are given")->required();
+  command->add_flag("--no-clip", o->no_clip, "ignore stop and housing");
+  command->callback([o] {
+    const lens::Prescription prescription = lens::load_prescription(o->lens);
+    const lens::Tracer tracer(prescription, o->lambda_nm, lens::resolve_stop(prescription, o->stop));
+    const auto clip = o->no_clip ? lens::Tracer::Clip::none : lens::Tracer::Clip::housing;
+    std::ios::sync_with_stdio(false);
+    std::string line, out = "x,y,z,dx,dy,dz,status\n";
+    for (std::size_t number = 1; std::getline(std::cin, line); ++number) {
+      if (line.empty() || line == "\r" || line[0] == '#' || (number == 1 && line.starts_with("x"))) continue;
+      const lens::Ray ray = parse_ray(line, number);
+      lens::Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
+      if (t.fate == lens::Fate::ok) t.ray.p = t.ray.at_z(o->to_z_mm);
+      out += fmt::format("{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n", t.ray.p.x, t.ray.p.y, t.ray.p.z,
+                         t.ray.d.x, t.ray.d.y, t.ray.d.z, lens::fate_text(t));
+      if (out.size() > (1 << 20)) {
+        std::fwrite(out.data(), 1, out.size(), stdout);
+        out.clear();
+      }
+    }
+    std::fwrite(out.data(), 1, out.size(), stdout);
+    if (std::fflush(stdout) != 0) throw bad_output("stdout", "not all rays were written");
+  });
+}
+
+void add_lens_draw(CLI::App& parent) {
+  struct Options : LensArguments {
+    lens::DrawOptions draw;
+    std::string output;
+  };
+  const auto o = std::make_shared<Options>();
+  CLI::App* command = parent.add_subcommand("draw", "the lens in section with its rays, as SVG");
+  o->add_to(*command);
+  o->add_state_to(*command);
+  command->add_option("-o,--output", o->output, "the SVG file")->required();
+  command->add_option("--lambda-nm", o->draw.bands_nm, "wavelengths")->delimiter(',')->capture_default_str();
+  command->add_option("--film-half-diagonal-mm", o->draw.film_half_diagonal_mm, "film")->capture_default_str();
+  command->add_option("--fields", o->draw.fields, "film points, parts of the half diagonal")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--rays", o->draw.rays_per_fan, "rays per field and wavelength")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 200));
+  command->callback([o] {
+    const lens::Prescription prescription = lens::load_prescription(o->lens);
+    o->draw.focus_m = o->focus_m;
+    o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
+    AtomicFile file(o->output);
+    file.write(lens::draw_svg(prescription, o->draw));
+    file.commit();
+    write_run_record(o->output, {.command = "lens draw",
+                                 .arguments = arguments(),
+                                 .config = {{"lambda_nm", o->draw.bands_nm},
+                                            {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
+                                            {"stop_diameter_mm", o->draw.stop_diameter_mm},
+                                            {"fields", o->draw.fields},
+                                            {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
+                                            {"rays", o->draw.rays_per_fan}},
+                                 .inputs = {prescription.file},
+                                 .results = Json::object()});
+  });
+}
+
+}  // namespace
+
+void add_lens(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("lens", "prescriptions: first-order data, ray tracing, drawings");
+  command->require_subcommand(1);
+  add_lens_info(*command);
+  add_lens_trace(*command);
+  add_lens_draw(*command);
+}
+
+}  // namespace pecs::app

@@ -1,0 +1,42 @@
+#pragma once
+// A camera for Cycles: one generated OSL shader per lens, focus, stop and pass of up to three bands.
+//
+// The camera looks along Blender's -Z with +Y up, its origin at the centre of the entrance pupil; the picture is
+// upright (the film picture turned by 180 degrees), as the built-in perspective camera's.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pecs/lens/first_order.h"
+#include "pecs/lens/pupil.h"
+
+namespace pecs::lens {
+
+struct CameraOptions {
+  std::vector<double> bands_nm;        // 1 to 3: the red, green and blue channel of a pass
+  std::vector<double> focus_bands_nm;  // all bands of the stack; empty: bands_nm
+  std::optional<double> focus_m;       // none = infinity
+  double stop_diameter_mm = kWideOpen;
+  double film_width_mm = 6.2208, film_height_mm = 3.4992;
+  double pixel_pitch_mm = 0.00486;
+  // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
+  double colour_tolerance_px = 0.1;
+};
+
+enum class ChannelMode { mean, per_channel };
+
+struct Camera {
+  CameraOptions options;  // resolved
+  std::string osl, shader_name;
+  Focus focus;
+  FirstOrder first_order;     // at the mean of the focus bands
+  std::vector<double> e0_sr;  // per band: film irradiance per scene radiance on the axis
+  ChannelMode channel_mode;
+  double colour_shift_px;                                        // the measured difference that chose the mode
+  std::vector<PupilTable> tables;                                // one, or one per band
+  double acceptance_centre, acceptance_half, acceptance_corner;  // exact area / sampled area
+};
+
+Camera make_camera(const Prescription& lens, const CameraOptions& options);
+
+}  // namespace pecs::lens

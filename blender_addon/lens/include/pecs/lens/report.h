@@ -1,0 +1,31 @@
+#pragma once
+// What the program and the C interface say about a lens, as JSON (keys: docs/lens.md).
+#include <optional>
+
+#include "pecs/lens/osl_camera.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::lens {
+
+// Stop by diameter or f-number, not both; neither: wide open. Throws bad_input.
+struct StopChoice {
+  std::optional<double> diameter_mm, fnumber;
+};
+double resolve_stop(const Prescription& lens, const StopChoice& choice);
+
+struct InfoOptions {
+  double lambda_nm = kLambdaD;
+  std::optional<double> focus_m;
+  StopChoice stop;
+  double film_width_mm = 6.2208, film_height_mm = 3.4992;  // 1280 x 720 pixels of 4.86 um
+};
+InfoOptions info_options(JsonObject options);  // reads and refuses unknown keys
+Json info(const Prescription& lens, const InfoOptions& options);
+
+CameraOptions camera_options(const Prescription& lens, JsonObject options);
+// The table of one wavelength: radii, ellipses, exact areas, E per radiance. Options: as info_options.
+Json pupil_report(const Prescription& lens, const InfoOptions& options);
+
+Json camera_report(const Prescription& lens, const Camera& camera);
+
+}  // namespace pecs::lens

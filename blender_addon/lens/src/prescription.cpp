@@ -1,0 +1,185 @@
+#include "pecs/lens/prescription.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "pecs/data_dir.h"
+#include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::lens {
+namespace {
+
+constexpr std::size_t kMaxBytes = 1 << 20, kMaxSurfaces = 200;
+constexpr int kMaxPower = 30;
+
+Glass read_medium(JsonObject medium) {
+  const std::string name = medium.has("name") ? medium.text("name") : "";
+  const std::string catalog = medium.has("catalog") ? medium.text("catalog") : "";
+  const auto nd = medium.maybe_number("nd", {1, 4}), vd = medium.maybe_number("vd", {5, 150});
+  medium.done();
+  if (!catalog.empty()) {
+    const auto glass = catalog_glass(catalog, name);
+    if (!glass)
+      medium.fail("name", fmt::format("unknown glass \"{}\" of {}", name, catalog), "a glass of lens_data/glasses");
+    if (nd && std::abs(glass->nd() - *nd) > 5e-4)
+      medium.fail("nd", fmt::format("{}", *nd), fmt::format("{:.5f}, as {} has it", glass->nd(), name));
+    return *glass;
+  }
+  if (!nd) {
+    if (name == "air") return Glass::air();
+    medium.fail("nd", name.empty() ? "nothing" : fmt::format("unknown glass \"{}\" without nd", name),
+                "a refractive index");
+  }
+  if (*nd == 1.0) return Glass::air();
+  if (!vd) return Glass::constant(*nd, name);
+  if (!name.empty())
+    if (const auto glass = matching_glass(name, *nd, *vd); glass && glass->min_nm() <= 400 && glass->max_nm() >= 1000)
+      return *glass;
+  return Glass::from_nd_vd(*nd, *vd, name);
+}
+
+void read_powers(JsonObject& surface, const std::string& key, int parity, std::vector<double>& powers) {
+  if (!surface.has(key)) return;
+  const Json& terms = surface.any(key);
+  if (!terms.is_object()) surface.fail(key, terms.dump().substr(0, 40), "an object {power: coefficient}");
+  for (const auto& [text, value] : terms.items()) {
+    int power = 0;
+    const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), power);
+    if (ec != std::errc() || end != text.data() + text.size() || power < 2 || power > kMaxPower || power % 2 != parity)
+      surface.fail(key, '"' + text + '"', fmt::format("an {} power from 2 to {}", parity ? "odd" : "even", kMaxPower));
+    if (!value.is_number() || !std::isfinite(value.get<double>())) surface.fail(key, value.dump(), "a finite number");
+    if (powers.size() <= static_cast<std::size_t>(power)) powers.resize(power + 1, 0.0);
+    powers[power] += value.get<double>();
+  }
+}
+
+Surface read_surface(JsonObject& json) {
+  Surface s;
+  const std::string type = json.one_of("type", {"sphere", "plane", "asphere", "stop"});
+  const auto radius = json.maybe_number("radius");
+  if (radius && *radius == 0) json.fail("radius", "0", "a radius, or null for a plane");
+  if (type == "sphere" && !radius) json.fail("radius", "nothing", "a radius");
+  if ((type == "plane" || type == "stop") && radius)
+    json.fail("radius", fmt::format("{}", *radius), "null for a " + type);
+  s.curvature = radius ? 1.0 / *radius : 0.0;
+  if (type == "asphere") {
+    s.conic = json.number_or("k", 0.0, {-1e4, 1e4});
+    read_powers(json, "even_coeffs", 0, s.powers);
+    read_powers(json, "odd_coeffs", 1, s.powers);
+  }
+  s.semi_diameter_mm = json.number("semi_diameter", {1e-6, 1e4});
+  s.after = read_medium(json.object("medium_after"));
+  return s;
+}
+
+}  // namespace
+
+double Surface::sag_mm(double r) const {
+  const double cr2 = curvature * r * r;
+  double z = cr2 / (1.0 + std::sqrt(1.0 - (1.0 + conic) * curvature * cr2));
+  double rp = 1.0;
+  for (const double a : powers) {
+    z += a * rp;
+    rp *= r;
+  }
+  return z;
+}
+
+double Surface::slope(double r) const {
+  double dz = curvature * r / std::sqrt(1.0 - (1.0 + conic) * curvature * curvature * r * r);
+  double rp = 1.0;
+  for (std::size_t p = 1; p < powers.size(); ++p) {
+    dz += static_cast<double>(p) * powers[p] * rp;
+    rp *= r;
+  }
+  return dz;
+}
+
+std::vector<double> Prescription::indices(double lambda_nm) const {
+  std::vector<double> n;
+  n.reserve(surfaces.size());
+  for (std::size_t i = 0; i < surfaces.size(); ++i) {
+    const Glass& glass = surfaces[i].after;
+    if (!(lambda_nm >= glass.min_nm() && lambda_nm <= glass.max_nm()))
+      throw bad_input(file, fmt::format("surfaces[{}].medium_after", i), fmt::format("{} nm", lambda_nm),
+                      fmt::format("{} to {} nm, the range of {}", glass.min_nm(), glass.max_nm(),
+                                  glass.name().empty() ? "its fallback" : glass.name()));
+    n.push_back(glass.n(lambda_nm));
+  }
+  return n;
+}
+
+Prescription load_prescription(const std::string& name_or_path) {
+  const std::filesystem::path path = find_data("lens_data/lenses", name_or_path);
+  const std::string text = read_text(path, kMaxBytes);
+  const Json json = parse_json(text, path.string());
+  JsonObject top(json, path.string());
+
+  Prescription lens;
+  lens.file = path.string();
+  lens.sha256 = sha256(text);
+  lens.name = top.text("name");
+  if (top.has("units") && top.text("units") != "mm") top.fail("units", top.text("units"), "mm");
+  // What the file says about itself.
+  for (const char* key : {"order", "source", "licence", "estimated", "notes", "scale_from_patent", "housing_note",
+                          "vd_note", "semi_diameter_note"})
+    top.any(key);
+  if (top.has("nominal")) {
+    JsonObject nominal = top.object("nominal");
+    lens.nominal_efl_mm = nominal.maybe_number("efl");
+    lens.nominal_fnumber = nominal.maybe_number("fno");
+    nominal.maybe_number("hfov_deg");
+    nominal.done();
+  }
+
+  std::vector<JsonObject> list = top.objects("surfaces");
+  if (list.empty() || list.size() > kMaxSurfaces)
+    top.fail("surfaces", fmt::format("{} surfaces", list.size()), fmt::format("1 to {}", kMaxSurfaces));
+  if (!top.has("stop_index")) top.fail("stop_index", "nothing", "the index of the aperture stop");
+  lens.stop = static_cast<std::size_t>(top.integer("stop_index", 0, static_cast<std::int64_t>(list.size()) - 1));
+  top.done();
+
+  double z = 0;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    Surface s = read_surface(list[i]);
+    s.z_mm = z;
+    const bool last = i + 1 == list.size();
+    // The last thickness is the nominal distance to the film; focusing computes the real one.
+    if (const auto thickness = list[i].maybe_number("thickness"); !last) {
+      if (!thickness) list[i].fail("thickness", "nothing", "the distance to the next vertex");
+      if (*thickness < 0 || *thickness > 1e4) list[i].fail("thickness", fmt::format("{}", *thickness), "0 to 10000 mm");
+      z += *thickness;
+    }
+    list[i].done();
+    if ((1.0 + s.conic) * s.curvature * s.curvature * s.semi_diameter_mm * s.semi_diameter_mm >= 1.0)
+      list[i].fail("semi_diameter", fmt::format("{} mm", s.semi_diameter_mm),
+                   fmt::format("less than {:.6g} mm, where the surface of radius {:.6g} mm ends",
+                               1.0 / (std::abs(s.curvature) * std::sqrt(1.0 + s.conic)), 1.0 / s.curvature));
+    lens.surfaces.push_back(std::move(s));
+  }
+  if (!lens.surfaces.back().after.is_air())
+    list.back().fail("medium_after", "glass", "air, the medium before the film");
+
+  // Neighbours must not cross. At the rim they may: housing radii are often estimates, and an air gap that closes there
+  // only means that the real housing is narrower.
+  for (std::size_t i = 0; i + 1 < lens.surfaces.size(); ++i) {
+    const Surface &a = lens.surfaces[i], &b = lens.surfaces[i + 1];
+    const double edge = 0.9 * std::min(a.semi_diameter_mm, b.semi_diameter_mm);
+    for (int step = 0; step <= 16; ++step) {
+      const double r = edge * step / 16.0;
+      const double gap = b.z_mm + b.sag_mm(r) - a.z_mm - a.sag_mm(r);
+      if (gap < -1e-6)
+        list[i].fail("thickness",
+                     fmt::format("surfaces {} and {} crossing at r = {:.4g} mm by {:.3g} mm", i, i + 1, r, -gap),
+                     "surfaces apart");
+    }
+  }
+  return lens;
+}
+
+}  // namespace pecs::lens

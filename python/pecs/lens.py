@@ -1,0 +1,83 @@
+"""Lenses: first-order data and the generated camera for Cycles. Keys and options: docs/lens.md."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+from ._library import function, json_function
+
+_open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
+_close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
+_info = json_function("pecs_lens_info", ctypes.c_void_p)
+_pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
+_camera = json_function("pecs_lens_camera", ctypes.c_void_p)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One OSL camera, for one pass of up to three bands (red, green, blue).
+
+    Film irradiance [W m^-2 nm^-1] of band k = rendered value of channel k times e0[k], for a scene whose radiance is in
+    W m^-2 sr^-1 nm^-1. The camera object's origin is the centre of the entrance pupil; focus_m counts from there.
+    """
+
+    osl: str
+    shader_name: str
+    bands_nm: list[float]
+    e0: list[float]
+    film_z_mm: float
+    film_width_mm: float
+    film_height_mm: float
+    focus_m: float | None
+    rms_spot_um: float
+    stop_diameter_mm: float
+    fnumber: float
+    efl_mm: float
+    entrance_pupil_z_mm: float
+    channel_mode: (
+        str  # "mean": all channels traced at the pass's mean wavelength; "per_channel": one channel per sample
+    )
+    colour_shift_px: float  # how far the bands' pictures lie from that of the mean wavelength
+    acceptance: list[float]  # draws that get through: film centre, half way, corner
+    missed_fraction: list[float]
+    lens_name: str
+    file: str
+    sha256: str
+
+
+class Lens:
+    """A prescription, by path or by the name of one of lens_data/lenses."""
+
+    def __init__(self, path: str | PathLike[str]):
+        self._handle = None
+        self._handle = _open(str(path).encode())
+
+    def info(self, **options: Any) -> dict[str, Any]:
+        """lambda_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm."""
+        return _info(self._handle, options)
+
+    def pupil(self, **options: Any) -> dict[str, Any]:
+        """The pupil over the film radius; options as for info."""
+        return _pupil(self._handle, options)
+
+    def camera(self, **options: Any) -> Camera:
+        """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
+        pixel_pitch_mm, colour_tolerance_px."""
+        return Camera(**_camera(self._handle, options))
+
+    def close(self) -> None:
+        if self._handle:
+            _close(self._handle)
+            self._handle = None
+
+    def __enter__(self) -> Lens:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        self.close()

@@ -1,0 +1,101 @@
+"""Runs inside an interpreter with bpy, apart from pytest's: `python lens_render.py JOB.json OUT.npz`.
+
+A job: {"osl": source or null (then the built-in perspective camera, "hfov_deg"), "scene": "white" | "corner" | "rays",
+"width", "height", "samples", "seed"}. OUT.npz holds `image`, linear RGB as float32, row 0 at the bottom.
+"""
+
+import json
+import math
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+
+def set_camera(scene, job, folder):
+    data = bpy.data.cameras.new("camera")
+    camera = bpy.data.objects.new("camera", data)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    data.clip_start, data.clip_end = 1e-6, 1e5
+    if job["osl"] is None:
+        data.angle = math.radians(job["hfov_deg"])
+        return
+    import _cycles
+
+    source, compiled = folder / "camera.osl", folder / "camera.oso"
+    source.write_text(job["osl"])
+    assert _cycles.osl_compile(str(source), str(compiled)), "the shader does not compile"
+    data.type, data.custom_mode = "CUSTOM", "EXTERNAL"
+    try:
+        data.custom_filepath = str(compiled)
+    except ModuleNotFoundError:  # the wheel has no oslquery; the shader has no parameters
+        pass
+
+
+def emission(name, colour, strength):
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    node, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    node.inputs["Color"].default_value, node.inputs["Strength"].default_value = (*colour, 1), strength
+    material.node_tree.links.new(node.outputs[0], output.inputs[0])
+    return material
+
+
+def build(scene, job):
+    world = bpy.data.worlds.new("world")
+    scene.world = world
+    world.use_nodes = True
+    background = world.node_tree.nodes["Background"]
+    white = job["scene"] == "white"
+    background.inputs["Color"].default_value = (1, 1, 1, 1) if white else (0, 0, 0, 1)
+    background.inputs["Strength"].default_value = 1.0
+    if job["scene"] == "corner":  # red to the upper right, green to the lower left, blue on the right
+        distance, size = 2.0, 0.08
+        for name, x, y, colour in (
+            ("a", 0.3, 0.15, (1, 0, 0)),
+            ("b", -0.3, -0.1, (0, 1, 0)),
+            ("c", 0.25, -0.02, (0, 0, 1)),
+        ):
+            bpy.ops.mesh.primitive_plane_add(size=size, location=(x, y, -distance))
+            bpy.context.object.data.materials.append(emission(name, colour, 1.0))
+
+
+def main(job_path, out_path):
+    job = json.loads(Path(job_path).read_text())
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = job["width"], job["height"]
+    scene.render.resolution_percentage = 100
+    c = scene.cycles
+    c.device, c.samples, c.seed, c.use_adaptive_sampling, c.use_denoising = (
+        "CPU",
+        job["samples"],
+        job.get("seed", 1),
+        False,
+        False,
+    )
+    c.pixel_filter_type, c.filter_width = "BOX", 1.0
+    scene.view_settings.view_transform = "Raw"
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+    with tempfile.TemporaryDirectory() as temp:
+        folder = Path(temp)
+        build(scene, job)
+        set_camera(scene, job, folder)
+        scene.render.filepath = str(folder / "image.exr")
+        bpy.ops.render.render(write_still=True)
+        image = bpy.data.images.load(scene.render.filepath)
+        image.colorspace_settings.name = "Non-Color"
+        pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        image = pixels.reshape(job["height"], job["width"], -1)[..., :3]
+        np.savez(out_path, image=image)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

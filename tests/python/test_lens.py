@@ -1,0 +1,97 @@
+"""pecs lens and pecs.Lens from the outside."""
+
+import csv
+import io
+import json
+import math
+
+import pecs
+import pytest
+
+LENS = "dgauss_50mm_tronnier"
+
+
+def test_info_of_the_lab_lens(pecs_program):
+    done = pecs_program("lens", "info", "pecs_lab_15mm", "--stop-diameter-mm", 1, "--focus-m", 1.56, "--json")
+    assert done.returncode == 0, done.stderr
+    info = json.loads(done.stdout)
+    assert info["efl_mm"] == pytest.approx(15.02, abs=0.005)
+    assert info["bfl_mm"] == pytest.approx(10.24, abs=0.005)
+    assert info["fnumber"] == pytest.approx(18.8, abs=0.05)
+    assert info["hfov_deg"] == pytest.approx(23.4, abs=0.05)
+    assert pecs.Lens("pecs_lab_15mm").info(stop_diameter_mm=1, focus_m=1.56) == info
+
+
+def test_info_in_words(pecs_program):
+    done = pecs_program("lens", "info", LENS)
+    assert done.returncode == 0
+    assert "EFL" in done.stdout and "50.358" in done.stdout
+
+
+def test_trace_a_bundle(pecs_program):
+    rays = "x,y,z,dx,dy,dz\n0,0,-10,0,0,1\n0.001,0,-10,0,0,1\n14,0,-10,0,0,1\n0,0,60,0.9,0,-0.4\n"
+    done = pecs_program("lens", "trace", LENS, "--lambda-nm", 587.5618, "--to-z-mm", 68, input=rays)
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader(io.StringIO(done.stdout)))
+    assert [row["status"] for row in rows][:3] == ["ok", "ok", "clipped:0"]
+    assert rows[3]["status"].split(":")[0] in ("clipped", "missed")
+    assert float(rows[0]["x"]) == 0 and float(rows[0]["z"]) == 68
+    slope = float(rows[1]["dx"]) / float(rows[1]["dz"])
+    assert -0.001 / slope == pytest.approx(50.358, abs=1e-3)
+
+
+@pytest.mark.parametrize("line", ["1,2,3", "1,2,3,4,5,x", "nan,0,0,0,0,1", "0,0,0,0,0,0"])
+def test_trace_refuses_bad_rays(pecs_program, line):
+    done = pecs_program("lens", "trace", LENS, "--to-z-mm", 0, input="0,0,-1,0,0,1\n" + line + "\n")
+    assert done.returncode == 4
+    assert "line 2" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_draw(pecs_program, tmp_path):
+    path = tmp_path / "lens.svg"
+    done = pecs_program("lens", "draw", LENS, "-o", path)
+    assert done.returncode == 0, done.stderr
+    svg = path.read_text()
+    assert svg.count("<polygon") == 6  # six elements
+    assert svg.count("<polyline") == 3 * 3 * 5  # fields x wavelengths x rays
+    assert json.loads((tmp_path / "lens.svg.run.json").read_text())["command"] == "lens draw"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["info", "no_such_lens"], 3, "dgauss_50mm_tronnier"),
+        (["info", LENS, "--fnumber", 1.0], 4, "f-number"),
+        (["info", LENS, "--lambda-nm", 50000], 4, "50000"),
+        (["info", LENS, "--focus-m", 0.01], 4, "focus"),
+        (["info", LENS, "--fnumber", 4, "--stop-diameter-mm", 3], 2, "excludes"),
+        (["info"], 2, "LENS"),
+    ],
+)
+def test_wrong_uses(pecs_program, arguments, code, words):
+    done = pecs_program("lens", *arguments)
+    assert done.returncode == code, done.stderr
+    assert words in done.stderr + done.stdout
+
+
+def test_camera_report():
+    camera = pecs.Lens(LENS).camera(bands_nm=[450, 550, 650], focus_m=2, fnumber=4)
+    assert camera.fnumber == pytest.approx(4, rel=2e-3)
+    # E0 = pi / (4 N'^2) with the working f-number of the focus distance, to the aplanatic approximation.
+    assert camera.e0[1] == pytest.approx(math.pi / (4 * (4 * 2 / (2 - 0.05)) ** 2), rel=0.02)
+    assert len(camera.sha256) == 64 and "shader pecs_lens" in camera.osl
+
+
+def test_a_narrow_pass_is_traced_at_its_mean():
+    lens = pecs.Lens(LENS)
+    assert lens.camera(bands_nm=[549, 550, 551], fnumber=8).channel_mode == "mean"
+    wide = lens.camera(bands_nm=[450, 550, 650], fnumber=8)
+    assert wide.channel_mode == "per_channel" and wide.colour_shift_px > 0.1
+
+
+@pytest.mark.parametrize(
+    "options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "no_such": 1}, {}]
+)
+def test_camera_refuses_bad_options(options):
+    with pytest.raises(pecs.PecsError):
+        pecs.Lens(LENS).camera(**options)
