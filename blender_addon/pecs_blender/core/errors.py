@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Errors as the pecs program reports them: one line, one documented exit code (docs/exit_codes.md)."""
+
+USAGE, NOT_FOUND, BAD_INPUT, BAD_OUTPUT, UNSUPPORTED, INTERRUPTED = 2, 3, 4, 5, 6, 130
+
+
+class RenderError(Exception):
+    def __init__(self, code: int, line: str):
+        super().__init__(line)
+        self.code = code
+
+
+def bad_input(file: object, place: str, got: object, wanted: str) -> RenderError:
+    return RenderError(BAD_INPUT, f"{file}: {place}: got {got}, wanted {wanted}")

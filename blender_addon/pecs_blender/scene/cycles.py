@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cycles as a measuring instrument: fixed sampling, box pixels, no view transform, float pixels out."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core.errors import UNSUPPORTED, RenderError
+
+SETTINGS = {  # what is the same for every render, and recorded with it
+    "use_adaptive_sampling": False,  # the number of samples must not depend on the picture
+    "use_denoising": False,
+    "pixel_filter_type": "BOX",  # a pixel integrates over its own square
+    "filter_width": 1.0,
+    "sample_clamp_direct": 0.0,
+    "sample_clamp_indirect": 0.0,
+    "max_bounces": 2,
+    "diffuse_bounces": 2,
+    "caustics_reflective": True,
+    "caustics_refractive": True,
+    "blur_glossy": 0.0,
+    "use_light_tree": False,
+    "use_auto_tile": False,
+}
+
+
+def empty_scene() -> bpy.types.Scene:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.world = bpy.data.worlds.new("dark")
+    scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
+    return scene
+
+
+def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int) -> None:
+    scene.render.engine = "CYCLES"
+    for key, value in SETTINGS.items():
+        setattr(scene.cycles, key, value)
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = samples
+    scene.cycles.seed = seed
+    scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    scene.render.resolution_percentage = 100
+    scene.render.use_persistent_data = True
+    scene.render.use_motion_blur = False
+    scene.render.use_compositing = scene.render.use_sequencer = False
+    scene.render.dither_intensity = 0.0
+    scene.render.threads_mode = "FIXED" if threads else "AUTO"
+    if threads:
+        scene.render.threads = threads
+    image = scene.render.image_settings
+    image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
+    scene.view_settings.view_transform = "Raw"
+
+
+@contextlib.contextmanager
+def quiet():
+    """Blender prints to the C stdout for every frame; keep the terminal for progress and errors."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.close(null)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)
+
+
+class Film:
+    """Renders the scene and hands over linear float pixels. One temporary file, removed at close()."""
+
+    def __init__(self, scene: bpy.types.Scene):
+        self._scene = scene
+        self._folder = tempfile.TemporaryDirectory(
+            prefix="pecs_", dir="/dev/shm" if Path("/dev/shm").is_dir() else None
+        )
+        scene.render.filepath = str(Path(self._folder.name) / "film.exr")
+
+    def close(self) -> None:
+        self._folder.cleanup()
+
+    def render(self) -> np.ndarray:
+        """[3, height, width], float32, row 0 at the top."""
+        with quiet():
+            bpy.ops.render.render(write_still=True, scene=self._scene.name)
+            image = bpy.data.images.load(self._scene.render.filepath, check_existing=False)
+        try:
+            width, height = image.size
+            pixels = np.empty(height * width * image.channels, np.float32)
+            image.pixels.foreach_get(pixels)
+        finally:
+            bpy.data.images.remove(image)
+        return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3].transpose(2, 0, 1))
+
+
+def _new_camera(name: str) -> bpy.types.Object:
+    camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
+    camera.data.clip_start, camera.data.clip_end = 1e-5, 1e4
+    bpy.context.scene.collection.objects.link(camera)
+    return camera
+
+
+def pinhole_camera(name: str, focal_mm: float, film_width_mm: float) -> bpy.types.Object:
+    camera = _new_camera(name)
+    camera.data.sensor_fit = "HORIZONTAL"
+    camera.data.sensor_width = film_width_mm
+    camera.data.lens = focal_mm
+    return camera
+
+
+def orthographic_camera(name: str, width_m: float) -> bpy.types.Object:
+    camera = _new_camera(name)
+    camera.data.type = "ORTHO"
+    camera.data.ortho_scale = width_m
+    return camera
+
+
+def lens_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
+    """A camera whose rays come from OSL source (pecs.Lens.camera); compiled into `folder`."""
+    import _cycles
+
+    if not _cycles.with_osl:
+        raise RenderError(
+            UNSUPPORTED, f"Blender {bpy.app.version_string}: got a build without OSL, wanted one with OSL"
+        )
+    source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
+    source.write_text(osl)
+    with quiet():
+        ok = _cycles.osl_compile(str(source), str(compiled))
+    if not ok or not compiled.is_file():
+        raise RenderError(
+            UNSUPPORTED, f"{source}: the lens shader does not compile in Blender {bpy.app.version_string}"
+        )
+    camera = _new_camera(name)
+    camera.data.type = "CUSTOM"
+    camera.data.custom_mode = "EXTERNAL"
+    with quiet(), open(os.devnull, "w") as null, contextlib.redirect_stderr(null):
+        camera.data.custom_filepath = str(compiled)  # the wheel lacks oslquery: a harmless traceback
+    return camera
