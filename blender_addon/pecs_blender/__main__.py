@@ -28,7 +28,7 @@ def _parser() -> argparse.ArgumentParser:
     command = parser.add_subparsers(dest="command", required=True).add_parser(
         "render",
         help="render a scene into an EXR stack",
-        description="Renders a scene folder into an EXR stack (docs/exr_stack.md). A stopped job continues when run again.",
+        description="Renders a scene folder into an EXR stack (docs/exr_stack.md). Run again, a stopped job continues.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     command.add_argument("scene", type=Path, help="folder with scene.json and scene.py")
@@ -43,7 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--samples", type=_positive, default=8, help="paths per pixel and pass")
     command.add_argument("--seed", type=int, default=1)
     command.add_argument(
-        "--lens", help="name, file, or 'none' for a pinhole (radiance stack); the scene's if not given"
+        "--lens", help="name, file, or 'none' for a pinhole (radiance); the scene's if not given"
     )
     command.add_argument("--stop-diameter-mm", type=float, help="the scene's if not given")
     command.add_argument("--focus-m", type=float, help="the scene's if not given")
