@@ -42,9 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--height", type=_positive, help="pixels; 9/16 of the width if not given")
     command.add_argument("--samples", type=_positive, default=8, help="paths per pixel and pass")
     command.add_argument("--seed", type=int, default=1)
-    command.add_argument(
-        "--lens", help="name, file, or 'none' for a pinhole (radiance); the scene's if not given"
-    )
+    command.add_argument("--lens", help="name, file, or 'none' for a pinhole (radiance); the scene's if not given")
     command.add_argument("--stop-diameter-mm", type=float, help="the scene's if not given")
     command.add_argument("--focus-m", type=float, help="the scene's if not given")
     command.add_argument("--focal-mm", type=float, default=15.02, help="of the pinhole")

@@ -5,6 +5,7 @@ from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
 from .sensor import bands
+from .stack import StackReader, StackWriter
 
 __version__ = version()
 __all__ = [
@@ -14,6 +15,8 @@ __all__ = [
     "EventWriter",
     "Lens",
     "PecsError",
+    "StackReader",
+    "StackWriter",
     "bands",
     "distance",
     "event_formats",

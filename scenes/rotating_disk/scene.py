@@ -41,8 +41,8 @@ def build(p):
 
 
 def _disk(sectors, radius_m, white, black):
-    """A disk in the x-z plane, seen from -y. At angle 0 a white sector's leading edge points to +x: it lies clockwise of
-    that edge, so that turning counter-clockwise brings white.
+    """A disk in the x-z plane, seen from -y. At angle 0 a white sector's leading edge points to +x: white lies
+    clockwise of that edge, so that turning counter-clockwise brings white.
 
     Rings halve the number of segments inwards, so that triangles stay compact (a fan of slivers renders slowly)."""
     vertices, faces, colours = [(0.0, 0.0, 0.0)], [], []

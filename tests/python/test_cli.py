@@ -1,4 +1,4 @@
-"""What every subcommand promises: --help, one-line errors with a documented exit code. Subcommands are found by listing."""
+"""What every subcommand promises: --help, one-line errors, documented exit codes. Subcommands are found by listing."""
 
 import re
 

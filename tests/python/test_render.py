@@ -1,0 +1,166 @@
+"""Rendering with Cycles: geometry, absolute light, resuming, and a static scene that stays static. Every job runs in
+its own process, as users run it."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+SCENE = "scenes/rotating_disk"
+
+
+@pytest.fixture(scope="module")
+def render(root):
+    def run(output, *args, check=True):
+        command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", output, *map(str, args)]
+        result = subprocess.run(command, capture_output=True, text=True)
+        assert not check or result.returncode == 0, result.stderr
+        return result
+
+    return run
+
+
+def frames(folder):
+    import pecs
+
+    stack = json.loads((folder / "stack.json").read_text())
+    with pecs.StackReader(folder) as reader:
+        return stack, np.array([reader.read_frame(i) for i in range(len(stack["times_ns"]))])
+
+
+@pytest.fixture(scope="module")
+def disk(render, tmp_path_factory):
+    """A quarter-resolution frame through the lab lens, and the same scene through a pinhole of its focal length."""
+    folder = tmp_path_factory.mktemp("disk")
+    common = ("--bands", 3, "--frames", 1, "--width", 320, "--samples", 16, "--set", "phase_deg=30")
+    render(folder / "lens", *common)
+    render(folder / "pinhole", *common, "--lens", "none")
+    return folder
+
+
+def disk_circle(picture):
+    """Centre and radius [pixels, pixel (0, 0) has its centre at (0.5, 0.5)] from the area and the first moments of what
+    is brighter or darker than the wall."""
+    wall = np.median(picture[:, : picture.shape[1] // 3])
+    inside = np.abs(np.log(np.maximum(picture, wall * 1e-3) / wall)) > 0.6
+    rows = np.arange(picture.shape[0])[:, None] + 0.5
+    columns = np.arange(picture.shape[1])[None, :] + 0.5
+    weight = inside & (columns > picture.shape[1] * 0.45) & (rows < picture.shape[0] * 0.94)
+    return (weight * columns).sum() / weight.sum(), (weight * rows).sum() / weight.sum(), np.sqrt(weight.sum() / np.pi)
+
+
+def test_the_disk_is_where_the_lab_saw_it(disk):
+    _, values = frames(disk / "lens")
+    x, y, radius = disk_circle(values[0].mean(axis=0))
+    # Lab: centre (957.3, 361.4), R 303 at 1280x720; here a quarter of it.
+    assert abs(x - 957.3 / 4) < 1.0
+    assert abs(y - 361.4 / 4) < 1.0
+    assert abs(radius - 303 / 4) < 1.0
+
+
+def test_lens_and_pinhole_pictures_agree_in_orientation(disk):
+    lens = np.log(frames(disk / "lens")[1][0].mean(axis=0) + 1e-30)
+    pinhole = np.log(frames(disk / "pinhole")[1][0].mean(axis=0) + 1e-30)
+    for turned, floor in ((pinhole, 0.95), (pinhole[::-1], -1), (pinhole[:, ::-1], -1), (pinhole[::-1, ::-1], -1)):
+        correlation = np.corrcoef(lens.ravel(), turned.ravel())[0, 1]
+        assert correlation > floor
+        if floor < 0:
+            assert correlation < 0.8
+
+
+def test_the_light_is_absolute(disk):
+    """A Lambertian white of reflectance r under E_v lux: the radiance's luminance is r E_v / pi. The picture's white
+    sectors are brighter above and darker below the disk's centre, where the illuminance is defined."""
+    stack, values = frames(disk / "pinhole")
+    lambda_nm = np.array([b["lambda_nm"] for b in stack["bands"]])
+    sys_path_spectra = pytest.importorskip("pecs_blender.core.spectra")
+    lamp = sys_path_spectra.load("led_b3")
+    v = sys_path_spectra.load("photopic")
+    grid = np.arange(380, 781.0)
+    centre = values[0][:, 88:93, 237:242]
+    white = centre.reshape(3, -1).max(axis=1)
+    for k in range(3):  # radiance in band k = r/pi * E_v * lamp(k) / (683 integral V lamp)
+        expected = 0.84 / np.pi * 100 * lamp(lambda_nm[k]) / (683 * np.sum(v(grid) * lamp(grid)))
+        assert white[k] == pytest.approx(expected, rel=0.1)
+
+
+def test_film_irradiance_follows_from_the_radiance(disk):
+    """E = e0 * L on the axis (docs/exr_stack.md): the wall's irradiance through the lens over its pinhole radiance."""
+    stack, lens = frames(disk / "lens")
+    _, pinhole = frames(disk / "pinhole")
+    window = np.s_[0, :, 80:100, 130:160]
+    ratio = lens[window].mean(axis=(1, 2)) / pinhole[window].mean(axis=(1, 2))
+    assert ratio == pytest.approx(np.array(stack["lens"]["e0"]), rel=0.02)
+    # paraxial: E0 = pi sin^2 = pi / (4 N^2 + 1)
+    assert stack["lens"]["e0"][1] == pytest.approx(np.pi / (4 * stack["lens"]["fnumber"] ** 2 + 1), rel=0.1)
+
+
+def test_a_static_scene_is_bit_identical_and_gives_no_events(render, pecs_program, tmp_path):
+    render(tmp_path / "s", "--bands", 4, "--frames", 4, "--fps", 1000, "--width", 64, "--samples", 4, "--set", "rpm=0")
+    _, values = frames(tmp_path / "s")
+    assert values.max() > 0
+    assert (values == values[0]).all()
+    result = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "e.csv", "--chip", "imx636", "--no-noise")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(pecs_program("info", tmp_path / "e.csv", "--json").stdout)["events"] == 0
+
+
+def test_a_killed_job_continues_to_the_same_stack(render, root, tmp_path):
+    common = ("--bands", 3, "--frames", 6, "--fps", 1000, "--width", 64, "--samples", 4, "--lens", "none")
+    render(tmp_path / "whole", *common)
+    killed = tmp_path / "killed"
+    command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", killed, *map(str, common)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    while process.poll() is None and len(list(killed.glob("frame_*.exr"))) < 2:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = {p.name: p.stat().st_mtime_ns for p in killed.glob("frame_*.exr")}
+    assert before
+    render(killed, *common)
+    after = {p.name: p.stat().st_mtime_ns for p in killed.glob("frame_*.exr")}
+    assert {name: after[name] for name in before} == before  # never rendered twice
+    for path in (tmp_path / "whole").glob("*"):
+        assert path.read_bytes() == (killed / path.name).read_bytes(), path.name
+
+
+def test_another_job_does_not_write_into_a_stack(render, tmp_path):
+    common = ("--bands", 1, "--frames", 1, "--width", 32, "--samples", 1, "--lens", "none")
+    render(tmp_path / "s", *common)
+    result = render(tmp_path / "s", *common, "--seed", 2, check=False)
+    assert result.returncode == 5 and len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "args, code",
+    [
+        (["--frames", "0"], 2),
+        (["--frames", "5:5"], 2),
+        (["--fps", "-1"], 2),
+        (["--set", "rmp=3"], 2),
+        (["--set", "rpm=nan"], 4),
+        (["--set", "white_reflectance=snow"], 3),
+        (["--frames", "period", "--set", "rpm=0"], 2),
+        (["--lens", "no_such_lens"], 3),
+        (["--chip", "no_such_chip"], 3),
+    ],
+    ids=lambda v: " ".join(v) if isinstance(v, list) else "",
+)
+def test_bad_input_is_one_line(render, tmp_path, args, code):
+    result = render(tmp_path / "s", "--width", 32, "--samples", 1, *args, check=False)
+    assert result.returncode == code, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.glob("s/frame_*"))
+
+
+def test_an_unwritable_output_is_one_line(render, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = render(
+        tmp_path / "file" / "s", "--width", 32, "--samples", 1, "--frames", 1, "--lens", "none", check=False
+    )
+    assert result.returncode == 5, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
