@@ -39,7 +39,7 @@ def test_imports_away_from_the_checkout(wheel, tmp_path):
     venv.create(tmp_path / "v", with_pip=True, system_site_packages=False)
     python = tmp_path / "v" / "bin" / "python"
     subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel], check=True)
-    code = "import pecs; print(pecs.__version__, pecs.__file__)"
+    code = "import pecs; print(pecs.__version__, pecs.__file__); assert len(pecs.bands(n=6)) == 6"
     result = subprocess.run([python, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
     version, where = result.stdout.split()
     assert version == wheel.name.split("-")[1]
