@@ -25,7 +25,7 @@ stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw \
 
 stage pictures "$PECS $OUT/sim.raw" $OUT/sim.html sh -c "
   '$PECS' view $OUT/sim.raw -o $OUT/sim.png && '$PECS' view $OUT/sim.raw -o $OUT/sim.mp4 &&
-  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw lab_15mm -o $OUT/lens.svg"
+  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm -o $OUT/lens.svg"
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack)
 if [ -n "$REAL" ]; then
