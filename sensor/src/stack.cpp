@@ -398,7 +398,8 @@ StackReader::StackReader(fs::path folder, std::optional<double> fps) : folder_(s
 
 fs::path StackReader::frame_path(std::int64_t index) const { return folder_ / frame_name(index); }
 
-void StackReader::read_rows(std::int64_t index, const RowSink& sink) const {
+void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
+  if (end == 0) end = info_.height;
   const fs::path path = frame_path(index);
   if (!fs::exists(path)) throw not_found(path.string(), "no such file");
   reading(path, [&] {
@@ -413,16 +414,17 @@ void StackReader::read_rows(std::int64_t index, const RowSink& sink) const {
       channels = check_header(header, path, info_, time_ns, false);
     }
     const Imath::Box2i box = file.header().dataWindow();
-    const int step = std::min(rows_per_block(file.header()), info_.height);
+    const int step = rows_per_block(file.header());
     std::vector<float> values(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(step) *
                               info_.bands.size());
-    for (int y = 0; y < info_.height; y += step) {
-      const int rows = std::min(step, info_.height - y);
+    for (int y = begin; y < end;) {
+      const int rows = std::min(step - y % step, end - y);  // to the end of the block
       file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
       file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
       sink(y, rows,
            std::span(values).first(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(rows) *
                                    info_.bands.size()));
+      y += rows;
     }
   });
 }

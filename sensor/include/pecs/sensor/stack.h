@@ -62,8 +62,9 @@ class StackReader {
   std::int64_t frames() const { return frames_; }
   std::filesystem::path frame_path(std::int64_t index) const;
 
-  // Decodes a frame in blocks of rows, in order; checks its size, channels and time. May be called from many threads.
-  void read_rows(std::int64_t index, const RowSink& sink) const;
+  // Decodes rows [begin, end) of a frame (end 0: all) in blocks, in order; checks its size, channels and time. May be
+  // called from many threads.
+  void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const;
   // The whole frame as [bands][height][width].
   std::vector<float> read_frame(std::int64_t index) const;
 

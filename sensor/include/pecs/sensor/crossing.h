@@ -1,0 +1,65 @@
+#pragma once
+// Threshold crossings of one pixel within one frame interval.
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace pecs::sensor {
+
+// An event in one number whose order is the stream's order: time in us, then pixel (y * width + x), then polarity.
+using EventKey = std::uint64_t;
+inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on) {
+  return static_cast<std::uint64_t>(t_us) << 27 | std::uint64_t{pixel} << 1 | (on ? 1u : 0u);
+}
+inline std::int64_t key_time_us(EventKey key) { return static_cast<std::int64_t>(key >> 27); }
+inline std::uint32_t key_pixel(EventKey key) { return static_cast<std::uint32_t>(key >> 1) & 0x3ffffff; }
+inline bool key_on(EventKey key) { return key & 1; }
+
+// c0 + c1 s + c2 s^2 + c3 s^3 on [0, 1].
+struct Cubic {
+  double c0, c1, c2, c3;
+  double at(double s) const { return c0 + s * (c1 + s * (c2 + s * c3)); }
+};
+Cubic hermite(double v0, double v1, double m0, double m1);
+
+struct Crossing {
+  double s;  // > 1: none
+  bool on;
+};
+// The first s >= from where the cubic is >= high (on) or <= low (off).
+Crossing first_crossing(const Cubic& q, double from, double low, double high);
+
+// An event that noise makes, whatever the light does.
+struct BackgroundEvent {
+  double t_us;
+  std::uint32_t pixel;
+  bool on;
+};
+
+// One pixel over one interval. V is the photoreceptor's output (ln), n its noise (linear in between).
+struct PixelInterval {
+  double t0_us, h_us;
+  std::uint32_t pixel;
+  double l0, l1, m0, m1;  // ln of photo- plus dark current [fA]; slopes per interval
+  double w0, w1;          // photoreceptor state 1/u [1/fA]; w1 is written when a > 0
+  double n0, n1;          // noise at the ends
+  double threshold_on, threshold_off;
+  double reference;                             // in and out: V at the last reset
+  double blind_us;                              // in and out: time left until the reference is taken
+  std::span<const BackgroundEvent> background;  // within the interval, in time order
+};
+
+struct PixelConstants {
+  double a_per_us = 0;  // 2 pi * corner per fA and us; 0: V = ln I
+  double leak_per_us = 0;
+  double refractory_us = 0;
+};
+
+// Steps of the photoreceptor that an interval needs: 1 in steady light. x: exposure; dl: change of ln I; lag: ln I - V
+// at the start.
+int receptor_steps(double x, double dl, double lag);
+
+// Appends the interval's events.
+void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events);
+
+}  // namespace pecs::sensor

@@ -1,0 +1,49 @@
+#pragma once
+// The pixel model `pecs` (docs/sensor.md): photocurrent planes in, event keys out. All pixels of the chip, each with
+// its own thresholds and state; a range of pixels may be advanced by any thread, on its own.
+//
+// Time runs in intervals between frames: the interval that starts at frame k is worked on when frame k + 2 is known,
+// because its monotone cubic (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "pecs/sensor/chip.h"
+#include "pecs/sensor/crossing.h"
+
+namespace pecs::sensor {
+
+// What a batch of frames brings. Planes hold photocurrent in any unit: I [fA] = value * gain_fa.
+struct FrameBatch {
+  std::int64_t first_frame = 0;      // frames given before
+  std::vector<const float*> planes;  // each [height * width], row 0 at the top
+  std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
+  bool last = false;                 // no frame follows: the last interval is finished too
+};
+
+class PixelArray {
+ public:
+  PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa);
+  std::uint32_t pixels() const { return pixels_; }
+
+  // Works through the batch for pixels [first, first + count) and appends their events: by pixel, then time. Every
+  // batch must be given to every pixel once. Ranges worked on at the same time begin at multiples of kBlock.
+  static constexpr std::uint32_t kBlock = 1024;
+  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, std::vector<EventKey>& events);
+
+ private:
+  std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
+                                          std::uint32_t count) const;
+
+  PixelConstants constants_;
+  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
+  std::uint64_t seed_;
+  std::uint32_t pixels_ = 0;
+  std::vector<float> threshold_on_, threshold_off_;
+  std::vector<float> l0_, l1_, m0_;  // ln I at the last two frames, slope [1/us] at the earlier one
+  std::vector<float> reference_, blind_us_;
+  std::vector<float> w_, noise_;  // photoreceptor and its noise; empty when infinitely fast
+};
+
+}  // namespace pecs::sensor

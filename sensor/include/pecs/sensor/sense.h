@@ -1,0 +1,38 @@
+#pragma once
+// The whole sensor: an EXR stack in, an event file out (docs/sensor.md).
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pecs/strict_json.h"
+
+namespace pecs::sensor {
+
+struct SenseOptions {
+  std::filesystem::path stack, output;
+  std::optional<std::string> format;  // of the output; else from its name
+  std::string chip = "imx636";
+  std::vector<std::string> overrides;  // "key=value"
+  bool no_noise = false;               // photon noise, leak, background and mismatch off
+  std::uint64_t seed = 1;
+  int threads = 0;                // 0: all
+  std::optional<double> fps;      // for a folder without stack.json
+  std::optional<double> fnumber;  // for a stack of radiance
+  int warmup_loops = 0;           // of a periodic stack, before the output begins
+  std::int64_t start_us = 0;      // output begins this long after the warm-up
+  std::optional<std::int64_t> duration_us;
+  bool quiet = false;
+};
+
+struct SenseReport {
+  Json config;   // resolved
+  Json results;  // counts, rates, light
+};
+
+// Memory does not grow with the length of a stack; of a looped one it grows with its number of events.
+// Throws pecs::Error; then the output does not exist.
+SenseReport sense(const SenseOptions& options);
+
+}  // namespace pecs::sensor

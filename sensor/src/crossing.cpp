@@ -1,0 +1,138 @@
+#include "pecs/sensor/crossing.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "pecs/sensor/photoreceptor.h"
+
+namespace pecs::sensor {
+namespace {
+
+// q(s) = level in [a, b], where q is monotone and crosses it: Newton, kept in the bracket.
+double solve(const Cubic& q, double level, double a, double b) {
+  const bool rising = q.at(b) > q.at(a);
+  double s = (a + b) / 2;
+  for (int i = 0; i < 60 && b - a > 1e-12; ++i) {
+    const double f = q.at(s) - level;
+    ((f < 0) == rising ? a : b) = s;
+    const double slope = q.c1 + s * (2 * q.c2 + s * 3 * q.c3);
+    double next = s - f / slope;
+    if (!(next > a && next < b)) next = (a + b) / 2;
+    if (std::abs(next - s) < 1e-10) return next;
+    s = next;
+  }
+  return s;
+}
+
+// A slope that overshoots a step it goes along with: in very fast light a relaxation is over within the step.
+double limited(double slope, double rise) {
+  return slope * rise > 0 && std::abs(slope) > 3 * std::abs(rise) ? 3 * rise : slope;
+}
+
+}  // namespace
+
+Cubic hermite(double v0, double v1, double m0, double m1) {
+  return {v0, m0, 3 * (v1 - v0) - 2 * m0 - m1, 2 * (v0 - v1) + m0 + m1};
+}
+
+Crossing first_crossing(const Cubic& q, double from, double low, double high) {
+  const double start = q.at(from);
+  if (start >= high) return {from, true};
+  if (start <= low) return {from, false};
+
+  // Monotone pieces end where 3 c3 s^2 + 2 c2 s + c1 = 0.
+  double ends[3];
+  int pieces = 0;
+  const double root2 = q.c2 * q.c2 - 3 * q.c3 * q.c1;
+  if (root2 > 0) {
+    const double t = -(q.c2 + std::copysign(std::sqrt(root2), q.c2));
+    double r0 = q.c3 != 0 ? t / (3 * q.c3) : 2, r1 = t != 0 ? q.c1 / t : 2;
+    if (r0 > r1) std::swap(r0, r1);
+    for (const double r : {r0, r1})
+      if (r > from && r < 1) ends[pieces++] = r;
+  }
+  ends[pieces++] = 1;
+
+  double a = from;
+  for (int i = 0; i < pieces; ++i) {
+    const double end = q.at(ends[i]);
+    if (end >= high) return {solve(q, high, a, ends[i]), true};
+    if (end <= low) return {solve(q, low, a, ends[i]), false};
+    a = ends[i];
+  }
+  return {2, false};
+}
+
+int receptor_steps(double x, double dl, double lag) {
+  // Error of V per step ~ min(x, 1) dl^2 / 50; the relaxation of a lag wants steps of 1/5 of its time constant.
+  const double for_light = std::sqrt(dl * dl * std::min(x, 1.0) / 1e-3);
+  const double for_relaxation = std::max(std::abs(dl), std::abs(lag)) > 0.01 ? std::min(x / 0.2, 64.0) : 1.0;
+  return static_cast<int>(std::clamp(std::ceil(std::max(for_light, for_relaxation)), 1.0, 128.0));
+}
+
+void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey>& events) {
+  const LogLight light{p.l0, p.l1, p.m0, p.m1};
+  const double a_h = k.a_per_us * p.h_us;
+  const double mean_light = k.a_per_us > 0 ? (std::exp(p.l0) + std::exp(p.l1)) / 2 : 0;
+  const int steps = k.a_per_us > 0 ? receptor_steps(a_h * mean_light, p.l1 - p.l0, p.l0 + std::log(p.w0)) : 1;
+  const double h = p.h_us / steps;                            // of a step
+  const double drift = p.n1 - p.n0 + k.leak_per_us * p.h_us;  // per interval, added to V
+  double blind_until = p.blind_us;                            // from the interval's start
+  auto background = p.background.begin();
+  double w = p.w0;
+
+  for (int step = 0; step < steps; ++step) {
+    // V over this step, as a cubic.
+    const double s0 = static_cast<double>(step) / steps, s1 = static_cast<double>(step + 1) / steps;
+    double v0 = p.l0, v1 = p.l1, m0 = p.m0, m1 = p.m1;
+    if (k.a_per_us > 0) {
+      const double next = receptor_advance(w, light, s0, s1, a_h);
+      v0 = -std::log(w);
+      v1 = -std::log(next);
+      m0 = limited(a_h * (s1 - s0) * (std::exp(light.at(s0)) - 1 / w), v1 - v0);  // dV/dt = a (I - u)
+      m1 = limited(a_h * (s1 - s0) * (std::exp(light.at(s1)) - 1 / next), v1 - v0);
+      w = next;
+    }
+    const double n0 = p.n0 + drift * s0, n1 = p.n0 + drift * s1;
+    const Cubic q = hermite(v0 + n0, v1 + n1, m0 + n1 - n0, m1 + n1 - n0);
+    const double start = step * h, end = start + h;
+
+    double s = 0;
+    if (p.blind_us > 0) {
+      if (blind_until >= end) continue;
+      s = std::max(0.0, (blind_until - start) / h);
+      p.reference = q.at(s);
+      p.blind_us = 0;
+    }
+    while (true) {
+      Crossing next = first_crossing(q, s, p.reference - p.threshold_off, p.reference + p.threshold_on);
+      while (background != p.background.end() && background->t_us - p.t0_us < start + s * h) ++background;
+      const bool by_noise = background != p.background.end() && background->t_us - p.t0_us < end &&
+                            (background->t_us - p.t0_us - start) / h < next.s;
+      if (by_noise) {
+        next = {(background->t_us - p.t0_us - start) / h, background->on};
+        ++background;
+      }
+      if (next.s > 1) break;
+      events.push_back(event_key(std::llround(p.t0_us + start + next.s * h), p.pixel, next.on));
+      // The reference is V when the refractory period ends.
+      if (k.refractory_us > 0) {
+        blind_until = start + next.s * h + k.refractory_us;
+        if (blind_until >= end) {
+          p.blind_us = blind_until;
+          break;
+        }
+        s = (blind_until - start) / h;
+        p.reference = q.at(s);
+      } else {
+        p.reference = q.at(next.s);
+        s = next.s;
+      }
+    }
+  }
+  if (p.blind_us > 0) p.blind_us = std::max(blind_until - p.h_us, 1e-6);
+  p.reference -= k.leak_per_us * p.h_us;
+  if (k.a_per_us > 0) p.w1 = w;
+}
+
+}  // namespace pecs::sensor

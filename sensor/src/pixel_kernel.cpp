@@ -1,0 +1,425 @@
+// Included once per instruction set by Highway's foreach_target.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "pixel_kernel.cpp"
+#include <hwy/foreach_target.h>
+// then
+#include <hwy/contrib/math/math-inl.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "pecs/sensor/random.h"
+#include "pixel_kernel.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace pecs::sensor::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using F = hn::ScalableTag<float>;
+using I32 = hn::RebindToSigned<F>;
+using U32 = hn::RebindToUnsigned<F>;
+using V = hn::Vec<F>;
+using VU = hn::Vec<U32>;
+using M = hn::Mask<F>;
+
+constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: less light than this is darkness
+
+// ln x for positive, finite, normal x: x = 2^e m with m in [sqrt(1/2), sqrt(2)), then the minimax polynomial of
+// Cephes' logf; relative error 1e-7.
+HWY_INLINE V ln(V x) {
+  const F f;
+  const I32 i;
+  const auto bits = hn::BitCast(i, x);
+  const auto e = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(i, 0x3f3504f3)));
+  const V m = hn::Sub(hn::BitCast(f, hn::Sub(bits, hn::ShiftLeft<23>(e))), hn::Set(f, 1.0f));
+  const V exponent = hn::ConvertTo(f, e);
+  const V z = hn::Mul(m, m);
+  V p = hn::Set(f, 7.0376836292e-2f);
+  for (const float c : {-1.1514610310e-1f, 1.1676998740e-1f, -1.2420140846e-1f, 1.4249322787e-1f, -1.6668057665e-1f,
+                        2.0000714765e-1f, -2.4999993993e-1f, 3.3333331174e-1f})
+    p = hn::MulAdd(p, m, hn::Set(f, c));
+  V y = hn::Mul(hn::Mul(p, m), z);
+  y = hn::MulAdd(exponent, hn::Set(f, -2.12194440e-4f), y);
+  y = hn::NegMulAdd(hn::Set(f, 0.5f), z, y);
+  return hn::MulAdd(exponent, hn::Set(f, 0.693359375f), hn::Add(m, y));
+}
+
+// (1 - e^-x) / x for x >= 0.
+HWY_INLINE V phi1(V x) {
+  const F f;
+  V series = hn::Set(f, 1.0f / 5040);
+  for (const float c : {-1.0f / 720, 1.0f / 120, -1.0f / 24, 1.0f / 6, -0.5f, 1.0f})
+    series = hn::MulAdd(series, x, hn::Set(f, c));
+  const M small = hn::Lt(x, hn::Set(f, 0.5f));
+  if (hn::AllTrue(f, small)) return series;
+  const V exact = hn::Div(hn::Sub(hn::Set(f, 1.0f), hn::Exp(f, hn::Neg(x))), x);
+  return hn::IfThenElse(small, series, exact);
+}
+
+// photoreceptor.h: receptor_step; also gives e^-x.
+HWY_INLINE V receptor_step(V w, V g0, V g1, V x, V& e) {
+  const V one = hn::Set(F(), 1.0f);
+  const V phi = phi1(x);
+  e = hn::NegMulAdd(x, phi, one);
+  return hn::MulAdd(hn::Sub(g1, g0), hn::Sub(one, phi), hn::MulAdd(e, hn::Sub(w, g0), g0));
+}
+
+// High and low halves of the products of 32-bit lanes.
+HWY_INLINE void multiply(VU a, VU b, VU& high, VU& low) {
+  const U32 u;
+  const auto even = hn::MulEven(a, b);
+  const auto odd = hn::MulEven(hn::ShiftRightLanes<1>(u, a), hn::ShiftRightLanes<1>(u, b));
+  high = hn::OddEven(hn::BitCast(u, odd), hn::ShiftRightLanes<1>(u, hn::BitCast(u, even)));
+  low = hn::Mul(a, b);
+}
+
+// random.h: random4 for a run of pixels.
+HWY_INLINE void philox(VU c[4], std::uint64_t key) {
+  const U32 u;
+  auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);
+  for (int round = 0; round < 7; ++round) {
+    VU ah, al, bh, bl;
+    multiply(c[0], hn::Set(u, 0xD2511F53u), ah, al);
+    multiply(c[2], hn::Set(u, 0xCD9E8D57u), bh, bl);
+    c[0] = hn::Xor(hn::Xor(bh, c[1]), hn::Set(u, k0));
+    c[2] = hn::Xor(hn::Xor(ah, c[3]), hn::Set(u, k1));
+    c[1] = bl;
+    c[3] = al;
+    k0 += 0x9E3779B9;
+    k1 += 0xBB67AE85;
+  }
+}
+
+// random.h: gaussian.
+HWY_INLINE V gaussian(VU r) {
+  const F f;
+  const I32 i;
+  const V x = hn::MulAdd(hn::ConvertTo(f, hn::BitCast(i, hn::Xor(r, hn::Set(U32(), 0x80000000u)))),
+                         hn::Set(f, 0x1p-31f), hn::Set(f, 0x1p-32f));
+  const V one = hn::Set(f, 1.0f);
+  const V inside = hn::Max(hn::Mul(hn::Sub(one, x), hn::Add(one, x)), hn::Set(f, 0x1p-26f));
+  const V w = hn::Neg(ln(inside));
+  const V central = hn::Sub(w, hn::Set(f, 2.5f));
+  V p = hn::Set(f, 2.81022636e-08f);
+  for (const float c : {3.43273939e-07f, -3.5233877e-06f, -4.39150654e-06f, 0.00021858087f, -0.00125372503f,
+                        -0.00417768164f, 0.246640727f, 1.50140941f})
+    p = hn::MulAdd(p, central, hn::Set(f, c));
+  const M tail = hn::Ge(w, hn::Set(f, 5.0f));
+  if (!hn::AllFalse(f, tail)) {
+    const V far = hn::Sub(hn::Sqrt(w), hn::Set(f, 3.0f));
+    V q = hn::Set(f, -0.000200214257f);
+    for (const float c : {0.000100950558f, 0.00134934322f, -0.00367342844f, 0.00573950773f, -0.0076224613f,
+                          0.00943887047f, 1.00167406f, 2.83297682f})
+      q = hn::MulAdd(q, far, hn::Set(f, c));
+    p = hn::IfThenElse(tail, q, p);
+  }
+  return hn::Mul(hn::Mul(p, x), hn::Set(f, 1.41421356f));
+}
+
+// Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
+HWY_INLINE V inner_slope(V s0, V s1, const IntervalTimes& t) {
+  const F f;
+  const V product = hn::Mul(s0, s1);
+  const V below = hn::MulAdd(hn::Set(f, t.weight_this), s1, hn::Mul(hn::Set(f, t.weight_next), s0));
+  const V slope = hn::Div(hn::Mul(hn::Set(f, t.weight_sum), product), below);
+  return hn::IfThenElseZero(hn::Gt(product, hn::Zero(f)), slope);
+}
+
+// Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.
+HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
+  const F f;
+  const V slope =
+      hn::Mul(hn::Set(f, 1 / (h0 + h1)), hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
+  const V most = hn::Mul(hn::Set(f, 3.0f), s0);
+  const M turns = hn::Lt(hn::Mul(s0, s1), hn::Zero(f));
+  const V limited = hn::IfThenElse(hn::And(turns, hn::Gt(hn::Abs(slope), hn::Abs(most))), most, slope);
+  return hn::IfThenElseZero(hn::Gt(hn::Mul(limited, s0), hn::Zero(f)), limited);
+}
+
+struct Vectors {
+  V l0, l1, m0, reference, blind, w, noise;
+};
+
+template <bool kReceptor>
+class Run {
+ public:
+  Run(const KernelArguments& a, std::uint32_t pixel, std::uint32_t lanes) : a_(a), pixel_(pixel), lanes_(lanes) {}
+
+  // All planes of the batch for one vector of pixels; plane(i) points to its values. background: by time.
+  template <class Plane>
+  void operator()(const Plane& plane, std::span<const BackgroundEvent> background) {
+    on_ = hn::LoadU(f_, a_.threshold_on + pixel_);
+    off_ = hn::Neg(hn::LoadU(f_, a_.threshold_off + pixel_));
+    background_ = background;
+    load();
+    std::size_t interval = 0;
+    for (std::size_t i = 0; i < a_.planes.size(); ++i) {
+      const std::int64_t frame = a_.first_frame + static_cast<std::int64_t>(i);
+      V current = hn::MulAdd(hn::LoadU(f_, plane(i)), hn::Set(f_, a_.gain_fa), hn::Set(f_, a_.dark_fa));
+      const M finite = hn::Lt(current, hn::Set(f_, 1e30f));  // false for NaN
+      current = hn::Max(current, hn::Set(f_, kFloor_fa));
+      const V l2 = hn::IfThenElse(finite, ln(current), frame == 0 ? hn::Set(f_, std::log(kFloor_fa)) : s_.l1);
+      if (frame == 0) {
+        start(l2);
+      } else if (frame == 1) {
+        s_.l0 = s_.l1;
+        s_.l1 = l2;
+      } else {
+        const IntervalTimes& t = a_.intervals[interval++];
+        const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
+        const V s1 = hn::Mul(hn::Sub(l2, s_.l1), hn::Set(f_, t.per_next));
+        if (frame == 2) s_.m0 = end_slope(s0, s1, t.h_us, 1 / t.per_next);
+        step(t, inner_slope(s0, s1, t));
+        s_.l0 = s_.l1;
+        s_.l1 = l2;
+      }
+    }
+    if (a_.last && interval < a_.intervals.size()) {
+      const IntervalTimes& t = a_.intervals[interval];
+      const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
+      // No frame follows: the chord is the slope at the end.
+      if (t.step == 0) s_.m0 = s0;
+      step(t, s0);
+    }
+    store();
+  }
+
+ private:
+  void load() {
+    s_.l0 = hn::LoadU(f_, a_.l0 + pixel_);
+    s_.l1 = hn::LoadU(f_, a_.l1 + pixel_);
+    s_.m0 = hn::LoadU(f_, a_.m0 + pixel_);
+    s_.reference = hn::LoadU(f_, a_.reference + pixel_);
+    s_.blind = hn::LoadU(f_, a_.blind_us + pixel_);
+    if constexpr (kReceptor) {
+      s_.w = hn::LoadU(f_, a_.w + pixel_);
+      s_.noise = hn::LoadU(f_, a_.noise + pixel_);
+      v_ = hn::Neg(ln(s_.w));
+    }
+  }
+  void store() {
+    // The lanes beyond the range belong to others.
+    const M mine = hn::FirstN(f_, lanes_);
+    const auto put = [&](V v, float* to) {
+      hn::StoreU(lanes_ == hn::Lanes(f_) ? v : hn::IfThenElse(mine, v, hn::LoadU(f_, to)), f_, to);
+    };
+    put(s_.l0, a_.l0 + pixel_);
+    put(s_.l1, a_.l1 + pixel_);
+    put(s_.m0, a_.m0 + pixel_);
+    put(s_.reference, a_.reference + pixel_);
+    put(s_.blind, a_.blind_us + pixel_);
+    if constexpr (kReceptor) {
+      put(s_.w, a_.w + pixel_);
+      put(s_.noise, a_.noise + pixel_);
+    }
+  }
+
+  // The first frame: everything at rest.
+  void start(V l) {
+    s_.l0 = s_.l1 = l;
+    s_.m0 = s_.blind = hn::Zero(f_);
+    s_.reference = l;
+    if constexpr (kReceptor) {
+      s_.w = hn::Div(hn::Set(f_, 1.0f), hn::Exp(f_, l));
+      s_.noise = hn::Zero(f_);
+      v_ = hn::Neg(ln(s_.w));
+      if (a_.noise_std > 0) s_.noise = hn::Mul(hn::Set(f_, a_.noise_std), gaussian_of(0, Purpose::noise_start));
+      s_.reference = hn::Add(v_, s_.noise);
+    }
+  }
+
+  // Four steps share one call of Philox.
+  V gaussian_of(std::int64_t step, Purpose purpose) {
+    const std::int64_t four = step >> 2;
+    if (four != random_of_ || purpose != random_for_) {
+      const auto s = static_cast<std::uint64_t>(four);
+      random_[0] = hn::Iota(u_, pixel_);
+      random_[1] = hn::Set(u_, static_cast<std::uint32_t>(s));
+      random_[2] = hn::Set(u_, static_cast<std::uint32_t>(s >> 32));
+      random_[3] = hn::Set(u_, static_cast<std::uint32_t>(purpose));
+      philox(random_, a_.seed);
+      random_of_ = four;
+      random_for_ = purpose;
+    }
+    return gaussian(random_[step & 3]);
+  }
+
+  // The interval between frames of ln I = l0 and l1, with slopes m0 and m1 per us.
+  void step(const IntervalTimes& t, V m1) {
+    const V h = hn::Set(f_, t.h_us);
+    if constexpr (kReceptor) {
+      step_receptor(t, hn::Mul(s_.m0, h), hn::Mul(m1, h));
+    } else {
+      step_ideal(t, hn::Mul(s_.m0, h), hn::Mul(m1, h));
+    }
+    s_.m0 = m1;
+  }
+
+  // V = ln I, monotone between frames: its end tells whether a threshold is crossed.
+  void step_ideal(const IntervalTimes& t, V m0, V m1) {
+    const V leak = hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us);
+    const V d1 = hn::Sub(s_.l1, s_.reference);
+    M active = hn::Or(hn::Ge(hn::Add(d1, leak), on_), hn::Le(d1, off_));
+    active = hn::Or(active, hn::Gt(s_.blind, hn::Zero(f_)));
+    find(t, active, m0, m1, s_.w, s_.noise);
+    s_.reference = hn::Sub(s_.reference, leak);
+  }
+
+  void step_receptor(const IntervalTimes& t, V m0, V m1) {
+    const V a_h = hn::Set(f_, static_cast<float>(a_.constants.a_per_us) * t.h_us);
+    const V one = hn::Set(f_, 1.0f);
+
+    // ln I at the middle of the cubic, and I at start, middle and end.
+    const V lm = hn::MulAdd(hn::Sub(m0, m1), hn::Set(f_, 0.125f), hn::Mul(hn::Set(f_, 0.5f), hn::Add(s_.l0, s_.l1)));
+    const V i0 = hn::Exp(f_, s_.l0), im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
+    const V g0 = hn::Div(one, i0), gm = hn::Div(one, im), g1 = hn::Div(one, i1);
+
+    // Two half steps of the photoreceptor.
+    const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24)), zero = hn::Zero(f_);
+    const V x0 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i0, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
+    const V x1 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i0)));
+    V e0, e1;
+    const V wm = receptor_step(s_.w, g0, gm, x0, e0);
+    V w1 = receptor_step(wm, gm, g1, x1, e1);
+    const V v1 = hn::Neg(ln(w1));
+
+    // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
+    // the correlation over the step is e^-X u1/u0.
+    V n1 = s_.noise;
+    if (a_.noise_std > 0) {
+      const V rho = hn::Min(one, hn::Mul(hn::Mul(e0, e1), hn::Div(s_.w, w1)));
+      const V sigma = hn::Mul(hn::Set(f_, a_.noise_std), hn::Sqrt(hn::Mul(hn::Sub(one, rho), hn::Add(one, rho))));
+      n1 = hn::MulAdd(sigma, gaussian_of(t.step, Purpose::noise), hn::Mul(rho, s_.noise));
+    }
+
+    // V over the interval lies within the hull of its Bezier points.
+    const V drift = hn::Add(hn::Sub(n1, s_.noise), hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
+    const V d0 = hn::Sub(hn::Add(v_, s_.noise), s_.reference);
+    const V d1 = hn::Add(hn::Sub(hn::Add(v1, s_.noise), s_.reference), drift);
+    const V third = hn::Set(f_, 1.0f / 3);
+    const V slope0 = hn::MulAdd(a_h, hn::Sub(i0, hn::Div(one, s_.w)), drift);
+    const V slope1 = hn::MulAdd(a_h, hn::Sub(i1, hn::Div(one, w1)), drift);
+    const V b0 = hn::MulAdd(third, slope0, d0), b1 = hn::NegMulAdd(third, slope1, d1);
+    const V high = hn::Max(hn::Max(d0, d1), hn::Max(b0, b1)), low = hn::Min(hn::Min(d0, d1), hn::Min(b0, b1));
+    M active = hn::Or(hn::Ge(high, on_), hn::Le(low, off_));
+    active = hn::Or(active, hn::Gt(s_.blind, zero));
+    // Fast light needs shorter steps than two.
+    const V dl = hn::Sub(s_.l1, s_.l0);
+    active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), hn::Min(one, hn::Add(x0, x1))), hn::Set(f_, 0.02f)));
+
+    find(t, active, m0, m1, w1, n1);
+    s_.reference = hn::Sub(s_.reference, hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
+    v_ = hn::Neg(ln(w1));
+    s_.w = w1;
+    s_.noise = n1;
+  }
+
+  // Exact work for the lanes that may have events.
+  void find(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
+    const bool noise_now = !background_.empty() && background_.front().t_us < t.t1_us;
+    if (HWY_LIKELY(!noise_now && hn::AllFalse(f_, active))) return;
+    find_slowly(t, active, m0, m1, w1, n1);
+  }
+
+  HWY_NOINLINE void find_slowly(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
+    constexpr std::size_t kLanes = HWY_MAX_BYTES / sizeof(float);
+    HWY_ALIGN float flag[kLanes], fl0[kLanes], fl1[kLanes], fm0[kLanes], fm1[kLanes], fw0[kLanes], fw1[kLanes],
+        fn0[kLanes], fn1[kLanes], fon[kLanes], foff[kLanes], fref[kLanes], fblind[kLanes];
+    hn::Store(hn::IfThenElseZero(active, hn::Set(f_, 1.0f)), f_, flag);
+    hn::Store(s_.l0, f_, fl0);
+    hn::Store(s_.l1, f_, fl1);
+    hn::Store(m0, f_, fm0);
+    hn::Store(m1, f_, fm1);
+    hn::Store(on_, f_, fon);
+    hn::Store(off_, f_, foff);
+    hn::Store(s_.reference, f_, fref);
+    hn::Store(s_.blind, f_, fblind);
+    for (std::size_t i = 0; i < kLanes; ++i) fw0[i] = fw1[i] = fn0[i] = fn1[i] = 0;
+    if constexpr (kReceptor) {
+      hn::Store(s_.w, f_, fw0);
+      hn::Store(w1, f_, fw1);
+      hn::Store(s_.noise, f_, fn0);
+      hn::Store(n1, f_, fn1);
+    }
+    // Background events of this interval: time order, all lanes mixed.
+    std::size_t due = 0;
+    while (due < background_.size() && background_[due].t_us < t.t1_us) flag[background_[due++].pixel - pixel_] = 1;
+    const auto now = background_.first(due);
+    background_ = background_.subspan(due);
+    std::vector<BackgroundEvent> own;
+    const float leak = static_cast<float>(a_.constants.leak_per_us) * t.h_us;
+    for (std::uint32_t i = 0; i < lanes_; ++i) {
+      if (flag[i] == 0) continue;
+      own.clear();
+      for (const BackgroundEvent& e : now)
+        if (e.pixel == pixel_ + i) own.push_back(e);
+      PixelInterval p{
+          t.t0_us, t.t1_us - t.t0_us, pixel_ + i, fl0[i],    fl1[i], fm0[i], fm1[i], fw0[i], fw1[i], fn0[i], fn1[i],
+          fon[i],  -foff[i],          fref[i],    fblind[i], own};
+      find_events(a_.constants, p, *a_.events);
+      fref[i] = static_cast<float>(p.reference) + leak;  // the caller takes it off for all lanes
+      fblind[i] = static_cast<float>(p.blind_us);
+      fw1[i] = static_cast<float>(p.w1);
+    }
+    s_.reference = hn::Load(f_, fref);
+    s_.blind = hn::Load(f_, fblind);
+    if constexpr (kReceptor) w1 = hn::Load(f_, fw1);
+  }
+
+  const F f_{};
+  const U32 u_{};
+  const KernelArguments& a_;
+  const std::uint32_t pixel_, lanes_;
+  Vectors s_{};
+  V on_{}, off_{}, v_{};
+  VU random_[4]{};
+  std::int64_t random_of_ = -1;
+  Purpose random_for_ = Purpose::threshold;
+  std::span<const BackgroundEvent> background_;
+};
+
+template <bool kReceptor>
+void run_all(const KernelArguments& a) {
+  const F f;
+  const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
+  const auto end = a.first + a.count;
+  auto background = a.background;
+  std::vector<float> tail;
+  std::vector<BackgroundEvent> by_time;
+  for (std::uint32_t pixel = a.first; pixel < end; pixel += lanes) {
+    std::size_t mine = 0;
+    while (mine < background.size() && background[mine].pixel < pixel + lanes) ++mine;
+    by_time.assign(background.begin(), background.begin() + static_cast<std::ptrdiff_t>(mine));
+    background = background.subspan(mine);
+    if (mine > 1) std::ranges::stable_sort(by_time, {}, &BackgroundEvent::t_us);
+    const std::uint32_t live = std::min(lanes, end - pixel);
+    Run<kReceptor> run(a, pixel, live);
+    if (live == lanes) {
+      run([&](std::size_t i) { return a.planes[i] + pixel; }, by_time);
+    } else {  // the planes end here: pad them
+      tail.assign(a.planes.size() * lanes, 1.0f);
+      for (std::size_t i = 0; i < a.planes.size(); ++i) std::copy_n(a.planes[i] + pixel, live, tail.data() + i * lanes);
+      run([&](std::size_t i) { return tail.data() + i * lanes; }, by_time);
+    }
+  }
+}
+
+void RunKernel(const KernelArguments& a) {
+  if (a.constants.a_per_us > 0)
+    run_all<true>(a);
+  else
+    run_all<false>(a);
+}
+
+}  // namespace pecs::sensor::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace pecs::sensor {
+HWY_EXPORT(RunKernel);
+void run_kernel(const KernelArguments& arguments) { HWY_DYNAMIC_DISPATCH(RunKernel)(arguments); }
+}  // namespace pecs::sensor
+#endif

@@ -1,0 +1,35 @@
+#pragma once
+// The inner loop over frames for a run of pixels, compiled for each instruction set (pixel_kernel.cpp).
+#include "pecs/sensor/pixel.h"
+
+namespace pecs::sensor {
+
+// Constants of the interval that starts at frame k, with what the slope at frame k + 1 needs.
+struct IntervalTimes {
+  double t0_us, t1_us;
+  float h_us, per_h, per_next;                 // duration, 1 / duration, 1 / duration of the next interval
+  float weight_next, weight_this, weight_sum;  // of the harmonic mean
+  std::int64_t step;                           // index of the interval since the start
+};
+
+struct KernelArguments {
+  PixelConstants constants;
+  float dark_fa, gain_fa, noise_std;
+  std::uint64_t seed;
+  // Arrays start at pixel 0 and are padded by kMaxLanes.
+  const float *threshold_on, *threshold_off;
+  float *l0, *l1, *m0, *reference, *blind_us, *w, *noise;
+  std::span<const float* const> planes;
+  std::int64_t first_frame;
+  std::span<const IntervalTimes> intervals;  // one per plane from frame 2 on, and one more when the stream ends
+  bool last;                                 // the last of `intervals` has no frame after it
+  std::uint32_t first, count;
+  std::span<const BackgroundEvent> background;  // by pixel; within these intervals
+  std::vector<EventKey>* events;
+};
+
+inline constexpr std::uint32_t kMaxLanes = 64;
+
+void run_kernel(const KernelArguments& arguments);
+
+}  // namespace pecs::sensor

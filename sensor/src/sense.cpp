@@ -1,0 +1,335 @@
+#include "pecs/sensor/sense.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+#include <tbb/task_group.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+
+#include "pecs/error.h"
+#include "pecs/events/format.h"
+#include "pecs/progress.h"
+#include "pecs/sensor/light.h"
+#include "pecs/sensor/sensor.h"
+#include "pecs/sensor/stack.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr std::size_t kFrameBytes = std::size_t{32} << 20;  // planes of one batch; two batches are held
+constexpr std::size_t kLoopBytes = std::size_t{128} << 20;  // planes of a band of rows of a looped stack
+
+// Values that no light has, by pixel and frame.
+struct BadValues {
+  std::atomic<std::int64_t> not_finite{0}, negative{0};
+};
+
+// Decodes frames to photocurrent [fA], without dark current.
+class LightReader {
+ public:
+  LightReader(const StackReader& stack, const std::vector<double>& amperes) : stack_(stack) {
+    for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
+  }
+
+  // Rows [begin, end) of a frame into `plane`. Not finite stays so: the pixel holds its last value. Negative light is
+  // 0.
+  void read(std::int64_t frame, int begin, int end, float* plane) {
+    const auto width = static_cast<std::size_t>(stack_.info().width);
+    stack_.read_rows(
+        frame,
+        [&](int y, int rows, std::span<const float> values) {
+          const std::size_t n = width * static_cast<std::size_t>(rows);
+          float* out = plane + static_cast<std::size_t>(y - begin) * width;
+          sum(values.data(), n, out);
+        },
+        begin, end);
+  }
+  const BadValues& bad() const { return bad_; }
+
+ private:
+  void sum(const float* values, std::size_t n, float* out) {
+    std::fill_n(out, n, 0.0f);
+    float lowest = 0, zero = 0;
+    for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
+      const float weight = femtoamperes_[b];
+      const float* in = values + b * n;
+      for (std::size_t i = 0; i < n; ++i) {
+        out[i] += weight * in[i];
+        lowest = std::min(lowest, in[i]);
+        zero += in[i] * 0;  // NaN once any value is not finite
+      }
+    }
+    if (lowest < 0 || zero != 0) count_bad(values, n, out);
+  }
+
+  void count_bad(const float* values, std::size_t n, float* out) {
+    for (std::size_t i = 0; i < n; ++i) {
+      bool negative = false, not_finite = false;
+      for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
+        negative |= values[b * n + i] < 0;
+        not_finite |= !std::isfinite(values[b * n + i]);
+      }
+      if (not_finite) {
+        out[i] = std::numeric_limits<float>::quiet_NaN();
+        ++bad_.not_finite;
+      } else if (negative) {
+        out[i] = std::max(out[i], 0.0f);
+        ++bad_.negative;
+      }
+    }
+  }
+
+  const StackReader& stack_;
+  std::vector<float> femtoamperes_;
+  BadValues bad_;
+};
+
+// Light of the first frame, for the record.
+class LightStatistics {
+ public:
+  void add(std::span<const float> plane) {
+    for (const float i : plane)
+      if (std::isfinite(i)) values_.push_back(i);
+  }
+  Json report(const Chip& chip) {
+    std::ranges::sort(values_);
+    Json light;
+    for (const auto& [name, part] : {std::pair{"p05", 0.05}, {"median", 0.5}, {"p95", 0.95}}) {
+      const double a = values_.empty()
+                           ? 0
+                           : 1e-15 * values_[static_cast<std::size_t>(part * static_cast<double>(values_.size() - 1))];
+      light["photocurrent_a"][name] = a;
+      light["corner_hz"][name] = chip.corner_hz_per_a * (a + chip.dark_current_a);
+    }
+    return light;
+  }
+
+ private:
+  std::vector<float> values_;
+};
+
+// What went to the file.
+struct Counts {
+  std::int64_t events = 0, on = 0, first_us = 0, last_us = 0;
+  void add(std::span<const events::Event> batch) {
+    if (batch.empty()) return;
+    if (events == 0) first_us = batch.front().t_us;
+    last_us = batch.back().t_us;
+    events += static_cast<std::int64_t>(batch.size());
+    on += std::ranges::count(batch, 1, &events::Event::p);
+  }
+};
+
+// Asks the system to have a file in memory soon.
+void read_ahead(const std::filesystem::path& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return;
+  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
+  ::close(fd);
+}
+
+struct Run {
+  const SenseOptions& options;
+  const StackReader& stack;
+  const Chip& chip;
+  LightReader& light;
+  LightStatistics statistics{};
+  events::Writer& writer;
+  Counts counts{};
+
+  void write(std::span<const events::Event> events) {
+    counts.add(events);
+    writer.write(events);
+  }
+
+  // Batch by batch: one is sensed while the next is decoded.
+  void stream() {
+    const StackInfo& info = stack.info();
+    const auto width = static_cast<std::size_t>(info.width), height = static_cast<std::size_t>(info.height);
+    const std::int64_t frames = stack.frames();
+    const auto threads = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
+    const auto batch = static_cast<std::int64_t>(std::clamp(kFrameBytes / (width * height * sizeof(float)),
+                                                            std::min<std::size_t>(threads, 16), std::size_t{64}));
+    const std::int64_t origin_us = options.start_us;
+    const std::int64_t end_us =
+        options.duration_us ? origin_us + *options.duration_us : std::numeric_limits<std::int64_t>::max();
+
+    Sensor sensor(chip, info.width, info.height, options.seed, 1.0);
+    Progress progress("sense", static_cast<std::uint64_t>(frames), options.quiet);
+    std::array<std::vector<std::vector<float>>, 2> planes;
+    for (auto& half : planes) half.assign(static_cast<std::size_t>(std::min(batch, frames)), {});
+    const auto decode = [&](std::int64_t first) {
+      auto& half = planes[static_cast<std::size_t>(first / batch % 2)];
+      for (std::int64_t i = first + batch; i < std::min(frames, first + 2 * batch); ++i)
+        read_ahead(stack.frame_path(i));
+      tbb::parallel_for(first, std::min(frames, first + batch), [&](std::int64_t i) {
+        auto& plane = half[static_cast<std::size_t>(i - first)];
+        plane.resize(width * height);
+        light.read(i, 0, info.height, plane.data());
+      });
+    };
+
+    decode(0);
+    statistics.add(planes[0][0]);
+    std::vector<events::Event> events;
+    for (std::int64_t first = 0; first < frames; first += batch) {
+      const std::int64_t end = std::min(frames, first + batch);
+      tbb::task_group next;
+      if (end < frames) next.run([&] { decode(end); });
+      std::vector<const float*> pointers;
+      std::vector<double> t_us;
+      for (std::int64_t i = first; i < end; ++i) {
+        pointers.push_back(
+            planes[static_cast<std::size_t>(first / batch % 2)][static_cast<std::size_t>(i - first)].data());
+        t_us.push_back(static_cast<double>(info.times_ns[static_cast<std::size_t>(i)] - info.times_ns[0]) * 1e-3);
+      }
+      events.clear();
+      sensor.push(pointers, t_us, end == frames, events);
+      const auto in_window = [&](std::int64_t t) {
+        return std::ranges::lower_bound(events, t, {}, &events::Event::t_us);
+      };
+      const auto a = in_window(origin_us), b = in_window(end_us);
+      for (auto e = a; e != b; ++e) e->t_us -= origin_us;
+      write({a, b});
+      next.wait();
+      progress.at(static_cast<std::uint64_t>(end));
+    }
+  }
+
+  // A periodic stack again and again: band by band of rows, whose frames fit into memory.
+  void loop() {
+    const StackInfo& info = stack.info();
+    const auto width = static_cast<std::size_t>(info.width);
+    const std::int64_t frames = stack.frames();
+    const double period_us = static_cast<double>(*info.period_ns) * 1e-3;
+    const double origin_us = options.warmup_loops * period_us + static_cast<double>(options.start_us);
+    const double duration_us = options.duration_us ? static_cast<double>(*options.duration_us) : period_us;
+    const auto loops = static_cast<std::int64_t>(std::ceil((origin_us + duration_us) / period_us));
+    const std::int64_t total = loops * frames + 2;  // the last interval of the window needs two frames more
+    const auto from_us = static_cast<std::int64_t>(std::llround(origin_us));
+    const std::int64_t to_us = from_us + static_cast<std::int64_t>(std::llround(duration_us));
+
+    const std::size_t row_bytes = width * static_cast<std::size_t>(frames) * sizeof(float);
+    int rows = static_cast<int>(std::min<std::size_t>(kLoopBytes / row_bytes, static_cast<std::size_t>(info.height)));
+    if (rows == 0)
+      throw bad_input(stack.folder().string(), "period_ns", fmt::format("{} frames of {} columns", frames, width),
+                      fmt::format("a row's loop of at most {} MiB", kLoopBytes >> 20));
+    if (rows > 16 && rows < info.height) rows -= rows % 16;  // whole blocks of the file
+
+    PixelArray pixels(chip, info.width, info.height, options.seed, 1.0);
+    EventOrder order(info.width);
+    Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet);
+    std::vector<float> cache(row_bytes / sizeof(float) * static_cast<std::size_t>(rows));
+    std::vector<std::vector<EventKey>> found;
+    for (int y = 0; y < info.height; y += rows) {
+      const int end = std::min(info.height, y + rows);
+      const std::size_t plane = width * static_cast<std::size_t>(end - y);
+      tbb::parallel_for(std::int64_t{0}, frames, [&](std::int64_t i) {
+        light.read(i, y, end, cache.data() + static_cast<std::size_t>(i) * plane);
+      });
+      statistics.add(std::span(cache).first(plane));
+
+      const auto first = static_cast<std::uint32_t>(width * static_cast<std::size_t>(y));
+      const auto last = static_cast<std::uint32_t>(first + plane);
+      const std::uint32_t first_block = first / PixelArray::kBlock,
+                          blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
+      found.resize(std::max<std::size_t>(found.size(), blocks));
+      tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
+        const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
+        const std::uint32_t b = std::min(last, (block + 1) * PixelArray::kBlock);
+        std::vector<EventKey> all;
+        std::vector<double> recent;
+        for (std::int64_t k = 0; k < total; k += 64) {
+          FrameBatch batch{k, {}, recent, false};
+          for (std::int64_t i = k; i < std::min(total, k + 64); ++i) {
+            const auto frame = static_cast<std::size_t>(i % frames);
+            // Indexed by the chip's pixel: points to where pixel 0 would be.
+            batch.planes.push_back(cache.data() + frame * plane - first);
+            batch.t_us.push_back(static_cast<double>(i / frames) * period_us +
+                                 static_cast<double>(info.times_ns[frame] - info.times_ns[0]) * 1e-3);
+          }
+          pixels.advance(batch, a, b - a, all);
+          recent.assign(batch.t_us.end() - 2, batch.t_us.end());
+          for (const EventKey key : all)
+            if (key_time_us(key) >= from_us && key_time_us(key) < to_us) found[block].push_back(key);
+          all.clear();
+        }
+      });
+      progress.at(static_cast<std::uint64_t>(end));
+    }
+    for (std::size_t i = 0; i < found.size(); ++i) order.tile(i) = std::move(found[i]);
+    std::vector<events::Event> events;
+    order.take(to_us, from_us, events);
+    write(events);
+  }
+};
+
+Chip resolve_chip(const SenseOptions& options) {
+  Chip chip = load_chip(options.chip, options.overrides);
+  if (options.no_noise)
+    chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
+  return chip;
+}
+
+}  // namespace
+
+SenseReport sense(const SenseOptions& options) {
+  const Chip chip = resolve_chip(options);
+  const StackReader stack(options.stack, options.fps);
+  const StackInfo& info = stack.info();
+  if (stack.frames() < static_cast<std::int64_t>(info.times_ns.size()))
+    throw bad_input(options.stack.string(), "frames", fmt::format("{} so far", stack.frames()),
+                    fmt::format("the {} of times_ns", info.times_ns.size()));
+  if (stack.frames() < 2) throw bad_input(options.stack.string(), "frames", "1", "at least 2");
+  if ((chip.width > 0 && info.width > chip.width) || (chip.height > 0 && info.height > chip.height))
+    throw bad_input(options.stack.string(), "size", fmt::format("{}x{}", info.width, info.height),
+                    fmt::format("at most {}'s {}x{}", chip.name, chip.width, chip.height));
+  const bool looped = options.warmup_loops > 0 || (info.period_ns && options.duration_us);
+  if (looped && !info.period_ns)
+    throw bad_input(options.stack.string(), "period_ns", "nothing", "a period, for --warmup-loops");
+
+  LightReader light(stack, amperes_per_unit(chip, info, options.fnumber));
+  events::StreamInfo stream_info{info.width, info.height, chip.name};
+  const auto writer = events::open_writer(options.output, stream_info, options.format);
+  Run run{options, stack, chip, light, {}, *writer, {}};
+  std::optional<tbb::global_control> limit;
+  if (options.threads > 0)
+    limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
+  tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
+  arena.execute([&] { looped ? run.loop() : run.stream(); });
+  writer->close();
+
+  SenseReport report;
+  const Counts& c = run.counts;
+  const double seconds = static_cast<double>(c.last_us - c.first_us) * 1e-6;
+  report.config = {{"chip", chip_to_json(chip)},
+                   {"model", "pecs"},
+                   {"seed", options.seed},
+                   {"no_noise", options.no_noise},
+                   {"warmup_loops", options.warmup_loops},
+                   {"start_us", options.start_us},
+                   {"duration_us", options.duration_us ? Json(*options.duration_us) : Json()},
+                   {"fnumber", options.fnumber ? Json(*options.fnumber) : Json()},
+                   {"fps", options.fps ? Json(*options.fps) : Json()}};
+  report.results = run.statistics.report(chip);
+  report.results.update(
+      {{"width", info.width},
+       {"height", info.height},
+       {"frames", stack.frames()},
+       {"events", c.events},
+       {"on_fraction", c.events ? Json(static_cast<double>(c.on) / static_cast<double>(c.events)) : Json()},
+       {"t_first_us", c.first_us},
+       {"t_last_us", c.last_us},
+       {"rate_hz", seconds > 0 ? Json(static_cast<double>(c.events) / seconds) : Json()},
+       {"bad_values", {{"not_finite", light.bad().not_finite.load()}, {"negative", light.bad().negative.load()}}}});
+  return report;
+}
+
+}  // namespace pecs::sensor

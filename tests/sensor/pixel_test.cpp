@@ -1,0 +1,271 @@
+// The whole array, from frames in memory to sorted events, against what the model says in closed form.
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <numeric>
+
+#include "pecs/error.h"
+#include "pecs/sensor/random.h"
+#include "pecs/sensor/sensor.h"
+
+namespace pecs::sensor {
+namespace {
+
+using events::Event;
+
+struct Clip {
+  int width = 0, height = 0;
+  std::vector<std::vector<float>> frames;  // photocurrent, fA
+  std::vector<double> t_us;
+};
+
+// value(x, y, t_us) in fA at `n` frames, `h_us` apart.
+template <class Value>
+Clip make_clip(int width, int height, int n, double h_us, Value&& value) {
+  Clip clip{width, height, {}, {}};
+  for (int i = 0; i < n; ++i) {
+    clip.t_us.push_back(i * h_us);
+    auto& frame = clip.frames.emplace_back();
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) frame.push_back(static_cast<float>(value(x, y, i * h_us)));
+  }
+  return clip;
+}
+
+std::vector<Event> run(const Chip& chip, const Clip& clip, std::uint64_t seed = 1, std::size_t batch = 1000,
+                       int threads = 2) {
+  Sensor sensor(chip, clip.width, clip.height, seed, 1.0);
+  std::vector<Event> events;
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+  tbb::task_arena arena(threads);
+  arena.execute([&] {
+    for (std::size_t i = 0; i < clip.frames.size(); i += batch) {
+      const std::size_t end = std::min(clip.frames.size(), i + batch);
+      std::vector<const float*> planes;
+      for (std::size_t k = i; k < end; ++k) planes.push_back(clip.frames[k].data());
+      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), events);
+    }
+  });
+  return events;
+}
+
+Chip quiet_imx636() {
+  Chip chip = load_chip("imx636");
+  chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
+  return chip;
+}
+
+// A busy scene: bars that move, brighten and darken.
+double bars(int x, int y, double t_us) { return 1.5 + 1.4 * std::sin(0.3 * x + 0.05 * y - t_us * 2e-3); }
+
+}  // namespace
+
+TEST(Pixel, EventsStandOneThresholdApartOnALogRamp) {
+  const Chip ideal = load_chip("ideal");
+  const double rate = 2e-4;  // ln units per us
+  const Clip up = make_clip(5, 3, 21, 1000, [&](int, int, double t) { return std::exp(rate * t); });
+  const auto events = run(ideal, up);
+  ASSERT_EQ(events.size(), 15u * static_cast<std::size_t>(20000 * rate / 0.2 - 1e-6));
+  std::map<int, int> seen;
+  for (const Event& e : events) {
+    const int k = ++seen[e.y * 5 + e.x];
+    EXPECT_EQ(e.p, 1);
+    EXPECT_NEAR(static_cast<double>(e.t_us), k * 0.2 / rate, 0.6);
+  }
+  const Clip down = make_clip(5, 3, 21, 1000, [&](int, int, double t) { return std::exp(-rate * t); });
+  for (const Event& e : run(ideal, down)) EXPECT_EQ(e.p, 0);
+}
+
+TEST(Pixel, SlowDriftIsNotForgotten) {  // esim_py skips steps below 1e-6 and then sticks
+  const Clip drift = make_clip(2, 1, 3001, 1000, [](int, int, double t) { return std::exp(1e-10 * t * 1000); });
+  const auto events = run(load_chip("ideal"), drift);
+  ASSERT_EQ(events.size(), 2u);
+  EXPECT_NEAR(static_cast<double>(events[0].t_us), 2e6, 50);
+}
+
+TEST(Pixel, RefractoryPeriodDelaysTheReference) {
+  Chip chip = load_chip("ideal", {"refractory_period_s=0.0003"});
+  const double rate = 2e-4;
+  const Clip up = make_clip(1, 1, 21, 1000, [&](int, int, double t) { return std::exp(rate * t); });
+  const auto events = run(chip, up);
+  ASSERT_GE(events.size(), 10u);
+  for (std::size_t i = 1; i < events.size(); ++i)
+    EXPECT_NEAR(static_cast<double>(events[i].t_us - events[i - 1].t_us), 0.2 / rate + 300, 1.1);
+}
+
+TEST(Pixel, LeakMakesOnEventsAtItsRate) {
+  const Chip chip = load_chip("ideal", {"leak_rate_hz=5"});
+  const Clip still = make_clip(40, 40, 101, 10000, [](int, int, double) { return 1.0; });
+  const auto events = run(chip, still);
+  EXPECT_NEAR(static_cast<double>(events.size()) / 1600, 5, 1.01);
+  EXPECT_NEAR(static_cast<double>(events[0].t_us), 2e5, 50);
+  for (const Event& e : events) EXPECT_EQ(e.p, 1);
+}
+
+// V after a step of light from I0 to I1: the logistic curve. The k-th event comes when V has moved by k thresholds.
+TEST(Pixel, StepResponseAgainstTheLogisticCurve) {
+  Chip chip = quiet_imx636();
+  chip.refractory_period_s = chip.dark_current_a = 0;
+  const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21;
+  for (const auto& [i0, i1] : {std::pair{1.0, 10.0}, {10.0, 1.0}, {300.0, 2000.0}, {3.0, 0.6}, {1e5, 1e4}}) {
+    // The step happens within one short interval, then light is constant.
+    Clip clip = make_clip(3, 1, 2, 0.01, [&, a = i0, b = i1](int, int, double t) { return t > 0 ? b : a; });
+    for (int i = 1; i <= 600; ++i) {
+      clip.frames.push_back(clip.frames[1]);
+      clip.t_us.push_back(0.01 + 500 * i);
+    }
+    const auto events = run(chip, clip);
+    const bool on = i1 > i0;
+    const double threshold = on ? chip.contrast_threshold_on : chip.contrast_threshold_off;
+    const auto expected = static_cast<std::size_t>(std::abs(std::log(i1 / i0)) / threshold);
+    ASSERT_EQ(events.size(), 3 * expected) << i0 << " -> " << i1;
+    for (std::size_t k = 0; k < expected; ++k) {
+      const double u = i0 * std::exp((on ? 1.0 : -1.0) * threshold * static_cast<double>(k + 1));
+      // x where u(x) = I1 u0 e^x / (I1 + u0 (e^x - 1))
+      const double t_us = std::log(u * (i1 - i0) / (i0 * (i1 - u))) / (a_per_us * i1);
+      EXPECT_NEAR(static_cast<double>(events[3 * k].t_us), t_us, 1 + 2e-4 * t_us)
+          << i0 << " -> " << i1 << " event " << k;
+      EXPECT_EQ(events[3 * k].p, on);
+    }
+  }
+}
+
+// Light that varies all the time, at three speeds of the photoreceptor, against Runge-Kutta at 1/100 of the frames.
+TEST(Pixel, MovingLightAgainstRungeKutta) {
+  for (const double light : {1.5, 100.0, 3000.0}) {
+    Chip chip = quiet_imx636();
+    chip.refractory_period_s = 0;
+    const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21;
+    const auto current = [&](double t) { return light * std::exp(1.2 * std::sin(t * 2 * std::numbers::pi / 40000)); };
+    const Clip clip = make_clip(1, 1, 2001, 100, [&](int, int, double t) { return current(t); });
+    std::vector<double> expected;
+    const double dark = chip.dark_current_a * 1e15;
+    double u = current(0) + dark, reference = std::log(u);
+    for (double t = 0; t < 200000; t += 1) {
+      const auto slope = [&](double s, double v) { return a_per_us * v * (current(s) + dark - v); };
+      const double k1 = slope(t, u), k2 = slope(t + 0.5, u + 0.5 * k1), k3 = slope(t + 0.5, u + 0.5 * k2);
+      u += (k1 + 2 * k2 + 2 * k3 + slope(t + 1, u + k3)) / 6;
+      const double d = std::log(u) - reference;
+      if (d >= chip.contrast_threshold_on || d <= -chip.contrast_threshold_off) {
+        expected.push_back(t + 0.5);
+        reference += d > 0 ? chip.contrast_threshold_on : -chip.contrast_threshold_off;
+      }
+    }
+    const auto events = run(chip, clip);
+    ASSERT_EQ(events.size(), expected.size()) << light;
+    ASSERT_GT(events.size(), 2u);
+    // Compare away from the turning points, where a crossing's time is ill-defined.
+    std::vector<double> errors;
+    for (std::size_t i = 0; i < events.size(); ++i)
+      errors.push_back(std::abs(static_cast<double>(events[i].t_us) - expected[i]));
+    std::ranges::sort(errors);
+    EXPECT_LT(errors[errors.size() / 2], 1.5) << light;
+    EXPECT_LT(errors.back(), 60) << light;
+  }
+}
+
+TEST(Pixel, StillSceneGivesNothingWithoutNoise) {
+  const Clip still = make_clip(97, 31, 50, 333, [](int x, int y, double) { return 1e-3 * (1 + x * y); });
+  EXPECT_TRUE(run(quiet_imx636(), still).empty());
+  EXPECT_TRUE(run(load_chip("ideal"), still).empty());
+}
+
+TEST(Pixel, ThreadsAndBatchesChangeNothing) {
+  const Clip clip = make_clip(101, 97, 61, 333.3, bars);
+  for (const char* name : {"imx636", "ideal"}) {
+    Chip chip = load_chip(name);
+    if (chip.background_on_hz > 0) chip.background_on_hz = chip.background_off_hz = 20;
+    const auto events = run(chip, clip);
+    ASSERT_GT(events.size(), 1000u);
+    for (std::size_t i = 1; i < events.size(); ++i) ASSERT_GE(events[i].t_us, events[i - 1].t_us);
+    EXPECT_EQ(events, run(chip, clip, 1, 1000, 1));
+    EXPECT_EQ(events, run(chip, clip, 1, 7, 7));
+    EXPECT_EQ(events, run(chip, clip, 1, 1, 2));
+  }
+  EXPECT_NE(run(load_chip("imx636"), clip), run(load_chip("imx636"), clip, 2));
+}
+
+TEST(Pixel, MismatchShowsInTheFirstEvent) {
+  Chip chip = load_chip("ideal", {"threshold_mismatch=0.16"});
+  const double rate = 1e-4;
+  const Clip up = make_clip(120, 100, 31, 100, [&](int, int, double t) { return std::exp(rate * t); });
+  std::map<int, double> first;
+  for (const Event& e : run(chip, up)) first.try_emplace(e.y * 120 + e.x, static_cast<double>(e.t_us) * rate / 0.2 - 1);
+  // 1 in 1e9 thresholds lies outside the ramp.
+  double sum = 0, square = 0;
+  for (const auto& [pixel, d] : first) {
+    sum += d;
+    square += d * d;
+  }
+  const auto n = static_cast<double>(first.size());
+  ASSERT_GT(n, 11900);
+  EXPECT_NEAR(sum / n, 0, 0.16 * 4 / std::sqrt(n));
+  EXPECT_NEAR(std::sqrt(square / n), 0.16, 0.16 * 4 / std::sqrt(2 * n));
+}
+
+TEST(Pixel, BackgroundIsPoissonAtItsRates) {
+  Chip chip = quiet_imx636();
+  chip.background_on_hz = 3;
+  chip.background_off_hz = 5;
+  const Clip still = make_clip(100, 100, 101, 10000, [](int, int, double) { return 1.0; });
+  const auto events = run(chip, still);
+  std::map<int, int> per_pixel;
+  double on = 0;
+  for (const Event& e : events) {
+    ++per_pixel[e.y * 100 + e.x];
+    on += e.p;
+  }
+  const auto n = static_cast<double>(events.size());
+  EXPECT_NEAR(on, 3e4, 4 * std::sqrt(3e4));
+  EXPECT_NEAR(n - on, 5e4, 4 * std::sqrt(5e4));
+  double square = 0;
+  for (int i = 0; i < 10000; ++i) square += (per_pixel[i] - 8) * (per_pixel[i] - 8);
+  EXPECT_NEAR(square / 10000, 8, 8 * 4 * std::sqrt(2.0 / 10000));  // variance = mean
+  // Not clumped at the frames.
+  double early = 0;
+  for (const Event& e : events) early += e.t_us % 10000 < 1000;
+  EXPECT_NEAR(early / n, 0.1, 4 * std::sqrt(0.1 / n));
+}
+
+// Photon noise: the reference of a fresh pixel is V + n(0); with thresholds far away nothing happens, with thresholds
+// of one standard deviation of the difference, the fraction of pixels that fire late is known from the process.
+TEST(Pixel, NoiseHasItsStandardDeviationAndRate) {
+  Chip chip = quiet_imx636();
+  chip.noise_std = 0.05;
+  chip.contrast_threshold_on = chip.contrast_threshold_off = 0.01;
+  chip.dark_current_a = 0;
+  // After one interval of exposure X the difference n1 - n0 is Gaussian with variance 2 sigma^2 (1 - e^-X).
+  const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21;
+  for (const double x : {0.001, 0.02, 0.5}) {
+    const double h_us = 1000, light = x / (a_per_us * h_us);
+    const Clip still = make_clip(200, 200, 2, h_us, [&](int, int, double) { return light; });
+    std::map<int, int> fired;
+    for (const Event& e : run(chip, still)) fired[e.y * 200 + e.x] = 1;
+    const double sd = chip.noise_std * std::sqrt(2 * (1 - std::exp(-x)));
+    const double expected = std::erfc(0.01 / sd / std::sqrt(2));  // the noise is linear within an interval
+    EXPECT_NEAR(static_cast<double>(fired.size()) / 40000, expected, 4 * std::sqrt(expected / 40000) + 2e-4) << x;
+  }
+}
+
+TEST(Pixel, ValuesThatAreNoLightAreHeld) {
+  Clip clip = make_clip(10, 2, 9, 1000, [](int, int, double) { return 2.0; });
+  clip.frames[3][4] = std::numeric_limits<float>::quiet_NaN();
+  clip.frames[4][5] = std::numeric_limits<float>::infinity();
+  EXPECT_TRUE(run(load_chip("ideal"), clip).empty());
+  clip.frames[5][6] = -1;  // darkness, and light again
+  const auto events = run(load_chip("ideal"), clip);
+  EXPECT_FALSE(events.empty());
+  for (const Event& e : events) EXPECT_EQ(e.x, 6);
+}
+
+TEST(Pixel, TimesMustRise) {
+  Clip clip = make_clip(4, 4, 3, 1000, bars);
+  clip.t_us[2] = 500;
+  EXPECT_THROW(run(load_chip("ideal"), clip), Error);
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,114 @@
+// Foreign and damaged EXR files; tests/python/test_stack.py has the rest.
+#include "pecs/sensor/stack.h"
+
+#include <ImfChannelList.h>
+#include <ImfCompression.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfOutputFile.h>
+#include <gtest/gtest.h>
+#include <half.h>
+
+#include <fstream>
+
+#include "pecs/error.h"
+
+namespace pecs::sensor {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Stack : public testing::Test {
+ protected:
+  void SetUp() override {
+    dir_ = fs::path(testing::TempDir()) / testing::UnitTest::GetInstance()->current_test_info()->name();
+    fs::remove_all(dir_);
+    fs::create_directories(dir_);
+  }
+  std::string refusal() const {
+    try {
+      StackReader(dir_, 100).read_frame(0);
+    } catch (const Error& e) {
+      EXPECT_EQ(std::string(e.what()).find('\n'), std::string::npos);
+      return e.what();
+    }
+    return "";
+  }
+  fs::path frame() const { return dir_ / "frame_000000.exr"; }
+
+  fs::path dir_;
+};
+
+// A half-float picture of another program: data window off the origin, any compression.
+void write_half(const fs::path& path, Imf::Compression compression, int width, int height, const char* channel) {
+  Imf::Header header({{5, 7}, {4 + width, 6 + height}}, {{5, 7}, {4 + width, 6 + height}});
+  header.compression() = compression;
+  header.channels().insert(channel, Imf::Channel(Imf::HALF));
+  header.channels().insert("A", Imf::Channel(Imf::HALF));
+  std::vector<half> values;
+  for (int i = 0; i < width * height; ++i) values.push_back(half(static_cast<float>(i % 512)));
+  Imf::OutputFile file(path.c_str(), header);
+  const auto stride = sizeof(half) * static_cast<std::size_t>(width);
+  char* base = reinterpret_cast<char*>(values.data()) - 5 * static_cast<std::ptrdiff_t>(sizeof(half)) -
+               7 * static_cast<std::ptrdiff_t>(stride);
+  Imf::FrameBuffer buffer;
+  for (const char* name : {channel, "A"}) buffer.insert(name, Imf::Slice(Imf::HALF, base, sizeof(half), stride));
+  file.setFrameBuffer(buffer);
+  file.writePixels(height);
+}
+
+}  // namespace
+
+TEST_F(Stack, ReadsEveryCompressionOfOthers) {
+  for (const Imf::Compression c : {Imf::NO_COMPRESSION, Imf::RLE_COMPRESSION, Imf::ZIPS_COMPRESSION,
+                                   Imf::ZIP_COMPRESSION, Imf::PIZ_COMPRESSION, Imf::PXR24_COMPRESSION}) {
+    write_half(frame(), c, 40, 75, "S0.550nm");
+    const StackReader reader(dir_, 100);
+    ASSERT_EQ(reader.info().bands.size(), 1u);
+    EXPECT_EQ(reader.info().bands[0].lambda_nm, 550);
+    const auto values = reader.read_frame(0);
+    ASSERT_EQ(values.size(), 3000u);
+    for (std::size_t i = 0; i < values.size(); ++i) ASSERT_EQ(values[i], static_cast<float>(i % 512)) << c;
+    std::vector<float> rows;
+    reader.read_rows(
+        0, [&](int, int, std::span<const float> v) { rows.insert(rows.end(), v.begin(), v.end()); }, 13, 50);
+    EXPECT_TRUE(std::equal(rows.begin(), rows.end(), values.begin() + 13 * 40, values.begin() + 50 * 40));
+  }
+}
+
+TEST_F(Stack, RefusesOtherChannels) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 4, 4, "R");
+  EXPECT_NE(refusal().find("S0.<wavelength>nm"), std::string::npos);
+}
+
+TEST_F(Stack, RefusesATruncatedFileAtAnyLength) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(in), {}};
+  for (std::size_t n = 0; n < whole.size(); n += 41) {
+    std::ofstream(frame(), std::ios::binary) << whole.substr(0, n);
+    ASSERT_NE(refusal(), "") << n;
+  }
+}
+
+TEST_F(Stack, RefusesAGiantHeaderBeforeAllocating) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::fstream file(frame(), std::ios::in | std::ios::out | std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(file), {}};
+  for (const char* window : {"dataWindow", "displayWindow"}) {
+    const auto at = whole.find(window) + std::string(window).size() + 1 + 6 + 4;  // name\0 box2i\0 size
+    const std::int32_t box[4] = {5, 7, 5 + 16383, 7 + 16383};
+    file.clear();
+    file.seekp(static_cast<std::streamoff>(at));
+    file.write(reinterpret_cast<const char*>(box), sizeof box);
+  }
+  file.close();
+  EXPECT_NE(refusal(), "");
+}
+
+TEST_F(Stack, NeedsTimes) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 4, 4, "S0.550nm");
+  EXPECT_THROW(StackReader{dir_}, Error);
+}
+
+}  // namespace pecs::sensor
