@@ -28,6 +28,7 @@ int main(int argc, char** argv) {
   pecs::app::add_compare(app);
   pecs::app::add_convert(app);
   pecs::app::add_info(app);
+  pecs::app::add_report(app);
   pecs::app::add_sense(app);
   pecs::app::add_view(app);
   pecs::app::add_lens(app);

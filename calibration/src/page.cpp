@@ -4,6 +4,7 @@
 #include <map>
 #include <random>
 
+#include "pack.h"
 #include "pecs/calibration/pictures.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -62,30 +63,37 @@ std::string html_escaped(std::string_view text) {
   return out;
 }
 
-std::size_t write_page(const Shown& shown, const std::filesystem::path& path, std::size_t limit) {
+std::vector<std::uint8_t> packed_events(const Shown& shown, std::size_t limit) {
   if (shown.span_us > UINT32_MAX)
     throw Error(ExitCode::unsupported, fmt::format("{}: a page shows at most 71 minutes; choose a part", shown.name));
 
   // A subset without a rhythm of its own: each event is kept by chance, in order (Knuth's selection sampling).
-  const std::size_t total = shown.events.size(), kept = std::min(total, limit);
+  const std::size_t total = shown.events.size();
+  std::size_t left = std::min(total, limit);
   std::mt19937_64 random(1);
   std::vector<std::uint8_t> packed;
-  packed.reserve(kept * 8);
-  std::size_t left = kept, on = 0;
+  packed.reserve(left * 8);
   for (std::size_t i = 0; i < total; ++i) {
     const events::Event& e = shown.events[i];
-    on += e.p;
     if (left < total - i && random() % (total - i) >= left) continue;
     --left;
-    const auto t = static_cast<std::uint32_t>(e.t_us);
     const std::uint32_t x = e.x | e.p << 15;
-    for (const auto& [word, bytes] : {std::pair{t, 4}, {x, 2}, {std::uint32_t{e.y}, 2}})
+    for (const auto& [word, bytes] :
+         {std::pair{static_cast<std::uint32_t>(e.t_us), 4}, {x, 2}, {std::uint32_t{e.y}, 2}})
       for (int k = 0; k < bytes; ++k) packed.push_back(static_cast<std::uint8_t>(word >> 8 * k));
   }
+  return packed;
+}
 
-  const Json meta = {{"width", shown.width},     {"height", shown.height},
-                     {"span_us", shown.span_us}, {"first_us", shown.first_us},
-                     {"total", total},           {"on_fraction", static_cast<double>(on) / static_cast<double>(total)}};
+std::size_t write_page(const Shown& shown, const std::filesystem::path& path, std::size_t limit) {
+  const std::vector<std::uint8_t> packed = packed_events(shown, limit);
+  const auto on = std::count_if(shown.events.begin(), shown.events.end(), [](const auto& e) { return e.p == 1; });
+  const Json meta = {{"width", shown.width},
+                     {"height", shown.height},
+                     {"span_us", shown.span_us},
+                     {"first_us", shown.first_us},
+                     {"total", shown.events.size()},
+                     {"on_fraction", static_cast<double>(on) / static_cast<double>(shown.events.size())}};
   AtomicFile file(path);
   file.write(fill_template(web::kEvents3d, {{"title", html_escaped(shown.name)},
                                             {"on_light", kLight.on.hex()},
@@ -95,7 +103,7 @@ std::size_t write_page(const Shown& shown, const std::filesystem::path& path, st
                                             {"meta", meta.dump()},
                                             {"events", base64(packed)}}));
   file.commit();
-  return kept;
+  return packed.size() / 8;
 }
 
 }  // namespace pecs::calibration

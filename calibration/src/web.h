@@ -4,6 +4,6 @@
 
 namespace pecs::calibration::web {
 
-extern const std::string_view kEvents3d;
+extern const std::string_view kEvents3d, kReport;
 
 }  // namespace pecs::calibration::web

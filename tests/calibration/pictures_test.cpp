@@ -22,7 +22,8 @@ class Pictures : public testing::Test {
  protected:
   void SetUp() override { std::filesystem::create_directories(folder_); }
   void TearDown() override { std::filesystem::remove_all(folder_); }
-  const std::filesystem::path folder_ = std::filesystem::path(testing::TempDir()) /
+  const std::filesystem::path folder_ =
+      std::filesystem::path(testing::TempDir()) /
       (std::string("pecs_pictures_") + testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 

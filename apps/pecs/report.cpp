@@ -1,0 +1,61 @@
+// pecs report: one page about a simulation, its render and its recording.
+#include "pecs/calibration/report.h"
+
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "commands.h"
+#include "pecs/run_record.h"
+#include "units.h"
+
+namespace pecs::app {
+namespace {
+
+struct Arguments {
+  std::string real, sim, stack, lens_svg, output;
+  double window_us = 0;
+  bool json = false;
+};
+
+void run(const Arguments& a) {
+  calibration::ReportInputs inputs;
+  std::vector<std::filesystem::path> files;
+  const auto take = [&](const std::string& text, std::optional<std::filesystem::path>& into) {
+    if (text.empty()) return;
+    into = text;
+    files.emplace_back(text);
+  };
+  take(a.real, inputs.real);
+  take(a.sim, inputs.sim);
+  take(a.stack, inputs.stack);
+  take(a.lens_svg, inputs.lens_svg);
+  if (a.window_us > 0) inputs.compare.window_us = std::llround(a.window_us);
+
+  const Json summary = calibration::write_report(inputs, a.output);
+  const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
+  write_run_record(a.output, {"report", arguments(), config, files, summary});
+  if (a.json)
+    fmt::print("{}\n", summary.dump(2));
+  else
+    fmt::print("{}\n", a.output);
+}
+
+}  // namespace
+
+void add_report(CLI::App& app) {
+  auto a = std::make_shared<Arguments>();
+  auto* command = app.add_subcommand("report", "One HTML page: render, lens, events beside a recording, scores");
+  command->add_option("--real", a->real, "Recording");
+  command->add_option("--sim", a->sim, "Simulated events (their .run.json is read too)");
+  command->add_option("--stack", a->stack, "Folder of the EXR stack they were made from");
+  command->add_option("--lens-svg", a->lens_svg, "Drawing of the lens, from `pecs lens draw`");
+  command->add_option("--window", a->window_us, "Score only this much from each stream's first event, e.g. 100ms")
+      ->transform(time_us())
+      ->check(CLI::PositiveNumber);
+  command->add_option("-o,--output", a->output, "HTML file to write")->required();
+  command->add_flag("--json", a->json, "Machine-readable output");
+  command->callback([a] { run(*a); });
+}
+
+}  // namespace pecs::app

@@ -1,0 +1,121 @@
+import json
+import re
+
+import numpy as np
+import pecs
+import pytest
+from pecs.stack import StackWriter
+
+WIDTH, HEIGHT = 64, 36
+
+
+def events(seed):
+    random = np.random.default_rng(seed)
+    out = np.zeros(4000, pecs.EVENT_DTYPE)
+    out["t"] = np.sort(random.integers(0, 20_000, len(out)))
+    out["x"] = random.integers(0, WIDTH, len(out))
+    out["y"] = random.integers(0, HEIGHT, len(out))
+    out["p"] = random.integers(0, 2, len(out))
+    return out
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    for name, seed in (("real.raw", 1), ("sim.raw", 2)):
+        pecs.write(tmp_path / name, events(seed), WIDTH, HEIGHT)
+    stack = {
+        "pecs_stack": 1,
+        "quantity": "irradiance",
+        "width": WIDTH,
+        "height": HEIGHT,
+        "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 450.25, "weight_nm": 80.0}, {"lambda_nm": 600.5, "weight_nm": 120.0}],
+        "times_ns": [0, 1_000_000],
+        "period_ns": None,
+        "lens": {"name": "a lens of the test", "fnumber": 2.8, "e0": [1, 1]},
+        "scene": {"name": "a scene", "parameters": {"speed": {"value": 347, "unit": "1/min", "about": "of the disk"}}},
+        "render": {"samples": 8, "chip": "imx636"},
+        "versions": {"renderer": "1.2.3"},
+    }
+    with StackWriter(tmp_path / "stack", stack) as writer:
+        for i in range(2):
+            writer.write_frame(i, np.random.default_rng(i).random((2, HEIGHT, WIDTH), dtype=np.float32))
+    (tmp_path / "lens.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
+    return tmp_path
+
+
+def text_of(path):
+    page = path.read_text()
+    assert 'src="http' not in page and "href=" not in page
+    return re.sub(r"<[^>]*>", " ", page)
+
+
+def test_everything(pecs_program, inputs):
+    result = pecs_program(
+        *("report", "--real", "real.raw", "--sim", "sim.raw", "--stack", "stack", "--lens-svg", "lens.svg"),
+        *("-o", "report.html", "--json"),
+        cwd=inputs,
+    )
+    assert result.returncode == 0, result.stderr
+    page = text_of(inputs / "report.html")
+    summary = json.loads(result.stdout)
+    direct = pecs.distance(events(1), events(2), width=WIDTH, height=HEIGHT)
+    assert summary["compare"]["chamfer"] == direct["chamfer"]
+    for wanted in (
+        f"{direct['chamfer']:.3f}",
+        f"{direct['split_half']['chamfer']:.4f}",
+        "Events at the same instants",
+        "a lens of the test",
+        "347 1/min",
+        "450.25",
+        "imx636",
+        "1.2.3",
+        "2 of 2",
+    ):
+        assert wanted in page, wanted
+    assert "No stack was given" not in page and "{{" not in page
+    assert (inputs / "report.html").read_text().count("data:image/png") == 7  # two by three instants, and the frame
+    assert json.loads((inputs / "report.html.run.json").read_text())["results"] == summary
+
+
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        (["--sim", "sim.raw"], ["No real recording was given", "No stack was given", "The chip is not known"]),
+        (["--real", "real.raw"], ["No simulated events were given", "Needs a real recording"]),
+        (["--stack", "stack"], ["Needs a real recording", "No drawing was given"]),
+    ],
+)
+def test_missing_parts_are_said(pecs_program, inputs, given, said):
+    result = pecs_program("report", *given, "-o", "report.html", cwd=inputs)
+    assert result.returncode == 0, result.stderr
+    page = text_of(inputs / "report.html")
+    for line in said:
+        assert line in page
+
+
+def test_events_of_another_stack_are_noted(pecs_program, inputs):
+    record = {"config": {"chip": {"name": "imx636"}}, "inputs": [{"path": "x", "sha256": "0" * 64}]}
+    (inputs / "sim.raw.run.json").write_text(json.dumps(record))
+    pecs_program("report", "--sim", "sim.raw", "--stack", "stack", "-o", "report.html", cwd=inputs)
+    assert "not made from this stack" in text_of(inputs / "report.html")
+
+
+@pytest.mark.parametrize(
+    "options, code, line",
+    [
+        ([], 2, "wanted at least one of --real, --sim, --stack"),
+        (["--sim", "gone.raw"], 3, "gone.raw"),
+        (["--stack", "gone"], 3, "gone"),
+        (["--real", "real.raw", "--sim", "small.raw"], 4, "small.raw: sensor size: got 32x32"),
+    ],
+)
+def test_wrong_use(pecs_program, inputs, options, code, line):
+    small = events(1)
+    small["x"] //= 2
+    small["y"] = np.minimum(small["y"], 31)
+    pecs.write(inputs / "small.raw", small, 32, 32)
+    result = pecs_program("report", *options, "-o", "report.html", cwd=inputs)
+    assert result.returncode == code, result.stderr
+    assert line in result.stderr
+    assert not (inputs / "report.html").exists()
