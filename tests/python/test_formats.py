@@ -99,6 +99,29 @@ def by_h5py_metavision(path):
         return events["t"], events["x"], events["y"], events["p"]
 
 
+def by_dv_processing(path):
+    import dv_processing
+
+    recording = dv_processing.io.MonoCameraRecording(str(path))
+    assert recording.getEventResolution() == (WIDTH, HEIGHT)
+    batches = []
+    while recording.isRunning() and (batch := recording.getNextEventBatch()) is not None:
+        batches.append(batch.numpy().copy())
+    events = np.concatenate(batches) if batches else STREAMS["empty"][["t", "x", "y", "p"]]
+    t, x, y, p = ("timestamp", "x", "y", "polarity") if batches else "txyp"
+    return events[t], events[x], events[y], events[p]
+
+
+def by_aedat(path):
+    import aedat
+
+    packets = [packet["events"] for packet in aedat.Decoder(str(path)) if "events" in packet]
+    if not packets:
+        return [STREAMS["empty"][name] for name in "txyp"]
+    events = np.concatenate(packets)
+    return events["t"], events["x"], events["y"], events["on"]
+
+
 def by_numpy(path):
     with np.load(path, allow_pickle=False) as file:
         assert (file["width"], file["height"]) == (WIDTH, HEIGHT)
@@ -125,6 +148,8 @@ PEERS = [
     ("dsec", ".h5", by_h5py_dsec),
     ("dsec", ".h5", by_evlib),
     ("dsec", ".h5", by_eventcv),
+    ("aedat4", ".aedat4", by_dv_processing),
+    ("aedat4", ".aedat4", by_aedat),
     ("npz", ".npz", by_numpy),
     ("csv", ".csv", by_numpy_csv),
     ("csv", ".csv", by_faery),
@@ -221,6 +246,26 @@ def test_dsec_from_other_writers(tmp_path, compression):
         file["ms_to_idx"] = np.zeros(1, "u8")
     back = pecs.read(tmp_path / "e.h5")
     assert_same((back["t"] - 49_599_300_523, back["x"], back["y"], back["p"]), events)
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "LZ4_HIGH", "ZSTD", "ZSTD_HIGH"])
+def test_aedat4_from_its_own_library(tmp_path, compression):
+    import dv_processing
+
+    events = STREAMS["bursts"]
+    config = dv_processing.io.MonoCameraWriter.EventOnlyConfig(
+        "DVX", (WIDTH, HEIGHT), getattr(dv_processing.CompressionType, compression)
+    )
+    writer = dv_processing.io.MonoCameraWriter(str(tmp_path / "e.aedat4"), config)
+    store = dv_processing.EventStore()
+    for t, x, y, p in events.tolist():
+        store.push_back(t, x, y, bool(p))
+    writer.writeEvents(store)
+    del writer
+    with pecs.EventReader(tmp_path / "e.aedat4") as reader:
+        assert reader.info == {"format": "aedat4", "width": WIDTH, "height": HEIGHT, "camera": "DVX"}
+    back = pecs.read(tmp_path / "e.aedat4")
+    assert_same([back[name] for name in "txyp"], events)
 
 
 def test_npz_from_numpy(tmp_path):

@@ -4,6 +4,7 @@
 
 namespace pecs::events {
 
+Codec make_aedat4();
 Codec make_evt3();
 Codec make_dat();
 Codec make_metavision_hdf5();

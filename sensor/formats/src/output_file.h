@@ -20,6 +20,12 @@ class OutputFile {
     if (buffer_.size() + bytes.size() > kBytes) flush();
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
+  std::uint64_t offset() const { return written_ + buffer_.size(); }
+  // What is put next replaces what stands from this byte on, with no more bytes than there are.
+  void rewrite_from(std::uint64_t offset) {
+    flush();
+    std::fseek(file_.stream(), static_cast<long>(offset), SEEK_SET);
+  }
   void commit() {
     flush();
     file_.commit();
@@ -29,10 +35,12 @@ class OutputFile {
   static constexpr std::size_t kBytes = 1 << 16;
   void flush() {
     file_.write(std::span<const std::byte>(buffer_));
+    written_ += buffer_.size();
     buffer_.clear();
   }
   AtomicFile file_;
   std::vector<std::byte> buffer_;
+  std::uint64_t written_ = 0;
 };
 
 }  // namespace pecs::events

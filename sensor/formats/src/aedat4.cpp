@@ -1,0 +1,313 @@
+// AEDAT4 (iniVation DV): "#!AER-DAT4.0\r\n"; an IOHeader, after its length in 4 bytes; packets of {i32 stream, i32
+// bytes} and that many bytes, compressed; at the header's data_table_position the FileDataTable, compressed.
+// Compression is by LZ4 or Zstandard frames. Unpacked, a packet of an event stream is an EventPacket after its length
+// in 4 bytes (aedat4.fbs). The header's XML names the streams: typeIdentifier "EVTS", and sizeX, sizeY and source under
+// "info". A recording that was cut short has position -1 and no table. Of several event streams the first is read;
+// frames, IMU and triggers are skipped.
+#include <fmt/format.h>
+#include <lz4frame.h>
+#include <zstd.h>
+
+#include <algorithm>
+#include <pugixml.hpp>
+
+#include "aedat4_generated.h"
+#include "checked_writer.h"
+#include "codecs.h"
+#include "extent.h"
+#include "input_file.h"
+#include "output_file.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr std::string_view kMagic = "#!AER-DAT4.0\r\n";
+constexpr std::uint64_t kMaxHeaderBytes = 1 << 24, kMaxPacketBytes = 1 << 28;
+constexpr int kMaxSize = 32768;  // x and y are signed 16-bit
+enum Compression { kNone, kLz4, kLz4High, kZstd, kZstdHigh };
+constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kTableId = "FTAB";
+
+// The unpacked bytes; empty when `packed` is no whole frame, or unpacks to more than kMaxPacketBytes.
+std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compression) {
+  std::vector<std::uint8_t> out;
+  const auto step = [&] { out.resize(std::max<std::size_t>(1 << 16, out.size() * 2)); };
+  std::size_t in_at = 0, out_at = 0;
+  if (compression == kLz4 || compression == kLz4High) {
+    LZ4F_dctx* raw = nullptr;
+    LZ4F_createDecompressionContext(&raw, LZ4F_VERSION);
+    const std::unique_ptr<LZ4F_dctx, decltype(&LZ4F_freeDecompressionContext)> context(raw,
+                                                                                       &LZ4F_freeDecompressionContext);
+    for (;;) {
+      if (out_at == out.size()) step();
+      std::size_t in_bytes = packed.size() - in_at, out_bytes = out.size() - out_at;
+      const std::size_t left =
+          LZ4F_decompress(context.get(), out.data() + out_at, &out_bytes, packed.data() + in_at, &in_bytes, nullptr);
+      in_at += in_bytes;
+      out_at += out_bytes;
+      if (left == 0) break;
+      if (LZ4F_isError(left) || (in_bytes == 0 && out_bytes == 0) || out_at > kMaxPacketBytes) return {};
+    }
+  } else if (compression == kZstd || compression == kZstdHigh) {
+    const std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context(ZSTD_createDCtx(), &ZSTD_freeDCtx);
+    ZSTD_inBuffer in{packed.data(), packed.size(), 0};
+    for (;;) {
+      if (out_at == out.size()) step();
+      ZSTD_outBuffer to{out.data(), out.size(), out_at};
+      const std::size_t in_before = in.pos;
+      const std::size_t left = ZSTD_decompressStream(context.get(), &to, &in);
+      const bool stuck = in.pos == in_before && to.pos == out_at;
+      out_at = to.pos;
+      if (left == 0) break;
+      if (ZSTD_isError(left) || stuck || out_at > kMaxPacketBytes) return {};
+    }
+  } else {
+    out.assign(reinterpret_cast<const std::uint8_t*>(packed.data()),
+               reinterpret_cast<const std::uint8_t*>(packed.data()) + packed.size());
+    return out;
+  }
+  out.resize(out_at);
+  return out;
+}
+
+class Aedat4Reader final : public Reader {
+ public:
+  explicit Aedat4Reader(const std::filesystem::path& path) : file_(path) {
+    read_header();
+    extent_.emplace(info_, kMaxSize);
+  }
+
+  const StreamInfo& info() const override { return info_; }
+
+  std::size_t read(std::span<Event> out) override {
+    std::size_t n = 0;
+    while (n < out.size()) {
+      if (used_ == packet_size()) {
+        if (!next_packet()) {
+          extent_->end();
+          break;
+        }
+        continue;
+      }
+      const aedat4::Event& e = *elements_->Get(static_cast<flatbuffers::uoffset_t>(used_++));
+      Event& event = out[n++];
+      event = {e.timestamp(), static_cast<std::uint16_t>(e.x()), static_cast<std::uint16_t>(e.y()),
+               static_cast<std::uint8_t>(e.on())};
+      if (e.x() < 0 || e.y() < 0 || !extent_->add(event))
+        throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_),
+                        fmt::format("an event at pixel ({}, {})", e.x(), e.y()),
+                        fmt::format("inside {}x{}", info_.width, info_.height));
+    }
+    return n;
+  }
+
+ private:
+  std::size_t packet_size() const { return elements_ ? elements_->size() : 0; }
+
+  void read_header() {
+    std::string magic(kMagic.size(), '\0');
+    file_.read_exactly(std::as_writable_bytes(std::span(magic)), "signature");
+    if (magic != kMagic) throw file_.damage("no signature", "#!AER-DAT4.0", kMagic.size());
+    std::uint32_t bytes = 0;
+    file_.read_exactly(std::as_writable_bytes(std::span(&bytes, 1)), "header length");
+    if (bytes > std::min(file_.size() - file_.offset(), kMaxHeaderBytes))
+      throw file_.damage(fmt::format("a header of {} bytes", bytes), "at most what the file has", 4);
+    std::vector<std::uint8_t> header(sizeof bytes + bytes);  // the length belongs to the FlatBuffer: it sets alignment
+    std::memcpy(header.data(), &bytes, sizeof bytes);
+    file_.read_exactly(std::as_writable_bytes(std::span(header).subspan(sizeof bytes)), "header");
+    flatbuffers::Verifier verifier(header.data(), header.size());
+    if (bytes < 12 || !verifier.VerifySizePrefixedBuffer<aedat4::IOHeader>(kHeaderId))
+      throw file_.damage("a damaged header", "an IOHeader", bytes);
+    const auto* io_header = flatbuffers::GetSizePrefixedRoot<aedat4::IOHeader>(header.data());
+    compression_ = io_header->compression();
+    end_ = io_header->data_table_position() < 0 ? file_.size()
+                                                : static_cast<std::uint64_t>(io_header->data_table_position());
+    if (compression_ < kNone || compression_ > kZstdHigh)
+      throw file_.damage(fmt::format("compression {}", compression_), "0 to 4", bytes);
+    if (end_ > file_.size() || end_ < file_.offset())
+      throw file_.damage(fmt::format("the packets' end at byte {}", end_), "inside the file", bytes);
+    find_stream(io_header->info_node() ? io_header->info_node()->string_view() : std::string_view());
+  }
+
+  void find_stream(std::string_view xml) {
+    pugi::xml_document document;
+    if (!document.load_buffer(xml.data(), xml.size()))
+      throw file_.damage("a header without XML", "the list of streams");
+    const auto attribute = [](const pugi::xml_node& node, const char* key) {
+      return std::string(node.find_child_by_attribute("attr", "key", key).text().as_string());
+    };
+    for (const pugi::xpath_node& found : document.select_nodes("//node[@name='outInfo']/node")) {
+      const pugi::xml_node stream = found.node();
+      if (attribute(stream, "typeIdentifier") != kEventsId) continue;
+      const pugi::xml_node info = stream.find_child_by_attribute("node", "name", "info");
+      stream_ = stream.attribute("name").as_int(-1);
+      info_.width = std::atoi(attribute(info, "sizeX").c_str());
+      info_.height = std::atoi(attribute(info, "sizeY").c_str());
+      info_.camera = attribute(info, "source");
+      if (info_.width < 1 || info_.height < 1 || info_.width > kMaxSize || info_.height > kMaxSize)
+        info_.width = info_.height = 0;
+      return;
+    }
+    throw file_.damage("no stream of events", "one in the header's list");
+  }
+
+  // The next packet of the stream.
+  bool next_packet() {
+    elements_ = nullptr;
+    used_ = 0;
+    while (file_.offset() < end_) {
+      packet_at_ = file_.offset();
+      struct {
+        std::int32_t stream, bytes;
+      } head{};
+      file_.read_exactly(std::as_writable_bytes(std::span(&head, 1)), "packet header");
+      if (head.bytes < 0 || static_cast<std::uint64_t>(head.bytes) > end_ - std::min(end_, file_.offset()) ||
+          static_cast<std::uint64_t>(head.bytes) > kMaxPacketBytes)
+        throw file_.damage(fmt::format("a packet of {} bytes", head.bytes),
+                           fmt::format("at most {}", end_ - std::min(end_, file_.offset())), 4);
+      if (head.stream != stream_) {
+        file_.seek(file_.offset() + static_cast<std::uint64_t>(head.bytes));
+        continue;
+      }
+      packed_.resize(static_cast<std::size_t>(head.bytes));
+      file_.read_exactly(packed_, "packet");
+      packet_ = unpack(packed_, compression_);
+      flatbuffers::Verifier verifier(packet_.data(), packet_.size());
+      if (packet_.size() < 16 || !verifier.VerifySizePrefixedBuffer<aedat4::EventPacket>(kEventsId))
+        throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_), "a damaged packet", "packed events");
+      elements_ = flatbuffers::GetSizePrefixedRoot<aedat4::EventPacket>(packet_.data())->elements();
+      return true;
+    }
+    return false;
+  }
+
+  InputFile file_;
+  StreamInfo info_;
+  std::optional<Extent> extent_;
+  int compression_ = kNone, stream_ = -1;
+  std::uint64_t end_ = 0, packet_at_ = 0;
+  std::vector<std::byte> packed_;
+  std::vector<std::uint8_t> packet_;
+  const flatbuffers::Vector<const aedat4::Event*>* elements_ = nullptr;  // into packet_
+  std::size_t used_ = 0;
+};
+
+constexpr Limits kLimits = {.max_size = kMaxSize};
+constexpr std::size_t kPacketEvents = 8192;
+
+class Aedat4Writer final : public CheckedWriter {
+ public:
+  Aedat4Writer(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kLimits), file_(path) {
+    file_.put_text(kMagic);
+    put_header(0);
+  }
+
+ private:
+  void put(std::span<const Event> events) override {
+    for (const Event& e : events) {
+      packet_.emplace_back(e.t_us, static_cast<std::int16_t>(e.x), static_cast<std::int16_t>(e.y), e.p != 0);
+      if (packet_.size() == kPacketEvents) put_packet();
+    }
+  }
+
+  void finish() override {
+    if (!packet_.empty()) put_packet();
+    const std::uint64_t table_at = file_.offset();
+    flatbuffers::FlatBufferBuilder builder;
+    std::vector<flatbuffers::Offset<aedat4::FileDataDefinition>> entries;
+    for (const Entry& e : entries_) {
+      const aedat4::PacketHeader head(0, e.bytes);
+      entries.push_back(aedat4::CreateFileDataDefinition(builder, e.at, &head, e.count, e.t_first_us, e.t_last_us));
+    }
+    builder.FinishSizePrefixed(aedat4::CreateFileDataTableDirect(builder, &entries), kTableId);
+    file_.put_bytes(packed(builder));
+    file_.rewrite_from(kMagic.size());  // the header, now that the table's place is known
+    put_header(static_cast<std::int64_t>(table_at));
+    file_.commit();
+  }
+
+  // Of one length whatever the position, which is not -1, the default that is left out.
+  void put_header(std::int64_t data_table_position) {
+    pugi::xml_document document;
+    const auto node = [](pugi::xml_node parent, const char* name, const char* path) {
+      pugi::xml_node child = parent.append_child("node");
+      child.append_attribute("name") = name;
+      child.append_attribute("path") = path;
+      return child;
+    };
+    const auto attribute = [](pugi::xml_node parent, const char* key, const char* type, const std::string& value) {
+      pugi::xml_node child = parent.append_child("attr");
+      child.append_attribute("key") = key;
+      child.append_attribute("type") = type;
+      child.text() = value.c_str();
+    };
+    pugi::xml_node dv = document.append_child("dv");
+    dv.append_attribute("version") = "2.0";
+    const pugi::xml_node stream = node(node(dv, "outInfo", "/outInfo/"), "0", "/outInfo/0/");
+    attribute(stream, "compression", "string", "LZ4");
+    attribute(stream, "originalModuleName", "string", "pecs");
+    attribute(stream, "originalOutputName", "string", "events");
+    attribute(stream, "typeDescription", "string", "Array of events (polarity ON/OFF).");
+    attribute(stream, "typeIdentifier", "string", kEventsId);
+    const pugi::xml_node camera = node(stream, "info", "/outInfo/0/info/");
+    attribute(camera, "sizeX", "int", std::to_string(info().width));
+    attribute(camera, "sizeY", "int", std::to_string(info().height));
+    attribute(camera, "source", "string", info().camera.empty() ? "pecs" : info().camera);
+    std::ostringstream xml;
+    document.save(xml, "    ", pugi::format_default | pugi::format_no_declaration);
+
+    flatbuffers::FlatBufferBuilder builder;
+    builder.FinishSizePrefixed(aedat4::CreateIOHeaderDirect(builder, kLz4, data_table_position, xml.str().c_str()),
+                               kHeaderId);
+    file_.put_bytes(std::as_bytes(std::span(builder.GetBufferPointer(), builder.GetSize())));
+  }
+
+  void put_packet() {
+    flatbuffers::FlatBufferBuilder builder(packet_.size() * sizeof(aedat4::Event) + 64);
+    builder.FinishSizePrefixed(
+        aedat4::CreateEventPacket(builder, builder.CreateVectorOfStructs(packet_.data(), packet_.size())), kEventsId);
+    const std::span<const std::byte> bytes = packed(builder);
+    const auto size = static_cast<std::int32_t>(bytes.size());
+    file_.put(std::int32_t{0});  // the stream
+    file_.put(size);
+    entries_.push_back({static_cast<std::int64_t>(file_.offset()), size, static_cast<std::int64_t>(packet_.size()),
+                        packet_.front().timestamp(), packet_.back().timestamp()});
+    file_.put_bytes(bytes);
+    packet_.clear();
+  }
+
+  std::span<const std::byte> packed(const flatbuffers::FlatBufferBuilder& builder) {
+    packed_.resize(LZ4F_compressFrameBound(builder.GetSize(), nullptr));
+    const std::size_t size =
+        LZ4F_compressFrame(packed_.data(), packed_.size(), builder.GetBufferPointer(), builder.GetSize(), nullptr);
+    if (LZ4F_isError(size)) throw Error(ExitCode::internal, std::string("LZ4: ") + LZ4F_getErrorName(size));
+    return std::span(packed_).first(size);
+  }
+
+  struct Entry {
+    std::int64_t at;
+    std::int32_t bytes;
+    std::int64_t count, t_first_us, t_last_us;
+  };
+  OutputFile file_;
+  std::vector<aedat4::Event> packet_;
+  std::vector<Entry> entries_;
+  std::vector<std::byte> packed_;
+};
+
+}  // namespace
+
+Codec make_aedat4() {
+  return {.name = "aedat4",
+          .description = "iniVation AEDAT4",
+          .extensions = {".aedat4"},
+          .sniff =
+              [](const std::filesystem::path&, std::span<const std::byte> head) {
+                return head.size() >= kMagic.size() && std::memcmp(head.data(), kMagic.data(), kMagic.size()) == 0;
+              },
+          .open_reader = [](const auto& path) { return std::make_unique<Aedat4Reader>(path); },
+          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Aedat4Writer>(path, info); },
+          .limits = kLimits};
+}
+
+}  // namespace pecs::events
