@@ -11,13 +11,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::vector<const Codec*> two_way() {
-  std::vector<const Codec*> out;
-  for (const Codec& c : codecs())
-    if (c.open_reader && c.open_writer) out.push_back(&c);
-  return out;
-}
-
 void write(const Codec& codec, const fs::path& path, const Stream& stream, std::size_t chunk = SIZE_MAX) {
   const auto writer = codec.open_writer(path, stream.info);
   for (std::size_t i = 0; i < stream.events.size(); i += std::min(chunk, stream.events.size() - i))
@@ -135,8 +128,4 @@ TEST_P(EachFormat, SaysThatAFolderIsMissing) {
   EXPECT_EQ(code, ExitCode::bad_output) << line;
 }
 
-INSTANTIATE_TEST_SUITE_P(Formats, EachFormat, testing::ValuesIn(two_way()), [](const auto& test) {
-  std::string name = test.param->name;
-  std::ranges::replace(name, '-', '_');
-  return name;
-});
+INSTANTIATE_TEST_SUITE_P(Formats, EachFormat, testing::ValuesIn(two_way()), format_name);

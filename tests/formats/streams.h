@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -81,6 +82,20 @@ inline std::vector<NamedStream> streams_for(const events::Limits& limits) {
     all.push_back(*s);
   }
   return all;
+}
+
+// Every format that is both read and written.
+inline std::vector<const events::Codec*> two_way() {
+  std::vector<const events::Codec*> out;
+  for (const events::Codec& c : events::codecs())
+    if (c.open_reader && c.open_writer) out.push_back(&c);
+  return out;
+}
+
+inline std::string format_name(const testing::TestParamInfo<const events::Codec*>& test) {
+  std::string name = test.param->name;
+  std::ranges::replace(name, '-', '_');
+  return name;
 }
 
 class TempFolder {

@@ -11,8 +11,6 @@
 //     style 0: x as u16, x << 5 | mask: x itself, and x + 1 + k for every bit 4 - k of the mask; then p as runs, u8,
 //              p << 7 | count; count 127 means that a u16 count follows
 // The last group of four and the last mask may say more than the number of events: the rest is ignored.
-#include <hdf5.h>
-
 #include <span>
 #include <string>
 #include <vector>
@@ -21,7 +19,7 @@
 
 namespace pecs::events::ecf {
 
-constexpr H5Z_filter_t kFilter = 0x8ECF;
+constexpr int kFilter = 0x8ECF;
 
 struct Damage {
   std::size_t offset;  // in the block

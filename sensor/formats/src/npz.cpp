@@ -120,9 +120,9 @@ class ArrayReader {
       size_ = 1;
       return;
     }
-    const auto [end, ec] = std::from_chars(shape.data() + 1, shape.data() + shape.size(), size_);
-    if (shape.empty() || ec != std::errc() || std::string_view(end, shape.data() + shape.size()) != ",)" ||
-        size_ > INT64_MAX / 8)
+    const std::string_view inside = shape.substr(std::min<std::size_t>(1, shape.size()));
+    const auto [end, ec] = std::from_chars(inside.data(), inside.data() + inside.size(), size_);
+    if (ec != std::errc() || std::string_view(end, inside.data() + inside.size()) != ",)" || size_ > INT64_MAX / 8)
       throw damage(fmt::format("shape {}", shape.substr(0, 40)), "one dimension");
   }
 
