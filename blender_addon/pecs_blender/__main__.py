@@ -46,6 +46,13 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--stop-diameter-mm", type=float, help="the scene's if not given")
     command.add_argument("--focus-m", type=float, help="the scene's if not given")
     command.add_argument("--focal-mm", type=float, default=15.02, help="of the pinhole")
+    command.add_argument(
+        "--colour-tolerance-px",
+        type=float,
+        default=0.1,
+        help="bands of a pass that lie closer on the film share their rays (at their mean wavelength); else every ray "
+        "carries one band, which is noisier",
+    )
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a parameter of the scene")
     command.add_argument("--threads", type=int, default=0, help="0: all cores; does not change the result")
     return parser

@@ -40,6 +40,22 @@ def empty_scene() -> bpy.types.Scene:
     return scene
 
 
+def white_furnace() -> bpy.types.Scene:
+    """A further scene: nothing but radiance 1 from everywhere."""
+    scene = bpy.data.scenes.new("white furnace")
+    scene.world = bpy.data.worlds.new("white")
+    scene.world.use_nodes = True
+    background = scene.world.node_tree.nodes["Background"].inputs
+    background["Color"].default_value, background["Strength"].default_value = (1.0, 1.0, 1.0, 1.0), 1.0
+    return scene
+
+
+def release() -> None:
+    """Frees Blender's data while Python still runs: an engine that outlives it prints a traceback at exit."""
+    with quiet():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
 def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int) -> None:
     scene.render.engine = "CYCLES"
     for key, value in SETTINGS.items():

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One render job: a scene, a lens, bands and instants in; an EXR stack (docs/exr_stack.md) out.
 
+Film irradiance is a ratio estimate. Cycles averages w L over the rays of a pixel, where the lens's weights w scatter
+(lost rays, one band per ray). Their average over the very same rays is known from a white furnace rendered once per
+pass, and its expectation from the exact pupil (relative illumination RI). So E = E0 RI <w L> / <w>: what scatters is
+the scene's radiance alone. (Seed and samples are fixed, so frames and furnace share their rays.)
+
 Radiance in Cycles is relative so that values are O(1): in band k every lamp is divided by the strongest lamp's value
 n_k there. Absolute radiance = rendered * n_k * s, where s makes the illuminance at the scene's target what the scene
 asks for (light meter, below).
@@ -46,6 +51,7 @@ class Options:
     stop_diameter_mm: float | None = None  # None: the scene's
     focus_m: float | None = None
     focal_mm: float = 15.02
+    colour_tolerance_px: float = 0.1  # bands of a pass that lie closer on the film share their rays
     threads: int = 0  # 0: all; does not change the result
 
 
@@ -66,7 +72,9 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
         lux_scale = _light_meter(scene, film, parts)
         with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
             cameras, e0, lens = _cameras(scene_file, options, lambda_nm, Path(scratch))
-            to_film = _norm(parts, lambda_nm) * lux_scale * e0
+            to_film = (_norm(parts, lambda_nm) * lux_scale * e0)[:, None, None]
+            if lens:
+                to_film = to_film * _even_out(scene_file, options, cameras, lambda_nm)
             stack = {
                 "pecs_stack": 1,
                 "quantity": "irradiance" if lens else "radiance",
@@ -82,9 +90,11 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
                 "versions": {"pecs": pecs.__version__, "blender": bpy.app.version_string},
             }
             with pecs.StackWriter(folder, stack) as writer:
+                to_film = to_film.astype(np.float32)
                 _render_frames(scene, film, parts, cameras, plan.times_ns, lambda_nm, to_film, writer)
     finally:
         film.close()
+        cycles.release()
 
 
 def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, writer) -> None:
@@ -97,7 +107,7 @@ def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, wr
             scene.camera = camera
             _set_pass(parts, lambda_nm[bands])
             frame[bands] = film.render()[: bands.stop - bands.start]
-        frame *= to_film.astype(np.float32)[:, None, None]
+        frame *= to_film
         writer.write_frame(index, frame)
         progress.at(done)
 
@@ -157,16 +167,14 @@ def _cameras(scene_file, options, lambda_nm, scratch):
         camera = cycles.pinhole_camera("pinhole", options.focal_mm, FILM_WIDTH_MM)
         camera.rotation_euler = LOOK_ALONG_Y
         return [camera] * len(passes(len(lambda_nm))), np.ones(len(lambda_nm)), None
-    lens = pecs.Lens(name if "/" in name or not (scene_file.folder / name).is_file() else scene_file.folder / name)
+    lens = _lens(scene_file, options)
     cameras, e0, described = [], [], None
     for k, bands in enumerate(passes(len(lambda_nm))):
         camera = lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
             focus_bands_nm=lambda_nm.tolist(),
-            focus_m=options.focus_m or scene_file.camera["focus_m"],
-            stop_diameter_mm=options.stop_diameter_mm or scene_file.camera["stop_diameter_mm"],
-            film_width_mm=FILM_WIDTH_MM,
-            film_height_mm=FILM_HEIGHT_MM,
+            colour_tolerance_px=options.colour_tolerance_px,
+            **_lens_setting(scene_file, options),
             pixel_pitch_mm=FILM_WIDTH_MM / options.width,
         )
         cameras.append(cycles.lens_camera(f"{camera.shader_name}_{k}", camera.osl, scratch))
@@ -177,6 +185,48 @@ def _cameras(scene_file, options, lambda_nm, scratch):
     record = {key: getattr(described, key) for key in keys}
     record["file"] = Path(record["file"]).name
     return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}
+
+
+def _lens(scene_file, options) -> pecs.Lens:
+    name = options.lens or scene_file.camera["lens"]
+    return pecs.Lens(name if "/" in name or not (scene_file.folder / name).is_file() else scene_file.folder / name)
+
+
+def _lens_setting(scene_file, options) -> dict:
+    return {
+        "focus_m": options.focus_m or scene_file.camera["focus_m"],
+        "stop_diameter_mm": options.stop_diameter_mm or scene_file.camera["stop_diameter_mm"],
+        "film_width_mm": FILM_WIDTH_MM,
+        "film_height_mm": FILM_HEIGHT_MM,
+    }
+
+
+def _even_out(scene_file, options, cameras, lambda_nm) -> np.ndarray:
+    """RI / <w> for each band and pixel, see above."""
+    lens, setting = _lens(scene_file, options), _lens_setting(scene_file, options)
+    scene = cycles.white_furnace()
+    cycles.configure(scene, options.width, options.height, options.samples, options.seed, options.threads)
+    film = cycles.Film(scene)
+    gain = np.empty((len(lambda_nm), options.height, options.width))
+    pitch_mm = FILM_WIDTH_MM / options.width
+    x_mm = (np.arange(options.width) + 0.5) * pitch_mm - FILM_WIDTH_MM / 2
+    y_mm = (np.arange(options.height) + 0.5) * pitch_mm - FILM_HEIGHT_MM / 2
+    radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
+    try:
+        for camera, bands in zip(cameras, passes(len(lambda_nm)), strict=True):
+            scene.camera = camera
+            gain[bands] = film.render()[: bands.stop - bands.start]
+            for k in range(bands.start, bands.stop):
+                if not gain[k].all():
+                    raise bad_input(
+                        "render", "--samples", options.samples, "more: in some pixels no ray gets through the lens"
+                    )
+                pupil = lens.pupil(lambda_nm=float(lambda_nm[k]), **setting)["pupil"]
+                illumination = np.array([(p["r_mm"], p["relative_illumination"]) for p in pupil])
+                gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
+    finally:
+        film.close()
+    return gain
 
 
 def _settings(options: Options, lux_scale: float, illuminance_lux: float) -> dict:
