@@ -18,7 +18,7 @@ mkdir -p "$OUT"
 # chip, on a grid four times coarser; the recording is thinned to the same grid. Speed and phase are the recording's.
 stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data" $OUT/stack/stack.json \
   "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2735 --frames period \
-  --width 320 --height 180 --set rpm=349.67
+  --width 320 --height 180 --samples 4 --colour-tolerance-px 0.2 --set rpm=349.67
 
 stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw \
   "$PECS" sense $OUT/stack -o $OUT/sim.raw --chip imx636 --seed 1 --warmup-loops 12 --duration-us 54300

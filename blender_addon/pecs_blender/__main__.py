@@ -40,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--frames", default="100", help="N, A:B, or 'period' for one period in equal steps")
     command.add_argument("--width", type=_positive, default=1280, help="pixels; the film stays 6.2208 mm wide")
     command.add_argument("--height", type=_positive, help="pixels; 9/16 of the width if not given")
-    command.add_argument("--samples", type=_positive, default=8, help="paths per pixel and pass")
+    command.add_argument("--samples", type=_positive, default=8, help="paths per pixel and band")
     command.add_argument("--seed", type=int, default=1)
     command.add_argument("--lens", help="name, file, or 'none' for a pinhole (radiance); the scene's if not given")
     command.add_argument("--stop-diameter-mm", type=float, help="the scene's if not given")

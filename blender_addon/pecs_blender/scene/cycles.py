@@ -50,12 +50,6 @@ def white_furnace() -> bpy.types.Scene:
     return scene
 
 
-def release() -> None:
-    """Frees Blender's data while Python still runs: an engine that outlives it prints a traceback at exit."""
-    with quiet():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
 def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int) -> None:
     scene.render.engine = "CYCLES"
     for key, value in SETTINGS.items():
@@ -76,6 +70,15 @@ def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, see
     image = scene.render.image_settings
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"
+
+
+def _no_engine_traceback(unraisable) -> None:
+    """Blender 4.5 frees a persistent engine before Python's half of it, whose __del__ then fails; it means nothing."""
+    if not (unraisable.exc_type is ReferenceError and "CyclesRender" in str(unraisable.exc_value)):
+        sys.__unraisablehook__(unraisable)
+
+
+sys.unraisablehook = _no_engine_traceback
 
 
 @contextlib.contextmanager

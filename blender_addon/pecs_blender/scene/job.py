@@ -72,9 +72,11 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
         lux_scale = _light_meter(scene, film, parts)
         with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
             cameras, e0, lens = _cameras(scene_file, options, lambda_nm, Path(scratch))
+            rays = _rays(options, lens)
+            scene.cycles.samples = rays
             to_film = (_norm(parts, lambda_nm) * lux_scale * e0)[:, None, None]
             if lens:
-                to_film = to_film * _even_out(scene_file, options, cameras, lambda_nm)
+                to_film = to_film * _even_out(scene_file, options, cameras, lambda_nm, rays)
             stack = {
                 "pecs_stack": 1,
                 "quantity": "irradiance" if lens else "radiance",
@@ -94,7 +96,6 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
                 _render_frames(scene, film, parts, cameras, plan.times_ns, lambda_nm, to_film, writer)
     finally:
         film.close()
-        cycles.release()
 
 
 def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, writer) -> None:
@@ -168,7 +169,7 @@ def _cameras(scene_file, options, lambda_nm, scratch):
         camera.rotation_euler = LOOK_ALONG_Y
         return [camera] * len(passes(len(lambda_nm))), np.ones(len(lambda_nm)), None
     lens = _lens(scene_file, options)
-    cameras, e0, described = [], [], None
+    cameras, e0, modes, described = [], [], set(), None
     for k, bands in enumerate(passes(len(lambda_nm))):
         camera = lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
@@ -180,9 +181,11 @@ def _cameras(scene_file, options, lambda_nm, scratch):
         cameras.append(cycles.lens_camera(f"{camera.shader_name}_{k}", camera.osl, scratch))
         cameras[-1].rotation_euler = LOOK_ALONG_Y
         e0 += camera.e0[: bands.stop - bands.start]
+        modes.add(camera.channel_mode)
         described = camera
-    keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm", "channel_mode")
+    keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm")
     record = {key: getattr(described, key) for key in keys}
+    record["channel_mode"] = "per_channel" if "per_channel" in modes else "mean"
     record["file"] = Path(record["file"]).name
     return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}
 
@@ -201,11 +204,16 @@ def _lens_setting(scene_file, options) -> dict:
     }
 
 
-def _even_out(scene_file, options, cameras, lambda_nm) -> np.ndarray:
+def _rays(options: Options, lens: dict | None) -> int:
+    """Per pixel and pass, so that every band gets options.samples."""
+    return options.samples * (3 if lens and lens["channel_mode"] == "per_channel" else 1)
+
+
+def _even_out(scene_file, options, cameras, lambda_nm, rays) -> np.ndarray:
     """RI / <w> for each band and pixel, see above."""
     lens, setting = _lens(scene_file, options), _lens_setting(scene_file, options)
     scene = cycles.white_furnace()
-    cycles.configure(scene, options.width, options.height, options.samples, options.seed, options.threads)
+    cycles.configure(scene, options.width, options.height, rays, options.seed, options.threads)
     film = cycles.Film(scene)
     gain = np.empty((len(lambda_nm), options.height, options.width))
     pitch_mm = FILM_WIDTH_MM / options.width
