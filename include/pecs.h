@@ -42,7 +42,8 @@ PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, 
 
 /* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm":
  * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h, "pixel_pitch_mm":
- * p, "colour_tolerance_px": 0.1}. focus_bands_nm are all bands of the stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name":
+ * p, "colour_tolerance_px": 0.1}. focus_bands_nm are all bands of the stack, so that every pass has one focus. result:
+ * {"osl": source of one shader, "shader_name":
  * ..., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis;
  * film irradiance = rendered value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber",
  * "channel_mode", "lens_name", "sha256", ...: docs/lens.md}. */
@@ -92,8 +93,8 @@ PECS_API char* pecs_event_formats(pecs_error* error);
 typedef struct pecs_event_reader pecs_event_reader;
 /* format: a name of the list above, or NULL: found from the content. NULL on error. */
 PECS_API pecs_event_reader* pecs_events_open(const char* path, const char* format, pecs_error* error);
-/* {"format": .., "width": .., "height": .., "camera": ..}; width and height are 0 for a file that does not say, until all
- * events are read. */
+/* {"format": .., "width": .., "height": .., "camera": ..}; width and height are 0 for a file that does not say, until
+ * all events are read. */
 PECS_API char* pecs_events_info(const pecs_event_reader* reader, pecs_error* error);
 /* Reads at most `capacity` events into `out`; returns how many: 0 at the end, -1 on error. */
 PECS_API int64_t pecs_events_read(pecs_event_reader* reader, pecs_event* out, int64_t capacity, pecs_error* error);

@@ -15,26 +15,32 @@ OUT=out/demo
 mkdir -p "$OUT"
 
 # A quarter of the sensor's resolution, so that two cores render half a turn in minutes: each pixel is a full pixel of the
-# chip, on a grid four times coarser; the recording is thinned to the same grid. Speed and phase are the recording's.
-stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data" $OUT/stack/stack.json \
-  "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2735 --frames period \
-  --width 320 --height 180 --samples 4 --colour-tolerance-px 0.2 --set rpm=349.67
+# chip, on a grid four times coarser; the recording is thinned to the same grid. Speed and phase are those measured in
+# R_360_L; the light is what the fitted photoreceptor corner (4.6 Hz on white) asks for.
+stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
+  $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2800 --frames period \
+  --width 320 --height 180 --samples 4 --colour-tolerance-px 0.2 \
+  --set rpm=349.67 --set phase_deg=141.5 --set illuminance_lux=140
 
-stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw \
-  "$PECS" sense $OUT/stack -o $OUT/sim.raw --chip imx636 --seed 1 --warmup-loops 12 --duration-us 54300
+report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)
+start_us=0
+if [ -n "$REAL" ]; then
+  stage "real recording" "$PECS $REAL" $OUT/real.raw "$PECS" convert "$REAL" $OUT/real.raw --decimate 4
+  start_us=$("$PECS" info $OUT/real.raw --json | "$PY" -c 'import json, sys; print(json.load(sys.stdin)["t_first_us"])')
+  report_inputs+=(--real $OUT/real.raw)
+fi
+stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw "$PECS" sense $OUT/stack -o $OUT/sim.raw \
+  --chip imx636 --seed 1 --warmup-loops 12 --start-us "$start_us" --duration-us 54300
 
 stage pictures "$PECS $OUT/sim.raw" $OUT/sim.html sh -c "
   '$PECS' view $OUT/sim.raw -o $OUT/sim.png && '$PECS' view $OUT/sim.raw -o $OUT/sim.mp4 &&
-  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm -o $OUT/lens.svg"
+  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm --stop-diameter-mm 1 --focus-m 1.56 -o $OUT/lens.svg"
 
-report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack)
 if [ -n "$REAL" ]; then
-  stage "real recording" "$PECS $REAL" $OUT/real.raw "$PECS" convert "$REAL" $OUT/real.raw --decimate 4
   stage compare "$PECS $OUT/real.raw $OUT/sim.raw" $OUT/compare.json \
     sh -c "'$PECS' compare $OUT/real.raw $OUT/sim.raw --json >$OUT/compare.json"
-  report_inputs+=(--real $OUT/real.raw)
 fi
-stage report "$PECS $OUT/sim.raw" $OUT/report.html "$PECS" report "${report_inputs[@]}" -o $OUT/report.html
+stage report "$PECS $OUT/sim.raw $OUT/lens.svg ${REAL:+$OUT/real.raw}" $OUT/report.html "$PECS" report "${report_inputs[@]}" -o $OUT/report.html
 
 say "done"
 echo "look at: $ROOT/$OUT/report.html (report), sim.html (3-D), sim.mp4 (slow motion), sim.raw (events)"

@@ -22,7 +22,15 @@ stage() {
     return
   fi
   say "$name"
+  [ "$(cat "$stamp.begun" 2>/dev/null)" = "$key" ] && CONTINUES=1 || CONTINUES=
+  mkdir -p "$STAMPS" && printf '%s' "$key" >"$stamp.begun"
   "$@"
   [ -e "$output" ] || die "$name: $output: got nothing, wanted a file"
-  mkdir -p "$STAMPS" && printf '%s' "$key" >"$stamp"
+  printf '%s' "$key" >"$stamp"
+}
+
+# resumable FOLDER COMMAND...: for a stage whose command continues what it finds in FOLDER: an older job's is removed first.
+resumable() {
+  [ -n "$CONTINUES" ] || rm -rf "$1"
+  "${@:2}"
 }

@@ -23,7 +23,8 @@ class DataDir : public testing::Test {
     ::unsetenv("PECS_DATA");
     std::filesystem::remove_all(dir_);
   }
-  std::filesystem::path dir_ = std::filesystem::path(testing::TempDir()) / ("pecs_data_dir_" + std::to_string(::getpid()));
+  std::filesystem::path dir_ =
+      std::filesystem::path(testing::TempDir()) / ("pecs_data_dir_" + std::to_string(::getpid()));
 };
 
 TEST_F(DataDir, FindsByName) { EXPECT_EQ(find_data("room/things", "one"), dir_ / "room/things/one.json"); }

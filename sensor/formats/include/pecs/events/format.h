@@ -50,7 +50,7 @@ struct Limits {
   std::int64_t t_min_us = INT64_MIN;
   std::int64_t t_max_us = INT64_MAX;
   std::int64_t max_gap_us = INT64_MAX;  // from one event to the next, and from 0 to the first
-  int max_size = 65536;  // width and height
+  int max_size = 65536;                 // width and height
   bool keeps_size = true;
 };
 
