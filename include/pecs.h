@@ -110,6 +110,20 @@ PECS_API int pecs_events_finish(pecs_event_writer* writer, pecs_error* error);
 /* Frees the writer; a file that was not finished stays as <path>.partial. */
 PECS_API void pecs_events_discard(pecs_event_writer* writer);
 
+/* ---- the sensor on frames in memory (sensor) ------------------------------------------------------------------ */
+
+typedef struct pecs_sensor pecs_sensor;
+/* options: {"width": w, "height": h, "chip": "imx636" | path, "overrides": {"key": value, ...}, "no_noise": false,
+ * "seed": 1, "threads": 0 (all), "photocurrent_a": amperes for a value of 1}. NULL on error. */
+PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error);
+/* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
+ * with the second frame after it, or when `last` says that no frame follows. Returns how many there are, -1 on error. */
+PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
+                                  pecs_error* error);
+/* Copies the events of the last push, sorted by time, then row, then column. */
+PECS_API void pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out);
+PECS_API void pecs_sensor_close(pecs_sensor* sensor);
+
 /* ---- comparison (calibration) --------------------------------------------------------------------------------- */
 
 /* Distances and summaries (docs/metrics.md). options: {"width": pixels, "height": pixels, "normalisation": "shared" |

@@ -4,7 +4,7 @@ from ._library import PecsError, version
 from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
-from .sensor import bands
+from .sensor import Sensor, bands, simulate
 from .stack import StackReader, StackWriter
 
 __version__ = version()
@@ -15,12 +15,14 @@ __all__ = [
     "EventWriter",
     "Lens",
     "PecsError",
+    "Sensor",
     "StackReader",
     "StackWriter",
     "bands",
     "distance",
     "event_formats",
     "read",
+    "simulate",
     "version",
     "write",
 ]

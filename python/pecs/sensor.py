@@ -1,13 +1,136 @@
-"""The sensor: which bands to render for a chip."""
+"""The sensor on frames in memory, and the bands to render for a chip.
+
+    events = pecs.simulate(frames, t_us, chip="imx636", seed=1)   # frames [T, H, W], linear light
+
+    with pecs.Sensor(1280, 720) as sensor:                        # frame by frame
+        for t_us, frame in camera:
+            events = sensor.push(frame, t_us)
+        events = sensor.finish()
+
+`photocurrent_a` is the photocurrent of a pixel of value 1 (255 in uint8, 65535 in uint16): it decides how fast the
+photoreceptor is. uint8 is taken as sRGB, everything else as linear light; `encoding` overrides.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+import json
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
+from typing import Any
 
-from ._library import json_function
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._library import Handle, function, json_function
+from .events import EVENT_DTYPE
 
 _bands = json_function("pecs_bands")
+_open = function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
+_push = function(
+    "pecs_sensor_push",
+    ctypes.c_int64,
+    ctypes.c_void_p,
+    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
+    np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS"),
+    ctypes.c_int64,
+    ctypes.c_int,
+)
+_events = function("pecs_sensor_events", None, ctypes.c_void_p, ctypes.c_void_p, error=False)
+_close = function("pecs_sensor_close", None, ctypes.c_void_p, error=False)
+
+_CHUNK_BYTES = 64 << 20
+
+
+def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
+    """Linear light, 1 = full scale; contiguous float32 comes back as it is."""
+    frames = np.asarray(frames)
+    if encoding not in (None, "linear", "srgb"):
+        raise ValueError(f"encoding: got {encoding!r}, wanted 'linear' or 'srgb'")
+    srgb = encoding == "srgb" or (encoding is None and frames.dtype == np.uint8)
+    if frames.dtype.kind == "u":
+        top = np.iinfo(frames.dtype).max
+        table = np.arange(top + 1, dtype=np.float64) / top if top < 1 << 16 else None
+        if table is None:
+            raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
+        return (_from_srgb(table) if srgb else table).astype(np.float32)[frames]
+    if frames.dtype.kind != "f":
+        raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
+    return np.ascontiguousarray(_from_srgb(frames) if srgb else frames, np.float32)
+
+
+def _from_srgb(v: NDArray[Any]) -> NDArray[Any]:
+    """IEC 61966-2-1."""
+    return np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4)
+
+
+class Sensor(Handle):
+    """Frames in, events out. An interval's events come with the second frame after it, or at `finish`."""
+
+    _free = staticmethod(_close)
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        chip: str | PathLike[str] = "imx636",
+        *,
+        seed: int = 1,
+        overrides: Mapping[str, float] | None = None,
+        noise: bool = True,
+        photocurrent_a: float = 1e-12,
+        encoding: str | None = None,
+        threads: int = 0,
+    ):
+        self.shape = (height, width)
+        self.encoding = encoding
+        options = {
+            "width": width,
+            "height": height,
+            "chip": fspath(chip),
+            "overrides": {k: float(v) for k, v in (overrides or {}).items()},
+            "no_noise": not noise,
+            "seed": seed,
+            "threads": threads,
+            "photocurrent_a": photocurrent_a,
+        }
+        self._handle = _open(json.dumps(options).encode())
+
+    def push(self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False) -> NDArray[np.void]:
+        """One frame [H, W], or several [T, H, W], at rising times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`)."""
+        frames = _to_linear(frame, self.encoding)
+        times = np.ascontiguousarray(np.atleast_1d(t_us), np.float64)
+        if frames.ndim == 2:
+            frames = frames[None]
+        if frames.shape[1:] != self.shape or times.shape != frames.shape[:1]:
+            raise ValueError(
+                f"frames: got shape {frames.shape} at {times.size} times, wanted {(times.size, *self.shape)}"
+            )
+        return self._push(frames, times, last)
+
+    def finish(self) -> NDArray[np.void]:
+        """The events of the last interval; nothing can be pushed after it."""
+        return self._push(np.empty((0, *self.shape), np.float32), np.empty(0), True)
+
+    def _push(self, frames: NDArray[np.float32], times: NDArray[np.float64], last: bool) -> NDArray[np.void]:
+        out = np.empty(_push(self._alive(), frames, times, len(frames), last), EVENT_DTYPE)
+        _events(self._alive(), out.ctypes.data)
+        if last:
+            self.close()
+        return out
+
+
+def simulate(
+    frames: ArrayLike, t_us: ArrayLike, chip: str | PathLike[str] = "imx636", **options: Any
+) -> NDArray[np.void]:
+    """All events of frames [T, H, W] at times `t_us` (us, rising); options as for `Sensor`."""
+    frames, times = np.asarray(frames), np.asarray(t_us, np.float64)
+    if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
+        raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
+    step = max(1, _CHUNK_BYTES // (4 * frames[0].size))
+    with Sensor(frames.shape[2], frames.shape[1], chip, **options) as sensor:
+        chunks = [sensor.push(frames[i : i + step], times[i : i + step]) for i in range(0, len(times), step)]
+        return np.concatenate([*chunks, sensor.finish()])
 
 
 def bands(

@@ -104,6 +104,11 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   return chip;
 }
 
+Chip without_noise(Chip chip) {
+  chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
+  return chip;
+}
+
 Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};

@@ -271,17 +271,11 @@ struct Run {
   }
 };
 
-Chip resolve_chip(const SenseOptions& options) {
-  Chip chip = load_chip(options.chip, options.overrides);
-  if (options.no_noise)
-    chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
-  return chip;
-}
-
 }  // namespace
 
 SenseReport sense(const SenseOptions& options) {
-  const Chip chip = resolve_chip(options);
+  const Chip given = load_chip(options.chip, options.overrides);
+  const Chip chip = options.no_noise ? without_noise(given) : given;
   const StackReader stack(options.stack, options.fps);
   const StackInfo& info = stack.info();
   if (stack.frames() < static_cast<std::int64_t>(info.times_ns.size()))

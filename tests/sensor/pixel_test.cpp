@@ -53,11 +53,7 @@ std::vector<Event> run(const Chip& chip, const Clip& clip, std::uint64_t seed = 
   return events;
 }
 
-Chip quiet_imx636() {
-  Chip chip = load_chip("imx636");
-  chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
-  return chip;
-}
+Chip quiet_imx636() { return without_noise(load_chip("imx636")); }
 
 // A busy scene: bars that move, brighten and darken.
 double bars(int x, int y, double t_us) { return 1.5 + 1.4 * std::sin(0.3 * x + 0.05 * y - t_us * 2e-3); }

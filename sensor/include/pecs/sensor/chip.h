@@ -33,6 +33,9 @@ struct Chip {
 // Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad override.
 Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {});
 
+// Photon noise, leak, background events and mismatch off: a still scene gives no events.
+Chip without_noise(Chip chip);
+
 // All values and units as resolved, for run records.
 Json chip_to_json(const Chip& chip);
 

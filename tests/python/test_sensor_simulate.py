@@ -1,0 +1,78 @@
+"""pecs.simulate and pecs.Sensor: frames in memory."""
+
+import numpy as np
+import pecs
+import pytest
+
+H, W = 30, 40
+
+
+def ramp(n=21, rate=2e-4, h_us=1000.0):
+    t = np.arange(n) * h_us
+    return np.broadcast_to(np.exp(rate * t)[:, None, None], (n, H, W)).astype(np.float32), t
+
+
+def waves(n=40):
+    t = np.arange(n) * 1000.0
+    y, x = np.mgrid[0:H, 0:W]
+    return (1.5 + 1.4 * np.sin(0.3 * x + 0.05 * y - t[:, None, None] * 2e-3)).astype(np.float32), t
+
+
+def test_log_ramp():
+    frames, t = ramp()
+    events = pecs.simulate(frames, t, chip="ideal")
+    times = events["t"].reshape(-1, H * W)
+    expected = np.broadcast_to(1000 * np.arange(1, len(times) + 1)[:, None], times.shape)
+    np.testing.assert_allclose(times, expected, atol=1)
+    assert (events["p"] == 1).all() and len(times) in (19, 20)
+    assert len(pecs.simulate(frames, t, chip="ideal", overrides={"contrast_threshold_on": 0.55})) == 7 * H * W
+
+
+@pytest.mark.parametrize("chip", ["imx636", "ideal"])
+def test_frame_by_frame_is_the_same(chip):
+    frames, t = waves()
+    whole = pecs.simulate(frames, t, chip=chip, threads=1)
+    assert len(whole) > 1000 and (np.diff(whole["t"]) >= 0).all()
+    with pecs.Sensor(W, H, chip) as sensor:
+        pushed = [sensor.push(frame, time) for frame, time in zip(frames, t, strict=True)] + [sensor.finish()]
+    np.testing.assert_array_equal(np.concatenate(pushed), whole)
+    assert not np.array_equal(whole, pecs.simulate(frames, t, chip=chip, seed=2)) or chip == "ideal"
+
+
+def test_input_types():
+    frames, t = waves()
+    linear = frames / 3
+    reference = pecs.simulate(linear, t, chip="ideal")
+    np.testing.assert_array_equal(pecs.simulate(linear.astype(np.float64), t, chip="ideal"), reference)
+    np.testing.assert_array_equal(pecs.simulate(linear[:, :, ::-1][:, :, ::-1], t, chip="ideal"), reference)
+    for encoded in (
+        (linear * 65535).round().astype(np.uint16),
+        (np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055) * 255)
+        .round()
+        .astype(np.uint8),
+    ):
+        assert len(pecs.simulate(encoded, t, chip="ideal")) == pytest.approx(len(reference), rel=0.03)
+
+
+def test_more_light_is_faster():
+    frames, t = waves()
+    counts = [len(pecs.simulate(frames, t, noise=False, photocurrent_a=a)) for a in (1e-15, 1e-14, 1e-12)]
+    assert counts[0] < counts[1] < counts[2]
+
+
+def test_errors():
+    frames, t = waves()
+    with pytest.raises(ValueError, match="wanted"):
+        pecs.simulate(frames, t[:-1])
+    with pytest.raises(ValueError, match="int32"):
+        pecs.simulate(frames.astype(np.int32), t)
+    with pytest.raises(pecs.PecsError, match="unknown key"):
+        pecs.simulate(frames, t, overrides={"threshold": 1})
+    with pytest.raises(pecs.PecsError, match="more than"):
+        pecs.simulate(frames, t[::-1])
+    with pytest.raises(pecs.PecsError, match="none of"):
+        pecs.Sensor(W, H, "nope")
+    sensor = pecs.Sensor(W, H)
+    sensor.finish()
+    with pytest.raises(ValueError, match="closed"):
+        sensor.push(frames[0], 0)
