@@ -79,8 +79,9 @@ TEST_P(EachFormat, ATruncatedFileGivesAnErrorOrAPrefix) {
       while (const std::size_t n = reader->read(buffer)) got.insert(got.end(), buffer.begin(), buffer.begin() + n);
     });
     ASSERT_LE(got.size(), stream.events.size()) << size;
+    const bool text = codec().name == "csv" || codec().name == "e2vid" || codec().name == "v2e";
     // A cut text line may leave a shorter number: that event alone may differ.
-    const std::size_t sure = codec().name == "csv" && !got.empty() ? got.size() - 1 : got.size();
+    const std::size_t sure = text && !got.empty() ? got.size() - 1 : got.size();
     ASSERT_TRUE(std::equal(got.begin(), got.begin() + static_cast<std::ptrdiff_t>(sure), stream.events.begin()))
         << size;
     ASSERT_TRUE(line.empty() || line.starts_with(file().string() + ": ")) << line;

@@ -133,6 +133,12 @@ def by_numpy_csv(path):
     return np.loadtxt(path, np.int64, delimiter=",", skiprows=1, ndmin=2).reshape(-1, 4).T
 
 
+def by_numpy_seconds(path):
+    has_size = path.read_text().startswith(f"{WIDTH} {HEIGHT}\n")
+    t, x, y, p = np.loadtxt(path, np.float64, skiprows=int(has_size), ndmin=2).reshape(-1, 4).T
+    return np.rint(t * 1e6), x, y, p
+
+
 PEERS = [
     ("evt3", ".raw", by_evlib),
     ("evt3", ".raw", by_evt3),
@@ -151,6 +157,8 @@ PEERS = [
     ("aedat4", ".aedat4", by_dv_processing),
     ("aedat4", ".aedat4", by_aedat),
     ("npz", ".npz", by_numpy),
+    ("e2vid", ".txt", by_numpy_seconds),
+    ("v2e", ".txt", by_numpy_seconds),
     ("csv", ".csv", by_numpy_csv),
     ("csv", ".csv", by_faery),
 ]
@@ -286,6 +294,8 @@ def test_npz_from_numpy(tmp_path):
         "t_ns,p,x,y,why\n5499,1,1,2,a\n6500,0,3,4,b\n",
         "%geometry:1280,720\n1,2,1,5\n3,4,0,7\n",
         "1280 720\n0.000005 1 2 1\n7e-6 3 4 0\n",
+        "#!events.txt\n# a comment\n0.000005 1 2 1 1\n7e-06 3 4 0 0\n",
+        "0.000005 1 2 1\n0.000007000 3 4 0\n",
     ],
 )
 def test_text_conventions(tmp_path, text):

@@ -13,5 +13,7 @@ Codec make_evt2();
 Codec make_evt21();
 Codec make_npz();
 Codec make_csv();
+Codec make_e2vid();
+Codec make_v2e();
 
 }  // namespace pecs::events

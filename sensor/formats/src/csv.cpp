@@ -1,8 +1,13 @@
-// CSV: a header line that names the columns and the unit of time, "t_us,x,y,p", then one event a line and nothing else:
-// common readers stumble over comments. Read also: "# width=1280 height=720", other orders and separators (comma,
-// semicolon, tab, space), t_s, t_ms and t_ns, decimal times (taken exactly, rounded to 1 us), p of -1, and files
-// without a header line that still say what they are: "%geometry:W,H" then x,y,p,t in microseconds (Metavision), and "W
-// H" then t x y p in seconds (ESIM, E2VID).
+// Text, one event a line, in three conventions:
+//   csv    a header line that names the columns and the unit of time, "t_us,x,y,p", and nothing else: common readers
+//          stumble over comments. Read also: "# width=1280 height=720", other orders and separators (comma, semicolon,
+//          tab, space), t_s, t_ms and t_ns, decimal times, p of -1, and Metavision's "%geometry:W,H" and x,y,p,t in
+//          microseconds.
+//   e2vid  "W H", then t x y p in seconds (ESIM, E2VID)
+//   v2e    comments with '#', then t x y p in seconds with a decimal point (v2e, the RPG DAVIS data); read also: a
+//   fifth
+//          column, v2e's signal or noise
+// Decimal times are taken exactly, rounded to 1 us.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -129,6 +134,8 @@ std::optional<Decimal> parse_decimal(std::string_view text, int exponent) {
   return out;
 }
 
+enum class Convention { csv, e2vid, v2e };
+
 struct Layout {
   std::array<int, 4> column{-1, -1, -1, -1};  // of t, x, y, p
   int columns = 0;
@@ -143,6 +150,7 @@ class CsvReader final : public Reader {
   }
 
   const StreamInfo& info() const override { return info_; }
+  Convention convention() const { return convention_; }
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
@@ -183,6 +191,7 @@ class CsvReader final : public Reader {
       const std::size_t separator = comment.find(',');
       info_.height = separator == std::string_view::npos ? 0 : number_after(",");
     } else if (!extent_ && info_.width == 0) {
+      if (comment.find("time (float s), x, y, polarity") != std::string_view::npos) convention_ = Convention::v2e;
       info_.width = number_after("width=");
       info_.height = number_after("height=");
     }
@@ -190,19 +199,28 @@ class CsvReader final : public Reader {
 
   void find_layout() {
     if (!next_content()) {
-      if (metavision_) return;  // no events
+      if (metavision_ || convention_ == Convention::v2e) return;  // no events
       throw lines_.damage("no content", kWanted);
     }
     std::string_view rest = line_;
     const bool names = std::isalpha(static_cast<unsigned char>(line_[0])) || line_[0] == '"';
+    const std::string_view first = next_word(rest);
     if (names) {
+      convention_ = Convention::csv;
       parse_header();
       pending_ = next_content();  // so that a comment with the size is seen
     } else if (metavision_) {
       layout_ = {{3, 0, 1, 2}, 4, 0};
       pending_ = true;
+    } else if (first.find('.') != std::string_view::npos) {
+      convention_ = Convention::v2e;
+      layout_ = {{0, 1, 2, 3}, 1, 6};
+      while (!next_word(rest).empty()) ++layout_.columns;
+      if (layout_.columns != 4 && layout_.columns != 5) throw lines_.damage(line_, "t x y p in seconds");
+      pending_ = true;
     } else {
-      const auto width = parse_decimal(next_word(rest), 0), height = parse_decimal(next_word(rest), 0);
+      convention_ = Convention::e2vid;
+      const auto width = parse_decimal(first, 0), height = parse_decimal(next_word(rest), 0);
       if (!next_word(rest).empty() || !width || !height || width->value < 1 || width->value > 65536 ||
           height->value < 1 || height->value > 65536)
         throw lines_.damage(line_, kWanted);
@@ -268,50 +286,73 @@ class CsvReader final : public Reader {
   std::string_view line_;
   bool pending_ = false, metavision_ = false;
   Layout layout_;
+  Convention convention_ = Convention::csv;
   StreamInfo info_;
   std::optional<Extent> extent_;
 };
 
 constexpr Limits kLimits = {.keeps_size = false};
+constexpr Limits kSecondsLimits = {.t_min_us = 0};
 
 class CsvWriter final : public CheckedWriter {
  public:
-  CsvWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits, false), file_(path) {
-    file_.put_text("t_us,x,y,p\n");
+  CsvWriter(const std::filesystem::path& path, const StreamInfo& size, Convention convention)
+      : CheckedWriter(path, size, convention == Convention::csv ? kLimits : kSecondsLimits,
+                      convention == Convention::e2vid),
+        csv_(convention == Convention::csv),
+        file_(path) {
+    if (csv_) file_.put_text("t_us,x,y,p\n");
+    if (convention == Convention::e2vid) file_.put_text(fmt::format("{} {}\n", size.width, size.height));
+    if (convention == Convention::v2e)
+      file_.put_text(fmt::format("# Format is time (float s), x, y, polarity (0=off, 1=on)\n# width={} height={}\n",
+                                 size.width, size.height));
   }
 
  private:
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
       std::array<char, 64> line;
-      const auto end = fmt::format_to(line.data(), "{},{},{},{}\n", e.t_us, e.x, e.y, e.p);
+      const auto end = csv_ ? fmt::format_to(line.data(), "{},{},{},{}\n", e.t_us, e.x, e.y, e.p)
+                            : fmt::format_to(line.data(), "{}.{:06} {} {} {}\n", e.t_us / 1'000'000, e.t_us % 1'000'000,
+                                             e.x, e.y, e.p);
       file_.put_bytes(std::as_bytes(std::span(line.data(), end)));
     }
   }
   void finish() override { file_.commit(); }
 
+  bool csv_;
   OutputFile file_;
 };
 
-}  // namespace
-
-Codec make_csv() {
-  return {.name = "csv",
-          .description = "CSV with a header line, t_us,x,y,p",
-          .extensions = {".csv", ".txt"},
+Codec make_text(const char* name, const char* description, const char* extension, Convention convention,
+                const Limits& limits) {
+  return {.name = name,
+          .description = description,
+          .extensions = {extension},
           .sniff =
-              [](const std::filesystem::path& path, std::span<const std::byte>) {
+              [convention](const std::filesystem::path& path, std::span<const std::byte>) {
                 try {
-                  CsvReader reader(path);
-                  return true;
+                  return CsvReader(path).convention() == convention;
                 } catch (const Error&) {
                   return false;
                 }
               },
           .open_reader = [](const auto& path) { return std::make_unique<CsvReader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<CsvWriter>(path, info); },
-          .limits = kLimits};
+          .open_writer = [convention](const auto& path,
+                                      const auto& info) { return std::make_unique<CsvWriter>(path, info, convention); },
+          .limits = limits};
+}
+
+}  // namespace
+
+Codec make_csv() { return make_text("csv", "CSV with a header line, t_us,x,y,p", ".csv", Convention::csv, kLimits); }
+Codec make_e2vid() {
+  return make_text("e2vid", "text of ESIM and E2VID: W H, then t x y p in seconds", ".txt", Convention::e2vid,
+                   kSecondsLimits);
+}
+Codec make_v2e() {
+  return make_text("v2e", "text of v2e and the RPG DAVIS data: t x y p in seconds", ".txt", Convention::v2e,
+                   kSecondsLimits);
 }
 
 }  // namespace pecs::events
