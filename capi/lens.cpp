@@ -1,4 +1,6 @@
 #include "guard.h"
+#include "pecs/error.h"
+#include "pecs/lens/diffraction.h"
 #include "pecs/lens/report.h"
 
 struct pecs_lens {
@@ -42,6 +44,17 @@ char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_err
     const auto& prescription = lens->prescription;
     const auto resolved = pecs::lens::camera_options(prescription, std::move(options));
     return pecs::lens::camera_report(prescription, pecs::lens::make_camera(prescription, resolved));
+  });
+}
+
+int pecs_lens_diffract(float* pixels, int width, int height, double pixel_pitch_mm, double lambda_nm,
+                       double working_fnumber, pecs_error* error) {
+  return pecs::capi::guard(error, 1, [&] {
+    if (!pixels || width < 1 || height < 1 || !(pixel_pitch_mm > 0) || !(lambda_nm > 0) || !(working_fnumber > 0))
+      throw pecs::bad_input("picture", "", "no pixels, or a size, pitch, wavelength or f-number <= 0", "all above 0");
+    pecs::lens::diffract({pixels, static_cast<std::size_t>(width) * height}, width, height, pixel_pitch_mm, lambda_nm,
+                         working_fnumber);
+    return 0;
   });
 }
 

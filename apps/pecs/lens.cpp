@@ -11,6 +11,7 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/lens/draw.h"
+#include "pecs/lens/exchange.h"
 #include "pecs/lens/report.h"
 #include "pecs/run_record.h"
 
@@ -58,6 +59,22 @@ void print_text(const Json& report) {
   row("field of view, across", "hfov_deg", "deg");
   row("field of view, up", "vfov_deg", "deg");
   row("field of view, diagonal", "dfov_deg", "deg");
+  fmt::print("  {:>8} {:>9} {:>12} {:>12} {:>20} {:>20}\n", "film mm", "angle deg", "illumination", "distortion %",
+             "lateral colour um", "RMS spot um");
+  for (const Json& r : report["field"]) {
+    const auto list = [](const Json& values) {
+      std::string out;
+      for (const Json& v : values)
+        out += (out.empty() ? "" : " ") + (v.is_null() ? std::string("-") : fmt::format("{:.2f}", v.get<double>()));
+      return out;
+    };
+    const auto cell = [&](const char* key, int digits) {
+      return r[key].is_null() ? std::string("-") : fmt::format("{:.{}f}", r[key].get<double>(), digits);
+    };
+    fmt::print("  {:>8} {:>9} {:>12} {:>12} {:>20} {:>20}\n", cell("r_mm", 3), cell("angle_deg", 3),
+               cell("relative_illumination", 4), cell("distortion_percent", 4), list(r["lateral_colour_um"]),
+               list(r["rms_spot_um"]));
+  }
 }
 
 void add_lens_info(CLI::App& parent) {
@@ -71,6 +88,12 @@ void add_lens_info(CLI::App& parent) {
   command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
   command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
   command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
+  command
+      ->add_option("--bands-nm", o->info.bands_nm, "wavelengths of the colours along the field (default: --lambda-nm)")
+      ->delimiter(',');
+  command->add_option("--field-rows", o->info.field_rows, "film radii, axis to corner")
+      ->capture_default_str()
+      ->check(CLI::Range(2, 1000));
   command->add_flag("--json", o->json, "machine output");
   command->callback([o] {
     o->info.focus_m = o->focus_m;
@@ -80,6 +103,90 @@ void add_lens_info(CLI::App& parent) {
       fmt::print("{}\n", report.dump(2));
     else
       print_text(report);
+  });
+}
+
+void add_lens_pupil(CLI::App& parent) {
+  struct Options : LensArguments {
+    lens::InfoOptions info;
+    std::string output;
+  };
+  const auto o = std::make_shared<Options>();
+  CLI::App* command =
+      parent.add_subcommand("pupil", "the pupil over the film radius: covering ellipse, exact area, irradiance");
+  o->add_to(*command);
+  o->add_state_to(*command);
+  command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
+  command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
+  command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
+  command->add_option("-o,--output", o->output, "SVG of exact pupils and ellipses at five film radii");
+  command->add_flag("--json", o->json, "machine output");
+  command->callback([o] {
+    o->info.focus_m = o->focus_m;
+    o->info.stop = o->stop;
+    const lens::Prescription prescription = lens::load_prescription(o->lens);
+    const Json report = lens::pupil_report(prescription, o->info);
+    if (!o->output.empty()) {
+      AtomicFile file(o->output);
+      file.write(lens::draw_pupils_svg(prescription, o->info.lambda_nm, report["stop_diameter_mm"], report["film_z_mm"],
+                                       report["pupil"].back()["r_mm"]));
+      file.commit();
+      Json results = report;
+      results.erase("pupil");
+      write_run_record(o->output, {.command = "lens pupil",
+                                   .arguments = arguments(),
+                                   .config = results,
+                                   .inputs = {prescription.file},
+                                   .results = Json::object()});
+    }
+    if (o->json) {
+      fmt::print("{}\n", report.dump(2));
+      return;
+    }
+    fmt::print("{}: {} nm, film z {:.6g} mm, direction plane z {:.6g} mm, missed {:.2g}\n", prescription.name,
+               o->info.lambda_nm, report["film_z_mm"].get<double>(), report["plane_z_mm"].get<double>(),
+               report["missed_fraction"].get<double>());
+    fmt::print("{:>8} {:>9} {:>9} {:>9} {:>10} {:>10} {:>12}\n", "r_mm", "p_mm", "a_mm", "b_mm", "area_mm2",
+               "acceptance", "illumination");
+    for (const Json& row : report["pupil"])
+      fmt::print("{:8.4f} {:9.5f} {:9.5f} {:9.5f} {:10.5f} {:10.4f} {:12.5f}\n", row["r_mm"].get<double>(),
+                 row["p_mm"].get<double>(), row["a_mm"].get<double>(), row["b_mm"].get<double>(),
+                 row["area_mm2"].get<double>(), row["acceptance"].get<double>(),
+                 row["relative_illumination"].get<double>());
+  });
+}
+
+void add_lens_convert(CLI::App& parent) {
+  struct Options : LensArguments {
+    std::string output;
+    double lambda_nm = lens::kLambdaD;
+  };
+  const auto o = std::make_shared<Options>();
+  CLI::App* command =
+      parent.add_subcommand("convert", "Zemax .zmx or pbrt .dat to our JSON, or any lens to pbrt's .dat");
+  o->add_to(*command);
+  command->add_option("-o,--output", o->output, "the new file: .json, or .dat for pbrt")->required();
+  command->add_option("--lambda-nm", o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
+  command->add_option("--focus-m", o->focus_m, "focus of pbrt's film distance (default: infinity)");
+  command->callback([o] {
+    const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
+    std::string text;
+    if (o->output.ends_with(".json")) {
+      text = lens::load_lens_json(o->lens).dump(1) + "\n";
+    } else if (o->output.ends_with(".dat")) {
+      const double bands[] = {o->lambda_nm};
+      text = lens::export_pbrt(prescription, o->lambda_nm, lens::best_focus(prescription, bands, o->focus_m).film_z_mm);
+    } else {
+      throw Error(ExitCode::usage, o->output + ": got another ending, wanted .json or .dat");
+    }
+    AtomicFile file(o->output);
+    file.write(text);
+    file.commit();
+    write_run_record(o->output, {.command = "lens convert",
+                                 .arguments = arguments(),
+                                 .config = {{"lambda_nm", o->lambda_nm}},
+                                 .inputs = {prescription.file},
+                                 .results = Json::object()});
   });
 }
 
@@ -143,13 +250,15 @@ void add_lens_trace(CLI::App& parent) {
   });
 }
 
-void add_lens_draw(CLI::App& parent) {
+// draw: the section alone; chart: a sheet with all curves.
+void add_lens_picture(CLI::App& parent, const std::string& name, const std::string& help,
+                      std::string (*picture)(const lens::Prescription&, const lens::DrawOptions&)) {
   struct Options : LensArguments {
     lens::DrawOptions draw;
     std::string output;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* command = parent.add_subcommand("draw", "the lens in section with its rays, as SVG");
+  CLI::App* command = parent.add_subcommand(name, help);
   o->add_to(*command);
   o->add_state_to(*command);
   command->add_option("-o,--output", o->output, "the SVG file")->required();
@@ -161,14 +270,14 @@ void add_lens_draw(CLI::App& parent) {
   command->add_option("--rays", o->draw.rays_per_fan, "rays per field and wavelength")
       ->capture_default_str()
       ->check(CLI::Range(1, 200));
-  command->callback([o] {
+  command->callback([o, name, picture] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
     AtomicFile file(o->output);
-    file.write(lens::draw_svg(prescription, o->draw));
+    file.write(picture(prescription, o->draw));
     file.commit();
-    write_run_record(o->output, {.command = "lens draw",
+    write_run_record(o->output, {.command = "lens " + name,
                                  .arguments = arguments(),
                                  .config = {{"lambda_nm", o->draw.bands_nm},
                                             {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
@@ -188,7 +297,12 @@ void add_lens(CLI::App& app) {
   command->require_subcommand(1);
   add_lens_info(*command);
   add_lens_trace(*command);
-  add_lens_draw(*command);
+  add_lens_pupil(*command);
+  add_lens_convert(*command);
+  add_lens_picture(*command, "draw", "the lens in section with its rays, as SVG", lens::draw_svg);
+  add_lens_picture(*command, "chart",
+                   "section, spots, illumination, distortion, lateral colour and MTF on one SVG sheet",
+                   lens::chart_svg);
 }
 
 }  // namespace pecs::app

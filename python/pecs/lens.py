@@ -15,6 +15,17 @@ _info = json_function("pecs_lens_info", ctypes.c_void_p)
 _pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
 _camera = json_function("pecs_lens_camera", ctypes.c_void_p)
 
+_diffract = function(
+    "pecs_lens_diffract",
+    ctypes.c_int,
+    ctypes.POINTER(ctypes.c_float),
+    ctypes.c_int,
+    ctypes.c_int,
+    ctypes.c_double,
+    ctypes.c_double,
+    ctypes.c_double,
+)
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -31,6 +42,8 @@ class Camera:
     film_z_mm: float
     film_width_mm: float
     film_height_mm: float
+    film_shift_x_mm: float
+    film_shift_y_mm: float
     focus_m: float | None
     rms_spot_um: float
     stop_diameter_mm: float
@@ -43,9 +56,22 @@ class Camera:
     colour_shift_px: float  # how far the bands' pictures lie from that of the mean wavelength
     acceptance: list[float]  # draws that get through: film centre, half way, corner
     missed_fraction: list[float]
+    working_fnumber: list[float]  # per band, of the real axial cone behind the lens
+    airy_radius_px: list[float]
+    diffraction: bool  # whether to apply `diffract`: the Airy radius of a band exceeds half a pixel
+    pixel_pitch_mm: float
     lens_name: str
     file: str
     sha256: str
+
+
+    def diffract(self, pixels: Any, band: int) -> None:
+        """Blurs one band's rendered picture in place; pixels: C-contiguous float32 array [height, width]."""
+        if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
+            raise ValueError("pixels must be a C-contiguous float32 array [height, width]")
+        pointer = pixels.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
+        height, width = pixels.shape
+        _diffract(pointer, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
 
 
 class Lens:
@@ -65,7 +91,7 @@ class Lens:
 
     def camera(self, **options: Any) -> Camera:
         """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
-        pixel_pitch_mm, colour_tolerance_px."""
+        film_shift_x_mm, film_shift_y_mm, pixel_pitch_mm, colour_tolerance_px."""
         return Camera(**_camera(self._handle, options))
 
     def close(self) -> None:

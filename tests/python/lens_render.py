@@ -1,13 +1,15 @@
 """Runs inside an interpreter with bpy, apart from pytest's: `python lens_render.py JOB.json OUT.npz`.
 
-A job: {"osl": source or null (then the built-in perspective camera, "hfov_deg"), "scene": "white" | "corner" | "rays",
-"width", "height", "samples", "seed"}. OUT.npz holds `image`, linear RGB as float32, row 0 at the bottom.
+A job: {"osl": source or null (then the built-in perspective camera, "hfov_deg"), "scene": "white" | "empty" |
+"corner" | "dots", "width", "height", "samples", "seed", "threads"}. OUT.npz holds `image`,
+linear RGB as float32, row 0 at the bottom.
 """
 
 import json
 import math
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import bpy
@@ -63,6 +65,16 @@ def build(scene, job):
         ):
             bpy.ops.mesh.primitive_plane_add(size=size, location=(x, y, -distance))
             bpy.context.object.data.materials.append(emission(name, colour, 1.0))
+    if job["scene"] == "dots":  # discs at [x, y, distance], facing the camera
+        white = emission("dot", (1, 1, 1), 1.0)
+        bpy.ops.mesh.primitive_circle_add(vertices=48, radius=job["dot_radius"], fill_type="NGON")
+        disc = bpy.context.object
+        disc.data.materials.append(white)
+        for x, y, z in job["dots"]:
+            copy = bpy.data.objects.new("dot", disc.data)
+            copy.location = (x, y, -z)
+            scene.collection.objects.link(copy)
+        bpy.data.objects.remove(disc)
 
 
 def main(job_path, out_path):
@@ -81,6 +93,8 @@ def main(job_path, out_path):
         False,
     )
     c.pixel_filter_type, c.filter_width = "BOX", 1.0
+    if job.get("threads"):
+        scene.render.threads_mode, scene.render.threads = "FIXED", job["threads"]
     scene.view_settings.view_transform = "Raw"
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     with tempfile.TemporaryDirectory() as temp:
@@ -88,13 +102,15 @@ def main(job_path, out_path):
         build(scene, job)
         set_camera(scene, job, folder)
         scene.render.filepath = str(folder / "image.exr")
+        start = time.perf_counter()
         bpy.ops.render.render(write_still=True)
+        seconds = time.perf_counter() - start
         image = bpy.data.images.load(scene.render.filepath)
         image.colorspace_settings.name = "Non-Color"
         pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
         image.pixels.foreach_get(pixels)
         image = pixels.reshape(job["height"], job["width"], -1)[..., :3]
-        np.savez(out_path, image=image)
+        np.savez(out_path, image=image, seconds=seconds, blender=bpy.app.version_string)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import pytest
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy wheel")
 
 DGAUSS = {"name": "dgauss_50mm_tronnier", "film_width_mm": 36.0, "film_height_mm": 24.0}
+SHIFTED = {"name": "cmount_16mm_f2p1", "film_shift_x_mm": 1.5, "film_shift_y_mm": -0.8, "fnumber": 4, "focus_m": 2.0}
 LAB = {"name": "pecs_lab_15mm", "stop_diameter_mm": 1.0, "focus_m": 1.56}
 
 
@@ -55,7 +56,7 @@ def test_upright_and_not_mirrored(render):
         assert np.abs(a - b).max() < 1.0, f"channel {channel}: {a} against {b}"
 
 
-@pytest.mark.parametrize("setting", [DGAUSS, LAB], ids=lambda s: s["name"])
+@pytest.mark.parametrize("setting", [DGAUSS, LAB, SHIFTED], ids=lambda s: s["name"])
 def test_ray_by_ray_as_the_tracer(setting, render, pecs_program):
     cam = camera(setting, [549.0, 550.0, 551.0], colour_tolerance_px=1e3)
     width, height = 48, 32
@@ -77,7 +78,10 @@ def test_ray_by_ray_as_the_tracer(setting, render, pecs_program):
     y, x = np.indices((height, width))  # sample 0 lies at the pixel's centre; row 0 is the bottom, the film upside down
     film = np.column_stack([images["film"][:, :2], np.full(x.size, cam.film_z_mm)])
     centre = np.column_stack(
-        [(0.5 - (x + 0.5).ravel() / width) * cam.film_width_mm, (0.5 - (y + 0.5).ravel() / height) * cam.film_height_mm]
+        [
+            (0.5 - (x + 0.5).ravel() / width) * cam.film_width_mm + cam.film_shift_x_mm,
+            (0.5 - (y + 0.5).ravel() / height) * cam.film_height_mm + cam.film_shift_y_mm,
+        ]
     )
     assert np.abs(film[passed, :2] - centre[passed]).max() < 1e-3 * cam.film_width_mm / width
     plane = pecs.Lens(setting["name"]).pupil(lambda_nm=550)["plane_z_mm"]
@@ -120,3 +124,50 @@ def test_white_furnace_meets_the_quadrature(setting, render):
         error = ratio[ring].std() / np.sqrt(ring.sum())
         assert abs(ratio[ring].mean() - 1) < 1.5e-3 + 4 * error
     assert ratio.std() < 0.016  # the lens' own noise at 8 samples a pixel
+
+
+def dots_through(render, cam, dots, width, height):
+    """Centroids in pixels (x right, y down, pixel centres at .5) of discs at `dots`, [x, y, distance] in metres."""
+    job = {"scene": "dots", "dot_radius": 0.006, "width": width, "height": height, "samples": 64}
+    image = render(osl=cam.osl, dots=[list(dot) for dot in dots], **job)[::-1, :, 1]
+    scale = cam.efl_mm / cam.film_width_mm * width
+    found = []
+    for x, y, z in dots:
+        left, top = int(0.5 * width + scale * x / z) - 12, int(0.5 * height - scale * y / z) - 12
+        window = image[top : top + 25, left : left + 25]
+        assert window.max() > 0.3, f"dot {x}, {y}, {z} is not in the picture"
+        found.append(centroid(window) + [left + 0.5, top + 0.5])
+    return np.array(found)
+
+
+def test_the_picture_has_the_prescriptions_distortion(render):
+    cv2 = pytest.importorskip("cv2")
+    lens = pecs.Lens("cmount_8mm_f2p8")
+    width, height = 640, 360
+    state = {"focus_m": 2.0, "fnumber": 8}
+    cam = lens.camera(bands_nm=[550], pixel_pitch_mm=6.2208 / width, **state)
+    # A grid in the picture, its dots at three distances, so that focal length and distance come apart.
+    slopes = [(u, v) for u in np.linspace(-0.36, 0.36, 11) for v in np.linspace(-0.195, 0.195, 7)]
+    depths = [(1.7, 2.0, 2.4)[i % 3] for i in range(len(slopes))]
+    dots = [(float(u * z), float(v * z), z) for (u, v), z in zip(slopes, depths, strict=True)]
+    seen = dots_through(render, cam, dots, width, height)
+
+    world = (np.array(dots) * [1, -1, 1]).astype(np.float32)  # OpenCV: y down, z ahead
+    guess = np.array([[820.0, 0, width / 2], [0, 820.0, height / 2], [0, 0, 1]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT
+    flags |= cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
+    rms, matrix, k, _, at = cv2.calibrateCamera(
+        [world], [seen.astype(np.float32)], (width, height), guess, None, flags=flags
+    )
+    assert rms < 0.1  # pixels
+    assert np.abs(at[0]).max() < 0.01  # metres: the camera stands at the entrance pupil
+
+    # The fitted model against the prescription's own chief rays, over the film radius.
+    rows = lens.info(lambda_nm=550, field_rows=12, **state)["field"]
+    radius = np.array([row["r_mm"] for row in rows]) / (6.2208 / width)
+    slope = np.tan(np.radians([row["angle_deg"] for row in rows]))
+    points = np.column_stack([slope, 0 * slope, 1 + 0 * slope])
+    model, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, k)
+    reached = radius < np.linalg.norm(seen - [width / 2, height / 2], axis=1).max()
+    error = model[reached, 0, 0] - matrix[0, 2] - radius[reached]
+    assert np.sqrt((error**2).mean()) < 0.1, f"pixels: {error}"

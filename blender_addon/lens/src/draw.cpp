@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
+#include "pecs/lens/diffraction.h"
 #include "pecs/lens/first_order.h"
 
 namespace pecs::lens {
@@ -24,7 +26,14 @@ std::string escaped(const std::string& text) {
 
 }  // namespace
 
-std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
+namespace {
+
+struct Section {
+  std::string svg;  // without the frame
+  double height;
+};
+
+Section draw_section(const Prescription& lens, const DrawOptions& o) {
   const Focus focus = best_focus(lens, o.bands_nm, o.focus_m, o.stop_diameter_mm);
   double half_height = o.film_half_diagonal_mm;
   for (const Surface& s : lens.surfaces) half_height = std::max(half_height, s.semi_diameter_mm);
@@ -36,11 +45,8 @@ std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
   const auto sy = [&](double y) { return 0.5 * height - y * scale; };
 
   std::string svg = fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0f} {:.0f}\" font-family=\"sans-serif\" "
-      "font-size=\"12\">\n"
-      "<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
       "<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#999\" stroke-dasharray=\"8 3 2 3\"/>\n",
-      kWidth, height + 18, escaped(lens.name), kMargin, kWidth - kMargin, 0.5 * height, 0.5 * height);
+      kMargin, kWidth - kMargin, 0.5 * height, 0.5 * height);
 
   // Glass between two surfaces; both profiles run to their own housing radius, joined by the rim.
   const auto profile = [&](const Surface& s, bool upwards) {
@@ -86,10 +92,218 @@ std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
   for (const double f : o.fields)
     fields += fmt::format("{}{:.3g} mm", fields.empty() ? "" : ", ", f * o.film_half_diagonal_mm);
   for (const double b : o.bands_nm) bands += fmt::format("{}{:.4g}", bands.empty() ? "" : ", ", b);
+  svg += fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\">{} — film points {}; {} nm; stop {:.3g} mm; focus {}</text>\n",
+                     kMargin, height + 8, escaped(lens.name), fields, bands, 2 * stop_r,
+                     o.focus_m ? fmt::format("{:g} m", *o.focus_m) : "infinity");
+  return {svg, height + 18};
+}
+
+std::string framed(const std::string& title, double height, const std::string& body) {
+  return fmt::format(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0f} {:.0f}\" font-family=\"sans-serif\" "
+      "font-size=\"12\">\n"
+      "<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
+      kWidth, height, escaped(title), body);
+}
+
+struct Curve {
+  std::vector<double> x, y;
+  std::string colour, dash, label;
+};
+
+// A small plot at (left, top); the y range is widened to what the curves need.
+std::string plot(double left, double top, double width, double height, const std::string& title,
+                 const std::string& x_name, const std::vector<Curve>& curves, double y_low, double y_high) {
+  double x_high = 0;
+  for (const Curve& c : curves)
+    for (std::size_t i = 0; i < c.x.size(); ++i) {
+      if (!std::isfinite(c.y[i])) continue;
+      x_high = std::max(x_high, c.x[i]);
+      y_low = std::min(y_low, c.y[i]);
+      y_high = std::max(y_high, c.y[i]);
+    }
+  if (!(x_high > 0)) x_high = 1;
+  if (!(y_high > y_low)) y_high = y_low + 1;
+  const double in_left = left + 46, in_top = top + 20, in_width = width - 60, in_height = height - 56;
+  const auto sx = [&](double x) { return in_left + x / x_high * in_width; };
+  const auto sy = [&](double y) { return in_top + (y_high - y) / (y_high - y_low) * in_height; };
+  std::string svg = fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" font-weight=\"bold\">{}</text>\n", in_left, top + 12,
+                                escaped(title));
+  for (int i = 0; i <= 4; ++i) {
+    const double y = y_low + (y_high - y_low) * i / 4, x = x_high * i / 4;
+    svg += fmt::format("<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#ddd\"/>\n", in_left,
+                       in_left + in_width, sy(y), sy(y));
+    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"end\" font-size=\"10\">{:.3g}</text>\n",
+                       in_left - 4, sy(y) + 4, std::abs(y) < 1e-9 ? 0.0 : y);
+    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\" font-size=\"10\">{:.3g}</text>\n", sx(x),
+                       in_top + in_height + 12, x);
+  }
+  svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\" font-size=\"10\">{}</text>\n",
+                     in_left + 0.5 * in_width, in_top + in_height + 25, escaped(x_name));
+  double label_y = in_top + 11;
+  for (const Curve& c : curves) {
+    std::string points;
+    for (std::size_t i = 0; i < c.x.size(); ++i)
+      if (std::isfinite(c.y[i])) points += fmt::format("{:.1f},{:.1f} ", sx(c.x[i]), sy(c.y[i]));
+    svg += fmt::format(
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.3\" stroke-dasharray=\"{}\"/>\n", points,
+        c.colour, c.dash);
+    if (c.label.empty()) continue;
+    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"end\" font-size=\"10\" fill=\"{}\">{}</text>\n",
+                       in_left + in_width - 3, label_y, c.colour, escaped(c.label));
+    label_y += 12;
+  }
+  return svg;
+}
+
+// One colour per wavelength: blue, green, red, as far as the colour-blind need.
+constexpr const char* kBandColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
+
+}  // namespace
+
+std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
+  const Section section = draw_section(lens, o);
+  return framed(lens.name, section.height, section.svg);
+}
+
+std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
+  const Section section = draw_section(lens, o);
+  const Focus focus = best_focus(lens, o.bands_nm, o.focus_m, o.stop_diameter_mm);
+  const double reference_nm = o.bands_nm[o.bands_nm.size() / 2];
+  const Tracer reference(lens, reference_nm, o.stop_diameter_mm);
+  const double pupil_z = first_order(lens, reference_nm, o.stop_diameter_mm).entrance_pupil_z_mm;
+  const auto rows = field_rows(lens, o.bands_nm, reference_nm, o.stop_diameter_mm, focus, o.film_half_diagonal_mm, 21);
+  std::string svg = section.svg;
+
+  // Spot diagrams, all on one scale.
+  double top = section.height + 8;
+  const double cell = (kWidth - 2 * kMargin) / static_cast<double>(o.fields.size());
+  std::vector<std::vector<std::vector<Vec3>>> spots(o.fields.size());
+  double most_mm = 1e-4;
+  for (std::size_t k = 0; k < o.fields.size(); ++k) {
+    const double r = o.fields[k] * o.film_half_diagonal_mm;
+    const auto object = object_point(reference, lens.stop, focus, pupil_z, r);
+    for (const double lambda : o.bands_nm) {
+      spots[k].push_back(object
+                             ? spot(Tracer(lens, lambda, o.stop_diameter_mm), reference, *object, focus, pupil_z, r, 22)
+                             : std::vector<Vec3>{});
+      for (const Vec3& p : spots[k].back()) most_mm = std::max({most_mm, std::abs(p.x - r), std::abs(p.y)});
+    }
+  }
+  const double spot_size = 170, spot_scale = 0.46 * spot_size / most_mm;
+  for (std::size_t k = 0; k < o.fields.size(); ++k) {
+    const double r = o.fields[k] * o.film_half_diagonal_mm, cx = kMargin + (static_cast<double>(k) + 0.5) * cell,
+                 cy = top + 0.5 * spot_size + 16;
+    svg += fmt::format(
+        "<text x=\"{:.0f}\" y=\"{:.0f}\" text-anchor=\"middle\" font-weight=\"bold\">Spots at {:.3g} mm</text>\n", cx,
+        top + 10, r);
+    for (std::size_t w = 0; w < spots[k].size(); ++w) {
+      std::string path;
+      for (const Vec3& p : spots[k][w])
+        path += fmt::format("M{:.1f} {:.1f}h.9", cx + p.y * spot_scale, cy - (p.x - r) * spot_scale);
+      svg += fmt::format("<path d=\"{}\" stroke=\"{}\" stroke-width=\"0.9\"/>\n", path, kBandColours[w % 6]);
+    }
+    svg += fmt::format(
+        "<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"black\"/><text x=\"{:.1f}\" "
+        "y=\"{:.1f}\" "
+        "text-anchor=\"middle\" font-size=\"10\">{:.3g} um</text>\n",
+        cx - most_mm * spot_scale, cx, cy + 0.5 * spot_size + 4, cy + 0.5 * spot_size + 4,
+        cx - 0.5 * most_mm * spot_scale, cy + 0.5 * spot_size + 15, 1e3 * most_mm);
+  }
+  top += spot_size + 44;
+
+  std::vector<double> r_mm, illumination, distortion;
+  for (const FieldRow& row : rows) {
+    r_mm.push_back(row.r_mm);
+    illumination.push_back(row.relative_illumination);
+    distortion.push_back(row.distortion_percent);
+  }
+  std::vector<Curve> colour, spot_curves, mtf;
+  for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
+    Curve lateral{r_mm, {}, kBandColours[w % 6], "none", fmt::format("{:.4g} nm", o.bands_nm[w])}, size = lateral;
+    for (const FieldRow& row : rows) {
+      lateral.y.push_back(row.lateral_colour_um[w]);
+      size.y.push_back(row.rms_spot_um[w]);
+    }
+    colour.push_back(lateral);
+    spot_curves.push_back(size);
+  }
+  const double e0 = exact_pupil(reference, focus.film_z_mm, 0).irradiance_per_radiance;
+  const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);
+  const auto band = spots.front().size() / 2;
+  Curve limit{{}, {}, "#999", "2 2", "diffraction"};
+  for (int i = 0; i <= 40; ++i) {
+    limit.x.push_back(2.5 * i);
+    limit.y.push_back(diffraction_mtf(2.5 * i, reference_nm, working));
+  }
+  for (std::size_t k = 0; k < o.fields.size(); ++k) {
+    Curve t{{},
+            {},
+            kFieldColours[k % 6],
+            "none",
+            fmt::format("{:.3g} mm (solid T, dashed S)", o.fields[k] * o.film_half_diagonal_mm)};
+    Curve s{{}, {}, kFieldColours[k % 6], "5 2", ""};
+    for (int i = 0; i <= 40; ++i) {
+      const double f = 2.5 * i, d = diffraction_mtf(f, reference_nm, working);
+      const Mtf m = geometric_mtf(spots[k][band], f);
+      t.x.push_back(f);
+      s.x.push_back(f);
+      t.y.push_back(m.tangential * d);
+      s.y.push_back(m.sagittal * d);
+    }
+    mtf.push_back(t);
+    mtf.push_back(s);
+  }
+  mtf.push_back(limit);
+  const double third = (kWidth - kMargin) / 3, tall = 210;
+  svg += plot(8, top, third, tall, "Relative illumination", "film radius, mm",
+              {{r_mm, illumination, "#0072B2", "none", ""}}, 0, 1);
+  svg += plot(8 + third, top, third, tall, "Distortion, %", "film radius, mm",
+              {{r_mm, distortion, "#0072B2", "none", ""}}, -0.1, 0.1);
+  svg += plot(8 + 2 * third, top, third, tall, "Lateral colour, um", "film radius, mm", colour, -0.5, 0.5);
+  top += tall + 6;
+  svg += plot(8, top, third, tall, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
+  svg += plot(8 + third, top, 2 * third, tall + 40,
+              fmt::format("MTF at {:.4g} nm: geometric times diffraction (working F/{:.3g})", reference_nm, working),
+              "cycles per mm (pixels of 4.86 um: Nyquist 103)", mtf, 0, 1);
+  return framed(lens.name, top + tall + 50, svg);
+}
+
+std::string draw_pupils_svg(const Prescription& lens, double lambda_nm, double stop_diameter_mm, double film_z_mm,
+                            double max_r_mm) {
+  constexpr int kShown = 5;
+  constexpr double kCell = 190;
+  const Tracer tracer(lens, lambda_nm, stop_diameter_mm);
+  const PupilTable table = pupil_table(tracer, film_z_mm, max_r_mm);
+  double most = 0;
+  for (const Ellipse& e : table.ellipses) most = std::max({most, e.a_mm, e.b_mm});
+  const double scale = 0.45 * kCell / most;
+  std::string svg = fmt::format(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0f} {:.0f}\" font-family=\"sans-serif\" "
+      "font-size=\"12\">\n"
+      "<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
+      kShown * kCell, kCell + 44, escaped(lens.name));
+  for (int i = 0; i < kShown; ++i) {
+    const double r = max_r_mm * i / (kShown - 1.0), cx = (i + 0.5) * kCell, cy = 0.5 * kCell;
+    const Ellipse e = table.ellipse_at(r);
+    const ExactPupil pupil = exact_pupil(tracer, film_z_mm, r);
+    std::string points;
+    const int n = static_cast<int>(pupil.edge_mm.size());
+    for (int j = -n; j < n; ++j) {
+      const Vec3 p = pupil.edge_point(j < 0 ? n - 1 - (j + n) : j);
+      points += fmt::format("{:.2f},{:.2f} ", cx + (p.x - e.p_mm) * scale, cy - (j < 0 ? -p.y : p.y) * scale);
+    }
+    svg += fmt::format("<polygon points=\"{}\" fill=\"#56B4E9\" stroke=\"#0072B2\" stroke-width=\"0.8\"/>\n", points);
+    svg += fmt::format(
+        "<ellipse cx=\"{:.2f}\" cy=\"{:.2f}\" rx=\"{:.2f}\" ry=\"{:.2f}\" fill=\"none\" stroke=\"#D55E00\"/>\n", cx, cy,
+        e.a_mm * scale, e.b_mm * scale);
+    svg += fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" text-anchor=\"middle\">r {:.3g} mm, {:.1f} %</text>\n", cx,
+                       kCell + 14, r, 100 * table.area_at(r) / e.area_mm2());
+  }
   svg += fmt::format(
-      "<text x=\"{:.0f}\" y=\"{:.0f}\">{} — film points {}; {} nm; stop {:.3g} mm; focus {}</text>\n</svg>\n", kMargin,
-      height + 8, escaped(lens.name), fields, bands, 2 * stop_r,
-      o.focus_m ? fmt::format("{:g} m", *o.focus_m) : "infinity");
+      "<text x=\"8\" y=\"{:.0f}\">{} — exact pupil (blue), covering ellipse, part of it that passes; {:.4g} "
+      "nm</text>\n</svg>\n",
+      kCell + 34, escaped(lens.name), lambda_nm);
   return svg;
 }
 

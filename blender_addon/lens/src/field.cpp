@@ -1,6 +1,8 @@
 #include "pecs/lens/field.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace pecs::lens {
@@ -61,6 +63,131 @@ std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, double film_z_mm, d
     fan.push_back(std::move(line));
   }
   return fan;
+}
+
+Ray ObjectPoint::towards(double x_mm, double y_mm, double z_mm) const {
+  const Vec3 aim{x_mm, y_mm, z_mm};
+  return {aim, at_infinity ? place : normalized(aim - place)};
+}
+
+std::optional<ObjectPoint> object_point(const Tracer& reference, std::size_t stop, const Focus& focus,
+                                        double pupil_z_mm, double r_mm) {
+  const auto ray = chief_ray(reference, stop, focus.film_z_mm, r_mm);
+  if (!ray) return std::nullopt;
+  if (!focus.distance_m) return ObjectPoint{true, -1.0 * ray->d};
+  return ObjectPoint{false, ray->at_z(pupil_z_mm - *focus.distance_m * 1000.0)};
+}
+
+std::vector<Vec3> spot(const Tracer& tracer, const Tracer& reference, const ObjectPoint& object, const Focus& focus,
+                       double pupil_z_mm, double r_mm, int across) {
+  std::vector<Vec3> hits;
+  const ExactPupil pupil = exact_pupil(reference, focus.film_z_mm, r_mm, 90);
+  if (pupil.area_mm2 <= 0) return hits;
+  // The beam's extent on the entrance pupil's plane, from the rays of the exact pupil's edge.
+  const Vec3 film{r_mm, 0, focus.film_z_mm};
+  double left = std::numeric_limits<double>::infinity(), right = -left, up = 0;
+  for (std::size_t j = 0; j < pupil.edge_mm.size(); ++j) {
+    Vec3 aim = pupil.edge_point(j);
+    aim.z = reference.rear_z_mm();
+    const Traced t = reference.to_scene({film, normalized(aim - film)}, Tracer::Clip::none);
+    if (t.fate != Fate::ok) continue;
+    const Vec3 at = t.ray.at_z(pupil_z_mm);
+    left = std::min(left, at.x);
+    right = std::max(right, at.x);
+    up = std::max(up, std::abs(at.y));
+  }
+  if (!(right > left)) return hits;
+  const double half = 0.5 * (right - left) * 1.1, middle = 0.5 * (left + right);
+  up *= 1.1;
+  for (int i = 0; i < across; ++i)
+    for (int j = 0; j < across; ++j) {
+      const double x = middle + half * (2.0 * (i + 0.5) / across - 1), y = up * (2.0 * (j + 0.5) / across - 1);
+      const Traced t = tracer.to_film(object.towards(x, y, pupil_z_mm));
+      if (t.fate == Fate::ok) hits.push_back(t.ray.at_z(focus.film_z_mm));
+    }
+  return hits;
+}
+
+double rms_radius_mm(const std::vector<Vec3>& hits) {
+  if (hits.empty()) return std::nan("");
+  Vec3 mean;
+  for (const Vec3& p : hits) mean = mean + (1.0 / static_cast<double>(hits.size())) * p;
+  double sum = 0;
+  for (const Vec3& p : hits) sum += (p.x - mean.x) * (p.x - mean.x) + (p.y - mean.y) * (p.y - mean.y);
+  return std::sqrt(sum / static_cast<double>(hits.size()));
+}
+
+Mtf geometric_mtf(const std::vector<Vec3>& hits, double cycles_per_mm) {
+  double cx = 0, sx = 0, cy = 0, sy = 0;
+  const double w = 2 * std::numbers::pi * cycles_per_mm, n = static_cast<double>(std::max<std::size_t>(1, hits.size()));
+  for (const Vec3& p : hits) {
+    cx += std::cos(w * p.x);
+    sx += std::sin(w * p.x);
+    cy += std::cos(w * p.y);
+    sy += std::sin(w * p.y);
+  }
+  return {std::hypot(cx, sx) / n, std::hypot(cy, sy) / n};
+}
+
+namespace {
+
+// Radius on the film of the chief ray of the object point at height or slope `tangent` (tan of the angle at infinity,
+// or height on the focused plane).
+double tangent_of(const Ray& ray, const Focus& focus, double pupil_z_mm) {
+  if (!focus.distance_m) return ray.d.x / ray.d.z;
+  return ray.at_z(pupil_z_mm - *focus.distance_m * 1000.0).x;
+}
+
+double chief_radius(const Tracer& tracer, std::size_t stop, const Focus& focus, double pupil_z_mm, double tangent,
+                    double guess) {
+  const auto at = [&](double r) {
+    const auto ray = chief_ray(tracer, stop, focus.film_z_mm, r);
+    return ray ? tangent_of(*ray, focus, pupil_z_mm) - tangent : std::nan("");
+  };
+  double r0 = guess, r1 = guess * 1.001 + 1e-6, f0 = at(r0), f1 = at(r1);
+  for (int i = 0; i < 20 && std::isfinite(f1) && f1 != f0 && std::abs(r1 - r0) > 1e-11; ++i) {
+    const double r = r1 - f1 * (r1 - r0) / (f1 - f0);
+    r0 = r1;
+    f0 = f1;
+    r1 = r;
+    f1 = at(r);
+  }
+  return r1;
+}
+
+}  // namespace
+
+std::vector<FieldRow> field_rows(const Prescription& lens, const std::vector<double>& bands_nm, double reference_nm,
+                                 double stop_diameter_mm, const Focus& focus, double max_r_mm, int rows) {
+  const Tracer reference(lens, reference_nm, stop_diameter_mm);
+  std::vector<Tracer> tracers;
+  for (const double lambda : bands_nm) tracers.emplace_back(lens, lambda, stop_diameter_mm);
+  const double pupil_z = first_order(lens, reference_nm, stop_diameter_mm).entrance_pupil_z_mm;
+  const double e0 = exact_pupil(reference, focus.film_z_mm, 0).irradiance_per_radiance;
+  const double small = 1e-4 * max_r_mm;
+  const auto axis = chief_ray(reference, lens.stop, focus.film_z_mm, small);
+  const double k = axis ? small / tangent_of(*axis, focus, pupil_z) : std::nan("");
+
+  std::vector<FieldRow> out;
+  for (int i = 0; i < rows; ++i) {
+    FieldRow row{};
+    row.r_mm = max_r_mm * i / std::max(1, rows - 1);
+    row.relative_illumination = exact_pupil(reference, focus.film_z_mm, row.r_mm).irradiance_per_radiance / e0;
+    const auto chief = chief_ray(reference, lens.stop, focus.film_z_mm, row.r_mm);
+    const auto object = object_point(reference, lens.stop, focus, pupil_z, row.r_mm);
+    row.angle_deg = chief ? std::atan2(std::abs(chief->d.x), -chief->d.z) * 180 / std::numbers::pi : std::nan("");
+    const double tangent = chief ? tangent_of(*chief, focus, pupil_z) : std::nan("");
+    row.distortion_percent = i == 0 ? 0.0 : 100 * (row.r_mm / (k * tangent) - 1);
+    for (const Tracer& tracer : tracers) {
+      row.lateral_colour_um.push_back(
+          i == 0 || !chief ? 0.0
+                           : 1e3 * (chief_radius(tracer, lens.stop, focus, pupil_z, tangent, row.r_mm) - row.r_mm));
+      row.rms_spot_um.push_back(
+          object ? 1e3 * rms_radius_mm(spot(tracer, reference, *object, focus, pupil_z, row.r_mm, 32)) : std::nan(""));
+    }
+    out.push_back(std::move(row));
+  }
+  return out;
 }
 
 }  // namespace pecs::lens

@@ -211,7 +211,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
 {pick}
   // film point; the picture on the film is upside down
   point raster = camera_shader_raster_position();
-  float fx = (0.5 - raster[0]) * {width}, fy = (0.5 - raster[1]) * {height};
+  float fx = (0.5 - raster[0]) * {width} + {shift_x}, fy = (0.5 - raster[1]) * {height} + {shift_y};
   float r = sqrt(fx * fx + fy * fy);
   float cosphi = r > 0 ? fx / r : 1, sinphi = r > 0 ? fy / r : 0;
 
@@ -282,6 +282,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
       fmt::arg("focus", o.focus_m ? number(*o.focus_m) + " m" : "infinity"), fmt::arg("shader", camera.shader_name),
       fmt::arg("derivative", number(derivative)), fmt::arg("arrays", arrays), fmt::arg("pick", pick),
       fmt::arg("width", number(o.film_width_mm)), fmt::arg("height", number(o.film_height_mm)),
+      fmt::arg("shift_x", number(o.film_shift_x_mm)), fmt::arg("shift_y", number(o.film_shift_y_mm)),
       fmt::arg("nodes", nodes), fmt::arg("areas", dense),
       fmt::arg("per_node", number(static_cast<double>(nodes - 1) / first.max_r_mm)), fmt::arg("last_node", nodes - 1),
       fmt::arg("per_area", number(static_cast<double>(dense - 1) / first.max_r_mm)), fmt::arg("last_area", dense - 1),
@@ -307,7 +308,8 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
     throw bad_input(lens.file, "bands_nm", fmt::format("{} bands", o.bands_nm.size()), "1 to 3");
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
-  const double max_r = 0.5 * std::hypot(o.film_width_mm, o.film_height_mm);
+  const double max_r = std::hypot(0.5 * o.film_width_mm + std::abs(o.film_shift_x_mm),
+                                  0.5 * o.film_height_mm + std::abs(o.film_shift_y_mm));
 
   camera.focus = best_focus(lens, o.focus_bands_nm, o.focus_m, o.stop_diameter_mm);
   camera.first_order = first_order(lens, mean(o.focus_bands_nm), o.stop_diameter_mm);

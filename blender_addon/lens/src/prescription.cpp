@@ -9,6 +9,7 @@
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/lens/exchange.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::lens {
@@ -114,15 +115,27 @@ std::vector<double> Prescription::indices(double lambda_nm) const {
   return n;
 }
 
+Json load_lens_json(const std::string& name_or_path) {
+  std::filesystem::path path = name_or_path;
+  std::string kind = path.extension().string();
+  std::transform(kind.begin(), kind.end(), kind.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (kind == ".zmx") return import_zmx(read_text(path, kMaxBytes), path.string());
+  if (kind == ".dat" || kind == ".txt") return import_pbrt(read_text(path, kMaxBytes), path.string());
+  path = find_data("lens_data/lenses", name_or_path);
+  return parse_json(read_text(path, kMaxBytes), path.string());
+}
+
 Prescription load_prescription(const std::string& name_or_path) {
-  const std::filesystem::path path = find_data("lens_data/lenses", name_or_path);
-  const std::string text = read_text(path, kMaxBytes);
-  const Json json = parse_json(text, path.string());
+  const Json json = load_lens_json(name_or_path);
+  const std::filesystem::path path = std::filesystem::is_regular_file(name_or_path)
+                                         ? std::filesystem::path(name_or_path)
+                                         : find_data("lens_data/lenses", name_or_path);
   JsonObject top(json, path.string());
 
   Prescription lens;
   lens.file = path.string();
-  lens.sha256 = sha256(text);
+  lens.sha256 = sha256_of_file(path);
   lens.name = top.text("name");
   if (top.has("units") && top.text("units") != "mm") top.fail("units", top.text("units"), "mm");
   // What the file says about itself.

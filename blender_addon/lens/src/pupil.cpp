@@ -10,8 +10,8 @@ namespace pecs::lens {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr int kNodes = 33, kMaxNodes = 129, kAreaPerNode = 2;
-constexpr double kMargin = 1.0005, kWiden = 1.001, kNegligible = 1e-6;  // part of a pupil's area
+constexpr int kNodes = 33, kMaxNodes = 129, kAreaPerNode = 4;
+constexpr double kMargin = 1.0005, kWiden = 1.0005, kNegligible = 1e-5;  // part of a pupil's area
 
 // Gauss-Legendre on [0, 1], 8 nodes.
 constexpr std::array<std::array<double, 2>, 8> kGauss{{{0.019855071751231884, 0.05061426814518813},
@@ -260,7 +260,7 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
     }
     // Misses between the nodes are few and small at first: widen the two ellipses beside them before adding nodes.
     std::vector<Ellipse> covering = table.ellipses;
-    for (int round = 0; round < 8; ++round) {
+    for (int round = 0; round < 3; ++round) {
       table.missed_fraction = 0;
       for (int i = 0; i < dense; ++i) {
         const double missed = missed_fraction(pupils[i], table.ellipse_at(pupils[i].r_mm));

@@ -1,8 +1,11 @@
 #include "pecs/lens/report.h"
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "pecs/error.h"
+#include "pecs/lens/diffraction.h"
 #include "pecs/lens/field.h"
 
 namespace pecs::lens {
@@ -35,6 +38,8 @@ InfoOptions info_options(JsonObject options) {
   o.stop = read_stop(options);
   o.film_width_mm = options.number_or("film_width_mm", o.film_width_mm, {1e-3, 1e3});
   o.film_height_mm = options.number_or("film_height_mm", o.film_height_mm, {1e-3, 1e3});
+  if (options.has("bands_nm")) o.bands_nm = options.numbers("bands_nm", {100, 20000});
+  o.field_rows = static_cast<int>(options.integer_or("field_rows", o.field_rows, 2, 1000));
   options.done();
   return o;
 }
@@ -58,6 +63,15 @@ Json info(const Prescription& lens, const InfoOptions& o) {
     if (!g.is_air())
       glasses.push_back({{"surface", i}, {"name", g.name()}, {"dispersion", g.source()}, {"n", g.n(o.lambda_nm)}});
   }
+  const std::vector<double> field_bands = o.bands_nm.empty() ? std::vector<double>{o.lambda_nm} : o.bands_nm;
+  Json field = Json::array();
+  for (const FieldRow& row : field_rows(lens, field_bands, o.lambda_nm, stop, focus, corner, o.field_rows))
+    field.push_back({{"r_mm", row.r_mm},
+                     {"angle_deg", finite(row.angle_deg)},
+                     {"relative_illumination", row.relative_illumination},
+                     {"distortion_percent", finite(row.distortion_percent)},
+                     {"lateral_colour_um", row.lateral_colour_um},
+                     {"rms_spot_um", row.rms_spot_um}});
   return {{"name", lens.name},
           {"file", lens.file},
           {"sha256", lens.sha256},
@@ -67,7 +81,7 @@ Json info(const Prescription& lens, const InfoOptions& o) {
           {"bfl_mm", f.bfl_mm},
           {"fnumber", f.fnumber},
           // 1 / (2 sin) of the real axial cone behind the lens: E0 = pi sin^2 for a uniform scene.
-          {"working_fnumber", 0.5 / std::sqrt(axis.irradiance_per_radiance / 3.14159265358979323846)},
+          {"working_fnumber", 0.5 / std::sqrt(axis.irradiance_per_radiance / std::numbers::pi)},
           {"stop_diameter_mm", f.stop_diameter_mm},
           {"entrance_pupil_z_mm", finite(f.entrance_pupil_z_mm)},
           {"entrance_pupil_diameter_mm", finite(f.entrance_pupil_diameter_mm)},
@@ -87,7 +101,9 @@ Json info(const Prescription& lens, const InfoOptions& o) {
           {"hfov_deg", full_angle(half_w)},
           {"vfov_deg", full_angle(half_h)},
           {"dfov_deg", full_angle(corner)},
-          {"glasses", glasses}};
+          {"glasses", glasses},
+          {"field_bands_nm", field_bands},
+          {"field", field}};
 }
 
 Json pupil_report(const Prescription& lens, const InfoOptions& o) {
@@ -130,6 +146,8 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
   o.stop_diameter_mm = resolve_stop(lens, read_stop(options));
   o.film_width_mm = options.number_or("film_width_mm", o.film_width_mm, {1e-3, 1e3});
   o.film_height_mm = options.number_or("film_height_mm", o.film_height_mm, {1e-3, 1e3});
+  o.film_shift_x_mm = options.number_or("film_shift_x_mm", 0, {-1e3, 1e3});
+  o.film_shift_y_mm = options.number_or("film_shift_y_mm", 0, {-1e3, 1e3});
   o.pixel_pitch_mm = options.number_or("pixel_pitch_mm", o.pixel_pitch_mm, {1e-5, 10});
   o.colour_tolerance_px = options.number_or("colour_tolerance_px", o.colour_tolerance_px, {0, 1e6});
   options.done();
@@ -139,6 +157,13 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
 Json camera_report(const Prescription& lens, const Camera& camera) {
   Json missed = Json::array();
   for (const PupilTable& table : camera.tables) missed.push_back(table.missed_fraction);
+  // Diffraction is the renderer's to apply, per band, where the Airy radius exceeds half a pixel.
+  std::vector<double> working, airy;
+  for (std::size_t i = 0; i < camera.e0_sr.size(); ++i) {
+    working.push_back(0.5 / std::sqrt(camera.e0_sr[i] / std::numbers::pi));
+    airy.push_back(airy_radius_mm(camera.options.bands_nm[i], working.back()) / camera.options.pixel_pitch_mm);
+  }
+  const bool diffraction = *std::max_element(airy.begin(), airy.end()) > 0.5;
   return {{"osl", camera.osl},
           {"shader_name", camera.shader_name},
           {"bands_nm", camera.options.bands_nm},
@@ -146,6 +171,8 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"film_z_mm", camera.focus.film_z_mm},
           {"film_width_mm", camera.options.film_width_mm},
           {"film_height_mm", camera.options.film_height_mm},
+          {"film_shift_x_mm", camera.options.film_shift_x_mm},
+          {"film_shift_y_mm", camera.options.film_shift_y_mm},
           {"focus_m", maybe(camera.options.focus_m)},
           {"rms_spot_um", 1e3 * camera.focus.rms_spot_mm},
           {"stop_diameter_mm", camera.first_order.stop_diameter_mm},
@@ -156,6 +183,10 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"colour_shift_px", camera.colour_shift_px},
           {"acceptance", {camera.acceptance_centre, camera.acceptance_half, camera.acceptance_corner}},
           {"missed_fraction", missed},
+          {"working_fnumber", working},
+          {"airy_radius_px", airy},
+          {"diffraction", diffraction},
+          {"pixel_pitch_mm", camera.options.pixel_pitch_mm},
           {"lens_name", lens.name},
           {"file", lens.file},
           {"sha256", lens.sha256}};

@@ -20,4 +20,12 @@ struct DrawOptions {
 // The lens in section with its rays, to scale; scene left, film right.
 std::string draw_svg(const Prescription& lens, const DrawOptions& options);
 
+// One sheet: section, spot diagrams, relative illumination, distortion, lateral colour and MTF (geometric, and times
+// the diffraction MTF of the working f-number) over film radius and frequency.
+std::string chart_svg(const Prescription& lens, const DrawOptions& options);
+
+// Exact pupils (filled) and covering ellipses at five film radii, on the direction plane, side by side.
+std::string draw_pupils_svg(const Prescription& lens, double lambda_nm, double stop_diameter_mm, double film_z_mm,
+                            double max_r_mm);
+
 }  // namespace pecs::lens

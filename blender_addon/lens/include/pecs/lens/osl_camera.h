@@ -18,6 +18,7 @@ struct CameraOptions {
   std::optional<double> focus_m;       // none = infinity
   double stop_diameter_mm = kWideOpen;
   double film_width_mm = 6.2208, film_height_mm = 3.4992;
+  double film_shift_x_mm = 0, film_shift_y_mm = 0;  // of the film's centre off the axis (+x right, +y up, from behind)
   double pixel_pitch_mm = 0.00486;
   // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
   double colour_tolerance_px = 0.1;

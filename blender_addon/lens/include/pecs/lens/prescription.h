@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "pecs/lens/glass.h"
+#include "pecs/strict_json.h"
 
 namespace pecs::lens {
 
@@ -36,7 +37,9 @@ struct Prescription {
 };
 
 // Reads and checks a file; throws bad_input naming file and surface. A name without '/' and ".json" is one of
-// lens_data/lenses.
+// lens_data/lenses; ".zmx" is read as Zemax's, ".dat" and ".txt" as pbrt's (exchange.h).
 Prescription load_prescription(const std::string& name_or_path);
+// The lens as a file of lens_data/SCHEMA.md holds it, unchecked.
+Json load_lens_json(const std::string& name_or_path);
 
 }  // namespace pecs::lens

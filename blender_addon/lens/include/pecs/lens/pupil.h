@@ -27,7 +27,7 @@ struct Ellipse {
 Ellipse covering_ellipse(const ExactPupil& pupil);  // the smallest that contains it
 
 // The table the camera samples from: ellipses at evenly spaced film radii, interpolated linearly, enlarged by the
-// margin so that the interpolated ellipse covers the exact pupil everywhere; exact areas at radii twice as dense.
+// margin so that the interpolated ellipse covers the exact pupil everywhere; exact areas at radii four times as dense.
 struct PupilTable {
   double lambda_nm = 0, film_z_mm = 0, max_r_mm = 0;
   std::vector<Ellipse> ellipses;   // at max_r i / (size - 1)

@@ -18,6 +18,8 @@ struct InfoOptions {
   std::optional<double> focus_m;
   StopChoice stop;
   double film_width_mm = 6.2208, film_height_mm = 3.4992;  // 1280 x 720 pixels of 4.86 um
+  std::vector<double> bands_nm;                            // for colour along the field; empty: lambda_nm
+  int field_rows = 5;
 };
 InfoOptions info_options(JsonObject options);  // reads and refuses unknown keys
 Json info(const Prescription& lens, const InfoOptions& options);

@@ -1,0 +1,21 @@
+#pragma once
+// Prescriptions of other programs. Importers give a lens of lens_data/SCHEMA.md; what that cannot hold is refused.
+#include <string>
+
+#include "pecs/lens/prescription.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::lens {
+
+// Zemax sequential .zmx (text, UTF-8 or UTF-16): STANDARD, EVENASPH and ODDASPHE surfaces, units MM, CM or IN. Glass by
+// name from the catalogues we have, else by the nd and Vd of the GLAS line. Surfaces without DIAM are refused; planes
+// between air and air are dropped unless they are the stop.
+Json import_zmx(const std::string& bytes, const std::string& file);
+
+// pbrt's lens text: radius, thickness, index, aperture diameter [mm] per line, front to rear, radius 0 = stop.
+Json import_pbrt(const std::string& text, const std::string& file);
+
+// The same text; index at lambda_nm, the last thickness is the film's distance. Aspheres are unsupported.
+std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_z_mm);
+
+}  // namespace pecs::lens

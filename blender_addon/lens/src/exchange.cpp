@@ -1,0 +1,237 @@
+#include "pecs/lens/exchange.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <sstream>
+
+#include "pecs/error.h"
+
+namespace pecs::lens {
+namespace {
+
+constexpr double kPlaneRadius = 1e7;  // pbrt knows no plane: radius 0 is the stop
+
+std::string utf8(const std::string& bytes) {
+  const bool le = bytes.starts_with("\xFF\xFE"), be = bytes.starts_with("\xFE\xFF");
+  if (!le && !be) return bytes.starts_with("\xEF\xBB\xBF") ? bytes.substr(3) : bytes;
+  std::string out;
+  for (std::size_t i = 2; i + 1 < bytes.size(); i += 2) {
+    const unsigned char low = bytes[i + (be ? 1 : 0)], high = bytes[i + (be ? 0 : 1)];
+    out += high ? '?' : static_cast<char>(low < 0x80 ? low : '?');  // keywords and numbers are ASCII
+  }
+  return out;
+}
+
+std::vector<std::string> words_of(const std::string& line) {
+  std::istringstream stream(line);
+  std::vector<std::string> words;
+  for (std::string word; stream >> word;) words.push_back(word);
+  return words;
+}
+
+struct Place {
+  std::string file;
+  std::size_t line;
+  [[noreturn]] void fail(const std::string& got, const std::string& wanted) const {
+    throw bad_input(file, fmt::format("line {}", line), got, wanted);
+  }
+  double number(const std::vector<std::string>& words, std::size_t i) const {
+    if (i >= words.size()) fail("nothing after " + words.front(), "a number");
+    if (words[i] == "INFINITY") return std::numeric_limits<double>::infinity();
+    std::size_t used = 0;
+    double x = 0;
+    try {
+      x = std::stod(words[i], &used);
+    } catch (const std::exception&) {
+      used = 0;
+    }
+    if (used != words[i].size() || std::isnan(x)) fail('"' + words[i].substr(0, 40) + '"', "a number");
+    return x;
+  }
+};
+
+struct ZemaxSurface {
+  std::string type = "STANDARD", glass;
+  double curvature = 0, thickness = 0, semi = 0, conic = 0, nd = 0, vd = 0;
+  std::map<int, double> parameters;
+  bool stop = false;
+  Place place;
+};
+
+Json medium_of(const ZemaxSurface& s, const std::vector<std::string>& catalogs) {
+  if (s.glass.empty()) return {{"name", "air"}};
+  if (s.glass == "MIRROR") s.place.fail("a mirror", "a lens");
+  for (const std::string& catalog : catalogs)
+    if (catalog_glass(catalog, s.glass)) return {{"name", s.glass}, {"catalog", catalog}};
+  if (s.nd > 1 && s.vd > 0) {
+    Json medium{{"nd", s.nd}, {"vd", s.vd}};
+    if (s.glass != "___BLANK") medium["name"] = s.glass;
+    return medium;
+  }
+  s.place.fail("unknown glass \"" + s.glass + "\" without nd and Vd", "a glass of lens_data/glasses");
+}
+
+// Coefficients p of the file in its unit to mm: A_p scales with unit^(1-p).
+void add_powers(Json& surface, const ZemaxSurface& s, bool even, double unit_mm) {
+  Json even_coeffs = Json::object(), odd_coeffs = Json::object();
+  for (const auto& [index, value] : s.parameters) {
+    const int power = even ? 2 * index : index;
+    if (value == 0 || index < 1 || index > 8) continue;
+    if (power == 1) s.place.fail("a term linear in r", "powers from 2");
+    (power % 2 ? odd_coeffs : even_coeffs)[std::to_string(power)] = value * std::pow(unit_mm, 1 - power);
+  }
+  if (!even_coeffs.empty()) surface["even_coeffs"] = even_coeffs;
+  if (!odd_coeffs.empty()) surface["odd_coeffs"] = odd_coeffs;
+}
+
+}  // namespace
+
+Json import_zmx(const std::string& bytes, const std::string& file) {
+  std::istringstream lines(utf8(bytes));
+  std::vector<ZemaxSurface> surfaces;
+  std::vector<std::string> catalogs;
+  std::string name;
+  double unit_mm = 1;
+  std::size_t number = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const Place place{file, ++number};
+    const std::vector<std::string> words = words_of(line);
+    if (words.empty()) continue;
+    const std::string& key = words[0];
+    if (key == "MODE" && words.size() > 1 && words[1] != "SEQ") place.fail("mode " + words[1], "sequential (SEQ)");
+    if (key == "UNIT" && words.size() > 1) {
+      if (words[1] == "MM")
+        unit_mm = 1;
+      else if (words[1] == "CM")
+        unit_mm = 10;
+      else if (words[1] == "IN")
+        unit_mm = 25.4;
+      else
+        place.fail("unit " + words[1], "MM, CM or IN");
+    }
+    if (key == "NAME") name = line.substr(line.find("NAME") + 4);
+    if (key == "GCAT") catalogs.assign(words.begin() + 1, words.end());
+    if (key == "SURF") {
+      surfaces.emplace_back();
+      surfaces.back().place = place;
+      continue;
+    }
+    if (surfaces.empty()) continue;
+    ZemaxSurface& s = surfaces.back();
+    if (key == "TYPE" && words.size() > 1) s.type = words[1];
+    if (key == "CURV") s.curvature = place.number(words, 1);
+    if (key == "DISZ") s.thickness = place.number(words, 1);
+    if (key == "DIAM") s.semi = place.number(words, 1);
+    if (key == "CONI") s.conic = place.number(words, 1);
+    if (key == "STOP") s.stop = true;
+    if (key == "PARM") s.parameters[static_cast<int>(place.number(words, 1))] = place.number(words, 2);
+    if (key == "GLAS") {
+      if (words.size() < 2) place.fail("a glass without a name", "GLAS name ...");
+      s.glass = words[1];
+      if (words.size() > 5) {
+        s.nd = place.number(words, 4);
+        s.vd = place.number(words, 5);
+      }
+    }
+  }
+  if (surfaces.size() < 3) throw bad_input(file, "", fmt::format("{} surfaces", surfaces.size()), "a Zemax lens");
+
+  // Surface 0 is the object, the last the image.
+  Json out_surfaces = Json::array();
+  std::optional<std::size_t> stop;
+  for (std::size_t i = 1; i + 1 < surfaces.size(); ++i) {
+    const ZemaxSurface& s = surfaces[i];
+    if (s.type != "STANDARD" && s.type != "EVENASPH" && s.type != "ODDASPHE")
+      s.place.fail("surface type " + s.type, "STANDARD, EVENASPH or ODDASPHE");
+    const bool asphere = s.type != "STANDARD" || s.conic != 0;
+    const bool in_air = s.glass.empty() && (i == 1 || surfaces[i - 1].glass.empty());
+    if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop) {
+      if (out_surfaces.empty()) continue;
+      out_surfaces.back()["thickness"] = out_surfaces.back()["thickness"].get<double>() + s.thickness * unit_mm;
+      continue;
+    }
+    if (!(s.semi > 0)) s.place.fail("no semi-diameter (DIAM)", "one above 0");
+    if (s.stop) stop = out_surfaces.size();
+    Json surface{{"type", asphere            ? "asphere"
+                          : s.curvature != 0 ? "sphere"
+                          : s.stop && in_air ? "stop"
+                                             : "plane"},
+                 {"radius", s.curvature != 0 ? Json(unit_mm / s.curvature) : Json(nullptr)},
+                 {"thickness", std::isfinite(s.thickness) ? Json(s.thickness * unit_mm) : Json(nullptr)},
+                 {"medium_after", medium_of(s, catalogs)},
+                 {"semi_diameter", s.semi * unit_mm}};
+    if (asphere) surface["k"] = s.conic;
+    if (s.type != "STANDARD") add_powers(surface, s, s.type == "EVENASPH", unit_mm);
+    out_surfaces.push_back(std::move(surface));
+  }
+  if (!stop) throw bad_input(file, "", "no STOP line", "an aperture stop");
+  const std::size_t first = name.find_first_not_of(" \t\r"), last = name.find_last_not_of(" \t\r");
+  return {{"name", first == std::string::npos ? std::filesystem::path(file).stem().string()
+                                              : name.substr(first, last - first + 1)},
+          {"units", "mm"},
+          {"source", {{"file", std::filesystem::path(file).filename().string()}, {"format", "Zemax"}}},
+          {"stop_index", *stop},
+          {"surfaces", out_surfaces}};
+}
+
+Json import_pbrt(const std::string& text, const std::string& file) {
+  std::istringstream lines(text);
+  Json surfaces = Json::array();
+  std::optional<std::size_t> stop;
+  std::size_t number = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const Place place{file, ++number};
+    const std::vector<std::string> words = words_of(line.substr(0, line.find('#')));
+    if (words.empty()) continue;
+    if (words.size() != 4) place.fail(fmt::format("{} columns", words.size()), "radius thickness index diameter");
+    double v[4];
+    for (std::size_t i = 0; i < 4; ++i) v[i] = place.number(words, i);
+    const bool is_stop = v[0] == 0;
+    if (is_stop) {
+      if (stop) place.fail("a second stop (radius 0)", "one");
+      stop = surfaces.size();
+    }
+    const bool plane = !is_stop && std::abs(v[0]) >= kPlaneRadius;
+    const bool air = v[2] == 0 || v[2] == 1;
+    surfaces.push_back({{"type", is_stop ? "stop"
+                                 : plane ? "plane"
+                                         : "sphere"},
+                        {"radius", is_stop || plane ? Json(nullptr) : Json(v[0])},
+                        {"thickness", v[1]},
+                        {"medium_after", air || is_stop ? Json{{"name", "air"}} : Json{{"nd", v[2]}}},
+                        {"semi_diameter", 0.5 * v[3]}});
+  }
+  if (!stop) throw bad_input(file, "", "no line of radius 0", "the aperture stop");
+  return {{"name", std::filesystem::path(file).stem().string()},
+          {"units", "mm"},
+          {"source", {{"file", std::filesystem::path(file).filename().string()}, {"format", "pbrt"}}},
+          {"estimated", "pbrt's format holds one index per glass: no dispersion."},
+          {"stop_index", *stop},
+          {"surfaces", surfaces}};
+}
+
+std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_z_mm) {
+  const std::vector<double> n = lens.indices(lambda_nm);
+  std::string out = fmt::format("# {}\n# index at {} nm; radius 0 = stop; mm\n# radius thickness index diameter\n",
+                                lens.name, lambda_nm);
+  for (std::size_t i = 0; i < lens.surfaces.size(); ++i) {
+    const Surface& s = lens.surfaces[i];
+    if (s.conic != 0 || !s.powers.empty())
+      throw Error(ExitCode::unsupported,
+                  fmt::format("{}: surfaces[{}]: pbrt's format holds no aspheres", lens.file, i));
+    const bool diaphragm =
+        i == lens.stop && s.curvature == 0 && s.after.is_air() && (i == 0 || lens.surfaces[i - 1].after.is_air());
+    if (i == lens.stop && !diaphragm)
+      throw Error(ExitCode::unsupported,
+                  fmt::format("{}: surfaces[{}]: pbrt's format holds no stop on a glass surface", lens.file, i));
+    const double thickness = (i + 1 < lens.surfaces.size() ? lens.surfaces[i + 1].z_mm : film_z_mm) - s.z_mm;
+    const double radius = diaphragm ? 0 : s.curvature == 0 ? kPlaneRadius : 1 / s.curvature;
+    out += fmt::format("{:.9g} {:.9g} {:.9g} {:.9g}\n", radius, thickness, n[i], 2 * s.semi_diameter_mm);
+  }
+  return out;
+}
+
+}  // namespace pecs::lens

@@ -1,0 +1,124 @@
+#include "pecs/lens/exchange.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "lenses.h"
+#include "pecs/error.h"
+#include "pecs/lens/first_order.h"
+
+namespace pecs::lens {
+namespace {
+
+std::filesystem::path write(const std::string& name, const std::string& text) {
+  const auto path = std::filesystem::path(testing::TempDir()) / name;
+  std::ofstream(path, std::ios::binary) << text;
+  return path;
+}
+
+const char* kZmx = R"(VERS 140124 258 36214
+MODE SEQ
+NAME a test
+UNIT MM X W X CM MR CPMM
+GCAT SCHOTT
+SURF 0
+  TYPE STANDARD
+  CURV 0.0
+  DISZ INFINITY
+SURF 1
+  TYPE STANDARD
+  CURV 0.0
+  DISZ 10
+  DIAM 8 0 0 0 1 ""
+SURF 2
+  TYPE STANDARD
+  STOP
+  CURV 0.0
+  DISZ 1
+  DIAM 5 0 0 0 1 ""
+SURF 3
+  TYPE EVENASPH
+  CURV 3.869969040247678E-002 0 0 0 0 ""
+  CONI -0.5
+  PARM 1 0
+  PARM 2 1e-7
+  DISZ 4
+  GLAS N-BK7 0 0 1.5168 64.17 0 0 0 0 0 0
+  DIAM 12.7 0 0 0 1 ""
+SURF 4
+  TYPE STANDARD
+  CURV 0.0
+  DISZ 47.36
+  DIAM 12.7 0 0 0 1 ""
+SURF 5
+  TYPE STANDARD
+  CURV 0.0
+  DISZ 0
+)";
+
+TEST(Zemax, SingletWithAnAsphere) {
+  const Prescription lens = load_prescription(write("singlet.zmx", kZmx).string());
+  EXPECT_EQ(lens.name, "a test");
+  ASSERT_EQ(lens.surfaces.size(), 3u);  // the plane before the stop is dropped
+  EXPECT_EQ(lens.stop, 0u);
+  EXPECT_EQ(lens.surfaces[1].conic, -0.5);
+  ASSERT_EQ(lens.surfaces[1].powers.size(), 5u);
+  EXPECT_EQ(lens.surfaces[1].powers[4], 1e-7);
+  EXPECT_EQ(lens.surfaces[1].after.source(), "Schott");
+  EXPECT_NEAR(first_order(lens, kLambdaD).efl_mm, 50, 1e-3);
+}
+
+TEST(Zemax, Utf16AndUnits) {
+  std::string text = kZmx;
+  text.replace(text.find("UNIT MM"), 7, "UNIT CM");
+  std::string wide = "\xFF\xFE";
+  for (const char c : text) wide += {c, '\0'};
+  const Prescription lens = load_prescription(write("wide.zmx", wide).string());
+  EXPECT_NEAR(first_order(lens, kLambdaD).efl_mm, 500, 1e-2);
+  EXPECT_NEAR(lens.surfaces[1].powers[4], 1e-10, 1e-20);
+}
+
+TEST(Zemax, WhatItCannotHoldIsRefusedByLine) {
+  const auto refused = [](const std::string& from, const std::string& to, const std::string& said) {
+    std::string text = kZmx;
+    text.replace(text.find(from), from.size(), to);
+    try {
+      load_prescription(write("bad.zmx", text).string());
+      ADD_FAILURE() << to << " was accepted";
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find(said), std::string::npos) << e.what();
+    }
+  };
+  refused("EVENASPH", "BICONICX", "BICONICX");
+  refused("MODE SEQ", "MODE NSC", "line 2");
+  refused("GLAS N-BK7 0 0 1.5168 64.17", "GLAS N-NOSUCH 0 0 0 0", "N-NOSUCH");
+  refused("  STOP\n", "", "STOP");
+  refused("DISZ 4", "DISZ four", "four");
+  refused("UNIT MM", "UNIT FT", "FT");
+}
+
+TEST(Pbrt, RoundTripKeepsTheRays) {
+  const Prescription lens = load_prescription("dgauss_50mm_tronnier");
+  const double bands[] = {kLambdaD};
+  const std::string text = export_pbrt(lens, kLambdaD, best_focus(lens, bands, std::nullopt).film_z_mm);
+  const Prescription back = load_prescription(write("dgauss.dat", text).string());
+  ASSERT_EQ(back.surfaces.size(), lens.surfaces.size());
+  EXPECT_EQ(back.stop, lens.stop);
+  const Tracer a(lens, kLambdaD), b(back, kLambdaD);
+  const Ray ray{{5, 3, -10}, normalized({0.1, -0.05, 1})};
+  const Traced ta = a.to_film(ray), tb = b.to_film(ray);
+  ASSERT_EQ(ta.fate, Fate::ok);
+  EXPECT_NEAR(ta.ray.p.x, tb.ray.p.x, 1e-6);
+  EXPECT_NEAR(ta.ray.d.y, tb.ray.d.y, 1e-8);
+}
+
+TEST(Pbrt, RefusesAspheresAndBadLines) {
+  const Prescription asphere = load_prescription("cmount_16mm_f2p1");
+  EXPECT_THROW(export_pbrt(asphere, kLambdaD, 25), Error);
+  EXPECT_THROW(load_prescription(write("bad.dat", "10 2 1.5 8\n0 1 1\n").string()), Error);
+  EXPECT_THROW(load_prescription(write("nostop.dat", "10 2 1.5 8\n-10 2 1 8\n").string()), Error);
+}
+
+}  // namespace
+}  // namespace pecs::lens
