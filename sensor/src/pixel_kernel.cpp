@@ -195,8 +195,16 @@ class Run {
     if constexpr (kReceptor) {
       s_.w = hn::LoadU(f_, a_.w + pixel_);
       s_.noise = hn::LoadU(f_, a_.noise + pixel_);
-      v_ = hn::Neg(ln(s_.w));
+      at_state();
     }
+  }
+  // What follows from w and ln I.
+  void at_state() {
+    const V one = hn::Set(f_, 1.0f);
+    v_ = hn::Neg(ln(s_.w));
+    u_now_ = hn::Div(one, s_.w);
+    i_now_ = hn::Exp(f_, s_.l0);
+    g_now_ = hn::Div(one, i_now_);
   }
   void store() {
     // The lanes beyond the range belong to others.
@@ -223,7 +231,7 @@ class Run {
     if constexpr (kReceptor) {
       s_.w = hn::Div(hn::Set(f_, 1.0f), hn::Exp(f_, l));
       s_.noise = hn::Zero(f_);
-      v_ = hn::Neg(ln(s_.w));
+      at_state();
       if (a_.noise_std > 0) s_.noise = hn::Mul(hn::Set(f_, a_.noise_std), gaussian_of(0, Purpose::noise_start));
       s_.reference = hn::Add(v_, s_.noise);
     }
@@ -272,8 +280,8 @@ class Run {
 
     // ln I at the middle of the cubic, and I at start, middle and end.
     const V lm = hn::MulAdd(hn::Sub(m0, m1), hn::Set(f_, 0.125f), hn::Mul(hn::Set(f_, 0.5f), hn::Add(s_.l0, s_.l1)));
-    const V i0 = hn::Exp(f_, s_.l0), im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
-    const V g0 = hn::Div(one, i0), gm = hn::Div(one, im), g1 = hn::Div(one, i1);
+    const V i0 = i_now_, im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
+    const V g0 = g_now_, gm = hn::Div(one, im), g1 = hn::Div(one, i1);
 
     // Two half steps of the photoreceptor.
     const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24)), zero = hn::Zero(f_);
@@ -284,7 +292,7 @@ class Run {
     V e0, e1;
     const V wm = receptor_step(s_.w, g0, gm, x0, e0);
     V w1 = receptor_step(wm, gm, g1, x1, e1);
-    const V v1 = hn::Neg(ln(w1));
+    V v1 = hn::Neg(ln(w1)), u1 = hn::Div(one, w1);
 
     // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
     // the correlation over the step is e^-X u1/u0.
@@ -300,8 +308,8 @@ class Run {
     const V d0 = hn::Sub(hn::Add(v_, s_.noise), s_.reference);
     const V d1 = hn::Add(hn::Sub(hn::Add(v1, s_.noise), s_.reference), drift);
     const V third = hn::Set(f_, 1.0f / 3);
-    const V slope0 = hn::MulAdd(a_h, hn::Sub(i0, hn::Div(one, s_.w)), drift);
-    const V slope1 = hn::MulAdd(a_h, hn::Sub(i1, hn::Div(one, w1)), drift);
+    const V slope0 = hn::MulAdd(a_h, hn::Sub(i0, u_now_), drift);
+    const V slope1 = hn::MulAdd(a_h, hn::Sub(i1, u1), drift);
     const V b0 = hn::MulAdd(third, slope0, d0), b1 = hn::NegMulAdd(third, slope1, d1);
     const V high = hn::Max(hn::Max(d0, d1), hn::Max(b0, b1)), low = hn::Min(hn::Min(d0, d1), hn::Min(b0, b1));
     M active = hn::Or(hn::Ge(high, on_), hn::Le(low, off_));
@@ -310,18 +318,25 @@ class Run {
     const V dl = hn::Sub(s_.l1, s_.l0);
     active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), hn::Min(one, hn::Add(x0, x1))), hn::Set(f_, 0.02f)));
 
-    find(t, active, m0, m1, w1, n1);
+    if (find(t, active, m0, m1, w1, n1)) {
+      v1 = hn::Neg(ln(w1));
+      u1 = hn::Div(one, w1);
+    }
     s_.reference = hn::Sub(s_.reference, hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
-    v_ = hn::Neg(ln(w1));
+    v_ = v1;
+    u_now_ = u1;
+    i_now_ = i1;
+    g_now_ = g1;
     s_.w = w1;
     s_.noise = n1;
   }
 
-  // Exact work for the lanes that may have events.
-  void find(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
+  // Exact work for the lanes that may have events; false when there are none.
+  bool find(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
     const bool noise_now = !background_.empty() && background_.front().t_us < t.t1_us;
-    if (HWY_LIKELY(!noise_now && hn::AllFalse(f_, active))) return;
+    if (HWY_LIKELY(!noise_now && hn::AllFalse(f_, active))) return false;
     find_slowly(t, active, m0, m1, w1, n1);
+    return true;
   }
 
   HWY_NOINLINE void find_slowly(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
@@ -374,7 +389,8 @@ class Run {
   const KernelArguments& a_;
   const std::uint32_t pixel_, lanes_;
   Vectors s_{};
-  V on_{}, off_{}, v_{};
+  V on_{}, off_{};
+  V v_{}, u_now_{}, i_now_{}, g_now_{};  // at the start of the interval
   VU random_[4]{};
   std::int64_t random_of_ = -1;
   Purpose random_for_ = Purpose::threshold;
