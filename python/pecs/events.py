@@ -22,7 +22,7 @@ from ._library import Handle, function, take_json
 EVENT_DTYPE = np.dtype(
     {"names": ["t", "x", "y", "p"], "formats": ["<i8", "<u2", "<u2", "u1"], "offsets": [0, 8, 10, 12], "itemsize": 16}
 )
-_BLOCK = 1 << 20
+_BLOCK = 1 << 16
 
 _formats = function("pecs_event_formats", ctypes.c_void_p)
 _open = function("pecs_events_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
@@ -55,8 +55,14 @@ class EventReader(Handle):
 
     def read(self, count: int = _BLOCK) -> NDArray[np.void]:
         """At most `count` events; empty at the end."""
-        block = np.zeros(count, EVENT_DTYPE)
-        return block[: _read(self._alive(), block.ctypes.data, count)]
+        block = np.empty(count, EVENT_DTYPE)
+        return block[: self.read_into(block)]
+
+    def read_into(self, block: NDArray[np.void]) -> int:
+        """Fills an array of EVENT_DTYPE; returns how many events, 0 only at the end."""
+        if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
+            raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
+        return _read(self._alive(), block.ctypes.data, len(block))
 
     def __iter__(self) -> Iterator[NDArray[np.void]]:
         while len(block := self.read()):
@@ -93,8 +99,14 @@ class EventWriter(Handle):
 def read(path: str | PathLike[str], format: str | None = None) -> NDArray[np.void]:
     """All events of a file."""
     with EventReader(path, format) as reader:
-        blocks = list(reader)
-    return np.concatenate(blocks) if blocks else np.zeros(0, EVENT_DTYPE)
+        events = np.empty(_BLOCK, EVENT_DTYPE)
+        size = 0
+        while count := reader.read_into(events[size:]):
+            size += count
+            if size == len(events):
+                events.resize(2 * size, refcheck=False)  # the block just filled is gone
+    events.resize(size, refcheck=False)
+    return events
 
 
 def write(

@@ -340,6 +340,16 @@ def test_blocks(tmp_path):
     assert_same([back[name] for name in "txyp"], events)
 
 
+def test_more_than_a_block(tmp_path):
+    events = np.zeros(200_000, pecs.EVENT_DTYPE)
+    events["t"] = np.arange(len(events))
+    events["x"] = events["t"] % WIDTH
+    pecs.write(tmp_path / "e.raw", events, WIDTH, HEIGHT)
+    back = pecs.read(tmp_path / "e.raw")
+    assert back.dtype == pecs.EVENT_DTYPE
+    assert_same([back[name] for name in "txyp"], events)
+
+
 def test_an_exception_leaves_no_output(tmp_path):
     with pytest.raises(KeyError), pecs.EventWriter(tmp_path / "e.raw", WIDTH, HEIGHT) as writer:
         writer.write(STREAMS["bursts"])
