@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
 
 #include "pecs/error.h"
@@ -56,17 +57,17 @@ class LightReader {
  private:
   void sum(const float* values, std::size_t n, float* out) {
     std::fill_n(out, n, 0.0f);
-    float lowest = 0, zero = 0;
+    std::uint32_t bad = 0;  // its sign bit: of a value below 0 or above the largest number
     for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
       const float weight = femtoamperes_[b];
       const float* in = values + b * n;
       for (std::size_t i = 0; i < n; ++i) {
         out[i] += weight * in[i];
-        lowest = std::min(lowest, in[i]);
-        zero += in[i] * 0;  // NaN once any value is not finite
+        const auto bits = std::bit_cast<std::uint32_t>(in[i]);
+        bad |= bits | (0x7f7fffffu - bits);
       }
     }
-    if (lowest < 0 || zero != 0) count_bad(values, n, out);
+    if (bad >> 31) count_bad(values, n, out);
   }
 
   void count_bad(const float* values, std::size_t n, float* out) {
