@@ -32,6 +32,7 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     options.normalisation = pecs::calibration::normalisation_from(object.text_or("normalisation", "shared"));
     if (object.has("window_us")) options.window_us = object.integer("window_us", 1, std::int64_t{1} << 52);
     if (object.has("origin")) options.common_origin = object.one_of("origin", {"first-event", "zero"}) == "zero";
+    options.split_half = object.boolean_or("split_half", true);
     options.seed = static_cast<std::uint64_t>(object.integer_or("seed", 1, 0, std::int64_t{1} << 62));
     object.done();
 

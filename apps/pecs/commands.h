@@ -8,6 +8,7 @@ namespace pecs::app {
 // The command line as given, for run records.
 const std::vector<std::string>& arguments();
 
+void add_align(CLI::App& app);
 void add_bands(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);

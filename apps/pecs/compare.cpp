@@ -55,8 +55,8 @@ void run(const Arguments& a) {
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
-  const events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
-  const auto comparison = calibration::compare(real, a.real, sim, a.sim, options);
+  events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
+  const auto comparison = calibration::compare(std::move(real), a.real, std::move(sim), a.sim, options);
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
   if (a.json)
     fmt::print("{}\n", calibration::to_json(comparison).dump(2));

@@ -24,6 +24,7 @@ int main(int argc, char** argv) {
   CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
   app.set_version_flag("--version", std::string("pecs ") + pecs::kVersion);
   app.require_subcommand(1);
+  pecs::app::add_align(app);
   pecs::app::add_bands(app);
   pecs::app::add_compare(app);
   pecs::app::add_convert(app);

@@ -13,25 +13,28 @@ namespace {
 
 using events::Event;
 
-// The events of the window, their time counted from its origin. Keeps file order.
-std::vector<Event> windowed(const events::Stream& stream, const std::string& name, const CompareOptions& options) {
-  const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
-  if (stream.events.empty()) throw bad_input(name, "", "0 events", "at least 1");
-  const std::int64_t origin =
-      options.common_origin ? 0 : std::min_element(stream.events.begin(), stream.events.end(), by_time)->t_us;
+struct Extent {
+  std::int64_t first_us, last_us;
+};
 
-  std::vector<Event> inside;
-  inside.reserve(stream.events.size());
-  for (Event e : stream.events) {
-    e.t_us -= origin;
-    if (e.t_us >= 0 && (!options.window_us || e.t_us < *options.window_us)) inside.push_back(e);
-  }
-  if (inside.empty())
+// Leaves the events of the window, their time counted from its origin, in file order. Returns the file's first and last
+// time.
+Extent keep_window(std::vector<Event>& events, const std::string& name, const CompareOptions& options) {
+  const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
+  if (events.empty()) throw bad_input(name, "", "0 events", "at least 1");
+  const auto [first, last] = std::minmax_element(events.begin(), events.end(), by_time);
+  const Extent extent{first->t_us, last->t_us};
+  const std::int64_t origin = options.common_origin ? 0 : extent.first_us;
+
+  for (Event& e : events) e.t_us -= origin;
+  std::erase_if(events,
+                [&](const Event& e) { return e.t_us < 0 || (options.window_us && e.t_us >= *options.window_us); });
+  if (events.empty())
     throw bad_input(name, "window", "0 events",
                     options.window_us
                         ? fmt::format("at least 1 event in {} us from t = {} us", *options.window_us, origin)
                         : "at least 1 event at or after t = 0");
-  return inside;
+  return extent;
 }
 
 std::int64_t extent_us(const std::vector<Event>& events) {
@@ -40,13 +43,10 @@ std::int64_t extent_us(const std::vector<Event>& events) {
   return end;
 }
 
-StreamSummary summary_of(const std::vector<Event>& events, const events::Stream& stream, std::int64_t curve_us,
-                         int bins) {
+StreamSummary summary_of(const std::vector<Event>& events, const Extent& file, std::int64_t curve_us, int bins) {
   StreamSummary s;
   s.events = events.size();
-  const auto [first, last] = std::minmax_element(stream.events.begin(), stream.events.end(),
-                                                 [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
-  s.t_first_us = first->t_us, s.t_last_us = last->t_us;
+  s.t_first_us = file.first_us, s.t_last_us = file.last_us;
   const double curve_s = static_cast<double>(curve_us) * 1e-6, n = static_cast<double>(events.size());
   s.rate_hz = n / (static_cast<double>(extent_us(events)) * 1e-6);
 
@@ -90,6 +90,14 @@ bool coin(std::uint64_t seed, std::uint64_t index) {
   return (z ^ (z >> 31)) >> 63;
 }
 
+// Between random halves; empty when one of them is.
+std::optional<Distances> floor_of(const std::vector<Event>& events, const MetricOptions& metric, std::uint64_t seed) {
+  std::array<std::vector<Event>, 2> halves;
+  for (std::size_t i = 0; i < events.size(); ++i) halves[coin(seed, i)].push_back(events[i]);
+  if (halves[0].empty() || halves[1].empty()) return {};
+  return distances(halves[0], halves[1], metric);
+}
+
 Json json_of(const Distances& d) {
   return {{"chamfer", d.chamfer()},
           {"chamfer_parts", d.chamfer_parts},
@@ -107,8 +115,8 @@ Json json_of(const std::optional<double>& value) { return value ? Json(*value) :
 
 }  // namespace
 
-Comparison compare(const events::Stream& real, const std::string& real_name, const events::Stream& sim,
-                   const std::string& sim_name, const CompareOptions& options) {
+Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
+                   const CompareOptions& options) {
   if (options.window_us && *options.window_us < 1)
     throw Error(ExitCode::usage, fmt::format("window: got {} us, wanted at least 1 us", *options.window_us));
   if (options.normalisation == Normalisation::shared &&
@@ -118,28 +126,25 @@ Comparison compare(const events::Stream& real, const std::string& real_name, con
                                 real.info.width, real.info.height, real_name));
 
   // The common window.
-  const std::vector<Event> real_events = windowed(real, real_name, options);
-  const std::vector<Event> sim_events = windowed(sim, sim_name, options);
+  const Extent real_extent = keep_window(real.events, real_name, options);
+  const Extent sim_extent = keep_window(sim.events, sim_name, options);
   Comparison c;
   c.options = options;
   c.width = real.info.width, c.height = real.info.height;
-  c.curve_us = std::max(extent_us(real_events), extent_us(sim_events));
+  c.curve_us = std::max(extent_us(real.events), extent_us(sim.events));
   c.window_us = options.window_us.value_or(c.curve_us);
 
   // Distances, and what they would be between recordings that differ by chance only.
   const MetricOptions metric{
       .normalisation = options.normalisation, .width = c.width, .height = c.height, .window_us = c.window_us};
-  c.distance = distances(real_events, sim_events, metric);
-  std::array<std::vector<Event>, 2> halves;
-  for (std::size_t i = 0; i < real_events.size(); ++i) halves[coin(options.seed, i)].push_back(real_events[i]);
-  if (halves[0].empty() || halves[1].empty())
+  c.distance = distances(real.events, sim.events, metric);
+  if (options.split_half) c.floor = floor_of(real.events, metric, options.seed);
+  if (options.split_half && !c.floor)
     c.warnings.push_back(fmt::format("{}: too few events for a split-half floor", real_name));
-  else
-    c.floor = distances(halves[0], halves[1], metric);
 
   // Rates and polarities, which know nothing of where an event lies.
-  c.real = summary_of(real_events, real, c.curve_us, options.rate_bins);
-  c.sim = summary_of(sim_events, sim, c.curve_us, options.rate_bins);
+  c.real = summary_of(real.events, real_extent, c.curve_us, options.rate_bins);
+  c.sim = summary_of(sim.events, sim_extent, c.curve_us, options.rate_bins);
   c.on_correlation = correlation(c.real.on_hz, c.sim.on_hz);
   c.off_correlation = correlation(c.real.off_hz, c.sim.off_hz);
   c.rate_correlation = correlation(sum(c.real.on_hz, c.real.off_hz), sum(c.sim.on_hz, c.sim.off_hz));

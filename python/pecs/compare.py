@@ -23,12 +23,14 @@ def distance(
     normalisation: str = "shared",
     window_us: int | None = None,
     origin: str = "first-event",
+    split_half: bool = True,
     seed: int = 1,
 ) -> dict[str, Any]:
     """Compares two event streams; the dictionary that `pecs compare --json` prints ("chamfer", "gaussian", ...).
 
     Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height`. `window_us` counts from
-    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper".
+    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper". `split_half`: score random
+    halves of `real` against each other too.
     Raises PecsError when a stream is empty or an event lies outside the sensor.
     """
     real, sim = as_events(real), as_events(sim)
@@ -38,6 +40,7 @@ def distance(
         "normalisation": normalisation,
         "window_us": window_us,
         "origin": origin,
+        "split_half": split_half,
         "seed": seed,
     }
     return _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)

@@ -16,6 +16,7 @@ struct CompareOptions {
   Normalisation normalisation = Normalisation::shared;
   std::optional<std::int64_t> window_us = {};  // events at or after the origin, and less than this after it; empty: all
   bool common_origin = false;  // false: time counts from each stream's first event; true: from t = 0 of both
+  bool split_half = true;      // score the floor too
   std::uint64_t seed = 1;      // of the split into halves
   int rate_bins = 100;         // of the rate curves
 };
@@ -30,11 +31,12 @@ struct StreamSummary {
 
 struct Comparison {
   CompareOptions options;
-  int width = 0, height = 0;       // pixels
-  std::int64_t window_us = 0;      // the common window
-  std::int64_t curve_us = 0;       // time that the rate curves cover: to the last event of either stream
-  Distances distance;              // index 0: real to simulated
-  std::optional<Distances> floor;  // between random halves of the real stream; empty for very few events
+  int width = 0, height = 0;   // pixels
+  std::int64_t window_us = 0;  // the common window
+  std::int64_t curve_us = 0;   // time that the rate curves cover: to the last event of either stream
+  Distances distance;          // index 0: real to simulated
+  std::optional<Distances>
+      floor;  // between random halves of the real stream; empty for very few events, or when not asked for
   StreamSummary real, sim;
   std::optional<double> rate_correlation, on_correlation, off_correlation;  // Pearson, over bins; empty for flat curves
   std::vector<std::string> warnings;
@@ -42,8 +44,8 @@ struct Comparison {
 
 // `real_name` and `sim_name` stand in errors. Throws bad_input when a stream has no events in the window, or the
 // sensors differ in size under the shared normalisation.
-Comparison compare(const events::Stream& real, const std::string& real_name, const events::Stream& sim,
-                   const std::string& sim_name, const CompareOptions& options);
+Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
+                   const CompareOptions& options);
 
 Json to_json(const Comparison& comparison);
 
