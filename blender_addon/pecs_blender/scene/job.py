@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 import tempfile
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import bpy  # before pecs: both carry libtbb.so.12
@@ -71,7 +72,7 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
         parts.pose(0.0)
         lux_scale = _light_meter(scene, film, parts)
         with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
-            cameras, e0, lens = _cameras(scene_file, options, lambda_nm, Path(scratch))
+            cameras, e0, lens, blurs = _cameras(scene_file, options, lambda_nm, Path(scratch))
             rays = _rays(options, lens)
             scene.cycles.samples = rays
             to_film = (_norm(parts, lambda_nm) * lux_scale * e0)[:, None, None]
@@ -93,12 +94,12 @@ def render(scene_file: SceneFile, folder: Path, options: Options) -> None:
             }
             with pecs.StackWriter(folder, stack) as writer:
                 to_film = to_film.astype(np.float32)
-                _render_frames(scene, film, parts, cameras, plan.times_ns, lambda_nm, to_film, writer)
+                _render_frames(scene, film, parts, cameras, plan.times_ns, lambda_nm, to_film, blurs, writer)
     finally:
         film.close()
 
 
-def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, writer) -> None:
+def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, blurs, writer) -> None:
     missing = [i for i in range(len(times_ns)) if not writer.has_frame(i)]
     progress = Progress("render", len(times_ns), len(times_ns) - len(missing))
     frame = np.empty(writer.shape, np.float32)
@@ -109,6 +110,8 @@ def _render_frames(scene, film, parts, cameras, times_ns, lambda_nm, to_film, wr
             _set_pass(parts, lambda_nm[bands])
             frame[bands] = film.render()[: bands.stop - bands.start]
         frame *= to_film
+        for picture, blur in zip(frame, blurs, strict=False):  # none without diffraction
+            blur(picture)
         writer.write_frame(index, frame)
         progress.at(done)
 
@@ -167,9 +170,10 @@ def _cameras(scene_file, options, lambda_nm, scratch):
     if name == "none":
         camera = cycles.pinhole_camera("pinhole", options.focal_mm, FILM_WIDTH_MM)
         camera.rotation_euler = LOOK_ALONG_Y
-        return [camera] * len(passes(len(lambda_nm))), np.ones(len(lambda_nm)), None
+        return [camera] * len(passes(len(lambda_nm))), np.ones(len(lambda_nm)), None, []
     lens = _lens(scene_file, options)
-    cameras, e0, modes, described = [], [], set(), None
+    cameras, e0, modes, described, blurs, working = [], [], set(), None, [], []
+    diffraction = False
     for k, bands in enumerate(passes(len(lambda_nm))):
         camera = lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
@@ -182,12 +186,17 @@ def _cameras(scene_file, options, lambda_nm, scratch):
         cameras[-1].rotation_euler = LOOK_ALONG_Y
         e0 += camera.e0[: bands.stop - bands.start]
         modes.add(camera.channel_mode)
+        for band in range(bands.stop - bands.start):
+            working.append(camera.working_fnumber[band])
+            blurs.append(partial(camera.diffract, band=band))
+        diffraction = diffraction or camera.diffraction
         described = camera
     keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm")
     record = {key: getattr(described, key) for key in keys}
     record["channel_mode"] = "per_channel" if "per_channel" in modes else "mean"
     record["file"] = Path(record["file"]).name
-    return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}
+    record |= {"diffraction": diffraction, "working_fnumber": working}
+    return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}, blurs if diffraction else []
 
 
 def _lens(scene_file, options) -> pecs.Lens:
