@@ -122,7 +122,8 @@ typedef struct pecs_sensor pecs_sensor;
  * "seed": 1, "threads": 0 (all), "photocurrent_a": amperes for a value of 1}. NULL on error. */
 PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
- * with the second frame after it, or when `last` says that no frame follows. Returns how many there are, -1 on error. */
+ * with the second frame after it, or when `last` says that no frame follows. Returns how many there are, -1 on error.
+ */
 PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                                   pecs_error* error);
 /* Copies the events of the last push, sorted by time, then row, then column. */

@@ -29,9 +29,9 @@ def distance(
     """Compares two event streams; the dictionary that `pecs compare --json` prints ("chamfer", "gaussian", ...).
 
     Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height`. `window_us` counts from
-    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper". `split_half`: score random
-    halves of `real` against each other too.
-    Raises PecsError when a stream is empty or an event lies outside the sensor.
+    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper".
+    `split_half`: score random halves of `real` against each other too. Raises PecsError when a stream is empty or an
+    event lies outside the sensor.
     """
     real, sim = as_events(real), as_events(sim)
     options = {

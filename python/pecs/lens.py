@@ -64,7 +64,6 @@ class Camera:
     file: str
     sha256: str
 
-
     def diffract(self, pixels: Any, band: int) -> None:
         """Blurs one band's rendered picture in place; pixels: C-contiguous float32 array [height, width]."""
         if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
