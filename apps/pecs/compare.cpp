@@ -39,6 +39,9 @@ void print_table(const calibration::Comparison& c) {
   row("Gaussian", fmt::format("{:.5f}", d.gaussian()), c.floor ? fmt::format("{:.5f}", c.floor->gaussian()) : "none",
       parts(d.gaussian_parts));
 
+  fmt::print("{:<22}{:>14}  Chamfer {:.4f} to {:.4f}, Gaussian {:.5f} to {:.5f} (bootstrap over time)\n",
+             "95 % intervals", "", c.chamfer_interval.low, c.chamfer_interval.high, c.gaussian_interval.low,
+             c.gaussian_interval.high);
   fmt::print("\n");
   row("stream", "real", "simulated", "");
   row("events", fmt::format("{}", c.real.events), fmt::format("{}", c.sim.events),
@@ -47,6 +50,10 @@ void print_table(const calibration::Comparison& c) {
       fmt::format("correlation of the rate curves: all {}, ON {}, OFF {}", or_none(c.rate_correlation),
                   or_none(c.on_correlation), or_none(c.off_correlation)));
   row("ON fraction", fmt::format("{:.4f}", c.real.on_fraction), fmt::format("{:.4f}", c.sim.on_fraction), "");
+  row("median interval, us", or_none(c.real.interval_median_us), or_none(c.sim.interval_median_us),
+      fmt::format("earth mover's distance {} decades", or_none(c.interval_distance_decades)));
+  fmt::print("{:<50}  correlation of the event maps: all {}, ON {}, OFF {}\n", "", or_none(c.map_correlation),
+             or_none(c.on_map_correlation), or_none(c.off_map_correlation));
 }
 
 void run(const Arguments& a) {

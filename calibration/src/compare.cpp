@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <random>
 
 #include "pecs/error.h"
 
@@ -82,6 +83,63 @@ std::vector<double> sum(const std::vector<double>& a, const std::vector<double>&
   return out;
 }
 
+// Events per block of the sensor, by polarity.
+std::array<std::vector<double>, 2> maps_of(const std::vector<Event>& events, int width, int height) {
+  const int size = std::max(1, width / 40), columns = (width + size - 1) / size, rows = (height + size - 1) / size;
+  std::array<std::vector<double>, 2> maps;
+  maps.fill(std::vector<double>(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)));
+  for (const Event& e : events) maps[e.p][static_cast<std::size_t>(e.y / size * columns + e.x / size)] += 1;
+  return maps;
+}
+
+// log10 of the times between consecutive events of a pixel (at least 1 us), sorted. Events in any order are sorted
+// first.
+std::vector<float> log_intervals(std::vector<Event>& events, int width, int height) {
+  const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
+  if (!std::is_sorted(events.begin(), events.end(), by_time)) std::stable_sort(events.begin(), events.end(), by_time);
+  std::vector<std::int64_t> last(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), -1);
+  std::vector<float> intervals;
+  for (const Event& e : events) {
+    auto& before = last[static_cast<std::size_t>(e.y) * static_cast<std::size_t>(width) + e.x];
+    if (before >= 0) intervals.push_back(std::log10(static_cast<float>(std::max<std::int64_t>(1, e.t_us - before))));
+    before = e.t_us;
+  }
+  std::sort(intervals.begin(), intervals.end());
+  return intervals;
+}
+
+double quantile(const std::vector<float>& sorted, double part) {
+  return sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size()))];
+}
+
+// 95 % intervals of Chamfer and Gaussian: the parts of the time drawn with replacement, the same ones both ways.
+std::array<Interval, 2> bootstrap(const Distances& d, std::uint64_t seed) {
+  constexpr int kDraws = 1000;
+  std::vector<int> parts;
+  for (int k = 0; k < kTimeBlocks; ++k)
+    if (d.blocks[0].count[k] > 0 && d.blocks[1].count[k] > 0) parts.push_back(k);
+  if (parts.empty()) return {{{d.chamfer(), d.chamfer()}, {d.gaussian(), d.gaussian()}}};
+  std::mt19937_64 random(seed);
+  std::array<std::vector<double>, 2> draws;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    std::array<double, 2> distance{}, kernel{}, count{};
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      const int k = parts[random() % parts.size()];
+      for (int way = 0; way < 2; ++way)
+        distance[way] += d.blocks[way].distance[k], kernel[way] += d.blocks[way].kernel[k],
+            count[way] += d.blocks[way].count[k];
+    }
+    draws[0].push_back(distance[0] / count[0] + distance[1] / count[1]);
+    draws[1].push_back(kernel[0] / count[0] + kernel[1] / count[1]);
+  }
+  std::array<Interval, 2> intervals;
+  for (int k = 0; k < 2; ++k) {
+    std::sort(draws[k].begin(), draws[k].end());
+    intervals[k] = {draws[k][kDraws / 40], draws[k][kDraws - 1 - kDraws / 40]};
+  }
+  return intervals;
+}
+
 // A fair coin per event: SplitMix64 of seed and index.
 bool coin(std::uint64_t seed, std::uint64_t index) {
   std::uint64_t z = seed * 0xD1342543DE82EF95ULL + (index + 1) * 0x9E3779B97F4A7C15ULL;
@@ -142,12 +200,36 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   if (options.split_half && !c.floor)
     c.warnings.push_back(fmt::format("{}: too few events for a split-half floor", real_name));
 
+  const auto intervals = bootstrap(c.distance, options.seed);
+  c.chamfer_interval = intervals[0], c.gaussian_interval = intervals[1];
+
   // Rates and polarities, which know nothing of where an event lies.
   c.real = summary_of(real.events, real_extent, c.curve_us, options.rate_bins);
   c.sim = summary_of(sim.events, sim_extent, c.curve_us, options.rate_bins);
   c.on_correlation = correlation(c.real.on_hz, c.sim.on_hz);
   c.off_correlation = correlation(c.real.off_hz, c.sim.off_hz);
   c.rate_correlation = correlation(sum(c.real.on_hz, c.real.off_hz), sum(c.sim.on_hz, c.sim.off_hz));
+
+  // Where the events lie, and how they follow each other in a pixel.
+  const auto real_maps = maps_of(real.events, real.info.width, real.info.height);
+  const auto sim_maps = maps_of(sim.events, sim.info.width, sim.info.height);
+  if (real.info.width == sim.info.width && real.info.height == sim.info.height) {
+    c.off_map_correlation = correlation(real_maps[0], sim_maps[0]);
+    c.on_map_correlation = correlation(real_maps[1], sim_maps[1]);
+    c.map_correlation = correlation(sum(real_maps[0], real_maps[1]), sum(sim_maps[0], sim_maps[1]));
+  }
+  const auto real_intervals = log_intervals(real.events, real.info.width, real.info.height);
+  const auto sim_intervals = log_intervals(sim.events, sim.info.width, sim.info.height);
+  if (!real_intervals.empty()) c.real.interval_median_us = std::pow(10, quantile(real_intervals, 0.5));
+  if (!sim_intervals.empty()) c.sim.interval_median_us = std::pow(10, quantile(sim_intervals, 0.5));
+  if (!real_intervals.empty() && !sim_intervals.empty()) {
+    constexpr int kQuantiles = 1000;
+    double distance = 0;
+    for (int i = 0; i < kQuantiles; ++i)
+      distance +=
+          std::abs(quantile(real_intervals, (i + 0.5) / kQuantiles) - quantile(sim_intervals, (i + 0.5) / kQuantiles));
+    c.interval_distance_decades = distance / kQuantiles;
+  }
 
   // What the reader of these numbers should know.
   for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
@@ -174,6 +256,14 @@ Json to_json(const Comparison& c) {
   json["rate_correlation"] = json_of(c.rate_correlation);
   json["on_rate_correlation"] = json_of(c.on_correlation);
   json["off_rate_correlation"] = json_of(c.off_correlation);
+  json["chamfer_interval"] = {c.chamfer_interval.low, c.chamfer_interval.high};
+  json["gaussian_interval"] = {c.gaussian_interval.low, c.gaussian_interval.high};
+  json["map_correlation"] = json_of(c.map_correlation);
+  json["on_map_correlation"] = json_of(c.on_map_correlation);
+  json["off_map_correlation"] = json_of(c.off_map_correlation);
+  json["interval_distance_decades"] = json_of(c.interval_distance_decades);
+  json["real"]["interval_median_us"] = json_of(c.real.interval_median_us);
+  json["sim"]["interval_median_us"] = json_of(c.sim.interval_median_us);
   json["warnings"] = c.warnings;
   return json;
 }

@@ -143,12 +143,13 @@ Cloud cloud_of(std::span<const Event> events, const MetricOptions& options) {
   return cloud;
 }
 
-struct Sums {
-  double distance = 0, kernel = 0;
-};
+void add(BlockSums& to, const BlockSums& more) {
+  for (int k = 0; k < kTimeBlocks; ++k)
+    to.distance[k] += more.distance[k], to.kernel[k] += more.kernel[k], to.count[k] += more.count[k];
+}
 
 // Sums of d (Eq. 13) and g(d) (Eq. 15) over the points of one polarity of `a`, each to its nearest point of `b`.
-Sums one_way(const Group& from, float polarity, const Cloud& b, double sigma) {
+BlockSums one_way(const Group& from, float polarity, const Cloud& b, double sigma) {
   const auto gap2 = [&](int p) { return (polarity - b.polarity[p]) * (polarity - b.polarity[p]); };
   int first = gap2(0) <= gap2(1) ? 0 : 1;
   if (b.groups[first].empty()) first = 1 - first;
@@ -156,7 +157,7 @@ Sums one_way(const Group& from, float polarity, const Cloud& b, double sigma) {
 
   // Neighbouring points of `from` lie together (tree order), so the last neighbour is a good first guess for the next.
   const auto& points = from.points();
-  std::vector<Sums> chunks((points.size() + kChunk - 1) / kChunk);
+  std::vector<BlockSums> chunks((points.size() + kChunk - 1) / kChunk);
   tbb::parallel_for(std::size_t{0}, chunks.size(), [&](std::size_t chunk) {
     std::array<std::uint32_t, 2> hint = {0, 0};
     const std::size_t end = std::min(points.size(), (chunk + 1) * kChunk);
@@ -165,14 +166,16 @@ Sums one_way(const Group& from, float polarity, const Cloud& b, double sigma) {
       float d2 = b.groups[first].nearest(points[i], kFar, hint[first]) + gap2(first);
       if (d2 > gap2(second) && !b.groups[second].empty())
         d2 = b.groups[second].nearest(points[i], d2 - gap2(second), hint[second]) + gap2(second);
-      chunks[chunk].distance += std::sqrt(static_cast<double>(d2));
-      chunks[chunk].kernel += -std::expm1(-static_cast<double>(d2) / sigma);
+      const int block = std::clamp(static_cast<int>(points[i][2] / kTimeUnits * kTimeBlocks), 0, kTimeBlocks - 1);
+      chunks[chunk].distance[block] += std::sqrt(static_cast<double>(d2));
+      chunks[chunk].kernel[block] += -std::expm1(-static_cast<double>(d2) / sigma);
+      chunks[chunk].count[block] += 1;
     }
   });
 
   // Summed in order: the result does not depend on the threads.
-  Sums sums;
-  for (const Sums& c : chunks) sums.distance += c.distance, sums.kernel += c.kernel;
+  BlockSums sums;
+  for (const BlockSums& c : chunks) add(sums, c);
   return sums;
 }
 
@@ -214,11 +217,12 @@ Distances distances(std::span<const Event> a, std::span<const Event> b, const Me
   Distances result;
   const std::array<double, 2> counts = {static_cast<double>(a.size()), static_cast<double>(b.size())};
   for (int way = 0; way < 2; ++way) {
-    for (int p = 0; p < 2; ++p) {
-      const Sums sums = one_way(clouds[way].groups[p], clouds[way].polarity[p], clouds[1 - way], options.sigma);
-      result.chamfer_parts[way] += sums.distance / counts[way];
-      result.gaussian_parts[way] += sums.kernel / counts[way];
-    }
+    BlockSums& blocks = result.blocks[way];
+    for (int p = 0; p < 2; ++p)
+      add(blocks, one_way(clouds[way].groups[p], clouds[way].polarity[p], clouds[1 - way], options.sigma));
+    const auto total = [](const auto& parts) { return std::accumulate(parts.begin(), parts.end(), 0.0); };
+    result.chamfer_parts[way] = total(blocks.distance) / counts[way];
+    result.gaussian_parts[way] = total(blocks.kernel) / counts[way];
   }
   return result;
 }

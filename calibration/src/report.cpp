@@ -55,6 +55,11 @@ std::string missing(const std::string& what) { return fmt::format("<p class=\"mi
 std::string text_of(const Json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_number_float()) return fmt::format("{:.6g}", value.get<double>());
+  if (value.is_array()) {
+    std::string list;
+    for (const auto& item : value) list += (list.empty() ? "" : ", ") + text_of(item);
+    return list;
+  }
   return value.is_null() ? "none" : value.dump();
 }
 
@@ -71,7 +76,7 @@ std::string rows_of(const Json& object) {
     if (key.starts_with('_')) continue;
     if (value.is_object() && value.contains("value"))
       rows += row(key, text_of(value["value"]) + " " + value.value("unit", ""), value.value("about", ""));
-    else if (!value.is_object())
+    else if (!value.is_object() && !value.is_null())
       rows += row(key, text_of(value));
   }
   return rows;

@@ -8,7 +8,7 @@
 namespace pecs::calibration {
 namespace {
 
-constexpr double kWidth = 760, kHeight = 300, kLeft = 64, kRight = 12, kTop = 34, kBottom = 44;
+constexpr double kWidth = 760, kHeight = 300, kLeft = 64, kRight = 24, kTop = 34, kBottom = 44;
 
 std::vector<double> ticks(double low, double high, int wanted) {
   const double raw = std::max(high - low, 1e-12) / wanted, power = std::pow(10, std::floor(std::log10(raw)));

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "calibration/random_events.h"
 #include "pecs/error.h"
 #include "shared.h"
@@ -98,6 +100,39 @@ TEST(Compare, RefusesEmptyStreamsAndOtherSensorsAndWarnsOfOneSidedOnes) {
   ASSERT_EQ(c.warnings.size(), 1U);
   EXPECT_NE(c.warnings[0].find("s: all 300 events are ON"), std::string::npos);
   EXPECT_TRUE(to_json(c)["off_rate_correlation"].is_null());
+}
+
+TEST(Compare, IntervalsHoldTheScoreAndNarrowWithLikeParts) {
+  const auto even = compare(stream_of(random_events(8000, 1)), "r", stream_of(random_events(8000, 2)), "s", {});
+  EXPECT_LT(even.chamfer_interval.low, even.distance.chamfer());
+  EXPECT_GT(even.chamfer_interval.high, even.distance.chamfer());
+  EXPECT_LT(even.chamfer_interval.high - even.chamfer_interval.low, 0.05 * even.distance.chamfer());
+  auto uneven = random_events(8000, 2);  // good in the first half only
+  for (auto& e : uneven)
+    if (e.t_us > 5000) e.x = 0;
+  const auto c = compare(stream_of(random_events(8000, 1)), "r", stream_of(uneven), "s", {});
+  EXPECT_GT(c.chamfer_interval.high - c.chamfer_interval.low, 0.2 * c.distance.chamfer());
+  const auto same = compare(stream_of(random_events(800, 1)), "r", stream_of(random_events(800, 1)), "s", {});
+  EXPECT_EQ(same.chamfer_interval.high, 0);
+}
+
+TEST(Compare, MapsSeePositionAndIntervalsSeeTempo) {
+  auto left = random_events(20'000, 1);
+  for (auto& e : left) e.x = static_cast<std::uint16_t>(e.x / 2);
+  auto right = left;
+  for (auto& e : right) e.x = static_cast<std::uint16_t>(63 - e.x);
+  const auto mirrored = compare(stream_of(left), "r", stream_of(right), "s", {});
+  EXPECT_LT(*mirrored.map_correlation, -0.5);
+  EXPECT_NEAR(*mirrored.interval_distance_decades, 0, 1e-6);
+  EXPECT_NEAR(*compare(stream_of(left), "r", stream_of(left), "s", {}).on_map_correlation, 1, 1e-9);
+
+  auto slower = left;
+  for (auto& e : slower) e.t_us *= 2;
+  const auto c = compare(stream_of(left), "r", stream_of(slower), "s", {});
+  EXPECT_NEAR(*c.interval_distance_decades, std::log10(2), 0.01);
+  EXPECT_NEAR(*c.sim.interval_median_us / *c.real.interval_median_us, 2, 0.05);
+  EXPECT_NEAR(*c.map_correlation, 1, 1e-9);
+  EXPECT_FALSE(compare(stream_of({{5, 1, 1, 1}}), "r", stream_of(left), "s", {}).interval_distance_decades);
 }
 
 // facts.md: the published arithmetic gives 35.0816 (16.4662 + 18.6154) and 1.96512, Eq. 16 in float 23.849 and 1.974.

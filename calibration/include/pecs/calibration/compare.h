@@ -21,12 +21,17 @@ struct CompareOptions {
   int rate_bins = 100;         // of the rate curves
 };
 
+struct Interval {
+  double low = 0, high = 0;
+};
+
 struct StreamSummary {
   std::size_t events = 0;
   std::int64_t t_first_us = 0, t_last_us = 0;  // as in the file
   double rate_hz = 0;                          // events per second, from the origin to the last event in the window
   double on_fraction = 0;
-  std::vector<double> on_hz, off_hz;  // per bin of the rate curves
+  std::optional<double> interval_median_us;  // between consecutive events of a pixel
+  std::vector<double> on_hz, off_hz;         // per bin of the rate curves
 };
 
 struct Comparison {
@@ -39,6 +44,9 @@ struct Comparison {
       floor;  // between random halves of the real stream; empty for very few events, or when not asked for
   StreamSummary real, sim;
   std::optional<double> rate_correlation, on_correlation, off_correlation;  // Pearson, over bins; empty for flat curves
+  Interval chamfer_interval, gaussian_interval;  // 95 %, bootstrap over 20 equal parts of the time
+  std::optional<double> map_correlation, on_map_correlation, off_map_correlation;  // Pearson, over blocks of width/40
+  std::optional<double> interval_distance_decades;  // earth mover's distance of log10 of the inter-event intervals
   std::vector<std::string> warnings;
 };
 

@@ -27,10 +27,17 @@ struct MetricOptions {
   double sigma = 0.4;          // Eq. 15, used as exp(-d²/sigma): the published numbers do not square it
 };
 
+// The time axis in equal parts: what the distances are made of, for bootstrap intervals.
+inline constexpr int kTimeBlocks = 20;
+struct BlockSums {
+  std::array<double, kTimeBlocks> distance{}, kernel{}, count{};  // sums of d and g(d) (Eq. 13, 15), events
+};
+
 // Index 0: mean over the events of `a` of the distance to the nearest event of `b`; index 1: the other way round.
 struct Distances {
   std::array<double, 2> chamfer_parts{};   // Eq. 12, normalised units
   std::array<double, 2> gaussian_parts{};  // Eq. 14, each 0..1
+  std::array<BlockSums, 2> blocks{};
   double chamfer() const { return chamfer_parts[0] + chamfer_parts[1]; }
   double gaussian() const { return gaussian_parts[0] + gaussian_parts[1]; }
 };
