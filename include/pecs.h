@@ -27,6 +27,9 @@ PECS_API const char* pecs_version(void);
 /* Frees any text that a pecs_ function returned as char*. */
 PECS_API void pecs_text_free(char* text);
 
+/* The folder of the data files that ship with PECS: "lens_data/spectra", "sensor/chips", ... NULL on error. */
+PECS_API char* pecs_data_dir(const char* room, pecs_error* error);
+
 /* ---- lens (blender_addon/lens) ------------------------------------------------------------------------------- */
 
 typedef struct pecs_lens pecs_lens;

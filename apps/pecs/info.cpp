@@ -1,9 +1,12 @@
-// pecs info: what an event file holds.
+// pecs info: what an event file or an EXR stack holds.
 #include <fmt/format.h>
+
+#include <cmath>
 
 #include "commands.h"
 #include "pecs/events/format.h"
 #include "pecs/events/summary.h"
+#include "pecs/sensor/stack.h"
 
 namespace pecs::app {
 namespace {
@@ -21,6 +24,63 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
   out["height"] = info.height;
   out["camera"] = info.camera;
   return out;
+}
+
+// Bands with the range of their values in the first frame, times, and what stack.json says about the render.
+Json stack_info(const std::string& path, std::optional<double> fps) {
+  const sensor::StackReader stack(path, fps);
+  const sensor::StackInfo& info = stack.info();
+  const std::vector<float> frame = stack.read_frame(0);
+  const auto plane = static_cast<std::ptrdiff_t>(frame.size() / info.bands.size());
+  Json bands = Json::array();
+  for (std::size_t b = 0; b < info.bands.size(); ++b) {
+    const auto first = frame.begin() + static_cast<std::ptrdiff_t>(b) * plane;
+    double sum = 0, low = *first, high = *first;
+    for (auto v = first; v != first + plane; ++v) {
+      sum += *v;
+      low = std::fmin(low, *v);  // NaN counts for neither
+      high = std::fmax(high, *v);
+    }
+    bands.push_back({{"lambda_nm", info.bands[b].lambda_nm},
+                     {"weight_nm", info.bands[b].weight_nm},
+                     {"first_frame", {{"min", low}, {"mean", sum / static_cast<double>(plane)}, {"max", high}}}});
+  }
+  const bool irradiance = info.quantity == sensor::Quantity::irradiance;
+  Json out = {{"format", "exr-stack"},
+              {"width", info.width},
+              {"height", info.height},
+              {"quantity", irradiance ? "irradiance" : "radiance"},
+              {"unit", irradiance ? "W.m^-2.nm^-1" : "W.m^-2.sr^-1.nm^-1"},
+              {"bands", bands},
+              {"frames", stack.frames()},
+              {"frames_planned", info.times_ns.size()},
+              {"t_first_us", static_cast<double>(info.times_ns.front()) * 1e-3},
+              {"t_last_us", static_cast<double>(info.times_ns[static_cast<std::size_t>(stack.frames()) - 1]) * 1e-3},
+              {"period_us", info.period_ns ? Json(static_cast<double>(*info.period_ns) * 1e-3) : Json()}};
+  if (const auto file = std::filesystem::path(path) / "stack.json"; std::filesystem::exists(file)) {
+    const Json json = parse_json_file(file, std::size_t{64} << 20);
+    for (const char* key : {"lens", "scene", "render", "versions"})
+      if (json.contains(key)) out[key] = json[key];
+  }
+  return out;
+}
+
+void print_stack(const std::string& path, const Json& info) {
+  fmt::print("{}: EXR stack of spectral {}, {}x{} pixels\n", path, info["quantity"].get<std::string>(),
+             info["width"].get<int>(), info["height"].get<int>());
+  fmt::print("frames       {} of {}\n", info["frames"].get<std::int64_t>(), info["frames_planned"].get<std::int64_t>());
+  fmt::print("time         {} to {} us\n", info["t_first_us"].get<double>(), info["t_last_us"].get<double>());
+  if (!info["period_us"].is_null()) fmt::print("period       {} us\n", info["period_us"].get<double>());
+  for (const char* key : {"lens", "scene"})
+    if (info.contains(key) && info[key].is_object() && info[key].contains("name"))
+      fmt::print("{:<12} {}\n", key, info[key]["name"].get<std::string>());
+  fmt::print("band [nm]    weight [nm]    first frame: least, mean, greatest [{}]\n", info["unit"].get<std::string>());
+  for (const Json& band : info["bands"]) {
+    const Json& v = band["first_frame"];
+    fmt::print("{:<12} {:<14.4g} {:.4g} {:.4g} {:.4g}\n", band["lambda_nm"].get<double>(),
+               band["weight_nm"].get<double>(), v["min"].get<double>(), v["mean"].get<double>(),
+               v["max"].get<double>());
+  }
 }
 
 void print(const std::string& path, const Json& info) {
@@ -44,19 +104,23 @@ void add_info(CLI::App& app) {
   struct Options {
     std::string path;
     std::optional<std::string> format;
+    std::optional<double> fps;
     bool json = false;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("info", "what an event file holds: events, size, times (us), rates");
-  sub->add_option("FILE", o->path, "event file")->required();
+  CLI::App* sub = app.add_subcommand(
+      "info", "what an event file or an EXR stack holds: events, rates; frames, bands; size, times (us)");
+  sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
   sub->add_option("--format", o->format, "of FILE, when its content does not say");
+  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")->check(CLI::PositiveNumber);
   sub->add_flag("--json", o->json, "machine output");
   sub->callback([o] {
-    const Json info = event_file_info(o->path, o->format);
+    const bool is_stack = std::filesystem::is_directory(o->path);
+    const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format);
     if (o->json)
       fmt::print("{}\n", info.dump());
     else
-      print(o->path, info);
+      (is_stack ? print_stack : print)(o->path, info);
   });
 }
 

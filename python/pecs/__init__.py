@@ -1,6 +1,6 @@
 """PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
 
-from ._library import PecsError, version
+from ._library import PecsError, data_dir, version
 from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
@@ -19,6 +19,7 @@ __all__ = [
     "StackReader",
     "StackWriter",
     "bands",
+    "data_dir",
     "distance",
     "event_formats",
     "read",

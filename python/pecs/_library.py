@@ -69,12 +69,21 @@ def function(name: str, restype: Any, *argtypes: Any, error: bool = True):
     return call
 
 
-def take_json(text: int) -> Any:
-    """Parses JSON text that the library returned, and frees it."""
+def take_text(text: int) -> str:
+    """Text that the library returned, which is freed."""
     try:
-        return json.loads(ctypes.string_at(text))
+        return ctypes.string_at(text).decode()
     finally:
         _lib.pecs_text_free(text)
+
+
+def take_json(text: int) -> Any:
+    return json.loads(take_text(text))
+
+
+def data_dir(room: str) -> Path:
+    """The folder of the data files that ship with PECS, such as "lens_data/spectra"."""
+    return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(room.encode())))
 
 
 def json_function(name: str, *argtypes: Any):

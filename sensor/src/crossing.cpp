@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "pecs/sensor/photoreceptor.h"
 
@@ -22,11 +23,6 @@ double solve(const Cubic& q, double level, double a, double b) {
     s = next;
   }
   return s;
-}
-
-// A slope that overshoots a step it goes along with: in very fast light a relaxation is over within the step.
-double limited(double slope, double rise) {
-  return slope * rise > 0 && std::abs(slope) > 3 * std::abs(rise) ? 3 * rise : slope;
 }
 
 }  // namespace
@@ -63,39 +59,21 @@ Crossing first_crossing(const Cubic& q, double from, double low, double high) {
   return {2, false};
 }
 
-int receptor_steps(double x, double dl, double lag) {
-  // Error of V per step ~ min(x, 1) dl^2 / 50; the relaxation of a lag wants steps of 1/5 of its time constant.
-  const double for_light = std::sqrt(dl * dl * std::min(x, 1.0) / 1e-3);
-  const double for_relaxation = std::max(std::abs(dl), std::abs(lag)) > 0.01 ? std::min(x / 0.2, 64.0) : 1.0;
-  return static_cast<int>(std::clamp(std::ceil(std::max(for_light, for_relaxation)), 1.0, 128.0));
-}
-
 void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey>& events) {
   const LogLight light{p.l0, p.l1, p.m0, p.m1};
-  const double a_h = k.a_per_us * p.h_us;
-  const double mean_light = k.a_per_us > 0 ? (std::exp(p.l0) + std::exp(p.l1)) / 2 : 0;
-  const int steps = k.a_per_us > 0 ? receptor_steps(a_h * mean_light, p.l1 - p.l0, p.l0 + std::log(p.w0)) : 1;
-  const double h = p.h_us / steps;                            // of a step
+  std::optional<Receptor> receptor;
+  if (k.a_per_us > 0) receptor.emplace(light, k.a_per_us * p.h_us, p.w0);
   const double drift = p.n1 - p.n0 + k.leak_per_us * p.h_us;  // per interval, added to V
   double blind_until = p.blind_us;                            // from the interval's start
   auto background = p.background.begin();
-  double w = p.w0;
 
-  for (int step = 0; step < steps; ++step) {
+  for (double from = 0; from < 1;) {
     // V over this step, as a cubic.
-    const double s0 = static_cast<double>(step) / steps, s1 = static_cast<double>(step + 1) / steps;
-    double v0 = p.l0, v1 = p.l1, m0 = p.m0, m1 = p.m1;
-    if (k.a_per_us > 0) {
-      const double next = receptor_advance(w, light, s0, s1, a_h);
-      v0 = -std::log(w);
-      v1 = -std::log(next);
-      m0 = limited(a_h * (s1 - s0) * (std::exp(light.at(s0)) - 1 / w), v1 - v0);  // dV/dt = a (I - u)
-      m1 = limited(a_h * (s1 - s0) * (std::exp(light.at(s1)) - 1 / next), v1 - v0);
-      w = next;
-    }
-    const double n0 = p.n0 + drift * s0, n1 = p.n0 + drift * s1;
-    const Cubic q = hermite(v0 + n0, v1 + n1, m0 + n1 - n0, m1 + n1 - n0);
-    const double start = step * h, end = start + h;
+    const Receptor::Step r = receptor ? receptor->next() : Receptor::Step{0, 1, p.l0, p.l1, p.m0, p.m1};
+    from = r.s1;
+    const double n0 = p.n0 + drift * r.s0, n1 = p.n0 + drift * r.s1;
+    const Cubic q = hermite(r.v0 + n0, r.v1 + n1, r.m0 + n1 - n0, r.m1 + n1 - n0);
+    const double start = r.s0 * p.h_us, end = r.s1 * p.h_us, h = end - start;
 
     double s = 0;
     if (p.blind_us > 0) {
@@ -132,7 +110,7 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
   }
   if (p.blind_us > 0) p.blind_us = std::max(blind_until - p.h_us, 1e-6);
   p.reference -= k.leak_per_us * p.h_us;
-  if (k.a_per_us > 0) p.w1 = w;
+  if (receptor) p.w1 = receptor->w();
 }
 
 }  // namespace pecs::sensor

@@ -274,49 +274,63 @@ class Run {
     s_.reference = hn::Sub(s_.reference, leak);
   }
 
+  // The photoreceptor over an interval whose light is given at its start, middle and end.
+  struct Response {
+    V w1, v1, u1, i1, g1;
+    V x, decay;  // exposure and e^-X
+  };
+  Response respond(V m0, V m1, V a_h) const {
+    const V one = hn::Set(f_, 1.0f), zero = hn::Zero(f_);
+    // ln I at the middle of the cubic, and I at middle and end.
+    const V lm = hn::MulAdd(hn::Sub(m0, m1), hn::Set(f_, 0.125f), hn::Mul(hn::Set(f_, 0.5f), hn::Add(s_.l0, s_.l1)));
+    const V im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
+    const V gm = hn::Div(one, im), g1 = hn::Div(one, i1);
+    // Two half steps.
+    const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24));
+    const V x0 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i_now_, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
+    const V x1 =
+        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i_now_)));
+    V e0, e1;
+    const V wm = receptor_step(s_.w, g_now_, gm, x0, e0);
+    const V w1 = receptor_step(wm, gm, g1, x1, e1);
+    return {w1, hn::Neg(ln(w1)), hn::Div(one, w1), i1, g1, hn::Add(x0, x1), hn::Mul(e0, e1)};
+  }
+
   void step_receptor(const IntervalTimes& t, V m0, V m1) {
     const V a_h = hn::Set(f_, static_cast<float>(a_.constants.a_per_us) * t.h_us);
     const V one = hn::Set(f_, 1.0f);
-
-    // ln I at the middle of the cubic, and I at start, middle and end.
-    const V lm = hn::MulAdd(hn::Sub(m0, m1), hn::Set(f_, 0.125f), hn::Mul(hn::Set(f_, 0.5f), hn::Add(s_.l0, s_.l1)));
-    const V i0 = i_now_, im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
-    const V g0 = g_now_, gm = hn::Div(one, im), g1 = hn::Div(one, i1);
-
-    // Two half steps of the photoreceptor.
-    const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24)), zero = hn::Zero(f_);
-    const V x0 =
-        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i0, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
-    const V x1 =
-        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i0)));
-    V e0, e1;
-    const V wm = receptor_step(s_.w, g0, gm, x0, e0);
-    V w1 = receptor_step(wm, gm, g1, x1, e1);
-    V v1 = hn::Neg(ln(w1)), u1 = hn::Div(one, w1);
-
-    // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
-    // the correlation over the step is e^-X u1/u0.
-    V n1 = s_.noise;
-    if (a_.noise_std > 0) {
-      const V rho = hn::Min(one, hn::Mul(hn::Mul(e0, e1), hn::Div(s_.w, w1)));
-      const V sigma = hn::Mul(hn::Set(f_, a_.noise_std), hn::Sqrt(hn::Mul(hn::Sub(one, rho), hn::Add(one, rho))));
-      n1 = hn::MulAdd(sigma, gaussian_of(t.step, Purpose::noise), hn::Mul(rho, s_.noise));
+    // Fixed seeds repeat still parts of a picture exactly: there everything but the noise is as one interval before.
+    const V zero = hn::Zero(f_);
+    const M still =
+        hn::And(hn::And(hn::Eq(s_.l0, s_.l1), hn::Eq(s_.w, g_now_)), hn::And(hn::Eq(m0, zero), hn::Eq(m1, zero)));
+    const bool all_still = hn::AllTrue(f_, still);
+    if (!all_still || still_h_us_ != t.h_us) {
+      r_ = respond(m0, m1, a_h);
+      // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
+      // the correlation over the step is e^-X u1/u0.
+      rho_ = hn::Min(one, hn::Mul(r_.decay, hn::Div(s_.w, r_.w1)));
+      sigma_ = hn::Mul(hn::Set(f_, a_.noise_std), hn::Sqrt(hn::Mul(hn::Sub(one, rho_), hn::Add(one, rho_))));
+      still_h_us_ = all_still ? t.h_us : 0;
     }
+    V w1 = r_.w1, v1 = r_.v1, u1 = r_.u1;
+    V n1 = s_.noise;
+    if (a_.noise_std > 0) n1 = hn::MulAdd(sigma_, gaussian_of(t.step, Purpose::noise), hn::Mul(rho_, s_.noise));
 
     // V over the interval lies within the hull of its Bezier points.
     const V drift = hn::Add(hn::Sub(n1, s_.noise), hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
     const V d0 = hn::Sub(hn::Add(v_, s_.noise), s_.reference);
     const V d1 = hn::Add(hn::Sub(hn::Add(v1, s_.noise), s_.reference), drift);
     const V third = hn::Set(f_, 1.0f / 3);
-    const V slope0 = hn::MulAdd(a_h, hn::Sub(i0, u_now_), drift);
-    const V slope1 = hn::MulAdd(a_h, hn::Sub(i1, u1), drift);
+    const V slope0 = hn::MulAdd(a_h, hn::Sub(i_now_, u_now_), drift);
+    const V slope1 = hn::MulAdd(a_h, hn::Sub(r_.i1, u1), drift);
     const V b0 = hn::MulAdd(third, slope0, d0), b1 = hn::NegMulAdd(third, slope1, d1);
     const V high = hn::Max(hn::Max(d0, d1), hn::Max(b0, b1)), low = hn::Min(hn::Min(d0, d1), hn::Min(b0, b1));
     M active = hn::Or(hn::Ge(high, on_), hn::Le(low, off_));
     active = hn::Or(active, hn::Gt(s_.blind, zero));
     // Fast light needs shorter steps than two.
     const V dl = hn::Sub(s_.l1, s_.l0);
-    active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), hn::Min(one, hn::Add(x0, x1))), hn::Set(f_, 0.02f)));
+    active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), hn::Min(one, r_.x)), hn::Set(f_, 0.02f)));
 
     if (find(t, active, m0, m1, w1, n1)) {
       v1 = hn::Neg(ln(w1));
@@ -325,8 +339,8 @@ class Run {
     s_.reference = hn::Sub(s_.reference, hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
     v_ = v1;
     u_now_ = u1;
-    i_now_ = i1;
-    g_now_ = g1;
+    i_now_ = r_.i1;
+    g_now_ = r_.g1;
     s_.w = w1;
     s_.noise = n1;
   }
@@ -391,6 +405,9 @@ class Run {
   Vectors s_{};
   V on_{}, off_{};
   V v_{}, u_now_{}, i_now_{}, g_now_{};  // at the start of the interval
+  Response r_{};
+  V rho_{}, sigma_{};     // of the noise over the interval
+  float still_h_us_ = 0;  // > 0: r_, rho_ and sigma_ hold for all lanes while still, in intervals of this length
   VU random_[4]{};
   std::int64_t random_of_ = -1;
   Purpose random_for_ = Purpose::threshold;

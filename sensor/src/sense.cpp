@@ -11,9 +11,9 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <bit>
 #include <cmath>
 
+#include "light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/progress.h"
@@ -48,28 +48,13 @@ class LightReader {
         [&](int y, int rows, std::span<const float> values) {
           const std::size_t n = width * static_cast<std::size_t>(rows);
           float* out = plane + static_cast<std::size_t>(y - begin) * width;
-          sum(values.data(), n, out);
+          if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out);
         },
         begin, end);
   }
   const BadValues& bad() const { return bad_; }
 
  private:
-  void sum(const float* values, std::size_t n, float* out) {
-    std::fill_n(out, n, 0.0f);
-    std::uint32_t bad = 0;  // its sign bit: of a value below 0 or above the largest number
-    for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
-      const float weight = femtoamperes_[b];
-      const float* in = values + b * n;
-      for (std::size_t i = 0; i < n; ++i) {
-        out[i] += weight * in[i];
-        const auto bits = std::bit_cast<std::uint32_t>(in[i]);
-        bad |= bits | (0x7f7fffffu - bits);
-      }
-    }
-    if (bad >> 31) count_bad(values, n, out);
-  }
-
   void count_bad(const float* values, std::size_t n, float* out) {
     for (std::size_t i = 0; i < n; ++i) {
       bool negative = false, not_finite = false;
@@ -100,12 +85,12 @@ class LightStatistics {
       if (std::isfinite(i)) values_.push_back(i);
   }
   Json report(const Chip& chip) {
-    std::ranges::sort(values_);
     Json light;
+    if (values_.empty()) values_.push_back(0);
     for (const auto& [name, part] : {std::pair{"p05", 0.05}, {"median", 0.5}, {"p95", 0.95}}) {
-      const double a = values_.empty()
-                           ? 0
-                           : 1e-15 * values_[static_cast<std::size_t>(part * static_cast<double>(values_.size() - 1))];
+      const auto at = values_.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values_.size() - 1));
+      std::ranges::nth_element(values_, at);
+      const double a = 1e-15 * *at;
       light["photocurrent_a"][name] = a;
       light["corner_hz"][name] = chip.corner_hz_per_a * (a + chip.dark_current_a);
     }

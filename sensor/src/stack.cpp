@@ -17,6 +17,7 @@
 #include <cstring>
 #include <mutex>
 
+#include "exr_block.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 
@@ -171,6 +172,8 @@ Imf::FrameBuffer frame_buffer(const Channels& channels, float* values, int width
 int rows_per_block(const Imf::Header& header) {
   if (header.hasTileDescription()) return static_cast<int>(std::min(header.tileDescription().ySize, 256u));
   switch (header.compression()) {
+    case Imf::ZIPS_COMPRESSION:
+      return 1;
     case Imf::DWAB_COMPRESSION:
       return 256;
     case Imf::PIZ_COMPRESSION:
@@ -415,15 +418,20 @@ void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, 
     }
     const Imath::Box2i box = file.header().dataWindow();
     const int step = rows_per_block(file.header());
+    const auto zip = ZipBlocks::of(file, channels.names);
     std::vector<float> values(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(step) *
                               info_.bands.size());
     for (int y = begin; y < end;) {
       const int rows = std::min(step - y % step, end - y);  // to the end of the block
-      file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
-      file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
-      sink(y, rows,
-           std::span(values).first(static_cast<std::size_t>(info_.width) * static_cast<std::size_t>(rows) *
-                                   info_.bands.size()));
+      const auto block = std::span(values).first(static_cast<std::size_t>(info_.width) *
+                                                 static_cast<std::size_t>(rows) * info_.bands.size());
+      if (zip) {
+        zip->read(y, rows, block);
+      } else {
+        file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
+        file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
+      }
+      sink(y, rows, block);
       y += rows;
     }
   });

@@ -57,6 +57,22 @@ def test_reader_tells_what_is_there(tmp_path):
         assert reader.info["times_ns"] == [0, 100_001, 200_002]
 
 
+def test_pecs_info_of_a_stack(tmp_path, pecs_program):
+    values = frame()
+    with StackWriter(tmp_path, stack_json()) as stack:
+        stack.write_frame(0, values)
+        stack.write_frame(1, values)
+    info = json.loads(pecs_program("info", tmp_path, "--json").stdout)
+    assert (info["format"], info["width"], info["height"]) == ("exr-stack", 20, 17)
+    assert (info["frames"], info["frames_planned"], info["t_last_us"]) == (2, 3, 100.001)
+    assert [b["lambda_nm"] for b in info["bands"]] == [b["lambda_nm"] for b in BANDS]
+    assert info["bands"][1]["first_frame"]["mean"] == pytest.approx(values[1].mean(), rel=1e-3)
+    assert info["scene"] == {"name": "test"}
+    assert "frames       2 of 3" in pecs_program("info", tmp_path).stdout
+    failed = pecs_program("info", tmp_path / "none")
+    assert failed.returncode == 3 and len(failed.stderr.splitlines()) == 1
+
+
 def test_resume_only_if_stack_json_agrees(tmp_path):
     StackWriter(tmp_path, stack_json()).write_frame(0, frame())
     assert StackWriter(tmp_path, stack_json()).has_frame(0)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +15,9 @@ K_CD_LM_PER_W = 683.0
 
 
 def spectra_dir() -> Path:
-    """lens_data/spectra of the checkout, or of PECS_DATA."""
-    root = Path(os.environ.get("PECS_DATA") or Path(__file__).resolve().parents[3])
-    return root / "lens_data" / "spectra"
+    import pecs  # here: bpy must come first where it is used
+
+    return pecs.data_dir("lens_data/spectra")
 
 
 @dataclass(frozen=True)

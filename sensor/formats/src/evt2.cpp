@@ -2,14 +2,10 @@
 //   0, 1   an event of p = type: bits 5..0 of t_us in 27..22, x in 21..11, y in 10..0
 //   8      TIME_HIGH: bits 33..6 of t_us in 27..0; t wraps every 2^34 us = 4 h 46 min
 //   10     trigger; 14, 15 others: skipped
-#include <fmt/format.h>
-
 #include "checked_writer.h"
 #include "codecs.h"
-#include "extent.h"
-#include "input_file.h"
 #include "output_file.h"
-#include "raw_header.h"
+#include "raw_reader.h"
 #include "time_high.h"
 
 namespace pecs::events {
@@ -19,45 +15,27 @@ constexpr int kMaxSize = 2048;
 constexpr unsigned kTimeHigh = 8;
 constexpr std::int64_t kHighs = std::int64_t{1} << 28;
 
-class Evt2Reader final : public Reader {
+class Evt2Reader final : public RawReader<std::uint32_t> {
  public:
-  explicit Evt2Reader(const std::filesystem::path& path) : file_(path) {
-    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
-    info_ = header.info;
-    extent_.emplace(info_, kMaxSize);
-    file_.seek(header.bytes);
-  }
-
-  const StreamInfo& info() const override { return info_; }
+  explicit Evt2Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
     while (n < out.size()) {
-      const auto word = file_.next<std::uint32_t>();
-      if (!word) {
-        extent_->end();
-        break;
-      }
+      const auto word = next_word();
+      if (!word) break;
       const unsigned type = *word >> 28;
       if (type == kTimeHigh) {
         high_.take(*word & 0x0fffffff);
       } else if (type <= 1 && high_.known()) {
-        Event& e = out[n];
-        e = {(high_.value() << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
-             static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)};
-        if (!extent_->add(e))
-          throw file_.damage(fmt::format("an event at pixel ({}, {})", e.x, e.y),
-                             fmt::format("inside {}x{}", info_.width, info_.height), 4);
-        ++n;
+        out[n++] = inside({(high_.value() << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
+                           static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)});
       }
     }
     return n;
   }
 
  private:
-  InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
   TimeHighReader high_{kHighs};
 };
 

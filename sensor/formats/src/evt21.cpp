@@ -4,16 +4,12 @@
 //   8      TIME_HIGH: bits 33..6 of t_us in 59..32; t wraps every 2^34 us
 //   10     trigger; 14, 15 others: skipped
 // Little-endian; with "endianness=legacy" in the header the two 32-bit halves of a word come in the other order.
-#include <fmt/format.h>
-
 #include <bit>
 
 #include "checked_writer.h"
 #include "codecs.h"
-#include "extent.h"
-#include "input_file.h"
 #include "output_file.h"
-#include "raw_header.h"
+#include "raw_reader.h"
 #include "time_high.h"
 
 namespace pecs::events {
@@ -23,17 +19,10 @@ constexpr int kMaxSize = 2048;
 constexpr std::uint64_t kTimeHigh = 8;
 constexpr std::int64_t kHighs = std::int64_t{1} << 28;
 
-class Evt21Reader final : public Reader {
+class Evt21Reader final : public RawReader<std::uint64_t> {
  public:
-  explicit Evt21Reader(const std::filesystem::path& path) : file_(path) {
-    RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
-    info_ = header.info;
-    extent_.emplace(info_, kMaxSize);
-    halves_swapped_ = header.options["endianness"] == "legacy";
-    file_.seek(header.bytes);
-  }
-
-  const StreamInfo& info() const override { return info_; }
+  explicit Evt21Reader(const std::filesystem::path& path)
+      : RawReader(path, kMaxSize), halves_swapped_(options_["endianness"] == "legacy") {}
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
@@ -41,17 +30,11 @@ class Evt21Reader final : public Reader {
       if (mask_ != 0) {
         event_.x = static_cast<std::uint16_t>(base_x_ + std::countr_zero(mask_));
         mask_ &= mask_ - 1;
-        if (!extent_->add(event_))
-          throw file_.damage(fmt::format("an event at pixel ({}, {})", event_.x, event_.y),
-                             fmt::format("inside {}x{}", info_.width, info_.height), 8);
-        out[n++] = event_;
+        out[n++] = inside(event_);
         continue;
       }
-      auto word = file_.next<std::uint64_t>();
-      if (!word) {
-        extent_->end();
-        break;
-      }
+      auto word = next_word();
+      if (!word) break;
       if (halves_swapped_) word = std::rotl(*word, 32);
       const std::uint64_t type = *word >> 60;
       if (type == kTimeHigh) {
@@ -67,10 +50,7 @@ class Evt21Reader final : public Reader {
   }
 
  private:
-  InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
-  bool halves_swapped_ = false;
+  const bool halves_swapped_;
   TimeHighReader high_{kHighs};
   Event event_;
   unsigned base_x_ = 0;

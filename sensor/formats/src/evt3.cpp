@@ -7,16 +7,12 @@
 //   6 TIME_LOW   bits 11..0 of t_us
 //   8 TIME_HIGH  bits 23..12 of t_us; t wraps every 2^24 us = 16.777 s, and readers count the wraps they see
 //   7, 10..15    continuations, triggers, IMU, counters: skipped
-#include <fmt/format.h>
-
 #include <bit>
 
 #include "checked_writer.h"
 #include "codecs.h"
-#include "extent.h"
-#include "input_file.h"
 #include "output_file.h"
-#include "raw_header.h"
+#include "raw_reader.h"
 #include "time_high.h"
 
 namespace pecs::events {
@@ -27,16 +23,9 @@ enum Type : unsigned { addr_y = 0, addr_x = 2, vect_base = 3, vect_12 = 4, vect_
 constexpr int kMaxSize = 2048;
 constexpr std::int64_t kHighs = 4096;  // TIME_HIGH values in a wrap
 
-class Evt3Reader final : public Reader {
+class Evt3Reader final : public RawReader<std::uint16_t> {
  public:
-  explicit Evt3Reader(const std::filesystem::path& path) : file_(path) {
-    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
-    info_ = header.info;
-    extent_.emplace(info_, kMaxSize);
-    file_.seek(header.bytes);
-  }
-
-  const StreamInfo& info() const override { return info_; }
+  explicit Evt3Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
@@ -45,14 +34,11 @@ class Evt3Reader final : public Reader {
         const int k = std::countr_zero(mask_);
         mask_ &= mask_ - 1;
         event_.x = static_cast<std::uint16_t>(mask_x_ + k);
-        put(out[n++]);
+        out[n++] = inside(event_);
         continue;
       }
-      const auto word = file_.next<std::uint16_t>();
-      if (!word) {
-        extent_->end();
-        break;
-      }
+      const auto word = next_word();
+      if (!word) break;
       const unsigned value = *word & 0xfff;
       switch (*word >> 12) {
         case addr_y:
@@ -62,7 +48,7 @@ class Evt3Reader final : public Reader {
           if (!high_.known()) break;
           event_.x = value & 0x7ff;
           event_.p = static_cast<std::uint8_t>(value >> 11);
-          put(out[n++]);
+          out[n++] = inside(event_);
           break;
         case vect_base:
           base_x_ = value & 0x7ff;
@@ -89,20 +75,13 @@ class Evt3Reader final : public Reader {
   }
 
  private:
-  void put(Event& out) {
-    if (!extent_->add(event_))
-      throw file_.damage(fmt::format("an event at pixel ({}, {})", event_.x, event_.y),
-                         fmt::format("inside {}x{}", info_.width, info_.height), 2);
-    out = event_;
-  }
-
   void take_vector(unsigned bits, int size) {
     mask_ = high_.known() ? bits : 0;
     mask_x_ = base_x_;
     event_.p = base_p_;
     base_x_ += size;
     if (base_x_ > kMaxSize + 32)
-      throw file_.damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize), 2);
+      throw damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize));
   }
 
   // Until TIME_LOW says more, a new high part begins at its start.
@@ -113,9 +92,6 @@ class Evt3Reader final : public Reader {
     event_.t_us = (high_.value() << 12) | low_;
   }
 
-  InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
   Event event_;
   TimeHighReader high_{kHighs};
   std::int64_t low_ = 0;

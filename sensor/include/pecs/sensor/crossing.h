@@ -55,10 +55,6 @@ struct PixelConstants {
   double refractory_us = 0;
 };
 
-// Steps of the photoreceptor that an interval needs: 1 in steady light. x: exposure; dl: change of ln I; lag: ln I - V
-// at the start.
-int receptor_steps(double x, double dl, double lag);
-
 // Appends the interval's events.
 void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events);
 
