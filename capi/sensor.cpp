@@ -34,8 +34,18 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
   const int threads = static_cast<int>(o.integer_or("threads", 0, 0, 1024));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
   const bool no_noise = o.boolean_or("no_noise", false);
+  ModelChoice model;
+  model.name = o.text_or("model", "pecs");
+  if (o.has("parameters")) {
+    const pecs::Json& given = o.any("parameters");
+    if (!given.is_object()) o.fail("parameters", given.dump().substr(0, 40), "{\"key\": value}");
+    for (const auto& [key, value] : given.items()) {
+      if (!value.is_number()) o.fail("parameters." + key, value.dump().substr(0, 40), "a number");
+      model.parameters[key] = value.get<double>();
+    }
+  }
   o.done();
-  return new pecs_sensor{Sensor(no_noise ? without_noise(chip) : chip, width, height, seed, gain_fa),
+  return new pecs_sensor{Sensor(no_noise ? without_noise(chip) : chip, width, height, seed, gain_fa, model),
                          tbb::task_arena(threads ? threads : tbb::task_arena::automatic),
                          {}};
 }

@@ -65,7 +65,11 @@ def _from_srgb(v: NDArray[Any]) -> NDArray[Any]:
 
 
 class Sensor(Handle):
-    """Frames in, events out. An interval's events come with the second frame after it, or at `finish`."""
+    """Frames in, events out. An interval's events come with the second frame after it, or at `finish`.
+
+    `model`: pecs, or another simulator's (esim, v2e, voltmeter, icns; docs/models.md) with its `parameters`; 1 is then
+    white. `overrides`: values of the chip.
+    """
 
     _free = staticmethod(_close)
 
@@ -77,6 +81,8 @@ class Sensor(Handle):
         *,
         seed: int = 1,
         overrides: Mapping[str, float] | None = None,
+        model: str = "pecs",
+        parameters: Mapping[str, float] | None = None,
         noise: bool = True,
         photocurrent_a: float = 1e-12,
         encoding: str | None = None,
@@ -89,6 +95,8 @@ class Sensor(Handle):
             "height": height,
             "chip": fspath(chip),
             "overrides": {k: float(v) for k, v in (overrides or {}).items()},
+            "model": model,
+            "parameters": {k: float(v) for k, v in (parameters or {}).items()},
             "no_noise": not noise,
             "seed": seed,
             "threads": threads,

@@ -43,6 +43,11 @@ IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std
 
 }  // namespace
 
+void check_size(int width, int height) {
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide)
+    throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
+}
+
 PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa)
     : dark_fa_(chip.dark_current_a * 1e15),
       gain_fa_(gain_fa),
@@ -50,8 +55,7 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
       background_on_hz_(chip.background_on_hz),
       background_off_hz_(chip.background_off_hz),
       seed_(seed) {
-  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide)
-    throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
+  check_size(width, height);
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
   constants_.a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-15 * 1e-6;

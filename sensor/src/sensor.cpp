@@ -1,7 +1,6 @@
 #include "pecs/sensor/sensor.h"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -66,8 +65,8 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector
   }
 }
 
-Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa)
-    : width_(width), height_(height), pixels_(chip, width, height, seed, gain_fa), order_(width) {}
+Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model)
+    : width_(width), height_(height), model_(open_model(model, chip, width, height, seed, gain_fa)), order_(width) {}
 
 void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last,
                   std::vector<events::Event>& out) {
@@ -80,13 +79,7 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
     ++frames_;
   }
 
-  constexpr std::uint32_t kTile = 8 * PixelArray::kBlock;
-  const std::size_t tiles = (pixels_.pixels() + kTile - 1) / kTile;
-  order_.tile(tiles - 1);
-  tbb::parallel_for(std::size_t{0}, tiles, [&](std::size_t i) {
-    const auto first = static_cast<std::uint32_t>(i) * kTile;
-    pixels_.advance(batch, first, std::min(kTile, pixels_.pixels() - first), order_.tile(i));
-  });
+  model_->advance(batch, order_);
 
   // Events of the intervals to come round to the end of these at the earliest.
   const std::size_t known = batch.t_us.size();

@@ -22,6 +22,9 @@ struct FrameBatch {
   bool last = false;                 // no frame follows: the last interval is finished too
 };
 
+// Throws bad_input unless both sides are 1 to kMaxSide.
+void check_size(int width, int height);
+
 class PixelArray {
  public:
   PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa);

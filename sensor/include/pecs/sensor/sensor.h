@@ -1,11 +1,11 @@
 #pragma once
-// Frames in, sorted events out: the pixel array in parallel, and the order of its events.
+// Frames in, sorted events out: a pixel model in parallel, and the order of its events.
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "pecs/events/event.h"
-#include "pecs/sensor/pixel.h"
+#include "pecs/sensor/pixel_model.h"
 
 namespace pecs::sensor {
 
@@ -25,8 +25,8 @@ class EventOrder {
 
 class Sensor {
  public:
-  // gain_fa: photocurrent [fA] per unit of the planes' values. Throws bad_input.
-  Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa);
+  // gain_fa: photocurrent [fA] per unit of the planes' values. Throws bad_input, and usage for a wrong model.
+  Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model = {});
   int width() const { return width_; }
   int height() const { return height_; }
 
@@ -38,7 +38,7 @@ class Sensor {
 
  private:
   int width_, height_;
-  PixelArray pixels_;
+  std::unique_ptr<PixelModel> model_;
   EventOrder order_;
   std::int64_t frames_ = 0;
   std::vector<double> recent_t_us_;  // of the last two frames
