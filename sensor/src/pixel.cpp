@@ -91,7 +91,10 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
   std::vector<BackgroundEvent> noise;
   if (complete && background_on_hz_ + background_off_hz_ > 0)
     noise = background(batch.t_us[0], batch.t_us[complete], first, count);
+  const bool plain = constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
+                     background_on_hz_ + background_off_hz_ == 0;
   run_kernel({constants_,
+              plain,
               static_cast<float>(dark_fa_),
               static_cast<float>(gain_fa_),
               static_cast<float>(noise_std_),

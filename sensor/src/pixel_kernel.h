@@ -14,6 +14,7 @@ struct IntervalTimes {
 
 struct KernelArguments {
   PixelConstants constants;
+  bool plain;  // nothing but thresholds: no photoreceptor, refractory period, leak or background
   float dark_fa, gain_fa, noise_std;
   std::uint64_t seed;
   // Arrays start at pixel 0 and are padded by kMaxLanes.

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -15,49 +16,64 @@ std::vector<EventKey>& EventOrder::tile(std::size_t index) {
   return tiles_[index];
 }
 
+namespace {
+
+// Stable sort by time, digit by digit. Keys' times lie in [first_us, last_us].
+void sort_by_time(std::vector<EventKey>& keys, std::vector<EventKey>& scratch, std::int64_t first_us,
+                  std::int64_t last_us) {
+  const auto bits = static_cast<int>(std::bit_width(static_cast<std::uint64_t>(last_us - first_us)));
+  const int passes = (bits + 10) / 11, digit_bits = passes ? (bits + passes - 1) / passes : 0;
+  const std::size_t digits = std::size_t{1} << digit_bits;
+  scratch.resize(keys.size());
+  for (int pass = 0; pass < passes; ++pass) {
+    const auto digit = [&](EventKey key) {
+      return static_cast<std::size_t>((key_time_us(key) - first_us) >> (pass * digit_bits)) & (digits - 1);
+    };
+    std::vector<std::size_t> next(digits + 1);
+    for (const EventKey key : keys) ++next[digit(key) + 1];
+    for (std::size_t i = 1; i < digits; ++i) next[i] += next[i - 1];
+    for (const EventKey key : keys) scratch[next[digit(key)]++] = key;
+    keys.swap(scratch);
+  }
+}
+
+}  // namespace
+
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector<events::Event>& out) {
   tiles_.push_back(std::move(held_));
   held_.clear();
   const EventKey limit = event_key(until_us, 0, false);
   EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
   std::size_t count = 0;
-  for (const auto& tile : tiles_)
-    for (const EventKey key : tile) {
-      least = std::min(least, key);
-      if (key >= limit) continue;
-      most = std::max(most, key);
-      ++count;
-    }
-
-  // Counting sort by time, as fine as a moderate table allows, then each bucket by itself.
-  const std::int64_t first_us = key_time_us(least), last_us = key_time_us(most);
-  int shift = 0;
-  while ((last_us - first_us) >> shift >= std::int64_t{1} << 16) ++shift;
-  const auto bucket_of = [&](EventKey key) { return static_cast<std::size_t>((key_time_us(key) - first_us) >> shift); };
-  std::vector<std::size_t> starts(count ? bucket_of(most) + 2 : 1);
-  for (const auto& tile : tiles_)
-    for (const EventKey key : tile)
-      if (key < limit) ++starts[bucket_of(key) + 1];
-  for (std::size_t i = 1; i < starts.size(); ++i) starts[i] += starts[i - 1];
-  sorted_.resize(count);
-  std::vector<std::size_t> next = starts;
+  for (const auto& tile : tiles_) count += tile.size();
+  sorted_.clear();
+  sorted_.reserve(count);
   for (auto& tile : tiles_) {
     for (const EventKey key : tile) {
-      if (key < limit)
-        sorted_[next[bucket_of(key)]++] = key;
-      else
+      if (key >= limit) {
         held_.push_back(key);
+        continue;
+      }
+      least = std::min(least, key);
+      most = std::max(most, key);
+      sorted_.push_back(key);
     }
     tile.clear();
   }
   tiles_.pop_back();
-  for (std::size_t i = 0; i + 1 < starts.size(); ++i) {
-    const auto a = sorted_.begin() + static_cast<std::ptrdiff_t>(starts[i]);
-    const auto b = sorted_.begin() + static_cast<std::ptrdiff_t>(starts[i + 1]);
-    if (!std::is_sorted(a, b)) std::sort(a, b);
+  if (sorted_.empty()) return;
+  sort_by_time(sorted_, scratch_, key_time_us(least), key_time_us(most));
+  // Tiles come in the order of their pixels, so that little is left to do among events of one time.
+  for (auto a = sorted_.begin(); a != sorted_.end();) {
+    auto b = a + 1;
+    bool in_order = true;
+    for (; b != sorted_.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
+    if (!in_order) std::sort(a, b);
+    a = b;
   }
 
-  out.reserve(out.size() + count);
+  if (out.capacity() < out.size() + sorted_.size())
+    out.reserve(std::max(out.size() + sorted_.size(), out.capacity() + out.capacity() / 2));
   for (const EventKey key : sorted_) {
     const std::uint32_t pixel = key_pixel(key);
     out.push_back({key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),

@@ -1,0 +1,133 @@
+// bench_pixel_speed SEQUENCE [--chip NAME] [--model NAME] [--threads N] [--passes N] [--dump FILE]: frames in memory to
+// sorted events, pixel-frames and events per second, median of the passes, beside this machine's copy bandwidth. JSON.
+//   disk    346x260, 500 frames at 1 kHz: a turning disk of sectors
+//   board   1280x720, 100 frames at 1 kHz: a moving checkerboard
+//   static  1280x720, 100 frames
+// --dump writes the frames (float32 [T][H][W], linear light) for other programs.
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pecs/sensor/sensor.h"
+
+namespace {
+
+using namespace pecs;
+
+struct Sequence {
+  int width, height, frames;
+  std::vector<float> values;
+};
+
+// Smooth step over one pixel around a signed distance to an edge, in pixels.
+float edge(float distance, float dark, float bright) {
+  return dark + (bright - dark) * std::clamp(distance + 0.5f, 0.0f, 1.0f);
+}
+
+Sequence make(const std::string& name) {
+  const bool disk = name == "disk";
+  Sequence s{disk ? 346 : 1280, disk ? 260 : 720, disk ? 500 : 100, {}};
+  s.values.resize(static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height) *
+                  static_cast<std::size_t>(s.frames));
+  constexpr float kDark = 90, kBright = 240;
+  auto* out = s.values.data();
+  for (int i = 0; i < s.frames; ++i)
+    for (int y = 0; y < s.height; ++y)
+      for (int x = 0; x < s.width; ++x, ++out) {
+        if (disk) {
+          const float dx = static_cast<float>(x) - 173, dy = static_cast<float>(y) - 130, r = std::hypot(dx, dy);
+          const float turn = (std::atan2(dy, dx) + 0.0366f * static_cast<float>(i)) * 8 / std::numbers::pi_v<float>;
+          const float phase = turn - 2 * std::floor(turn / 2);  // [0, 2): dark, then bright
+          const float pixels = r * std::numbers::pi_v<float> / 8;
+          const float to_edge = phase < 1 ? -std::min(phase, 1 - phase) : std::min(phase - 1, 2 - phase);
+          *out = r > 126 ? 120.0f : edge(to_edge * pixels, kDark, kBright);
+        } else {
+          const float shift = name == "static" ? 0 : 0.7f * static_cast<float>(i);
+          const float u = (static_cast<float>(x) + shift) / 60, v = static_cast<float>(y) / 60;
+          const float du = u - 2 * std::floor(u / 2);
+          const bool odd = static_cast<int>(v) % 2;
+          float to_edge = du < 1 ? -std::min(du, 1 - du) : std::min(du - 1, 2 - du);
+          if (odd) to_edge = -to_edge;
+          *out = edge(to_edge * 60, kDark, kBright);
+        }
+      }
+  return s;
+}
+
+double seconds(auto&& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+double median(std::vector<double> v) {
+  std::ranges::sort(v);
+  return v[v.size() / 2];
+}
+
+int run(const std::vector<std::string>& args) {
+  const auto option = [&](const std::string& key, const std::string& value) {
+    const auto at = std::ranges::find(args, key);
+    return at != args.end() && at + 1 != args.end() ? *(at + 1) : value;
+  };
+  const Sequence s = make(args.at(0));
+  if (const std::string dump = option("--dump", ""); !dump.empty()) {
+    std::ofstream file(dump, std::ios::binary);
+    file.write(reinterpret_cast<const char*>(s.values.data()),
+               static_cast<std::streamsize>(s.values.size() * sizeof(float)));
+  }
+  const int threads = std::stoi(option("--threads", "1")), passes = std::stoi(option("--passes", "5"));
+  const sensor::Chip chip = sensor::load_chip(option("--chip", "ideal"));
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+
+  std::vector<float> copy(s.values.size());
+  std::vector<double> ours, copies;
+  std::size_t count = 0;
+  const std::size_t plane = static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height);
+  for (int pass = 0; pass < passes; ++pass) {
+    copies.push_back(seconds([&] { std::memcpy(copy.data(), s.values.data(), s.values.size() * sizeof(float)); }));
+    std::vector<events::Event> events;
+    sensor::Sensor sensor(chip, s.width, s.height, 1, 1.0);
+    ours.push_back(seconds([&] {
+      for (int first = 0; first < s.frames; first += 64) {
+        std::vector<const float*> planes;
+        std::vector<double> t_us;
+        for (int i = first; i < std::min(first + 64, s.frames); ++i) {
+          planes.push_back(s.values.data() + static_cast<std::size_t>(i) * plane);
+          t_us.push_back(1000.0 * i);
+        }
+        sensor.push(planes, t_us, first + 64 >= s.frames, events);
+      }
+    }));
+    count = events.size();
+  }
+  const double time_s = median(ours), pixels = static_cast<double>(s.values.size());
+  fmt::print(
+      R"({{"sequence": "{}", "chip": "{}", "threads": {}, "passes": {}, "events": {}, "seconds": {:.4f}, )"
+      R"("mpixel_frames_per_s": {:.1f}, "mevents_per_s": {:.2f}, "copy_mpixels_per_s": {:.1f}, "of_copy": {:.3f}}})"
+      "\n",
+      args[0], chip.name, threads, passes, count, time_s, pixels / time_s * 1e-6,
+      static_cast<double>(count) / time_s * 1e-6, pixels / median(copies) * 1e-6, median(copies) / time_s);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::vector<std::string> args(argv + 1, argv + argc);
+  if (args.empty() || (args[0] != "disk" && args[0] != "board" && args[0] != "static")) {
+    fmt::print(stderr,
+               "usage: bench_pixel_speed disk|board|static [--chip NAME] [--threads N] [--passes N] [--dump FILE]\n");
+    return 2;
+  }
+  return run(args);
+}
