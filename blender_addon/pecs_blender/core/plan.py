@@ -14,9 +14,9 @@ class Timeline:
     period_ns: int | None  # set when the frames cover exactly one period
 
 
-def timeline(frames: str, fps: float, period_s: float | None) -> Timeline:
-    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), or "period" (one period in equal steps, as near to fps as
-    fits). Times are rounded to the nanosecond."""
+def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
+    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as
+    fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
     if not fps > 0:
         raise RenderError(USAGE, f"--fps: got {fps}, wanted a rate above 0 Hz")
     if frames == "period":
@@ -24,16 +24,20 @@ def timeline(frames: str, fps: float, period_s: float | None) -> Timeline:
             raise RenderError(USAGE, "--frames: got 'period', wanted a number: this scene does not repeat")
         n = max(1, round(period_s * fps))
         return Timeline([round(i * period_s * 1e9 / n) for i in range(n)], round(period_s * 1e9))
+    if frames == "all":
+        if duration_s is None:
+            raise RenderError(USAGE, "--frames: got 'all', wanted a number: only a .blend has a range of frames")
+        return Timeline([round(i * 1e9 / fps) for i in range(max(1, round(duration_s * fps)))], None)
     first, colon, last = frames.partition(":")
     try:
         begin, end = (int(first), int(last)) if colon else (0, int(first))
     except ValueError:
         begin, end = 0, 0
     if not 0 <= begin < end:
-        raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, or period")
+        raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
     return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
 
 
-def passes(n_bands: int) -> list[slice]:
-    """Neighbouring bands share an RGB pass; the last pass may have fewer than three."""
-    return [slice(i, min(i + 3, n_bands)) for i in range(0, n_bands, 3)]
+def passes(n_bands: int, per_pass: int = 3) -> list[slice]:
+    """Neighbouring bands share an RGB pass; the last pass may have fewer."""
+    return [slice(i, min(i + per_pass, n_bands)) for i in range(0, n_bands, per_pass)]

@@ -21,16 +21,24 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "filter_width": 1.0,
     "sample_clamp_direct": 0.0,
     "sample_clamp_indirect": 0.0,
-    "max_bounces": 2,
-    "diffuse_bounces": 2,
     "min_light_bounces": 2,  # no Russian roulette within them: less noise for the time
     "caustics_reflective": True,
     "caustics_refractive": True,
     "blur_glossy": 0.0,
     "light_sampling_threshold": 0.0,  # else dim light samples are thinned out at random: tenfold noise
-    "use_light_tree": False,
+    "use_light_tree": False,  # it is rebuilt when anything moves, and still pixels would get other samples
     "use_auto_tile": False,
+    "use_fast_gi": False,
+    "film_exposure": 1.0,
 }
+BOUNCES = (  # a .blend's own
+    "max_bounces",
+    "diffuse_bounces",
+    "glossy_bounces",
+    "transmission_bounces",
+    "volume_bounces",
+    "transparent_max_bounces",
+)
 
 
 def empty_scene() -> bpy.types.Scene:
@@ -50,9 +58,9 @@ def white_furnace() -> bpy.types.Scene:
     return scene
 
 
-def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int) -> None:
+def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int, bounces) -> None:
     scene.render.engine = "CYCLES"
-    for key, value in SETTINGS.items():
+    for key, value in (SETTINGS | bounces).items():
         setattr(scene.cycles, key, value)
     scene.cycles.device = "CPU"
     scene.cycles.samples = samples
@@ -63,6 +71,9 @@ def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, see
     scene.render.use_persistent_data = True
     scene.render.use_motion_blur = False
     scene.render.use_compositing = scene.render.use_sequencer = False
+    scene.render.use_border = scene.render.use_multiview = scene.render.use_freestyle = False
+    scene.render.film_transparent = False
+    scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
     scene.render.dither_intensity = 0.0
     scene.render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
@@ -82,19 +93,22 @@ sys.unraisablehook = _no_engine_traceback
 
 
 @contextlib.contextmanager
-def quiet():
-    """Blender prints to the C stdout for every frame; keep the terminal for progress and errors."""
+def quiet(*descriptors: int):
+    """Blender prints to the C stdout for every frame; keep the terminal for progress and errors. While it opens a file,
+    to stderr (2) as well."""
     sys.stdout.flush()
-    saved = os.dup(1)
     null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
-    os.close(null)
+    saved = {fd: os.dup(fd) for fd in (1, *descriptors)}
+    for fd in saved:
+        os.dup2(null, fd)
     try:
         yield
     finally:
         sys.stdout.flush()
-        os.dup2(saved, 1)
-        os.close(saved)
+        for fd, copy in saved.items():
+            os.dup2(copy, fd)
+            os.close(copy)
+        os.close(null)
 
 
 class Film:
@@ -107,7 +121,10 @@ class Film:
         )
         scene.render.filepath = str(Path(self._folder.name) / "film.exr")
 
-    def close(self) -> None:
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, *_) -> None:
         self._folder.cleanup()
 
     def render(self) -> np.ndarray:
@@ -122,6 +139,10 @@ class Film:
         finally:
             bpy.data.images.remove(image)
         return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3].transpose(2, 0, 1))
+
+
+def interpolated(lambda_nm, values):
+    return lambda nm: np.interp(nm, lambda_nm, values)
 
 
 def _new_camera(name: str) -> bpy.types.Object:

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Disk space and memory of a long job."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from .errors import BAD_OUTPUT, RenderError
+
+BYTES_PER_VALUE = 4  # what a frame file takes at most, before compression
+
+
+class Restart(Exception):
+    """The process has grown: start it afresh; finished frames are kept."""
+
+
+def check_disk(folder: Path, values: int) -> None:
+    """Before a job starts: room for all its frames."""
+    place = folder.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
+        return  # the writer says what is wrong with it
+    free, wanted = shutil.disk_usage(place).free, values * BYTES_PER_VALUE
+    if free < wanted:
+        raise RenderError(
+            BAD_OUTPUT, f"{folder}: disk: got {free / 1e9:.2f} GB free, wanted {wanted / 1e9:.2f} GB for all frames"
+        )
+
+
+def resident_mb() -> float:
+    """This process's resident memory; 0 where /proc is not."""
+    try:
+        text = Path("/proc/self/status").read_text()
+    except OSError:
+        return 0.0
+    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmRSS")), 0.0)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A .blend file as the renderer takes it: opened, checked, never written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..core.errors import BAD_INPUT, NOT_FOUND, UNSUPPORTED, RenderError, bad_input
+from ..core.spectra import Spectrum
+from . import cycles
+from .source import Source
+
+
+class BlendScene(Source):
+    def __init__(self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool):
+        if not path.is_file():
+            raise RenderError(NOT_FOUND, f"{path}: no such file")
+        try:
+            with cycles.quiet(2):
+                bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=allow_scripts)
+        except RuntimeError as e:
+            raise RenderError(BAD_INPUT, f"{path}: {' '.join(str(e).split())}") from None
+        if scene_name and scene_name not in bpy.data.scenes:
+            names = ", ".join(s.name for s in bpy.data.scenes)
+            raise bad_input(path, "--scene-name", repr(scene_name), f"one of {names}")
+        self.scene = bpy.data.scenes[scene_name] if scene_name else bpy.context.scene
+        if bpy.context.window:
+            bpy.context.window.scene = self.scene
+        self.folder = path.absolute().parent
+        if not allow_scripts:
+            _refuse_scripts(path)
+        _refuse_missing(path)
+        if not self.scene.camera:
+            raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
+        if self.scene.frame_end < self.scene.frame_start:
+            raise bad_input(path, f"scene {self.scene.name!r}", "zero frames", "an end after the start")
+        render = self.scene.render
+        self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
+        self._fps = render.fps / render.fps_base
+        self.duration_s = (self.scene.frame_end - self.scene.frame_start + 1) / self._fps
+        self.lens = {"lens": "none", "stop_diameter_mm": None, "focus_m": None}
+        self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
+        self.record = {"name": path.stem, "scene": self.scene.name, "illuminant": illuminant.name}
+        self._illuminant, self._camera = illuminant, self.scene.camera
+        for layer in self.scene.view_layers:
+            layer.use = layer == self.scene.view_layers[0]
+
+    def set_time(self, t_s: float) -> None:
+        """t = 0 is the scene's first frame."""
+        frame = round(self.scene.frame_start + t_s * self._fps, 6)
+        self.scene.camera = self._camera
+        self.scene.frame_set(int(frame // 1), subframe=frame % 1)
+        self._camera = self.scene.camera  # markers may change it
+
+    def camera(self, focal_mm: float, film_width_mm: float):
+        return self._camera  # as the file has it, depth of field included
+
+    def place(self, cameras) -> None:
+        location, rotation, _ = self._camera.matrix_world.decompose()
+        for camera in cameras:
+            camera.rotation_mode = "QUATERNION"
+            camera.location, camera.rotation_quaternion = location, rotation
+
+    def radiance_per_unit(self, spectral) -> float:
+        """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over its table."""
+        return self._illuminant.luminous() / self._illuminant.power()
+
+
+def _refuse_scripts(path: Path) -> None:
+    for block in _all_ids():
+        for holder in (block, getattr(block, "node_tree", None), getattr(block, "shape_keys", None)):
+            for curve in getattr(getattr(holder, "animation_data", None), "drivers", ()):
+                driver = curve.driver
+                if driver.type == "SCRIPTED" and not driver.is_simple_expression:
+                    raise RenderError(
+                        UNSUPPORTED,
+                        f"{path}: {block.name}: {curve.data_path}: got a Python driver {driver.expression!r}, "
+                        "wanted --allow-scripts to run it",
+                    )
+
+
+def _refuse_missing(path: Path) -> None:
+    for library in bpy.data.libraries:
+        if not Path(bpy.path.abspath(library.filepath)).is_file():
+            raise RenderError(NOT_FOUND, f"{path}: library {library.filepath}: no such file")
+    for image in bpy.data.images:
+        if image.source in ("FILE", "SEQUENCE", "MOVIE") and image.users and not image.packed_file:
+            if image.filepath and not Path(bpy.path.abspath(image.filepath, library=image.library)).is_file():
+                raise RenderError(NOT_FOUND, f"{path}: image {image.name!r}: {image.filepath}: no such file")
+
+
+def _all_ids():
+    for prop in bpy.data.bl_rna.properties:
+        if prop.type == "COLLECTION":
+            for block in getattr(bpy.data, prop.identifier):
+                if isinstance(block, bpy.types.ID):
+                    yield block

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene folder (core/scene_file.py) as the renderer takes it."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+
+from ..core.errors import bad_input
+from ..core.scene_file import SceneFile
+from ..core.spectra import constant, illuminance_lux
+from . import build, cycles
+from .source import Source
+
+LOOK_ALONG_Y = (math.pi / 2, 0.0, 0.0)
+METER_LAMBDA_NM = (450.0, 550.0, 650.0)
+METER_REFLECTANCE = 0.5
+METER_SAMPLES = 4096
+
+
+class FolderScene(Source):
+    def __init__(self, scene_file: SceneFile):
+        self.scene = cycles.empty_scene()
+        self._file = scene_file
+        self._parts = scene_file.build()
+        self.folder = scene_file.folder
+        self.lens = scene_file.camera
+        self.period_s = self._parts.period_s
+        self.size = (1280, 720)
+        self.bounces = {"max_bounces": self._parts.bounces, "diffuse_bounces": self._parts.bounces}
+        self.record = {"name": scene_file.name, "parameters": scene_file.parameters}
+
+    def set_time(self, t_s: float) -> None:
+        self._parts.pose(t_s)
+
+    def camera(self, focal_mm: float, film_width_mm: float):
+        camera = cycles.pinhole_camera("pinhole", focal_mm, film_width_mm)
+        self.place([camera])
+        self.scene.camera = camera
+        return camera
+
+    def place(self, cameras) -> None:
+        for camera in cameras:
+            camera.rotation_euler = LOOK_ALONG_Y
+
+    def radiance_per_unit(self, spectral) -> float:
+        """What gives the scene's illuminance: a small grey card at the target is rendered close up, so light from the
+        walls counts; its irradiance per n_k is smooth over the wavelength and interpolated."""
+        scene, (x, y, z), normal = self.scene, *self._parts.target
+        if normal != (0.0, -1.0, 0.0):
+            raise bad_input("scene.py", "target", normal, "a normal towards the camera, (0, -1, 0)")
+        size_m, gap_m = 0.01, 0.002
+        card = build.diffuse("light meter", constant(METER_REFLECTANCE))
+        camera = cycles.orthographic_camera("light meter", size_m / 2)
+        camera.location = (x, y - 0.05, z)
+        camera.rotation_euler = LOOK_ALONG_Y
+        h = size_m / 2
+        corners = [(x + sx * h, y - gap_m, z + sz * h) for sx, sz in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])
+
+        saved = scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples
+        scene.render.resolution_x = scene.render.resolution_y = 8
+        scene.cycles.samples = METER_SAMPLES // 64
+        scene.camera = camera
+        self.set_time(0.0)
+        spectral.set_pass(METER_LAMBDA_NM)
+        with cycles.Film(scene) as film:
+            # Lambert: E = pi L / reflectance
+            irradiance = math.pi / METER_REFLECTANCE * film.render().astype(float).mean(axis=(1, 2))
+        scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = saved
+        for thing in (camera, plane):
+            bpy.data.objects.remove(thing, do_unlink=True)
+        lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), spectral.emitters.norm)
+        # Rounded, so that a job continued on another machine finds the same number.
+        return float(f"{self._parts.illuminance_lux / lux:.4g}")

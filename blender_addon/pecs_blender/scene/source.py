@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the renderer asks of a scene, wherever it comes from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+
+class Source(ABC):
+    """scene: the Blender scene, as Cycles shall render it. lens: `lens` (a name or "none"), `stop_diameter_mm`,
+    `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says of it. folder: where files that it
+    names lie."""
+
+    scene: bpy.types.Scene
+    folder: Path
+    lens: dict[str, Any]
+    size: tuple[int, int]
+    bounces: dict[str, Any]
+    record: dict[str, Any]
+    period_s: float | None = None
+    duration_s: float | None = None  # what `--frames all` covers
+
+    @abstractmethod
+    def set_time(self, t_s: float) -> None:
+        """Moves everything to an instant."""
+
+    @abstractmethod
+    def camera(self, focal_mm: float, film_width_mm: float) -> bpy.types.Object:
+        """Without a lens: the camera to render with."""
+
+    @abstractmethod
+    def place(self, cameras: list[bpy.types.Object]) -> None:
+        """Puts lens cameras where the scene's camera is now."""
+
+    @abstractmethod
+    def radiance_per_unit(self, spectral) -> float:
+        """Spectral radiance [W m^-2 sr^-1 nm^-1] = rendered * n_k * this (core/light.py)."""

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Makes an open scene spectral: in each pass every colour that reaches a shader becomes its value at the pass's three
+wavelengths (docs/render.md has the table, node by node).
+
+Colours are computed in RGB as the file says; the 3x3 matrix of the pass stands just before the shader's socket. An
+unlinked socket gets its value times the matrix, a linked one a node group between. Custom properties name spectra:
+`pecs_reflectance` (material), `pecs_emission` (material), `pecs_spectrum` (lamp, world), `pecs_glass` (material: a
+glass of lens_data/glasses, or an Abbe number).
+
+Only this process's copy changes: nothing here is ever saved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..core.errors import RenderError, bad_input
+from ..core.glass import Glass, glass
+from ..core.light import LUMINANCE, Emitters, band_matrix
+from ..core.spectra import Spectrum, spectrum
+
+# Sockets that emit; all other colours of shaders reflect, transmit or absorb.
+EMISSION = {
+    ("ShaderNodeEmission", "Color"),
+    ("ShaderNodeBackground", "Color"),
+    ("ShaderNodeBsdfPrincipled", "Emission Color"),
+    ("ShaderNodeVolumePrincipled", "Emission Color"),
+    ("ShaderNodeVolumeCoefficients", "Emission Coefficients"),
+}
+# What a measured reflectance replaces; tints, coats and the like keep their colour.
+BASE_COLOUR = ("Color", "Base Color")
+# Vectors whose components belong to red, green, blue: between those wavelengths the matrix interpolates.
+PER_CHANNEL = {
+    ("ShaderNodeBsdfPrincipled", "Subsurface Radius"),
+    ("ShaderNodeSubsurfaceScattering", "Radius"),
+    ("ShaderNodeBsdfMetallic", "IOR"),
+    ("ShaderNodeBsdfMetallic", "Extinction"),
+    ("ShaderNodeBsdfHairPrincipled", "Absorption Coefficient"),
+    ("ShaderNodeVolumeCoefficients", "Absorption Coefficients"),
+    ("ShaderNodeVolumeCoefficients", "Scatter Coefficients"),
+    ("ShaderNodeVolumeCoefficients", "Emission Coefficients"),
+}
+REFRACTIVE = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdfPrincipled")
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a colour does: reflects (no emitter) or emits with a spectrum; `reflectance` replaces the colour by a
+    measured one, `named` keeps only its luminance (the spectrum says the rest)."""
+
+    emitter: float | str | None = None
+    named: bool = False
+    reflectance: Spectrum | None = None
+
+    def matrix(self, of_colours: np.ndarray, rgb_nm: np.ndarray, emitters: Emitters) -> np.ndarray:
+        rows = np.tile(LUMINANCE, (3, 1)) if self.named else of_colours
+        return rows if self.emitter is None else emitters.relative(self.emitter, rgb_nm)[:, None] * rows
+
+
+@dataclass
+class _Constant:
+    """A colour that is a property: `base` as the file has it (now, if animated)."""
+
+    owner: object
+    key: str
+    role: Role
+    base: np.ndarray
+    curves: list
+
+    def read(self) -> None:
+        self.base = np.array(getattr(self.owner, self.key)[:3])
+
+    def write(self, rgb) -> None:
+        value = getattr(self.owner, self.key)
+        setattr(self.owner, self.key, (*rgb, value[3]) if len(value) == 4 else tuple(rgb))
+
+
+class SpectralScene:
+    """The rewriting of everything in bpy.data. `illuminant`: the spectrum of whatever emits RGB without naming one.
+    `folder`: where a CSV that is not absolute lies. `matrix`: of colours, at the three wavelengths of a pass."""
+
+    def __init__(self, illuminant: Spectrum, folder, matrix=band_matrix):
+        self.emitters = Emitters(illuminant)
+        self.approximated: list[str] = []
+        self._folder, self._matrix = folder, matrix
+        self._constants: list[_Constant] = []
+        self._groups: dict[Role, bpy.types.NodeTree] = {}
+        self._glasses: list[tuple[object, Glass]] = []
+        groups = [group for group in bpy.data.node_groups if group.bl_idname == "ShaderNodeTree"]
+        for material in bpy.data.materials:
+            self._material(material)
+        for light in bpy.data.lights:
+            self._light(light)
+        for world in bpy.data.worlds:
+            self._world(world)
+        for group in groups:  # last: the others copy groups as the file has them
+            self._tree(group, _Named(group))
+        if not self.emitters.spectra:
+            self.emitters.add(illuminant)
+
+    # Per instant and per pass
+
+    def before_instant(self) -> None:
+        """Lets animation set the file's own colours; then `after_instant` takes them over."""
+        for constant in self._constants:
+            for curve in constant.curves:
+                curve.mute = False
+
+    def after_instant(self) -> None:
+        for constant in self._constants:
+            if constant.curves:
+                constant.read()
+                for curve in constant.curves:
+                    curve.mute = True
+
+    def set_pass(self, rgb_nm: np.ndarray) -> None:
+        """rgb_nm: the wavelengths of the red, green and blue channel."""
+        of_colours, matrices = self._matrix(rgb_nm), {}
+        for constant in self._constants:
+            role = constant.role
+            if role.reflectance:
+                constant.write(role.reflectance.reflectance(rgb_nm))
+                continue
+            if role not in matrices:
+                matrices[role] = role.matrix(of_colours, rgb_nm, self.emitters)
+            constant.write(matrices[role] @ constant.base)
+        for role, group in self._groups.items():
+            for channel, row in zip("rgb", role.matrix(of_colours, rgb_nm, self.emitters), strict=True):
+                group.nodes[channel].inputs[1].default_value = row
+        for socket, index in self._glasses:
+            socket.default_value = index(float(np.mean(rgb_nm)))
+
+    # Finding the colours
+
+    def _material(self, material) -> None:
+        reflectance = self._spectrum(material, "pecs_reflectance")
+        named = _Named(material, reflectance, self._spectrum(material, "pecs_emission"), material.get("pecs_glass"))
+        if material.use_nodes and material.node_tree:
+            self._tree(material.node_tree, named)
+        else:
+            self._constant(material, "diffuse_color", material, Role(reflectance=reflectance))
+
+    def _light(self, light) -> None:
+        own = self._spectrum(light, "pecs_spectrum")
+        role = Role(self._emitter(own), named=own is not None)
+        if not own and getattr(light, "use_temperature", False):
+            role = Role(self._emitter(spectrum(f"blackbody:{light.temperature:g}")))
+        if getattr(light, "use_temperature", False):
+            light.use_temperature = False
+            if self._curves(light, "temperature"):
+                self.approximated.append(f"{light.name}: animated temperature: that of the first frame")
+        if light.use_nodes and light.node_tree and not own:
+            for socket in [n.inputs["Color"] for n in light.node_tree.nodes if n.bl_idname == "ShaderNodeEmission"]:
+                if socket.is_linked and (source := _blackbody(socket.links[0].from_node)):
+                    _unlink(light.node_tree, socket)
+                    socket.default_value = (1.0, 1.0, 1.0, 1.0)
+                    role = Role(self._emitter(spectrum(source)))
+        self._constant(light, "color", light, role)
+        if light.use_nodes and light.node_tree:  # filters in front of the lamp's own spectrum
+            self._tree(light.node_tree, _Named(light, filters=True))
+
+    def _world(self, world) -> None:
+        own = self._spectrum(world, "pecs_spectrum")
+        if world.use_nodes and world.node_tree:
+            self._tree(world.node_tree, _Named(world, emission=own))
+        else:
+            self._constant(world, "color", world, Role(self._emitter(own), named=own is not None))
+
+    def _tree(self, tree, named: _Named) -> None:
+        for node in list(tree.nodes):
+            if node.bl_idname == "ShaderNodeGroup":
+                if named.differs and node.node_tree:  # the closures inside follow this ID's spectra
+                    node.node_tree = node.node_tree.copy()
+                    self._tree(node.node_tree, named)
+            elif any(o.type == "SHADER" for o in node.outputs):
+                self._shader(tree, node, named)
+            self._bare_colours(tree, node, named)
+
+    def _shader(self, tree, node, named) -> None:
+        for socket in node.inputs:
+            key = (node.bl_idname, socket.name)
+            if socket.type == "RGBA" or key in PER_CHANNEL:
+                self._socket(tree, socket, self._role(key, named), named)
+            elif socket.name == "IOR" and node.bl_idname in REFRACTIVE and named.glass is not None:
+                _unlink(tree, socket)
+                self._glasses.append((socket, glass(named.glass, socket.default_value)))
+        self._note(node, named)
+
+    def _role(self, key, named) -> Role:
+        if key in EMISSION:
+            if named.filters:
+                return Role()
+            return Role(self._emitter(named.emission), named=named.emission is not None)
+        return Role(reflectance=named.reflectance if key[1] in BASE_COLOUR else None)
+
+    def _socket(self, tree, socket, role, named) -> None:
+        if role.reflectance:
+            _unlink(tree, socket)
+        if not socket.is_linked or socket.links[0].is_muted:
+            self._constant(socket, "default_value", tree, role)
+            return
+        link = socket.links[0]
+        if role.emitter is not None and not role.named and (own := _blackbody(link.from_node)):
+            _unlink(tree, socket)
+            socket.default_value = (1.0, 1.0, 1.0, 1.0)  # as bright as Blender's, whose luminance is 1
+            self._constant(socket, "default_value", tree, Role(self._emitter(spectrum(own)), named=True))
+            return
+        self._insert(tree, link, role)
+
+    def _bare_colours(self, tree, node, named) -> None:
+        """A colour plugged straight into a shader socket shines."""
+        for socket in node.inputs:
+            if socket.type == "SHADER":
+                for link in socket.links:
+                    if link.from_socket.type != "SHADER":
+                        role = Role() if named.filters else self._role(("ShaderNodeEmission", "Color"), named)
+                        self._insert(tree, link, role)
+
+    def _insert(self, tree, link, role) -> None:
+        node = tree.nodes.new("ShaderNodeGroup")
+        node.node_tree = self._group(role)
+        from_socket, to_socket = link.from_socket, link.to_socket
+        tree.links.new(from_socket, node.inputs[0])
+        tree.links.new(node.outputs[0], to_socket)
+
+    def _group(self, role) -> bpy.types.NodeTree:
+        if role not in self._groups:
+            group = bpy.data.node_groups.new("pecs band matrix", "ShaderNodeTree")
+            group.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
+            group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+            inside, outside = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+            combine = group.nodes.new("ShaderNodeCombineColor")
+            for index, channel in enumerate("rgb"):
+                dot = group.nodes.new("ShaderNodeVectorMath")
+                dot.operation, dot.name = "DOT_PRODUCT", channel
+                group.links.new(inside.outputs[0], dot.inputs[0])
+                group.links.new(dot.outputs["Value"], combine.inputs[index])
+            group.links.new(combine.outputs[0], outside.inputs[0])
+            self._groups[role] = group
+        return self._groups[role]
+
+    def _constant(self, owner, key, id_block, role) -> None:
+        path = key if isinstance(owner, bpy.types.ID) else f"{owner.path_from_id()}.{key}"
+        constant = _Constant(owner, key, role, np.zeros(3), self._curves(id_block, path))
+        constant.read()
+        self._constants.append(constant)
+
+    @staticmethod
+    def _curves(id_block, path) -> list:
+        animation = id_block.animation_data
+        if not animation:
+            return []
+        curves = list(animation.drivers)
+        curves += _action_curves(animation)
+        return [curve for curve in curves if curve.data_path == path]
+
+    def _spectrum(self, owner, key) -> Spectrum | None:
+        value = owner.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, (str, int, float)):
+            raise bad_input(owner.name, key, value, "a number, a CSV file or a name of the spectral library")
+        if isinstance(value, str) and value.startswith("//"):
+            value = bpy.path.abspath(value, library=owner.library)
+        try:
+            return spectrum(value if isinstance(value, str) else float(value), self._folder)
+        except RenderError as e:
+            raise RenderError(e.code, f"{owner.name}: {key}: {e}") from None
+
+    def _emitter(self, s: Spectrum | None) -> float | str:
+        s = s or self.emitters.illuminant
+        self.emitters.add(s)
+        return s.source
+
+    def _note(self, node, named) -> None:
+        """What the matrix cannot reach."""
+        place = f"{named.owner.name}: {node.name}"
+        if node.bl_idname == "ShaderNodeVolumePrincipled" and (
+            node.inputs["Blackbody Intensity"].default_value > 0 or node.inputs["Blackbody Intensity"].is_linked
+        ):
+            self.approximated.append(f"{place}: blackbody of a principled volume: RGB taken as bands")
+        if node.bl_idname == "ShaderNodeBsdfHairPrincipled" and node.parametrization == "MELANIN":
+            self.approximated.append(f"{place}: melanin: RGB taken as bands")
+        film = node.inputs.get("Thin Film Thickness")
+        if film and (film.default_value > 0 or film.is_linked):
+            self.approximated.append(f"{place}: thin film: RGB taken as bands")
+
+
+@dataclass(frozen=True)
+class _Named:
+    """The spectra that an ID names for its tree; `filters`: a lamp's tree, whose light has its spectrum already."""
+
+    owner: object
+    reflectance: Spectrum | None = None
+    emission: Spectrum | None = None
+    glass: str | float | None = None
+    filters: bool = False
+
+    @property
+    def differs(self) -> bool:
+        return bool(self.reflectance or self.emission or self.glass is not None or self.filters)
+
+
+def _unlink(tree, socket) -> None:
+    for link in list(socket.links):
+        tree.links.remove(link)
+
+
+def _blackbody(node) -> str | None:
+    """A blackbody node of constant temperature, as a spectrum's name."""
+    if node.bl_idname != "ShaderNodeBlackbody" or node.inputs[0].is_linked:
+        return None
+    return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range it has in Cycles
+
+
+def _action_curves(animation) -> list:
+    action = animation.action
+    if not action:
+        return []
+    if hasattr(action, "fcurves"):
+        return list(action.fcurves)
+    slot = animation.action_slot  # Blender 5
+    return [c for layer in action.layers for strip in layer.strips for c in strip.channelbag(slot).fcurves]

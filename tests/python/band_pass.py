@@ -1,0 +1,61 @@
+"""Renders .blend files as they are, and through the band matrix: `python band_pass.py OUT.npz FILE.blend...`
+
+Per file, all [3, height, width]: plain (the file under our fixed sampling), identity (rewritten, matrix 1), grey
+(rewritten, three equal rows), spectral (a pass at 620, 540, 460 nm), radiance (the same, not relative to the lamps).
+"""
+
+import sys
+from pathlib import Path
+
+import bpy  # noqa: F401  before pecs
+import numpy as np
+from pecs_blender.core.spectra import load
+from pecs_blender.scene import cycles
+from pecs_blender.scene.blend import BlendScene
+from pecs_blender.scene.spectral import SpectralScene
+
+SAMPLES, T_S = 8, 0.125
+MATRICES = {
+    "identity": lambda nm: np.eye(3),
+    "grey": lambda nm: np.full((3, 3), 1 / 3),
+    "spectral": None,
+}
+
+
+def open_scene(path):
+    source = BlendScene(Path(path), None, load("d65"), False)
+    cycles.configure(source.scene, *source.size, SAMPLES, 1, 0, source.bounces)
+    return source
+
+
+def plain(path):
+    source = open_scene(path)
+    source.set_time(T_S)
+    with cycles.Film(source.scene) as film:
+        return film.render()
+
+
+def banded(path, matrix):
+    source = open_scene(path)
+    spectral = SpectralScene(load("d65"), source.folder, **({"matrix": matrix} if matrix else {}))
+    spectral.before_instant()
+    source.set_time(T_S)
+    spectral.after_instant()
+    spectral.set_pass(np.array([620.0, 540.0, 460.0]) if not matrix else np.full(3, 560.0))
+    with cycles.Film(source.scene) as film:
+        return film.render(), spectral.emitters.norm([620.0, 540.0, 460.0])
+
+
+def main(out, paths):
+    pictures = {}
+    for path in paths:
+        name = Path(path).stem
+        pictures[f"{name}/plain"] = plain(path)
+        for kind, matrix in MATRICES.items():
+            pictures[f"{name}/{kind}"], norm = banded(path, matrix)
+        pictures[f"{name}/radiance"] = pictures[f"{name}/spectral"] * norm[:, None, None]
+    np.savez(out, **pictures)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2:])
