@@ -1,11 +1,15 @@
 #include "pecs/sensor/sensor.h"
 
 #include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <utility>
 
 #include "pecs/error.h"
 
@@ -18,67 +22,100 @@ std::vector<EventKey>& EventOrder::tile(std::size_t index) {
 
 namespace {
 
-// Stable sort by time, digit by digit. Keys' times lie in [first_us, last_us].
-void sort_by_time(std::vector<EventKey>& keys, std::vector<EventKey>& scratch, std::int64_t first_us,
-                  std::int64_t last_us) {
-  const auto bits = static_cast<int>(std::bit_width(static_cast<std::uint64_t>(last_us - first_us)));
-  const int passes = (bits + 10) / 11, digit_bits = passes ? (bits + passes - 1) / passes : 0;
-  const std::size_t digits = std::size_t{1} << digit_bits;
-  scratch.resize(keys.size());
-  for (int pass = 0; pass < passes; ++pass) {
-    const auto digit = [&](EventKey key) {
-      return static_cast<std::size_t>((key_time_us(key) - first_us) >> (pass * digit_bits)) & (digits - 1);
-    };
-    std::vector<std::size_t> next(digits + 1);
-    for (const EventKey key : keys) ++next[digit(key) + 1];
-    for (std::size_t i = 1; i < digits; ++i) next[i] += next[i - 1];
-    for (const EventKey key : keys) scratch[next[digit(key)]++] = key;
-    keys.swap(scratch);
+// Stable sort by time, digit by digit; then by pixel and polarity, which tiles bring in order but for few. Times lie
+// less than 2^bits us apart.
+void sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::int64_t first_us, int bits) {
+  constexpr int kDigitBits = 8;
+  if (scratch.size() < keys.size()) scratch.resize(keys.size());
+  std::span<EventKey> from = keys, to = std::span(scratch).first(keys.size());
+  for (int shift = 0; shift < bits; shift += kDigitBits) {
+    const auto digit = [&](EventKey key) { return (key_time_us(key) - first_us) >> shift & ((1 << kDigitBits) - 1); };
+    std::array<std::uint32_t, (1 << kDigitBits) + 1> next{};
+    for (const EventKey key : from) ++next[static_cast<std::size_t>(digit(key) + 1)];
+    for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];
+    for (const EventKey key : from) to[next[static_cast<std::size_t>(digit(key))]++] = key;
+    std::swap(from, to);
+  }
+  if (from.data() != keys.data()) std::ranges::copy(from, keys.begin());
+  for (auto a = keys.begin(); a != keys.end();) {
+    auto b = a + 1;
+    bool in_order = true;
+    for (; b != keys.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
+    if (!in_order) std::sort(a, b);
+    a = b;
   }
 }
 
 }  // namespace
 
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector<events::Event>& out) {
+  constexpr std::size_t kSlots = 256;  // of time, that are sorted by themselves
   tiles_.push_back(std::move(held_));
   held_.clear();
   const EventKey limit = event_key(until_us, 0, false);
-  EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
-  std::size_t count = 0;
-  for (const auto& tile : tiles_) count += tile.size();
-  sorted_.clear();
-  sorted_.reserve(count);
-  for (auto& tile : tiles_) {
-    for (const EventKey key : tile) {
-      if (key >= limit) {
-        held_.push_back(key);
-        continue;
+  struct Tile {
+    EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
+    std::array<std::size_t, kSlots> next{};
+  };
+  std::vector<Tile> tiles(tiles_.size());
+  const auto over_tiles = [&](auto&& work) {
+    tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) { work(tiles[i], tiles_[i]); });
+  };
+  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
+    for (const EventKey key : keys)
+      if (key < limit) {
+        tile.least = std::min(tile.least, key);
+        tile.most = std::max(tile.most, key);
       }
-      least = std::min(least, key);
-      most = std::max(most, key);
-      sorted_.push_back(key);
-    }
-    tile.clear();
+  });
+  EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
+  for (const Tile& tile : tiles) {
+    least = std::min(least, tile.least);
+    most = std::max(most, tile.most);
+  }
+  const std::int64_t first_us = key_time_us(least);
+  int shift = 0;
+  while (least <= most && (key_time_us(most) - first_us) >> shift >= static_cast<std::int64_t>(kSlots)) ++shift;
+  const auto slot_of = [&](EventKey key) { return static_cast<std::size_t>((key_time_us(key) - first_us) >> shift); };
+
+  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
+    for (const EventKey key : keys)
+      if (key < limit) ++tile.next[slot_of(key)];
+  });
+  std::array<std::size_t, kSlots + 1> slots{};
+  std::size_t count = 0;
+  for (std::size_t slot = 0; slot < kSlots; ++slot) {
+    slots[slot] = count;
+    for (Tile& tile : tiles) count += std::exchange(tile.next[slot], count);
+  }
+  slots[kSlots] = count;
+  sorted_.resize(count);
+  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
+    for (const EventKey key : keys)
+      if (key < limit) sorted_[tile.next[slot_of(key)]++] = key;
+  });
+  for (auto& keys : tiles_) {
+    std::ranges::copy_if(keys, std::back_inserter(held_), [&](EventKey key) { return key >= limit; });
+    keys.clear();
   }
   tiles_.pop_back();
-  if (sorted_.empty()) return;
-  sort_by_time(sorted_, scratch_, key_time_us(least), key_time_us(most));
-  // Tiles come in the order of their pixels, so that little is left to do among events of one time.
-  for (auto a = sorted_.begin(); a != sorted_.end();) {
-    auto b = a + 1;
-    bool in_order = true;
-    for (; b != sorted_.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
-    if (!in_order) std::sort(a, b);
-    a = b;
-  }
 
-  if (out.capacity() < out.size() + sorted_.size())
-    out.reserve(std::max(out.size() + sorted_.size(), out.capacity() + out.capacity() / 2));
-  for (const EventKey key : sorted_) {
-    const std::uint32_t pixel = key_pixel(key);
-    out.push_back({key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),
-                   static_cast<std::uint16_t>(pixel / width_), static_cast<std::uint8_t>(key_on(key))});
-  }
+  const std::size_t before = out.size();
+  if (out.capacity() < before + count) out.reserve(std::max(before + count, out.capacity() + out.capacity() / 2));
+  out.resize(before + count);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 16), [&](const auto& range) {
+    std::vector<EventKey> scratch;
+    for (std::size_t slot = range.begin(); slot < range.end(); ++slot) {
+      const auto keys = std::span(sorted_).subspan(slots[slot], slots[slot + 1] - slots[slot]);
+      sort_keys(keys, scratch, first_us + (static_cast<std::int64_t>(slot) << shift), shift);
+      events::Event* to = out.data() + before + slots[slot];
+      for (const EventKey key : keys) {
+        const std::uint32_t pixel = key_pixel(key);
+        *to++ = {key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),
+                 static_cast<std::uint16_t>(pixel / width_), static_cast<std::uint8_t>(key_on(key))};
+      }
+    }
+  });
 }
 
 Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model)

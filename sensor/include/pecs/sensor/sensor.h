@@ -20,7 +20,7 @@ class EventOrder {
  private:
   std::uint32_t width_;
   std::vector<std::vector<EventKey>> tiles_;
-  std::vector<EventKey> held_, sorted_, scratch_;
+  std::vector<EventKey> held_, sorted_;
 };
 
 class Sensor {
