@@ -101,7 +101,7 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector
   tiles_.pop_back();
 
   const std::size_t before = out.size();
-  if (out.capacity() < before + count) out.reserve(std::max(before + count, out.capacity() + out.capacity() / 2));
+  if (out.capacity() < before + count) out.reserve(std::max(before + count, 2 * out.capacity()));
   out.resize(before + count);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 16), [&](const auto& range) {
     std::vector<EventKey> scratch;

@@ -1,0 +1,60 @@
+"""`bench_pixel_speed` beside esim on the same frames in memory, by turns; the median ratio. JSON.
+
+    python bench/pixel_speed.py --esim CHECKOUT [--build build/release] [--passes 5]
+
+CHECKOUT: of github.com/uzh-rpg/rpg_vid2e (compiled here: g++, OpenCV, Eigen, Boost). Ours sorts its events, esim not.
+"""
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZES = {"disk": (346, 260, 500), "board": (1280, 720, 100)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--esim", type=Path, required=True)
+    parser.add_argument("--build", type=Path, default=ROOT / "build/release")
+    parser.add_argument("--passes", type=int, default=5)
+    args = parser.parse_args()
+    sys.path.insert(0, str(ROOT / "scripts" / "peers"))
+    from compare import build_esim
+
+    def ours(sequence: str, *more: object) -> dict:
+        command = [args.build / "bin/bench_pixel_speed", sequence, "--passes", "1", *map(str, more)]
+        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+    report = {}
+    with tempfile.TemporaryDirectory() as folder:
+        driver, raw, out = (Path(folder) / name for name in ("esim", "frames.f32", "out.f64"))
+        build_esim(args.esim, driver)
+        for sequence, size in SIZES.items():
+            ours(sequence, "--dump", raw)
+            one, two, peer = [], [], []
+            for _ in range(args.passes):
+                command = [driver, raw, *map(str, size), "0.001", "0.2", "0.2", "0", "1e-9", out]
+                run = subprocess.run(command, check=True, capture_output=True, text=True)
+                peer.append(float(run.stdout))
+                one.append(ours(sequence)["seconds"])
+                two.append(ours(sequence, "--threads", 2)["seconds"])
+            report[sequence] = {
+                "esim_s": statistics.median(peer),
+                "pecs_s": statistics.median(one),
+                "pecs_2_threads_s": statistics.median(two),
+                "events": ours(sequence)["events"],
+                "esim_events": out.stat().st_size // 32,
+                "times_esim": statistics.median(p / o for p, o in zip(peer, one, strict=True)),
+                "two_threads_gain": statistics.median(o / t for o, t in zip(one, two, strict=True)),
+            }
+    report["static"] = ours("static", "--passes", args.passes)
+    print(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()
