@@ -1,0 +1,98 @@
+"""Long jobs: killed, restarted, rendered in shards, they become the stack of one run, byte for byte."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
+
+
+def command(root, scene, output, *args):
+    words = ("-m", "pecs_blender", "render", root / "scenes" / scene, "-o", output, *args)
+    return [sys.executable, *map(str, words)]
+
+
+def run(*words, check=True):
+    result = subprocess.run([str(w) for w in words], capture_output=True, text=True)
+    assert not check or result.returncode == 0, result.stderr
+    return result
+
+
+def files(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def whole(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "s"
+    run(*command(root, "rotating_disk", folder, *SMALL, "--frames", 6))
+    return folder
+
+
+def merge(shards, output, check=True):
+    return run(sys.executable, "-m", "pecs_blender", "merge", *shards, "-o", output, check=check)
+
+
+def test_shards_of_instants_merge_to_one_run(root, whole, tmp_path):
+    for name, frames in (("a", "0:2"), ("b", "2:6")):
+        run(*command(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", frames))
+    merge([tmp_path / "b", tmp_path / "a"], tmp_path / "s")
+    assert files(tmp_path / "s") == files(whole)
+
+
+def test_shards_of_a_plan_merge_to_one_run(root, whole, tmp_path):
+    for name, frames in (("a", "0:3"), ("b", "3:6")):
+        run(*command(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", 6, "--only", frames))
+        assert len(files(tmp_path / name)) == 4
+    result = merge([tmp_path / "a"], tmp_path / "s", check=False)
+    assert result.returncode == 4 and "3 frames missing" in result.stderr
+    merge([tmp_path / "a", tmp_path / "b"], tmp_path / "s")
+    assert files(tmp_path / "s") == files(whole)
+
+
+def test_strange_shards_do_not_merge(root, whole, tmp_path):
+    run(*command(root, "rotating_disk", tmp_path / "a", *SMALL, "--frames", "6:7", "--seed", 2))
+    result = merge([whole, tmp_path / "a"], tmp_path / "s", check=False)
+    assert result.returncode == 4 and len(result.stderr.strip().splitlines()) == 1
+    result = merge([whole, tmp_path / "nothing"], tmp_path / "s", check=False)
+    assert result.returncode == 3 and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_process_that_grows_starts_afresh(root, whole, tmp_path):
+    """Any growth at all is too much here: a restart after every frame or two."""
+    result = run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6, "--restart-growth-mb", -1))
+    assert result.stderr.count("are there already") >= 2
+    assert files(tmp_path / "s") == files(whole)
+
+
+def test_kill_9_at_any_moment(root, whole, tmp_path):
+    """scripts/kill_test.py does it twenty times."""
+    random.seed(6)
+    for _ in range(3):
+        process = subprocess.Popen(
+            command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6), stderr=subprocess.DEVNULL
+        )
+        time.sleep(random.uniform(0.5, 3))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6))
+    assert files(tmp_path / "s") == files(whole)
+
+
+def test_every_scene_renders(root, tmp_path):
+    """A folder in scenes/ is a scene: a frame, still where nothing moves, and a README."""
+    import pecs
+
+    scenes = sorted(p.parent.name for p in (root / "scenes").glob("*/scene.json"))
+    assert len(scenes) >= 4
+    for scene in scenes:
+        assert (root / "scenes" / scene / "README.md").is_file()
+        run(*command(root, scene, tmp_path / scene, *SMALL, "--bands", 4, "--frames", 2, "--fps", 500))
+        with pecs.StackReader(tmp_path / scene) as stack:
+            first, second = stack.read_frame(0), stack.read_frame(1)
+        assert first.min() >= 0 and first.mean() > 0
+        assert 0.2 < (first == second).mean() < 1, scene  # something moves, most does not
