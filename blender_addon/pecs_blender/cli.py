@@ -74,6 +74,11 @@ def _add_render(commands) -> None:
     add("--height", type=_positive, help="pixels; in the scene's shape if not given")
     add("--film-width-mm", type=float, default=6.2208, help="of a lens camera")
     add("--samples", type=_positive, default=8, help="paths per pixel and band")
+    add("--noise-target", type=float, help="choose --samples: noise of ln(light), in contrast thresholds of the chip")
+    add("--denoise", action="store_true", help="OpenImageDenoise with albedo and normals")
+    add(
+        "--device", choices=("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL"), default="CPU", help="lens: CPU or OPTIX"
+    )
     add("--seed", type=int, default=1)
     add("--lens", help="name, file, or 'none': a pinhole or the .blend's camera (radiance); the scene's if not given")
     add("--stop-diameter-mm", type=float, help="the scene's if not given")

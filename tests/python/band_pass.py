@@ -24,7 +24,7 @@ MATRICES = {
 
 def open_scene(path):
     source = BlendScene(Path(path), None, load("d65"), False)
-    cycles.configure(source.scene, *source.size, SAMPLES, 1, 0, source.bounces)
+    cycles.configure(source.scene, *source.size, cycles.Sampling(SAMPLES, 1, source.bounces))
     return source
 
 

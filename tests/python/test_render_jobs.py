@@ -96,3 +96,29 @@ def test_every_scene_renders(root, tmp_path):
             first, second = stack.read_frame(0), stack.read_frame(1)
         assert first.min() >= 0 and first.mean() > 0
         assert 0.2 < (first == second).mean() < 1, scene  # something moves, most does not
+
+
+@pytest.mark.parametrize("target", [0.3, 0.1])
+def test_the_noise_target_is_met(root, tmp_path, target):
+    """Two renders with other seeds differ by the noise that was asked for, or up to half of it (powers of two)."""
+    import json
+
+    import numpy as np
+    import pecs
+
+    currents = []
+    for seed in (1, 7):
+        folder = tmp_path / str(seed)
+        run(*command(root, "rotating_disk", folder, *SMALL, "--frames", 1, "--seed", seed, "--noise-target", target))
+        stack = json.loads((folder / "stack.json").read_text())
+        weight = [b["weight_nm"] * b["lambda_nm"] for b in stack["bands"]]
+        with pecs.StackReader(folder) as reader:
+            currents.append(np.einsum("k,kyx->yx", weight, reader.read_frame(0)))
+    noise = np.sqrt(np.mean(np.log(currents[0] / currents[1]) ** 2) / 2)
+    assert 0.4 * target * 0.25 < noise < 1.15 * target * 0.25  # thresholds of the imx636: .25 and .29
+    assert stack["render"]["device"] == "CPU"
+
+
+def test_a_device_that_is_not_there_is_one_line(root, tmp_path):
+    result = run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--device", "METAL"), check=False)
+    assert result.returncode == 6 and len(result.stderr.strip().splitlines()) == 1

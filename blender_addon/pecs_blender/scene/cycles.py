@@ -7,6 +7,7 @@ import contextlib
 import os
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -58,13 +59,43 @@ def white_furnace() -> bpy.types.Scene:
     return scene
 
 
-def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, seed: int, threads: int, bounces) -> None:
+@dataclass(frozen=True)
+class Sampling:
+    """samples: per pixel. device: CPU, or a compute device type of Cycles. denoise: OpenImageDenoise with albedo and
+    normals. threads 0: all. bounces: Cycles settings."""
+
+    samples: int
+    seed: int
+    bounces: dict
+    threads: int = 0
+    device: str = "CPU"
+    denoise: bool = False
+
+
+def device_names(device: str) -> list[str]:
+    """The devices of a type, switched on; throws where there are none."""
+    if device == "CPU":
+        return ["CPU"]
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    offered = [item[0] for item in preferences.get_device_types(bpy.context)]
+    if device in offered:
+        preferences.compute_device_type = device
+        preferences.refresh_devices()
+        for found in preferences.devices:
+            found.use = found.type == device
+        names = [found.name for found in preferences.devices if found.use]
+        if names:
+            return names
+    raise RenderError(UNSUPPORTED, f"--device: got {device}, wanted one that this machine has; CPU works everywhere")
+
+
+def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Sampling) -> None:
     scene.render.engine = "CYCLES"
-    for key, value in (SETTINGS | bounces).items():
+    for key, value in (SETTINGS | sampling.bounces).items():
         setattr(scene.cycles, key, value)
-    scene.cycles.device = "CPU"
-    scene.cycles.samples = samples
-    scene.cycles.seed = seed
+    scene.cycles.device = "CPU" if sampling.device == "CPU" else "GPU"
+    scene.cycles.samples = sampling.samples
+    scene.cycles.seed = sampling.seed
     scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100
@@ -75,9 +106,12 @@ def configure(scene: bpy.types.Scene, width: int, height: int, samples: int, see
     scene.render.film_transparent = False
     scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
     scene.render.dither_intensity = 0.0
-    scene.render.threads_mode = "FIXED" if threads else "AUTO"
-    if threads:
-        scene.render.threads = threads
+    scene.render.threads_mode = "FIXED" if sampling.threads else "AUTO"
+    if sampling.threads:
+        scene.render.threads = sampling.threads
+    if sampling.denoise:
+        scene.cycles.use_denoising, scene.cycles.denoiser = True, "OPENIMAGEDENOISE"
+        scene.cycles.denoising_input_passes, scene.cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
     image = scene.render.image_settings
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"

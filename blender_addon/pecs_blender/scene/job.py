@@ -13,7 +13,7 @@ n_k there (core/light.py). Absolute radiance = rendered * n_k * s, where s is th
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
+from ..core.chip import chip_threshold
 from ..core.errors import bad_input
 from ..core.plan import passes, timeline
 from ..core.progress import Progress
@@ -30,6 +31,7 @@ from . import cycles
 from .source import Source
 from .spectral import SpectralScene
 
+PILOT_SAMPLES = 8
 FILM_WIDTH_MM = 6.2208  # IMX636: 1280 pixels of 4.86 um
 
 
@@ -49,6 +51,9 @@ class Options:
     height: int | None = None
     film_width_mm: float = FILM_WIDTH_MM
     samples: int = 8
+    noise_target: float | None = None  # then samples are chosen
+    denoise: bool = False
+    device: str = "CPU"
     seed: int = 1
     lens: str | None = None  # None: the scene's; "none": a pinhole of focal_mm, or the .blend's own camera
     stop_diameter_mm: float | None = None  # None: the scene's
@@ -71,7 +76,11 @@ class Lens:
 def render(source: Source, folder: Path, options: Options) -> None:
     width, height = _size(source, options)
     illuminant = spectrum(options.illuminant, source.folder)
-    cycles.configure(source.scene, width, height, options.samples, options.seed, options.threads, source.bounces)
+    devices = cycles.device_names(options.device)
+    sampling = cycles.Sampling(
+        options.samples, options.seed, source.bounces, options.threads, options.device, options.denoise
+    )
+    cycles.configure(source.scene, width, height, sampling)
     plan = timeline(options.frames, options.fps, source.period_s, source.duration_s)
     spectral = SpectralScene(illuminant, source.folder)
     lamps = spectral.emitters.mean_pairs()
@@ -84,18 +93,15 @@ def render(source: Source, folder: Path, options: Options) -> None:
         source.set_time(0.0)
         scale = source.radiance_per_unit(spectral) * options.light_scale
         lens = _lens(source, options, width, height)
-        rays = options.samples
-        to_film = (spectral.emitters.norm(lambda_nm) * scale)[:, None, None]
         if lens:
             cameras, e0, record, blurs = _lens_cameras(lens, options, lambda_nm, slices, width, Path(scratch))
-            if record["channel_mode"] == "per_channel":
-                rays *= 3  # so that every band gets options.samples
-            gain = _even_out(source, lens, options, cameras, lambda_nm, slices, rays, width, height)
-            to_film = to_film * e0[:, None, None] * gain
         else:
-            record, blurs = None, []
             cameras = [source.camera(options.focal_mm, options.film_width_mm)] * len(slices)
-        source.scene.cycles.samples = rays
+            e0, record, blurs = 1.0, None, []
+        to_film = spectral.emitters.norm(lambda_nm) * scale * e0
+        job = _Job(source, film, spectral, lens, cameras, slices, lambda_nm, to_film, blurs, record, (width, height))
+        samples = _samples(job, sampling, bands, options) if options.noise_target else options.samples
+        job.sample(replace(sampling, samples=samples))
         stack = {
             "pecs_stack": 1,
             "quantity": "irradiance" if lens else "radiance",
@@ -107,11 +113,10 @@ def render(source: Source, folder: Path, options: Options) -> None:
             "period_ns": plan.period_ns,
             "lens": record,
             "scene": source.record,
-            "render": _settings(options, source, scale, spectral),
+            "render": _settings(options, source, scale, spectral) | {"samples": samples, "device": ", ".join(devices)},
             "versions": {"pecs": pecs.__version__, "blender": bpy.app.version_string},
         }
         with pecs.StackWriter(folder, stack) as writer:
-            job = _Job(source, film, spectral, lens, cameras, slices, lambda_nm, to_film.astype(np.float32), blurs)
             _render_frames(job, plan.times_ns, writer, options)
 
 
@@ -124,8 +129,21 @@ class _Job:
     cameras: list
     slices: list[slice]
     lambda_nm: np.ndarray
-    to_film: np.ndarray
+    unit: np.ndarray  # per band: film irradiance (or radiance) of a rendered 1
     blurs: list
+    record: dict | None  # the lens, for stack.json
+    size: tuple[int, int]  # pixels
+
+    def sample(self, sampling: cycles.Sampling) -> None:
+        """Chooses samples and seed, and renders the white furnace with them."""
+        rays = sampling.samples
+        if self.record and self.record["channel_mode"] == "per_channel":
+            rays *= 3  # so that every band gets its samples
+        self.source.scene.cycles.samples, self.source.scene.cycles.seed = rays, sampling.seed
+        self.to_film = self.unit[:, None, None]
+        if self.lens:
+            self.to_film = self.to_film * _even_out(self, replace(sampling, samples=rays))
+        self.to_film = self.to_film.astype(np.float32)
 
     def set_time(self, t_s: float) -> None:
         self.spectral.before_instant()
@@ -219,28 +237,48 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
     return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}, blurs if diffraction else []
 
 
-def _even_out(source, lens: Lens, options, cameras, lambda_nm, slices, rays, width, height) -> np.ndarray:
+def _even_out(job: _Job, sampling: cycles.Sampling) -> np.ndarray:
     """RI / <w> for each band and pixel, see above."""
+    (width, height), lens, lambda_nm = job.size, job.lens, job.lambda_nm
     scene = cycles.white_furnace()
-    cycles.configure(scene, width, height, rays, options.seed, options.threads, source.bounces)
+    cycles.configure(scene, width, height, sampling)
     gain = np.empty((len(lambda_nm), height, width))
-    pitch_mm = options.film_width_mm / width
+    pitch_mm = lens.setting["film_width_mm"] / width
     x_mm = (np.arange(width) + 0.5 - width / 2) * pitch_mm
     y_mm = (np.arange(height) + 0.5 - height / 2) * pitch_mm
     radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     with cycles.Film(scene) as film:
-        for camera, bands in zip(cameras, slices, strict=True):
+        for camera, bands in zip(job.cameras, job.slices, strict=True):
             scene.camera = camera
             gain[bands] = film.render()[: bands.stop - bands.start]
             for k in range(bands.start, bands.stop):
                 if not gain[k].all():
                     raise bad_input(
-                        "render", "--samples", options.samples, "more: in some pixels no ray gets through the lens"
+                        "render", "--samples", sampling.samples, "more: in some pixels no ray gets through the lens"
                     )
                 pupil = lens.lens.pupil(lambda_nm=float(lambda_nm[k]), **lens.setting)["pupil"]
                 illumination = np.array([(p["r_mm"], p["relative_illumination"]) for p in pupil])
                 gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
+    bpy.data.scenes.remove(scene)
     return gain
+
+
+def _samples(job: _Job, sampling: cycles.Sampling, bands: list[dict], options: Options) -> int:
+    """Samples for a noise of ln(light) of noise_target contrast thresholds, from two pilot frames with other seeds; the
+    variance falls as 1/samples. The next power of two, so that another machine's rounding chooses the same."""
+    weight = np.array([band["weight_nm"] * band["lambda_nm"] for band in bands])
+    frame = np.empty((len(bands), *job.size[::-1]), np.float32)
+    pilots = []
+    for seed in (sampling.seed + 1, sampling.seed + 2):
+        job.sample(replace(sampling, samples=PILOT_SAMPLES, seed=seed))
+        job.set_time(0.0)
+        job.frame(frame)
+        pilots.append(np.einsum("k,kyx->yx", weight, frame))
+    lit = (pilots[0] > 0) & (pilots[1] > 0)
+    difference = np.log(pilots[1][lit] / pilots[0][lit])
+    variance = float(np.mean(difference**2)) / 2 if difference.size else 0.0
+    wanted = (options.noise_target * chip_threshold(options.chip)) ** 2
+    return int(2 ** np.clip(np.ceil(np.log2(max(PILOT_SAMPLES * variance / wanted, 1))), 0, 16))
 
 
 def _settings(options: Options, source: Source, scale: float, spectral: SpectralScene) -> dict:
@@ -250,7 +288,6 @@ def _settings(options: Options, source: Source, scale: float, spectral: Spectral
         del chosen[key]
     return {
         **chosen,
-        "device": "CPU",
         "emitters": [s.name for s in spectral.emitters.spectra],
         "radiance_per_relative_power": scale,
         "approximated": spectral.approximated,
