@@ -25,7 +25,7 @@ def check_disk(folder: Path, values: int) -> None:
     free, wanted = shutil.disk_usage(place).free, values * BYTES_PER_VALUE
     if free < wanted:
         raise RenderError(
-            BAD_OUTPUT, f"{folder}: disk: got {free / 1e9:.2f} GB free, wanted {wanted / 1e9:.2f} GB for all frames"
+            BAD_OUTPUT, f"{folder}: disk: got {free / 1e6:.1f} MB free, wanted {wanted / 1e6:.1f} MB for all frames"
         )
 
 
