@@ -1,0 +1,91 @@
+"""pecs render-preview: colours through CIE 1931, judged against colour-science; exposure; false colour; video."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+pecs = pytest.importorskip("pecs")
+WIDTH, HEIGHT = 24, 4  # a column per patch
+
+
+def checker_stack(root, folder, bands=12, frames=1, lamp="d65"):
+    """The 24 patches under a lamp, as spectral radiance."""
+    spectra = root / "lens_data" / "spectra"
+    read = lambda name: np.loadtxt(spectra / f"{name}.csv", delimiter=",", skiprows=2).T  # noqa: E731
+    patches = [read(f"colorchecker/{p.stem}") for p in sorted((spectra / "colorchecker").glob("*.csv"))]
+    light = read(lamp)
+    chosen = pecs.bands(n=bands, illuminant=light.T)
+    nm = [b["lambda_nm"] for b in chosen]
+    rows = np.array([np.interp(nm, *patch) * np.interp(nm, *light) for patch in patches]).T
+    values = np.repeat(rows[:, None, :], HEIGHT, axis=1)
+    stack = {
+        "pecs_stack": 1, "quantity": "radiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": None,
+        "bands": chosen, "times_ns": [i * 1000 for i in range(frames)], "period_ns": None,
+        "lens": None, "scene": {}, "render": {}, "versions": {},
+    }  # fmt: skip
+    with pecs.StackWriter(folder, stack) as writer:
+        for i in range(frames):
+            writer.write_frame(i, values * (i + 1))
+    return patches, light
+
+
+@pytest.mark.parametrize("bands, most", [(12, 3.5), (31, 1.5)])
+def test_colours_are_those_of_the_chart(root, pecs_program, tmp_path, bands, most):
+    """CIE76 difference from the chart's colours under D65, from a 5 nm sum of colour-science's tables."""
+    colour = pytest.importorskip("colour")
+    patches, light = checker_stack(root, tmp_path / "s", bands)
+    result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", "--json")
+    assert result.returncode == 0, result.stderr
+    seen = cv2.imread(str(tmp_path / "x.png"))[1, :, ::-1] / 255.0
+    nm = np.arange(380.0, 781.0, 5)
+    cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    xyz_bar = np.array([cmfs[x] for x in nm])
+    xyz = np.array([(np.interp(nm, *p) * np.interp(nm, *light)) @ xyz_bar for p in patches])
+    white = np.interp(nm, *light) @ xyz_bar
+    linear = np.where(seen <= 0.04045, seen / 12.92, ((seen + 0.055) / 1.055) ** 2.4)
+    seen_xyz = linear @ np.array(colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ).T
+    scale = xyz[:, 1].sum() / seen_xyz[:, 1].sum()
+    xy = colour.XYZ_to_xy(white)
+    lab = colour.XYZ_to_Lab(xyz / white[1], xy)
+    seen_lab = colour.XYZ_to_Lab(seen_xyz * scale / white[1], xy)
+    inside = (seen > 0).all(axis=1) & (seen < 1).all(axis=1)  # cyan lies outside sRGB
+    difference = np.linalg.norm(lab - seen_lab, axis=1)[inside]
+    print(f"{bands} bands, CIE76: mean {difference.mean():.2f}, largest {difference.max():.2f}")
+    assert inside.sum() >= 20 and difference.mean() < most
+
+
+def test_exposure_is_in_stops(root, pecs_program, tmp_path):
+    checker_stack(root, tmp_path / "s")
+    scales = []
+    for ev in (0, -2):
+        args = ("-o", tmp_path / "x.png", "--exposure-ev", ev, "--json")
+        scales.append(json.loads(pecs_program("render-preview", tmp_path / "s", *args).stdout)["scale"])
+    assert scales[0] / scales[1] == pytest.approx(4)
+
+
+def test_a_band_in_false_colour(root, pecs_program, tmp_path):
+    checker_stack(root, tmp_path / "s", bands=6)
+    args = ("-o", tmp_path / "x.png", "--band-nm", 650, "--json")
+    result = json.loads(pecs_program("render-preview", tmp_path / "s", *args).stdout)
+    assert abs(result["band_nm"] - 650) < 40
+    assert cv2.imread(str(tmp_path / "x.png")).shape == (HEIGHT, WIDTH, 3)
+
+
+def test_video_has_every_frame(root, pecs_program, tmp_path):
+    checker_stack(root, tmp_path / "s", frames=5)
+    result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.mp4")
+    assert result.returncode == 0, result.stderr
+    video = cv2.VideoCapture(str(tmp_path / "x.mp4"))
+    count = 0
+    while video.read()[0]:
+        count += 1
+    assert count == 5
+
+
+@pytest.mark.parametrize("args, code", [(["-o", "x.gif"], 2), (["-o", "x.png", "--frame", "9"], 2)])
+def test_bad_input_is_one_line(root, pecs_program, tmp_path, args, code):
+    checker_stack(root, tmp_path / "s")
+    result = pecs_program("render-preview", tmp_path / "s", *args, cwd=tmp_path)
+    assert result.returncode == code and len(result.stderr.strip().splitlines()) == 1
