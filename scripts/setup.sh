@@ -10,7 +10,7 @@ WITH_TESTS=$([ "${1:-}" = --tests ] && echo ON || echo OFF)
 PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libspdlog-dev libcli11-dev libtbb-dev
   libeigen3-dev libnanoflann-dev libhwy-dev libssl-dev zlib1g-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
-  libflatbuffers-dev flatbuffers-compiler
+  libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
 [ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev libbenchmark-dev)
@@ -36,6 +36,7 @@ REQUIREMENTS=requirements/$([ "$WITH_TESTS" = ON ] && echo test || echo run).txt
 key=$(cat requirements/*.txt | sha256sum)$REQUIREMENTS
 if [ "$(cat .venv/pecs-current 2>/dev/null)" != "$key" ] && [ "$(cat .venv/pecs-current 2>/dev/null)" != "${key%run.txt}test.txt" ]; then
   "$PY" -m pip install --quiet --disable-pip-version-check -r "$REQUIREMENTS"
+  [ "$WITH_TESTS" = OFF ] || "$PY" -m pip install --quiet --disable-pip-version-check --no-deps -r requirements/test_no_deps.txt
   printf '%s' "$key" >.venv/pecs-current
 else
   echo "all there"

@@ -1,8 +1,10 @@
 // pecs lens info|trace|draw: the lens room's answers on the command line.
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
 #include <charconv>
 #include <cstdio>
+#include <exception>
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -14,6 +16,7 @@
 #include "pecs/lens/exchange.h"
 #include "pecs/lens/report.h"
 #include "pecs/run_record.h"
+#include "picture_file.h"
 
 namespace pecs::app {
 namespace {
@@ -24,7 +27,11 @@ struct LensArguments {
   std::optional<double> focus_m;
   lens::StopChoice stop;
   bool json = false;
+  int width_px = 1920;
 
+  void add_width_to(CLI::App& command) {
+    command.add_option("--width-px", width_px, "width of a .png")->capture_default_str()->check(CLI::Range(16, 16384));
+  }
   void add_to(CLI::App& command) {
     command.add_option("LENS", lens, "a prescription (lens_data/SCHEMA.md), or the name of one of lens_data/lenses")
         ->required();
@@ -119,7 +126,9 @@ void add_lens_pupil(CLI::App& parent) {
   command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
   command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
   command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
-  command->add_option("-o,--output", o->output, "SVG of exact pupils and ellipses at five film radii");
+  command->add_option("-o,--output", o->output,
+                      "picture (.svg or .png) of exact pupils and ellipses at five film radii");
+  o->add_width_to(*command);
   command->add_flag("--json", o->json, "machine output");
   command->callback([o] {
     o->info.focus_m = o->focus_m;
@@ -127,10 +136,10 @@ void add_lens_pupil(CLI::App& parent) {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     const Json report = lens::pupil_report(prescription, o->info);
     if (!o->output.empty()) {
-      AtomicFile file(o->output);
-      file.write(lens::draw_pupils_svg(prescription, o->info.lambda_nm, report["stop_diameter_mm"], report["film_z_mm"],
-                                       report["pupil"].back()["r_mm"]));
-      file.commit();
+      write_picture(o->output,
+                    lens::draw_pupils_svg(prescription, o->info.lambda_nm, report["stop_diameter_mm"],
+                                          report["film_z_mm"], report["pupil"].back()["r_mm"]),
+                    o->width_px);
       Json results = report;
       results.erase("pupil");
       write_run_record(o->output, {.command = "lens pupil",
@@ -211,6 +220,38 @@ lens::Ray parse_ray(const std::string& line, std::size_t line_number) {
   return {{v[0], v[1], v[2]}, lens::normalized(d)};
 }
 
+// Lines of rays, traced on all cores and written in their order.
+struct RayBatch {
+  static constexpr std::size_t kMost = 1 << 17, kBlock = 1 << 10;
+  std::vector<std::pair<std::string, std::size_t>> lines;  // and their numbers
+
+  void trace(const lens::Tracer& tracer, lens::Tracer::Clip clip, double to_z_mm) {
+    struct Block {
+      std::string text;
+      std::exception_ptr error;
+    };
+    std::vector<Block> blocks((lines.size() + kBlock - 1) / kBlock);
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t k) {
+      try {
+        for (std::size_t i = k * kBlock; i < std::min(lines.size(), (k + 1) * kBlock); ++i) {
+          const lens::Ray ray = parse_ray(lines[i].first, lines[i].second);
+          lens::Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
+          if (t.fate == lens::Fate::ok) t.ray.p = t.ray.at_z(to_z_mm);
+          fmt::format_to(std::back_inserter(blocks[k].text), "{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n",
+                         t.ray.p.x, t.ray.p.y, t.ray.p.z, t.ray.d.x, t.ray.d.y, t.ray.d.z, lens::fate_text(t));
+        }
+      } catch (...) {
+        blocks[k].error = std::current_exception();
+      }
+    });
+    for (const Block& block : blocks) {
+      std::fwrite(block.text.data(), 1, block.text.size(), stdout);
+      if (block.error) std::rethrow_exception(block.error);  // the first bad line
+    }
+    lines.clear();
+  }
+};
+
 void add_lens_trace(CLI::App& parent) {
   struct Options : LensArguments {
     double lambda_nm = lens::kLambdaD;
@@ -232,20 +273,15 @@ void add_lens_trace(CLI::App& parent) {
     const lens::Tracer tracer(prescription, o->lambda_nm, lens::resolve_stop(prescription, o->stop));
     const auto clip = o->no_clip ? lens::Tracer::Clip::none : lens::Tracer::Clip::housing;
     std::ios::sync_with_stdio(false);
-    std::string line, out = "x,y,z,dx,dy,dz,status\n";
+    fmt::print("x,y,z,dx,dy,dz,status\n");
+    RayBatch batch;
+    std::string line;
     for (std::size_t number = 1; std::getline(std::cin, line); ++number) {
       if (line.empty() || line == "\r" || line[0] == '#' || (number == 1 && line.starts_with("x"))) continue;
-      const lens::Ray ray = parse_ray(line, number);
-      lens::Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
-      if (t.fate == lens::Fate::ok) t.ray.p = t.ray.at_z(o->to_z_mm);
-      out += fmt::format("{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n", t.ray.p.x, t.ray.p.y, t.ray.p.z,
-                         t.ray.d.x, t.ray.d.y, t.ray.d.z, lens::fate_text(t));
-      if (out.size() > (1 << 20)) {
-        std::fwrite(out.data(), 1, out.size(), stdout);
-        out.clear();
-      }
+      batch.lines.emplace_back(std::move(line), number);
+      if (batch.lines.size() == RayBatch::kMost) batch.trace(tracer, clip, o->to_z_mm);
     }
-    std::fwrite(out.data(), 1, out.size(), stdout);
+    batch.trace(tracer, clip, o->to_z_mm);
     if (std::fflush(stdout) != 0) throw bad_output("stdout", "not all rays were written");
   });
 }
@@ -261,7 +297,8 @@ void add_lens_picture(CLI::App& parent, const std::string& name, const std::stri
   CLI::App* command = parent.add_subcommand(name, help);
   o->add_to(*command);
   o->add_state_to(*command);
-  command->add_option("-o,--output", o->output, "the SVG file")->required();
+  command->add_option("-o,--output", o->output, "the picture, .svg or .png")->required();
+  o->add_width_to(*command);
   command->add_option("--lambda-nm", o->draw.bands_nm, "wavelengths")->delimiter(',')->capture_default_str();
   command->add_option("--film-half-diagonal-mm", o->draw.film_half_diagonal_mm, "film")->capture_default_str();
   command->add_option("--fields", o->draw.fields, "film points, parts of the half diagonal")
@@ -274,9 +311,7 @@ void add_lens_picture(CLI::App& parent, const std::string& name, const std::stri
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
-    AtomicFile file(o->output);
-    file.write(picture(prescription, o->draw));
-    file.commit();
+    write_picture(o->output, picture(prescription, o->draw), o->width_px);
     write_run_record(o->output, {.command = "lens " + name,
                                  .arguments = arguments(),
                                  .config = {{"lambda_nm", o->draw.bands_nm},
@@ -299,9 +334,9 @@ void add_lens(CLI::App& app) {
   add_lens_trace(*command);
   add_lens_pupil(*command);
   add_lens_convert(*command);
-  add_lens_picture(*command, "draw", "the lens in section with its rays, as SVG", lens::draw_svg);
+  add_lens_picture(*command, "draw", "the lens in section with its rays, as SVG or PNG", lens::draw_svg);
   add_lens_picture(*command, "chart",
-                   "section, spots, illumination, distortion, lateral colour and MTF on one SVG sheet",
+                   "section, spots, illumination, distortion, lateral colour and MTF on one sheet, SVG or PNG",
                    lens::chart_svg);
 }
 

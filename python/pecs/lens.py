@@ -44,6 +44,8 @@ class Camera:
     film_height_mm: float
     film_shift_x_mm: float
     film_shift_y_mm: float
+    film_tilt_x_deg: float
+    film_tilt_y_deg: float
     focus_m: float | None
     rms_spot_um: float
     stop_diameter_mm: float
@@ -90,7 +92,7 @@ class Lens:
 
     def camera(self, **options: Any) -> Camera:
         """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
-        film_shift_x_mm, film_shift_y_mm, pixel_pitch_mm, colour_tolerance_px."""
+        film_shift_x_mm, film_shift_y_mm, film_tilt_x_deg, film_tilt_y_deg, pixel_pitch_mm, colour_tolerance_px."""
         return Camera(**_camera(self._handle, options))
 
     def close(self) -> None:

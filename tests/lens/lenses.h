@@ -11,9 +11,11 @@
 
 namespace pecs::lens::tests {
 
-inline std::vector<std::string> lens_files() {
+inline std::vector<std::string> lens_files(bool shared = true) {
   std::vector<std::string> files;
-  for (const auto& dir : {pecs::tests::source_dir() / "lens_data" / "lenses", pecs::tests::shared_dir() / "lenses"})
+  std::vector dirs{pecs::tests::source_dir() / "lens_data" / "lenses"};
+  if (shared) dirs.push_back(pecs::tests::shared_dir() / "lenses");
+  for (const auto& dir : dirs)
     if (std::filesystem::is_directory(dir))
       for (const auto& entry : std::filesystem::directory_iterator(dir))
         if (entry.path().extension() == ".json" && entry.path().filename().string()[0] != '_')
@@ -37,4 +39,7 @@ struct EveryLens : testing::TestWithParam<std::string> {};
 
 #define PECS_EVERY_LENS(suite)                                                                  \
   INSTANTIATE_TEST_SUITE_P(Lenses, suite, testing::ValuesIn(::pecs::lens::tests::lens_files()), \
+                           [](const auto& param_info) { return ::pecs::lens::tests::test_name(param_info.param); })
+#define PECS_SHIPPED_LENS(suite)                                                                     \
+  INSTANTIATE_TEST_SUITE_P(Lenses, suite, testing::ValuesIn(::pecs::lens::tests::lens_files(false)), \
                            [](const auto& param_info) { return ::pecs::lens::tests::test_name(param_info.param); })

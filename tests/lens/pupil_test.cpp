@@ -12,6 +12,7 @@ namespace pecs::lens {
 namespace {
 
 constexpr double kHalfDiagonal = 3.569;  // 1280 x 720 pixels of 4.86 um
+constexpr double kFullFrame = 21.633;    // 36 x 24 mm
 
 struct Setting {
   Prescription lens;
@@ -28,6 +29,7 @@ Setting setting(const std::string& file, double lambda_nm = 550, double fnumber 
 }
 
 struct EveryPupil : tests::EveryLens {};
+struct ShippedPupil : tests::EveryLens {};
 
 TEST_P(EveryPupil, ExactPupilMeetsBruteForce) {
   const Setting s = setting(GetParam());
@@ -50,21 +52,43 @@ TEST_P(EveryPupil, ExactPupilMeetsBruteForce) {
   }
 }
 
-TEST_P(EveryPupil, InterpolatedEllipsesMissNothing) {
-  for (const auto& [lambda, fnumber] : {std::pair{450.0, 0.0}, {650.0, 8.0}}) {
-    const Setting s = setting(GetParam(), lambda, fnumber);
-    const PupilTable table = pupil_table(s.tracer, s.film_z, kHalfDiagonal);
-    EXPECT_LE(table.missed_fraction, 1e-4);
-    for (int i = 0; i < 16; ++i) {  // radii that are no nodes
-      const double r = kHalfDiagonal * (i + 0.37) / 16;
-      const ExactPupil pupil = exact_pupil(s.tracer, s.film_z, r, 500);
-      EXPECT_LE(missed_fraction(pupil, table.ellipse_at(r)), 1e-4) << r;
-      EXPECT_NEAR(table.area_at(r) / pupil.area_mm2, 1.0, 5e-4) << r;
-      EXPECT_GT(pupil.area_mm2 / table.ellipse_at(r).area_mm2(), 0.8) << r;
+// Over fields (12 radii that are no nodes, on both films where they are lit), wavelengths and stops.
+TEST_P(ShippedPupil, InterpolatedEllipsesMissNothing) {
+  for (const double lambda : {400.0, 1000.0})
+    for (const double fnumber : {0.0, 5.6}) {
+      if (fnumber > 0 && fnumber < first_order(load_prescription(GetParam()), kLambdaD).fnumber) continue;
+      for (const double max_r : {kHalfDiagonal, kFullFrame}) {
+        const Setting s = setting(GetParam(), lambda, fnumber);
+        if (exact_pupil(s.tracer, s.film_z, max_r).area_mm2 <= 0) continue;
+        const PupilTable table = pupil_table(s.tracer, s.film_z, max_r);
+        EXPECT_LE(table.missed_fraction, 1e-4);
+        for (int i = 0; i < 12; ++i) {
+          const double r = max_r * (i + 0.37) / 12;
+          const ExactPupil pupil = exact_pupil(s.tracer, s.film_z, r, 250);
+          EXPECT_LE(missed_fraction(pupil, table.ellipse_at(r)), 1e-4) << lambda << " nm, F/" << fnumber << ", " << r;
+          EXPECT_NEAR(table.area_at(r) / pupil.area_mm2, 1.0, 2e-3) << lambda << " nm, F/" << fnumber << ", " << r;
+          EXPECT_GT(pupil.area_mm2 / table.ellipse_at(r).area_mm2(), 0.7) << r;
+        }
+      }
     }
-  }
+}
+
+TEST_P(ShippedPupil, ATiltedFilmMissesNothing) {
+  const Setting s = setting(GetParam());
+  const double max_dz = std::min(0.5, 0.5 * (s.film_z - s.lens.rear_z_mm()));
+  const PupilTables tables = pupil_tables(s.tracer, s.film_z, kHalfDiagonal, max_dz);
+  EXPECT_GE(tables.layers.size(), 5u);
+  EXPECT_LE(tables.missed_fraction, 1e-4);
+  for (int i = 0; i < 8; ++i)
+    for (int j = 0; j < 7; ++j) {
+      const double r = kHalfDiagonal * (i + 0.37) / 8, dz = max_dz * (2 * (j + 0.43) / 7 - 1);
+      const ExactPupil pupil = exact_pupil(s.tracer, s.film_z + dz, r);
+      EXPECT_LE(missed_fraction(pupil, tables.ellipse_at(r, dz)), 1e-4) << r << ' ' << dz;
+      EXPECT_NEAR(tables.area_at(r, dz) / pupil.area_mm2, 1.0, 2e-3) << r << ' ' << dz;
+    }
 }
 PECS_EVERY_LENS(EveryPupil);
+PECS_SHIPPED_LENS(ShippedPupil);
 
 TEST(Pupil, EllipseOfACircleAndOfALens) {
   ExactPupil circle;

@@ -1,7 +1,8 @@
 """Runs inside an interpreter with bpy, apart from pytest's: `python lens_render.py JOB.json OUT.npz`.
 
-A job: {"osl": source or null (then the built-in perspective camera, "hfov_deg"), "scene": "white" | "empty" |
-"corner" | "dots", "width", "height", "samples", "seed", "threads"}. OUT.npz holds `image`,
+A job: {"osl": source, a list of sources (then `image` has one more axis) or null (then the built-in perspective camera,
+"hfov_deg"), "scene": "white" | "empty" |
+"corner" | "dots" | "lit", "width", "height", "samples", "seed", "threads"}. OUT.npz holds `image`,
 linear RGB as float32, row 0 at the bottom.
 """
 
@@ -16,19 +17,19 @@ import bpy
 import numpy as np
 
 
-def set_camera(scene, job, folder):
+def set_camera(scene, osl, job, folder):
     data = bpy.data.cameras.new("camera")
     camera = bpy.data.objects.new("camera", data)
     scene.collection.objects.link(camera)
     scene.camera = camera
     data.clip_start, data.clip_end = 1e-6, 1e5
-    if job["osl"] is None:
+    if osl is None:
         data.angle = math.radians(job["hfov_deg"])
         return
     import _cycles
 
     source, compiled = folder / "camera.osl", folder / "camera.oso"
-    source.write_text(job["osl"])
+    source.write_text(osl)
     assert _cycles.osl_compile(str(source), str(compiled)), "the shader does not compile"
     data.type, data.custom_mode = "CUSTOM", "EXTERNAL"
     try:
@@ -65,6 +66,15 @@ def build(scene, job):
         ):
             bpy.ops.mesh.primitive_plane_add(size=size, location=(x, y, -distance))
             bpy.context.object.data.materials.append(emission(name, colour, 1.0))
+    if job["scene"] == "lit":  # grey balls before a grey wall, under a small lamp
+        grey = bpy.data.materials.new("grey")  # a diffuse one
+        bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 0, -3))
+        bpy.context.object.data.materials.append(grey)
+        for i in range(-3, 4):
+            bpy.ops.mesh.primitive_uv_sphere_add(radius=0.12, location=(0.27 * i, 0.06 * i, -2))
+            bpy.context.object.data.materials.append(grey)
+        bpy.ops.object.light_add(type="AREA", location=(0.5, 1.5, -1), rotation=(-0.9, 0.2, 0))
+        bpy.context.object.data.energy, bpy.context.object.data.size = 30, 0.5
     if job["scene"] == "dots":  # discs at [x, y, distance], facing the camera
         white = emission("dot", (1, 1, 1), 1.0)
         bpy.ops.mesh.primitive_circle_add(vertices=48, radius=job["dot_radius"], fill_type="NGON")
@@ -97,20 +107,25 @@ def main(job_path, out_path):
         scene.render.threads_mode, scene.render.threads = "FIXED", job["threads"]
     scene.view_settings.view_transform = "Raw"
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+    sources = job["osl"] if isinstance(job["osl"], list) else [job["osl"]]
+    images, cpu_seconds = [], 0.0
     with tempfile.TemporaryDirectory() as temp:
-        folder = Path(temp)
         build(scene, job)
-        set_camera(scene, job, folder)
-        scene.render.filepath = str(folder / "image.exr")
-        start = time.perf_counter()
-        bpy.ops.render.render(write_still=True)
-        seconds = time.perf_counter() - start
-        image = bpy.data.images.load(scene.render.filepath)
-        image.colorspace_settings.name = "Non-Color"
-        pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
-        image.pixels.foreach_get(pixels)
-        image = pixels.reshape(job["height"], job["width"], -1)[..., :3]
-        np.savez(out_path, image=image, seconds=seconds, blender=bpy.app.version_string)
+        for k, source in enumerate(sources):
+            folder = Path(temp) / str(k)
+            folder.mkdir()
+            set_camera(scene, source, job, folder)
+            scene.render.filepath = str(folder / "image.exr")
+            start = time.process_time()
+            bpy.ops.render.render(write_still=True)
+            cpu_seconds += time.process_time() - start
+            image = bpy.data.images.load(scene.render.filepath)
+            image.colorspace_settings.name = "Non-Color"
+            pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
+            image.pixels.foreach_get(pixels)
+            images.append(pixels.reshape(job["height"], job["width"], -1)[..., :3])
+    image = np.array(images) if isinstance(job["osl"], list) else images[0]
+    np.savez(out_path, image=image, cpu_seconds=cpu_seconds, blender=bpy.app.version_string)
 
 
 if __name__ == "__main__":

@@ -47,6 +47,18 @@ def test_trace_refuses_bad_rays(pecs_program, line):
     assert "line 2" in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_trace_keeps_the_order_of_many(pecs_program):
+    count = 150_000  # more than one batch
+    lines = [f"{i * 1e-5!r},0,-10,0,0,1" for i in range(count)]
+    done = pecs_program("lens", "trace", LENS, "--to-z-mm", -5, "--no-clip", input="\n".join(lines))
+    assert done.returncode == 0
+    x = [float(line.split(",", 1)[0]) for line in done.stdout.splitlines()[1:]]
+    assert len(x) == count and all(a < b for a, b in zip(x[:-1], x[1:], strict=True))
+    lines[140_000] = lines[149_000] = "bad"
+    done = pecs_program("lens", "trace", LENS, "--to-z-mm", 0, input="\n".join(lines))
+    assert done.returncode == 4 and "line 140001" in done.stderr
+
+
 def test_draw(pecs_program, tmp_path):
     path = tmp_path / "lens.svg"
     done = pecs_program("lens", "draw", LENS, "-o", path)
@@ -55,6 +67,17 @@ def test_draw(pecs_program, tmp_path):
     assert svg.count("<polygon") == 6  # six elements
     assert svg.count("<polyline") == 3 * 3 * 5  # fields x wavelengths x rays
     assert json.loads((tmp_path / "lens.svg.run.json").read_text())["command"] == "lens draw"
+
+
+@pytest.mark.parametrize("what", ["draw", "chart", "pupil"])
+def test_pictures_as_png(what, pecs_program, tmp_path):
+    path = tmp_path / "lens.png"
+    done = pecs_program("lens", what, "cmount_8mm_f2p8", "-o", path, "--width-px", 800)
+    assert done.returncode == 0, done.stderr
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert int.from_bytes(data[16:20]) == 800 and len(data) > 10_000  # not an empty sheet
+    assert pecs_program("lens", what, "cmount_8mm_f2p8", "-o", tmp_path / "lens.gif").returncode == 2
 
 
 @pytest.mark.parametrize(

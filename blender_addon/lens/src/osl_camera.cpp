@@ -13,6 +13,7 @@ namespace pecs::lens {
 namespace {
 
 constexpr int kDraws = 4;
+constexpr double kCarefulEfl = 60;  // mm
 
 double mean(const std::vector<double>& values) {
   double sum = 0;
@@ -47,6 +48,17 @@ double colour_shift_mm(const Tracer& a, const Tracer& b, const Focus& focus, con
   return count ? std::sqrt(sum / count) : 0;
 }
 
+// The film's own axes and its normal towards the scene, in the lens frame.
+struct FilmAxes {
+  Vec3 right, up, ahead;
+};
+FilmAxes film_axes(const CameraOptions& o) {
+  const double x = o.film_tilt_x_deg * std::numbers::pi / 180, y = o.film_tilt_y_deg * std::numbers::pi / 180;
+  return {{std::cos(y), 0, -std::sin(y)},
+          {std::sin(x) * std::sin(y), std::cos(x), std::sin(x) * std::cos(y)},
+          {-std::cos(x) * std::sin(y), std::sin(x), -std::cos(x) * std::cos(y)}};
+}
+
 std::string number(double x) { return fmt::format("{:.9g}", x); }
 
 template <class T, class F>
@@ -56,24 +68,31 @@ std::string list(const std::vector<T>& values, const F& f) {
   return out;
 }
 
-// The index ratio of surface i met from behind, per traced wavelength, as an expression.
-std::string eta_text(const std::vector<std::vector<double>>& n_after, std::size_t i) {
-  std::vector<double> eta;
-  for (const auto& n : n_after) eta.push_back(n[i] / (i ? n[i - 1] : 1.0));
-  if (eta.size() == 1) return number(eta[0]);
-  std::string out = number(eta.back());
-  for (std::size_t c = eta.size() - 1; c-- > 0;) out = fmt::format("(c == {} ? {} : {})", c, number(eta[c]), out);
+// One value per traced wavelength, as an expression.
+std::string per_wavelength(const std::vector<double>& values) {
+  std::string out = number(values.back());
+  if (values.size() == 1) return out;
+  for (std::size_t c = values.size() - 1; c-- > 0;) out = fmt::format("(c == {} ? {} : {})", c, number(values[c]), out);
   return out;
 }
 
 // One surface, met from the film's side. State: x y z relative to the vertex before, dx dy dz; Z towards the scene, so
-// curvatures change sign. `break` leaves the draw as blocked.
-std::string surface_text(const Prescription& lens, std::size_t i, double stop_diameter_mm, const std::string& eta,
-                         bool index_changes) {
+// curvatures change sign. `break` leaves the draw as blocked. `careful`: against float32's rounding, for some 10 % more
+// time.
+std::string surface_text(const Prescription& lens, std::size_t i, double stop_diameter_mm,
+                         const std::vector<std::vector<double>>& n_after, bool careful) {
   const Surface& s = lens.surfaces[i];
   const double gap = i + 1 < lens.surfaces.size() ? lens.surfaces[i + 1].z_mm - s.z_mm : 0.0;
   const double semi = i == lens.stop ? std::min(s.semi_diameter_mm, 0.5 * stop_diameter_mm) : s.semi_diameter_mm;
   const double c = -s.curvature, k = s.conic;
+  bool index_changes = false;
+  std::vector<double> ratio, one_less_square;  // of the indices, met from behind
+  for (const auto& n : n_after) {
+    ratio.push_back(n[i] / (i ? n[i - 1] : 1.0));
+    one_less_square.push_back(1 - ratio.back() * ratio.back());
+    index_changes = index_changes || ratio.back() != 1;
+  }
+  const std::string eta = per_wavelength(ratio);
   std::string out = fmt::format("    // surface {}\n", i);
   if (gap != 0) out += fmt::format("    z -= {};\n", number(gap));
   out += "    s = -z / dz; x += s * dx; y += s * dy; z = 0;\n";
@@ -124,58 +143,59 @@ std::string surface_text(const Prescription& lens, std::size_t i, double stop_di
     out += "    nz = 1 / sqrt(1 + m * m * (x * x + y * y)); nx = -m * x * nz; ny = -m * y * nz;\n";
     out += "    q = dx * nx + dy * ny + dz * nz;\n    if (q <= 0) break;\n";
   }
-  out += fmt::format("    e = {};\n    g = 1 - e * e * (1 - q * q);\n    if (g < 0) break;\n    g = sqrt(g) - e * q;\n",
-                     eta);
+  if (careful) out += "    q = dx * nx + dy * ny + dz * nz;\n";
+  out += fmt::format("    e = {};\n    g = 1 - e * e * (1 - q * q);\n    if (g < 0) break;\n    g = {};\n", eta,
+                     careful ? per_wavelength(one_less_square) + " / (sqrt(g) + e * q)" : "sqrt(g) - e * q");
   out += "    dx = e * dx + g * nx; dy = e * dy + g * ny; dz = e * dz + g * nz;\n";
+  if (careful) out += "    g = 1.5 - 0.5 * (dx * dx + dy * dy + dz * dz); dx *= g; dy *= g; dz *= g;\n";
   return out;
 }
 
 std::string shader_text(const Prescription& lens, const Camera& camera) {
   const CameraOptions& o = camera.options;
-  const PupilTable& first = camera.tables.front();
+  const PupilTables& first = camera.tables.front();
   const bool per_channel = camera.channel_mode == ChannelMode::per_channel;
-  const std::size_t traced = camera.tables.size();
   std::vector<std::vector<double>> n_after;
-  for (const PupilTable& table : camera.tables) n_after.push_back(lens.indices(table.lambda_nm));
+  for (const PupilTables& t : camera.tables) n_after.push_back(lens.indices(t.layers.front().lambda_nm));
 
-  std::string arrays;
-  std::size_t nodes = 0, dense = 0;
-  for (const PupilTable& t : camera.tables) {
-    nodes = std::max(nodes, t.ellipses.size());
-    dense = std::max(dense, t.areas_mm2.size());
+  // One layout for all channels and layers: a coarser table is read at the finer nodes, which changes nothing.
+  std::size_t nodes = 0, dense = 0, layers = 0;
+  for (const PupilTables& channel : camera.tables) {
+    layers = std::max(layers, channel.layers.size());
+    for (const PupilTable& t : channel.layers) {
+      nodes = std::max(nodes, t.ellipses.size());
+      dense = std::max(dense, t.areas_mm2.size());
+    }
   }
-  // One table layout for all channels: a coarser table is read at the finer nodes, which changes nothing.
   std::vector<Ellipse> ellipses;
   std::vector<double> areas;
-  for (const PupilTable& t : camera.tables) {
-    for (std::size_t i = 0; i < nodes; ++i)
-      ellipses.push_back(t.ellipse_at(t.max_r_mm * static_cast<double>(i) / static_cast<double>(nodes - 1)));
-    for (std::size_t i = 0; i < dense; ++i)
-      areas.push_back(t.area_at(t.max_r_mm * static_cast<double>(i) / static_cast<double>(dense - 1)) / t.e0());
-  }
-  arrays += fmt::format("  float table_p[{}] = {{{}}};\n", ellipses.size(),
-                        list(ellipses, [](const Ellipse& e) { return e.p_mm; }));
-  arrays += fmt::format("  float table_a[{}] = {{{}}};\n", ellipses.size(),
-                        list(ellipses, [](const Ellipse& e) { return e.a_mm; }));
-  arrays += fmt::format("  float table_b[{}] = {{{}}};\n", ellipses.size(),
-                        list(ellipses, [](const Ellipse& e) { return e.b_mm; }));
-  arrays += fmt::format("  // exact pupil area / E0\n  float table_area[{}] = {{{}}};\n", areas.size(),
-                        list(areas, [](double a) { return a; }));
+  const auto step = [](std::size_t i, std::size_t count) {
+    return static_cast<double>(i) / static_cast<double>(count - 1);
+  };
+  for (const PupilTables& t : camera.tables)
+    for (std::size_t k = 0; k < layers; ++k) {
+      const double dz = layers == 1 ? 0 : t.max_dz_mm * (2 * step(k, layers) - 1);
+      for (std::size_t i = 0; i < nodes; ++i) ellipses.push_back(t.ellipse_at(t.max_r_mm * step(i, nodes), dz));
+      for (std::size_t i = 0; i < dense; ++i) areas.push_back(t.area_at(t.max_r_mm * step(i, dense), dz) / t.e0);
+    }
+  const auto array = [](const char* name, const std::string& values, std::size_t size) {
+    return fmt::format("  float table_{}[{}] = {{{}}};\n", name, size, values);
+  };
+  const std::string arrays = array("p", list(ellipses, [](const Ellipse& e) { return e.p_mm; }), ellipses.size()) +
+                             array("a", list(ellipses, [](const Ellipse& e) { return e.a_mm; }), ellipses.size()) +
+                             array("b", list(ellipses, [](const Ellipse& e) { return e.b_mm; }), ellipses.size()) +
+                             "  // exact pupil area / E0\n" +
+                             array("area", list(areas, [](double area) { return area; }), areas.size());
 
+  // A direction's rounding is a distance on the film times the focal length.
+  const bool careful = camera.first_order.efl_mm > kCarefulEfl;
   std::string surfaces;
-  for (std::size_t i = lens.surfaces.size(); i-- > 0;) {
-    bool changes = false;
-    for (const auto& n : n_after) changes = changes || n[i] != (i ? n[i - 1] : 1.0);
-    surfaces += surface_text(lens, i, o.stop_diameter_mm, eta_text(n_after, i), changes);
-  }
+  for (std::size_t i = lens.surfaces.size(); i-- > 0;)
+    surfaces += surface_text(lens, i, o.stop_diameter_mm, n_after, careful);
 
   const double distance = camera.focus.film_z_mm - lens.rear_z_mm();
-  const std::string e0_at = [&] {  // pi a b / E0 from the area table's unit
-    std::string out = number(camera.tables.back().e0());
-    for (std::size_t c = traced - 1; c-- > 0;)
-      out = fmt::format("(c == {} ? {} : {})", c, number(camera.tables[c].e0()), out);
-    return out;
-  }();
+  std::vector<double> e0;  // pi a b / E0 from the area table's unit
+  for (const PupilTables& t : camera.tables) e0.push_back(t.e0);
   const std::string throughput = !per_channel
                                      ? std::string("color(weight)")
                                      : fmt::format("{} * weight * color(c == 0, c == 1, c == 2)", o.bands_nm.size());
@@ -184,13 +204,38 @@ std::string shader_text(const Prescription& lens, const Camera& camera) {
           ? fmt::format("  // each sample traces one band\n  c = min(int({0} * xi0), {1});\n  xi0 = {0} * xi0 - c;\n",
                         o.bands_nm.size(), o.bands_nm.size() - 1)
           : "";
-  const auto at = [&](const char* table, std::size_t stride, const char* index) {
-    return per_channel ? fmt::format("{}[{} * c + {}]", table, stride, index) : fmt::format("{}[{}]", table, index);
+  // Value of a table at node i + t, between layers k and k + 1 of a tilted film.
+  const auto value = [&](const char* name, std::size_t stride) {
+    const std::string channel = per_channel ? fmt::format("{} * c + ", stride * layers) : "";
+    const auto in_layer = [&](const std::string& layer) {
+      return fmt::format("mix(table_{0}[{1}{2}i], table_{0}[{1}{2}i + 1], t)", name, channel, layer);
+    };
+    return layers == 1 ? in_layer("")
+                       : fmt::format("mix({}, {}, l)", in_layer(fmt::format("{} * k + ", stride)),
+                                     in_layer(fmt::format("{} * (k + 1) + ", stride)));
   };
-  const auto at_next = [&](const char* table, std::size_t stride, const char* index) {
-    return per_channel ? fmt::format("{}[{} * c + {} + 1]", table, stride, index)
-                       : fmt::format("{}[{} + 1]", table, index);
-  };
+  // The film point (fx, fy), its distance to the rear vertex and the cosine at the film.
+  const FilmAxes axes = film_axes(o);
+  std::string film, distance_at = number(distance), distance2_at = number(distance * distance), cosine = "dz";
+  if (layers == 1) {
+    film = fmt::format("  float fx = (0.5 - raster[0]) * {} + {}, fy = (0.5 - raster[1]) * {} + {};\n",
+                       number(o.film_width_mm), number(o.film_shift_x_mm), number(o.film_height_mm),
+                       number(o.film_shift_y_mm));
+  } else {
+    film = fmt::format(
+        "  float across = (0.5 - raster[0]) * {}, along = (0.5 - raster[1]) * {};\n"
+        "  float fx = {} + across * {} + along * {}, fy = {} + along * {}, fz = across * {} + along * {};\n"
+        "  float far = {} + fz;\n"
+        "  float l = clamp((fz + {}) * {}, 0, {});\n  int k = min(int(l), {});\n  l -= k;\n",
+        number(o.film_width_mm), number(o.film_height_mm), number(o.film_shift_x_mm), number(axes.right.x),
+        number(axes.up.x), number(o.film_shift_y_mm), number(axes.up.y), number(axes.right.z), number(axes.up.z),
+        number(distance), number(first.max_dz_mm), number(static_cast<double>(layers - 1) / (2 * first.max_dz_mm)),
+        layers - 1, layers - 2);
+    distance_at = "far";
+    distance2_at = "far * far";
+    cosine =
+        fmt::format("({} * dx + {} * dy + {} * dz)", number(axes.ahead.x), number(axes.ahead.y), number(-axes.ahead.z));
+  }
 
   std::string bands;
   for (const double b : o.bands_nm) bands += (bands.empty() ? "" : ", ") + number(b);
@@ -211,21 +256,20 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
 {pick}
   // film point; the picture on the film is upside down
   point raster = camera_shader_raster_position();
-  float fx = (0.5 - raster[0]) * {width} + {shift_x}, fy = (0.5 - raster[1]) * {height} + {shift_y};
-  float r = sqrt(fx * fx + fy * fy);
+{film}  float r = sqrt(fx * fx + fy * fy);
   float cosphi = r > 0 ? fx / r : 1, sinphi = r > 0 ? fy / r : 0;
 
   // the pupil there: interpolated ellipse (Eq. 2) and exact area
   float t = min(r * {per_node}, {last_node});
   int i = min(int(t), {nodes} - 2);
   t -= i;
-  float centre = mix({p0}, {p1}, t);
-  float semi_a = mix({a0}, {a1}, t);
-  float semi_b = mix({b0}, {b1}, t);
+  float centre = {p_at};
+  float semi_a = {a_at};
+  float semi_b = {b_at};
   t = min(r * {per_area}, {last_area});
   i = min(int(t), {areas} - 2);
   t -= i;
-  float pupil = mix({area0}, {area1}, t);
+  float pupil = {area_at};
   // chance of one draw to get through
   float p = min(1, pupil * {e0} / ({pi} * semi_a * semi_b));
 
@@ -260,7 +304,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
     dx *= dz;
     dy *= dz;
     dz *= {distance};
-    weight = dz * dz * dz * dz;
+    weight = {cosine} * dz * dz * dz;
 
     do {{
 {surfaces}
@@ -271,7 +315,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
     // camera space: origin at the entrance pupil's centre
     position = 0.001 * point(x, y, z + {pupil_z});
     direction = normalize(vector(dx, dy, dz));
-    weight *= pupil * {over_distance2} / (1 - pow(1 - p, {draws}));
+    weight *= pupil / ({distance2} * (1 - pow(1 - p, {draws})));
     throughput = {throughput};
   }}
 }}
@@ -281,21 +325,16 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
       fmt::arg("stop", number(camera.first_order.stop_diameter_mm)), fmt::arg("film_z", number(camera.focus.film_z_mm)),
       fmt::arg("focus", o.focus_m ? number(*o.focus_m) + " m" : "infinity"), fmt::arg("shader", camera.shader_name),
       fmt::arg("derivative", number(derivative)), fmt::arg("arrays", arrays), fmt::arg("pick", pick),
-      fmt::arg("width", number(o.film_width_mm)), fmt::arg("height", number(o.film_height_mm)),
-      fmt::arg("shift_x", number(o.film_shift_x_mm)), fmt::arg("shift_y", number(o.film_shift_y_mm)),
-      fmt::arg("nodes", nodes), fmt::arg("areas", dense),
+      fmt::arg("film", film), fmt::arg("nodes", nodes), fmt::arg("areas", dense),
       fmt::arg("per_node", number(static_cast<double>(nodes - 1) / first.max_r_mm)), fmt::arg("last_node", nodes - 1),
       fmt::arg("per_area", number(static_cast<double>(dense - 1) / first.max_r_mm)), fmt::arg("last_area", dense - 1),
-      fmt::arg("p0", at("table_p", nodes, "i")), fmt::arg("p1", at_next("table_p", nodes, "i")),
-      fmt::arg("a0", at("table_a", nodes, "i")), fmt::arg("a1", at_next("table_a", nodes, "i")),
-      fmt::arg("b0", at("table_b", nodes, "i")), fmt::arg("b1", at_next("table_b", nodes, "i")),
-      fmt::arg("area0", at("table_area", dense, "i")), fmt::arg("area1", at_next("table_area", dense, "i")),
-      fmt::arg("e0", e0_at), fmt::arg("pi", number(std::numbers::pi)),
-      fmt::arg("half_pi", number(std::numbers::pi / 2)), fmt::arg("quarter_pi", number(std::numbers::pi / 4)),
-      fmt::arg("draws", kDraws), fmt::arg("distance", number(distance)),
-      fmt::arg("distance2", number(distance * distance)),
-      fmt::arg("over_distance2", number(1.0 / (distance * distance))), fmt::arg("surfaces", surfaces),
-      fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)), fmt::arg("throughput", throughput));
+      fmt::arg("p_at", value("p", nodes)), fmt::arg("a_at", value("a", nodes)), fmt::arg("b_at", value("b", nodes)),
+      fmt::arg("area_at", value("area", dense)), fmt::arg("e0", per_wavelength(e0)),
+      fmt::arg("pi", number(std::numbers::pi)), fmt::arg("half_pi", number(std::numbers::pi / 2)),
+      fmt::arg("quarter_pi", number(std::numbers::pi / 4)), fmt::arg("draws", kDraws),
+      fmt::arg("distance", distance_at), fmt::arg("distance2", distance2_at), fmt::arg("cosine", cosine),
+      fmt::arg("surfaces", surfaces), fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)),
+      fmt::arg("throughput", throughput));
 }
 
 }  // namespace
@@ -308,8 +347,15 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
     throw bad_input(lens.file, "bands_nm", fmt::format("{} bands", o.bands_nm.size()), "1 to 3");
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
-  const double max_r = std::hypot(0.5 * o.film_width_mm + std::abs(o.film_shift_x_mm),
-                                  0.5 * o.film_height_mm + std::abs(o.film_shift_y_mm));
+  // How far the film reaches from the axis, and along it: at a corner.
+  const FilmAxes axes = film_axes(o);
+  double max_r = 0, max_dz = 0;
+  for (const double u : {-0.5 * o.film_width_mm, 0.5 * o.film_width_mm})
+    for (const double v : {-0.5 * o.film_height_mm, 0.5 * o.film_height_mm}) {
+      const Vec3 corner = Vec3{o.film_shift_x_mm, o.film_shift_y_mm, 0} + u * axes.right + v * axes.up;
+      max_r = std::max(max_r, std::hypot(corner.x, corner.y));
+      max_dz = std::max(max_dz, std::abs(corner.z));
+    }
 
   camera.focus = best_focus(lens, o.focus_bands_nm, o.focus_m, o.stop_diameter_mm);
   camera.first_order = first_order(lens, mean(o.focus_bands_nm), o.stop_diameter_mm);
@@ -331,16 +377,20 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
   const bool one = camera.colour_shift_px <= o.colour_tolerance_px;
   camera.channel_mode = one ? ChannelMode::mean : ChannelMode::per_channel;
   if (one) tracers.assign(1, at_mean);
-  for (const Tracer& tracer : tracers) camera.tables.push_back(pupil_table(tracer, camera.focus.film_z_mm, max_r));
+  if (!(camera.focus.film_z_mm - max_dz > lens.rear_z_mm()))
+    throw bad_input(lens.file, "film_tilt", fmt::format("a film {:.4g} mm before its centre", max_dz),
+                    fmt::format("less than {:.4g} mm, the last surface", camera.focus.film_z_mm - lens.rear_z_mm()));
+  for (const Tracer& tracer : tracers)
+    camera.tables.push_back(pupil_tables(tracer, camera.focus.film_z_mm, max_r, max_dz));
   for (std::size_t i = 0; i < o.bands_nm.size(); ++i) {
     const double e0 = one ? exact_pupil(Tracer(lens, o.bands_nm[i], o.stop_diameter_mm), camera.focus.film_z_mm, 0)
                                 .irradiance_per_radiance
-                          : camera.tables[i].e0();
+                          : camera.tables[i].e0;
     if (!(e0 > 0)) throw bad_input(lens.file, "surfaces", "no ray from the film's centre through the lens", "a lens");
     camera.e0_sr.push_back(e0);
   }
   const auto acceptance = [&](double part) {
-    const PupilTable& t = camera.tables.front();
+    const PupilTables& t = camera.tables.front();
     return t.area_at(part * max_r) / t.ellipse_at(part * max_r).area_mm2();
   };
   camera.acceptance_centre = acceptance(0);

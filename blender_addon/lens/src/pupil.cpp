@@ -216,14 +216,13 @@ T interpolate(const std::vector<T>& samples, double x, const Mix& mix) {
   return mix(samples[i], samples[i + 1], at - static_cast<double>(i));
 }
 double mix_number(double a, double b, double t) { return a + t * (b - a); }
+Ellipse mix_ellipse(const Ellipse& a, const Ellipse& b, double t) {
+  return {mix_number(a.p_mm, b.p_mm, t), mix_number(a.a_mm, b.a_mm, t), mix_number(a.b_mm, b.b_mm, t)};
+}
 }  // namespace
 
 Ellipse PupilTable::ellipse_at(double r_mm) const {
-  return interpolate(ellipses, r_mm / max_r_mm * static_cast<double>(ellipses.size() - 1),
-                     [](const Ellipse& a, const Ellipse& b, double t) {
-                       return Ellipse{mix_number(a.p_mm, b.p_mm, t), mix_number(a.a_mm, b.a_mm, t),
-                                      mix_number(a.b_mm, b.b_mm, t)};
-                     });
+  return interpolate(ellipses, r_mm / max_r_mm * static_cast<double>(ellipses.size() - 1), mix_ellipse);
 }
 double PupilTable::area_at(double r_mm) const {
   return interpolate(areas_mm2, r_mm / max_r_mm * static_cast<double>(areas_mm2.size() - 1), mix_number);
@@ -238,11 +237,15 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
   table.film_z_mm = film_z_mm;
   table.max_r_mm = max_r_mm;
   // More nodes until the interpolated ellipses cover the pupils between them; the last missing part by the margin.
+  std::vector<ExactPupil> pupils;
   for (int nodes = kNodes;; nodes = 2 * nodes - 1) {
     const int dense = (nodes - 1) * kAreaPerNode + 1;
-    std::vector<ExactPupil> pupils(dense);
-    tbb::parallel_for(0, dense,
-                      [&](int i) { pupils[i] = exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0)); });
+    std::vector<ExactPupil> coarser = std::move(pupils);  // every other one of the new
+    pupils.assign(dense, {});
+    tbb::parallel_for(0, dense, [&](int i) {
+      pupils[i] = !coarser.empty() && i % 2 == 0 ? std::move(coarser[i / 2])
+                                                 : exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0));
+    });
     table.ellipses.assign(nodes, {});
     tbb::parallel_for(0, nodes, [&](int i) { table.ellipses[i] = covering_ellipse(pupils[i * kAreaPerNode]); });
     // A film point without light borrows its neighbour's ellipse, so that interpolation towards it still covers.
@@ -275,6 +278,56 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
       table.ellipses = covering;
     }
     if (nodes >= kMaxNodes) return table;
+  }
+}
+
+namespace {
+// f(layer) at dz, between the two nearest layers.
+template <class F, class Mix>
+auto between_layers(const PupilTables& tables, double dz_mm, const F& f, const Mix& mix) {
+  if (tables.layers.size() == 1) return f(tables.layers.front());
+  const double last = static_cast<double>(tables.layers.size() - 1);
+  const double at = std::clamp(0.5 * (dz_mm / tables.max_dz_mm + 1) * last, 0.0, last);
+  const auto k = std::min(static_cast<std::size_t>(at), tables.layers.size() - 2);
+  return mix(f(tables.layers[k]), f(tables.layers[k + 1]), at - static_cast<double>(k));
+}
+}  // namespace
+
+Ellipse PupilTables::ellipse_at(double r_mm, double dz_mm) const {
+  return between_layers(*this, dz_mm, [&](const PupilTable& t) { return t.ellipse_at(r_mm); }, mix_ellipse);
+}
+double PupilTables::area_at(double r_mm, double dz_mm) const {
+  return between_layers(*this, dz_mm, [&](const PupilTable& t) { return t.area_at(r_mm); }, mix_number);
+}
+
+PupilTables pupil_tables(const Tracer& tracer, double film_z_mm, double max_r_mm, double max_dz_mm) {
+  PupilTables tables;
+  tables.film_z_mm = film_z_mm;
+  tables.max_r_mm = max_r_mm;
+  tables.max_dz_mm = max_dz_mm;
+  if (max_dz_mm == 0) {
+    tables.layers.push_back(pupil_table(tracer, film_z_mm, max_r_mm));
+    tables.e0 = tables.layers.front().e0();
+    tables.missed_fraction = tables.layers.front().missed_fraction;
+    return tables;
+  }
+  tables.e0 = exact_pupil(tracer, film_z_mm, 0).irradiance_per_radiance;
+  constexpr int kLayers = 5, kMaxLayers = 33, kRadii = 17;
+  for (int count = kLayers;; count = 2 * count - 1) {
+    tables.layers.clear();
+    for (int k = 0; k < count; ++k)
+      tables.layers.push_back(pupil_table(tracer, film_z_mm + max_dz_mm * (2.0 * k / (count - 1) - 1), max_r_mm));
+    tables.missed_fraction = 0;
+    for (const PupilTable& layer : tables.layers)
+      tables.missed_fraction = std::max(tables.missed_fraction, layer.missed_fraction);
+    std::vector<double> missed(static_cast<std::size_t>(count - 1) * kRadii);
+    tbb::parallel_for(std::size_t{0}, missed.size(), [&](std::size_t i) {
+      const double dz = max_dz_mm * ((2.0 * static_cast<double>(i / kRadii) + 1) / (count - 1) - 1);
+      const double r = max_r_mm * static_cast<double>(i % kRadii) / (kRadii - 1);
+      missed[i] = missed_fraction(exact_pupil(tracer, film_z_mm + dz, r), tables.ellipse_at(r, dz));
+    });
+    tables.missed_fraction = std::max(tables.missed_fraction, *std::max_element(missed.begin(), missed.end()));
+    if (tables.missed_fraction <= 3 * kNegligible || count >= kMaxLayers) return tables;
   }
 }
 

@@ -148,6 +148,8 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
   o.film_height_mm = options.number_or("film_height_mm", o.film_height_mm, {1e-3, 1e3});
   o.film_shift_x_mm = options.number_or("film_shift_x_mm", 0, {-1e3, 1e3});
   o.film_shift_y_mm = options.number_or("film_shift_y_mm", 0, {-1e3, 1e3});
+  o.film_tilt_x_deg = options.number_or("film_tilt_x_deg", 0, {-45, 45});
+  o.film_tilt_y_deg = options.number_or("film_tilt_y_deg", 0, {-45, 45});
   o.pixel_pitch_mm = options.number_or("pixel_pitch_mm", o.pixel_pitch_mm, {1e-5, 10});
   o.colour_tolerance_px = options.number_or("colour_tolerance_px", o.colour_tolerance_px, {0, 1e6});
   options.done();
@@ -156,7 +158,7 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
 
 Json camera_report(const Prescription& lens, const Camera& camera) {
   Json missed = Json::array();
-  for (const PupilTable& table : camera.tables) missed.push_back(table.missed_fraction);
+  for (const PupilTables& table : camera.tables) missed.push_back(table.missed_fraction);
   // Diffraction is the renderer's to apply, per band, where the Airy radius exceeds half a pixel.
   std::vector<double> working, airy;
   for (std::size_t i = 0; i < camera.e0_sr.size(); ++i) {
@@ -173,6 +175,8 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"film_height_mm", camera.options.film_height_mm},
           {"film_shift_x_mm", camera.options.film_shift_x_mm},
           {"film_shift_y_mm", camera.options.film_shift_y_mm},
+          {"film_tilt_x_deg", camera.options.film_tilt_x_deg},
+          {"film_tilt_y_deg", camera.options.film_tilt_y_deg},
           {"focus_m", maybe(camera.options.focus_m)},
           {"rms_spot_um", 1e3 * camera.focus.rms_spot_mm},
           {"stop_diameter_mm", camera.first_order.stop_diameter_mm},

@@ -19,6 +19,8 @@ struct CameraOptions {
   double stop_diameter_mm = kWideOpen;
   double film_width_mm = 6.2208, film_height_mm = 3.4992;
   double film_shift_x_mm = 0, film_shift_y_mm = 0;  // of the film's centre off the axis (+x right, +y up, from behind)
+  // Of the film about its centre: first about its own x axis, then about the lens frame's y axis (right-handed).
+  double film_tilt_x_deg = 0, film_tilt_y_deg = 0;
   double pixel_pitch_mm = 0.00486;
   // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
   double colour_tolerance_px = 0.1;
@@ -34,7 +36,7 @@ struct Camera {
   std::vector<double> e0_sr;  // per band: film irradiance per scene radiance on the axis
   ChannelMode channel_mode;
   double colour_shift_px;                                        // the measured difference that chose the mode
-  std::vector<PupilTable> tables;                                // one, or one per band
+  std::vector<PupilTables> tables;                               // one, or one per band
   double acceptance_centre, acceptance_half, acceptance_corner;  // exact area / sampled area
 };
 

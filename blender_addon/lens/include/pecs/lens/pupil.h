@@ -41,6 +41,18 @@ struct PupilTable {
 };
 PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm);
 
+// The pupils of a tilted film: its points lie at several z, and rotational symmetry leaves (r, z). Tables at evenly
+// spaced z, interpolated linearly; one table when the film is square to the axis.
+struct PupilTables {
+  std::vector<PupilTable> layers;  // at film_z + max_dz (2 k / (size - 1) - 1); one: at film_z
+  double film_z_mm = 0, max_r_mm = 0, max_dz_mm = 0;
+  double e0 = 0;               // on the axis at film_z, the film square to it [sr]
+  double missed_fraction = 0;  // the largest missed part, found between radii and between layers
+  Ellipse ellipse_at(double r_mm, double dz_mm = 0) const;
+  double area_at(double r_mm, double dz_mm = 0) const;
+};
+PupilTables pupil_tables(const Tracer& tracer, double film_z_mm, double max_r_mm, double max_dz_mm);
+
 // Part of the exact pupil's area outside the ellipse.
 double missed_fraction(const ExactPupil& pupil, const Ellipse& ellipse);
 
