@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <numbers>
+
 #include "lenses.h"
+#include "pecs/lens/diffraction.h"
 
 namespace pecs::lens {
 namespace {
@@ -53,6 +57,55 @@ TEST(Field, TheEightMillimetreLens) {
     }
     const double r = tracer.to_film({{low, 0, z}, -1.0 * chief->d}, Tracer::Clip::none).ray.at_z(focus.film_z_mm).x;
     EXPECT_NEAR(1e3 * (r - 3.569), corner.lateral_colour_um[band], 1e-4);
+  }
+}
+
+MtfCurve mtf_of(const std::string& name, double fnumber, double r_mm, std::optional<double> distance_m = std::nullopt) {
+  const Prescription lens = load_prescription(name);
+  const double bands[] = {550}, stop = stop_diameter_for_fnumber(lens, fnumber);
+  const Focus focus = best_focus(lens, bands, distance_m, stop);
+  const Tracer tracer(lens, 550, stop);
+  const double pupil_z = first_order(lens, 550, stop).entrance_pupil_z_mm;
+  return wavefront_mtf(lens, tracer, *object_point(tracer, lens.stop, focus, pupil_z, r_mm), focus, r_mm, 100);
+}
+
+TEST(Field, AGoodSmallApertureReachesTheDiffractionLimit) {
+  const Prescription lens = load_prescription("cmount_16mm_f2p1");
+  for (const std::optional<double> distance : {std::optional<double>(), std::optional<double>(0.5)}) {
+    const double bands[] = {550}, stop = stop_diameter_for_fnumber(lens, 16);
+    const Focus focus = best_focus(lens, bands, distance, stop);
+    const double e0 = exact_pupil(Tracer(lens, 550, stop), focus.film_z_mm, 0).irradiance_per_radiance;
+    const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);
+    const MtfCurve curve = mtf_of("cmount_16mm_f2p1", 16, 0, distance);
+    ASSERT_GT(curve.cycles_per_mm.size(), 20u);
+    for (std::size_t i = 0; i < curve.cycles_per_mm.size(); ++i) {
+      const double limit = diffraction_mtf(curve.cycles_per_mm[i], 550, working);
+      EXPECT_NEAR(curve.tangential[i], limit, 0.015) << curve.cycles_per_mm[i];
+      EXPECT_NEAR(curve.sagittal[i], curve.tangential[i], 1e-3);
+    }
+  }
+}
+
+TEST(Field, LargeAberrationsGiveTheGeometricMtf) {
+  const Prescription lens = load_prescription("dgauss_50mm_tronnier");
+  const double bands[] = {550};
+  const Focus focus = best_focus(lens, bands, std::nullopt);
+  const Tracer tracer(lens, 550);
+  const double pupil_z = first_order(lens, 550).entrance_pupil_z_mm;
+  for (const double r : {0.0, 8.0}) {
+    const auto object = object_point(tracer, lens.stop, focus, pupil_z, r);
+    const MtfCurve curve = wavefront_mtf(lens, tracer, *object, focus, r, 30);
+    const std::vector<Vec3> hits = spot(tracer, tracer, *object, focus, pupil_z, r, 128);
+    ASSERT_GT(curve.cycles_per_mm.size(), 5u);
+    double least = 1;
+    for (std::size_t i = 0; i < curve.cycles_per_mm.size(); ++i) {
+      const double f = curve.cycles_per_mm[i];
+      const Mtf geometric = geometric_mtf(hits, f);
+      EXPECT_NEAR(curve.tangential[i], geometric.tangential, 0.06) << r << ' ' << f;
+      EXPECT_NEAR(curve.sagittal[i], geometric.sagittal, 0.06) << r << ' ' << f;
+      least = std::min(least, geometric.tangential);
+    }
+    EXPECT_LT(least, 0.7);  // there is an aberration to see
   }
 }
 

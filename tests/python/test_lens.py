@@ -80,6 +80,16 @@ def test_pictures_as_png(what, pecs_program, tmp_path):
     assert pecs_program("lens", what, "cmount_8mm_f2p8", "-o", tmp_path / "lens.gif").returncode == 2
 
 
+def test_every_shipped_lens_is_on_the_page_of_charts(root):
+    page = (root / "docs/lenses.md").read_text()
+    for path in (root / "lens_data/lenses").glob("*.json"):
+        assert f"\n## {path.stem}\n" in page and (root / f"docs/lenses/{path.stem}.svg").is_file(), (
+            "run scripts/lens_charts.py"
+        )
+        efl = pecs.Lens(path.stem).info()["efl_mm"]
+        assert f"| [{path.stem}](#{path.stem}) | {efl:.3f} |" in page, "run scripts/lens_charts.py"
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

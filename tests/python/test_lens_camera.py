@@ -94,6 +94,24 @@ SHIPPED = [{"name": p.stem} for p in sorted((ROOT / "lens_data/lenses").glob("*.
 
 @pytest.mark.parametrize("setting", [DGAUSS, SHIFTED, TILTED, *SHIPPED], ids=lambda s: "-".join(map(str, s.values())))
 def test_ray_by_ray_as_the_tracer(setting, render, pecs_program):
+    check_ray_by_ray(setting, render, pecs_program)
+
+
+def test_ray_by_ray_of_conics_and_odd_powers(tmp_path, render, pecs_program):
+    path = tmp_path / "odd.json"
+    air, glass = {"name": "air"}, {"name": "N-BK7", "catalog": "Schott"}
+    front = {"type": "asphere", "radius": 12.0, "k": -0.6, "odd_coeffs": {"3": 2e-5, "5": -1e-6}}
+    rear = {"type": "asphere", "radius": -30.0, "k": 2.0}
+    surfaces = [
+        {"type": "stop", "thickness": 1.0, "medium_after": air, "semi_diameter": 3.0},
+        front | {"even_coeffs": {"4": -3e-5}, "thickness": 4.0, "medium_after": glass, "semi_diameter": 6.0},
+        rear | {"thickness": 15.0, "medium_after": air, "semi_diameter": 6.0},
+    ]
+    path.write_text(json.dumps({"name": "odd", "stop_index": 0, "surfaces": surfaces}))
+    check_ray_by_ray({"name": str(path)}, render, pecs_program)
+
+
+def check_ray_by_ray(setting, render, pecs_program):
     cam = camera(setting, [549.0, 550.0, 551.0], colour_tolerance_px=1e3)
     width, height = 48, 32
     assert "throughput = color(weight);" in cam.osl

@@ -109,6 +109,7 @@ std::string framed(const std::string& title, double height, const std::string& b
 struct Curve {
   std::vector<double> x, y;
   std::string colour, dash, label;
+  double width = 1.3;
 };
 
 // A small plot at (left, top); the y range is widened to what the curves need.
@@ -146,8 +147,8 @@ std::string plot(double left, double top, double width, double height, const std
     for (std::size_t i = 0; i < c.x.size(); ++i)
       if (std::isfinite(c.y[i])) points += fmt::format("{:.1f},{:.1f} ", sx(c.x[i]), sy(c.y[i]));
     svg += fmt::format(
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.3\" stroke-dasharray=\"{}\"/>\n", points,
-        c.colour, c.dash);
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-dasharray=\"{}\"/>\n", points,
+        c.colour, c.width, c.dash);
     if (c.label.empty()) continue;
     svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"end\" font-size=\"10\" fill=\"{}\">{}</text>\n",
                        in_left + in_width - 3, label_y, c.colour, escaped(c.label));
@@ -237,22 +238,22 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
     limit.y.push_back(diffraction_mtf(2.5 * i, reference_nm, working));
   }
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
-    Curve t{{},
-            {},
-            kFieldColours[k % 6],
-            "none",
-            fmt::format("{:.3g} mm (solid T, dashed S)", o.fields[k] * o.film_half_diagonal_mm)};
-    Curve s{{}, {}, kFieldColours[k % 6], "5 2", ""};
-    for (int i = 0; i <= 40; ++i) {
-      const double f = 2.5 * i, d = diffraction_mtf(f, reference_nm, working);
+    const double r = o.fields[k] * o.film_half_diagonal_mm;
+    const char* colour = kFieldColours[k % 6];
+    Curve t_geometric{limit.x, {}, colour, "none", "", 0.5}, s_geometric{limit.x, {}, colour, "5 2", "", 0.5};
+    for (const double f : limit.x) {
       const Mtf m = geometric_mtf(spots[k][band], f);
-      t.x.push_back(f);
-      s.x.push_back(f);
-      t.y.push_back(m.tangential * d);
-      s.y.push_back(m.sagittal * d);
+      t_geometric.y.push_back(m.tangential);
+      s_geometric.y.push_back(m.sagittal);
     }
-    mtf.push_back(t);
-    mtf.push_back(s);
+    mtf.push_back(std::move(t_geometric));
+    mtf.push_back(std::move(s_geometric));
+    const auto object = object_point(reference, lens.stop, focus, pupil_z, r);
+    if (!object) continue;
+    const MtfCurve wave = wavefront_mtf(lens, reference, *object, focus, r, limit.x.back());
+    mtf.push_back(
+        {wave.cycles_per_mm, wave.tangential, colour, "none", fmt::format("{:.3g} mm (solid T, dashed S)", r)});
+    mtf.push_back({wave.cycles_per_mm, wave.sagittal, colour, "5 2", ""});
   }
   mtf.push_back(limit);
   const double third = (kWidth - kMargin) / 3, tall = 210;
@@ -264,7 +265,7 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
   top += tall + 6;
   svg += plot(8, top, third, tall, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
   svg += plot(8 + third, top, 2 * third, tall + 40,
-              fmt::format("MTF at {:.4g} nm: geometric times diffraction (working F/{:.3g})", reference_nm, working),
+              fmt::format("MTF at {:.4g} nm with diffraction (F/{:.3g}); thin: geometric", reference_nm, working),
               "cycles per mm (pixels of 4.86 um: Nyquist 103)", mtf, 0, 1);
   return framed(lens.name, top + tall + 50, svg);
 }

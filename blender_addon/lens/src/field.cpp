@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
 #include <numbers>
 
@@ -127,6 +128,70 @@ Mtf geometric_mtf(const std::vector<Vec3>& hits, double cycles_per_mm) {
     sy += std::sin(w * p.y);
   }
   return {std::hypot(cx, sx) / n, std::hypot(cy, sy) / n};
+}
+
+MtfCurve wavefront_mtf(const Prescription& lens, const Tracer& tracer, const ObjectPoint& object, const Focus& focus,
+                       double r_mm, double max_cycles_per_mm) {
+  constexpr int kAcross = 256;
+  MtfCurve curve;
+  const ExactPupil pupil = exact_pupil(tracer, focus.film_z_mm, r_mm, 180);
+  if (pupil.area_mm2 <= 0) return curve;
+  const Vec3 film{r_mm, 0, focus.film_z_mm};
+  double low = std::numeric_limits<double>::infinity(), high = -low, up = 0;  // direction cosines of the pupil's edge
+  for (std::size_t j = 0; j < pupil.edge_mm.size(); ++j) {
+    Vec3 aim = pupil.edge_point(j);
+    aim.z = tracer.rear_z_mm();
+    const Vec3 d = normalized(aim - film);
+    low = std::min(low, d.x);
+    high = std::max(high, d.x);
+    up = std::max(up, std::abs(d.y));
+  }
+
+  // The pupil function on a grid of direction cosines.
+  const double lambda_mm = tracer.lambda_nm() * 1e-6, step = std::max(high - low, 2 * up) / kAcross;
+  const int nx = static_cast<int>(std::ceil((high - low) / step)), ny = static_cast<int>(std::ceil(2 * up / step));
+  const std::vector<double> n = lens.indices(tracer.lambda_nm());
+  std::vector<std::complex<double>> field(static_cast<std::size_t>(nx) * ny);
+  std::vector<Vec3> hits;
+  std::optional<double> first;
+  double power = 0;
+  for (int i = 0; i < nx; ++i)
+    for (int j = 0; j < ny; ++j) {
+      const double dx = low + (i + 0.5) * step, dy = (j + 0.5 - 0.5 * ny) * step;
+      hits.assign(1, film);
+      const Traced t =
+          tracer.to_scene({film, {dx, dy, -std::sqrt(1 - dx * dx - dy * dy)}}, Tracer::Clip::housing, &hits);
+      if (t.fate != Fate::ok) continue;
+      double path = 0;  // n behind the last surface is that of air, 1
+      for (std::size_t k = 1; k < hits.size(); ++k) {
+        const Vec3 way = hits[k] - hits[k - 1];
+        path += n[n.size() - k] * std::sqrt(dot(way, way));
+      }
+      // On to the plane wave through the origin, or to where the ray passes the object point.
+      const Vec3 from = hits.back();
+      path += object.at_infinity ? -dot(from, object.place) / dot(t.ray.d, object.place)
+                                 : dot(object.place - from, t.ray.d);
+      if (!first) first = path;
+      field[static_cast<std::size_t>(i) * ny + j] = std::polar(1.0, 2 * std::numbers::pi * (path - *first) / lambda_mm);
+      power += 1;
+    }
+  if (!(power > 0)) return curve;
+
+  // A shift by m cells is the frequency m step / lambda.
+  const int last = static_cast<int>(max_cycles_per_mm * lambda_mm / step), every = std::max(1, last / 40);
+  for (int m = 0; m <= last; m += every) {
+    std::complex<double> t = 0, s = 0;
+    for (int i = 0; i < nx; ++i)
+      for (int j = 0; j < ny; ++j) {
+        const auto here = std::conj(field[static_cast<std::size_t>(i) * ny + j]);
+        if (i + m < nx) t += here * field[static_cast<std::size_t>(i + m) * ny + j];
+        if (j + m < ny) s += here * field[static_cast<std::size_t>(i) * ny + j + m];
+      }
+    curve.cycles_per_mm.push_back(m * step / lambda_mm);
+    curve.tangential.push_back(std::abs(t) / power);
+    curve.sagittal.push_back(std::abs(s) / power);
+  }
+  return curve;
 }
 
 namespace {

@@ -212,7 +212,7 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
     """One camera per pass, film irradiance per radiance and band, what stack.json says of the lens, and each band's
     diffraction."""
     cameras, e0, modes, described, blurs, working = [], [], set(), None, [], []
-    diffraction = False
+    diffraction, colour_shift_px = False, 0.0
     for k, bands in enumerate(slices):
         camera = lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
@@ -224,6 +224,7 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
         cameras.append(cycles.lens_camera(f"{camera.shader_name}_{k}", camera.osl, scratch))
         e0 += camera.e0[: bands.stop - bands.start]
         modes.add(camera.channel_mode)
+        colour_shift_px = max(colour_shift_px, camera.colour_shift_px)
         for band in range(bands.stop - bands.start):
             working.append(camera.working_fnumber[band])
             blurs.append(partial(camera.diffract, band=band))
@@ -232,6 +233,7 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
     keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm")
     record = {key: getattr(described, key) for key in keys}
     record["channel_mode"] = "per_channel" if "per_channel" in modes else "mean"
+    record["colour_shift_px"] = colour_shift_px
     record["file"] = Path(record["file"]).name
     record |= {"diffraction": diffraction, "working_fnumber": working}
     return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}, blurs if diffraction else []

@@ -39,6 +39,15 @@ struct Mtf {
 };
 Mtf geometric_mtf(const std::vector<Vec3>& hits, double cycles_per_mm);
 
+// MTF with diffraction, at evenly spaced frequencies from 0: the autocorrelation of the pupil function
+// A exp(2 pi i W / lambda) over the direction cosines at the film point (r, 0), W by the optical paths of real rays
+// from it to the object point (reversed light), A = 1 where they get through.
+struct MtfCurve {
+  std::vector<double> cycles_per_mm, tangential, sagittal;
+};
+MtfCurve wavefront_mtf(const Prescription& lens, const Tracer& tracer, const ObjectPoint& object, const Focus& focus,
+                       double r_mm, double max_cycles_per_mm);
+
 // What the lens does along the film radius.
 struct FieldRow {
   double r_mm, angle_deg;  // of the chief ray in the scene

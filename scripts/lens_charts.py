@@ -1,0 +1,62 @@
+"""docs/lenses.md and the charts in docs/lenses/, of every lens in lens_data/lenses.
+
+.venv/bin/python scripts/lens_charts.py    (needs build/release/bin/pecs, or build/dev/bin/pecs)
+"""
+
+import json
+import math
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FILMS = {"36 x 24": (36.0, 24.0), "6.22 x 3.50": (6.2208, 3.4992)}  # the larger where the lens lights its corner
+LEAST_LIGHT = 0.02
+PREFACE = """# The shipped lenses
+Written by `scripts/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and 6.2208 x 3.4992 mm
+(1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal. Distortion,
+illumination and spot at 587.6 nm; the spot on the axis and in the corner, RMS. What is estimated in a prescription
+(housing radii, matched glasses) its file says. A C-mount leaves 17.5 mm behind its flange: the choice from 5 mm to 50 mm
+is the `cmount_*` lenses and `dgauss_50mm_tronnier`.
+
+| lens | EFL mm | f-number | BFL mm | film mm | field deg | corner light | distortion % | spot um |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def pecs(*arguments):
+    program = next(p for d in ("release", "dev") if (p := ROOT / "build" / d / "bin/pecs").is_file())
+    return subprocess.run([program, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
+
+
+def described(name):
+    for film, (width, height) in FILMS.items():
+        arguments = ("--field-rows", 9, "--film-width-mm", width, "--film-height-mm", height)
+        info = json.loads(pecs("lens", "info", name, "--lambda-nm", 587.5618, "--json", *arguments))
+        if info["field"][-1]["relative_illumination"] > LEAST_LIGHT:
+            return info, film, math.hypot(width, height) / 2
+    raise SystemExit(f"{name}: lights neither film")
+
+
+def main():
+    charts = ROOT / "docs/lenses"
+    charts.mkdir(exist_ok=True)
+    rows, sections = "", ""
+    for path in sorted((ROOT / "lens_data/lenses").glob("*.json")):
+        name, lens = path.stem, json.loads(path.read_text())
+        info, film, half = described(name)
+        corner, axis = info["field"][-1], info["field"][0]
+        rows += (
+            f"| [{name}](#{name}) | {info['efl_mm']:.3f} | {info['fnumber']:.2f} | {info['bfl_mm']:.2f} | {film} "
+            f"| {2 * corner['angle_deg']:.1f} | {corner['relative_illumination']:.3f} "
+            f"| {corner['distortion_percent']:.2f} "
+            f"| {axis['rms_spot_um'][0]:.1f} / {corner['rms_spot_um'][0]:.1f} |\n"
+        )
+        pecs("lens", "chart", name, "-o", charts / f"{name}.svg", "--film-half-diagonal-mm", f"{half:.4f}")
+        (charts / f"{name}.svg.run.json").unlink()
+        source = "; ".join(str(v) for v in lens["source"].values())
+        sections += f"\n## {name}\n{lens['name']}. {source}.\n\n![chart of {name}](lenses/{name}.svg)\n"
+    (ROOT / "docs/lenses.md").write_text(PREFACE + rows + sections)
+
+
+if __name__ == "__main__":
+    main()
