@@ -239,8 +239,8 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
   }
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm;
-    const char* colour = kFieldColours[k % 6];
-    Curve t_geometric{limit.x, {}, colour, "none", "", 0.5}, s_geometric{limit.x, {}, colour, "5 2", "", 0.5};
+    const char* shade = kFieldColours[k % 6];
+    Curve t_geometric{limit.x, {}, shade, "none", "", 0.5}, s_geometric{limit.x, {}, shade, "5 2", "", 0.5};
     for (const double f : limit.x) {
       const Mtf m = geometric_mtf(spots[k][band], f);
       t_geometric.y.push_back(m.tangential);
@@ -252,8 +252,8 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
     if (!object) continue;
     const MtfCurve wave = wavefront_mtf(lens, reference, *object, focus, r, limit.x.back());
     mtf.push_back(
-        {wave.cycles_per_mm, wave.tangential, colour, "none", fmt::format("{:.3g} mm (solid T, dashed S)", r)});
-    mtf.push_back({wave.cycles_per_mm, wave.sagittal, colour, "5 2", ""});
+        {wave.cycles_per_mm, wave.tangential, shade, "none", fmt::format("{:.3g} mm (solid T, dashed S)", r)});
+    mtf.push_back({wave.cycles_per_mm, wave.sagittal, shade, "5 2", ""});
   }
   mtf.push_back(limit);
   const double third = (kWidth - kMargin) / 3, tall = 210;

@@ -233,7 +233,7 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
     keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm")
     record = {key: getattr(described, key) for key in keys}
     record["channel_mode"] = "per_channel" if "per_channel" in modes else "mean"
-    record["colour_shift_px"] = colour_shift_px
+    record["colour_shift_px"] = float(f"{colour_shift_px:.3g}")
     record["file"] = Path(record["file"]).name
     record |= {"diffraction": diffraction, "working_fnumber": working}
     return cameras, np.array(e0), {"name": described.lens_name, **record, "e0": e0}, blurs if diffraction else []
