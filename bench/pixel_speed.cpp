@@ -95,7 +95,7 @@ int run(const std::vector<std::string>& args) {
   const std::size_t plane = static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height);
   for (int pass = 0; pass < passes; ++pass) {
     copies.push_back(seconds([&] { std::memcpy(copy.data(), s.values.data(), s.values.size() * sizeof(float)); }));
-    std::vector<events::Event> events;
+    sensor::LabelledEvents events;
     sensor::Sensor sensor(chip, s.width, s.height, 1, 1.0);
     ours.push_back(seconds([&] {
       for (int first = 0; first < s.frames; first += 64) {
@@ -108,7 +108,7 @@ int run(const std::vector<std::string>& args) {
         sensor.push(planes, t_us, first + 64 >= s.frames, events);
       }
     }));
-    count = events.size();
+    count = events.events.size();
   }
   const double time_s = median(ours), pixels = static_cast<double>(s.values.size());
   fmt::print(

@@ -13,7 +13,7 @@ using pecs::capi::guard;
 struct pecs_sensor {
   pecs::sensor::Sensor sensor;
   tbb::task_arena arena;
-  std::vector<pecs::events::Event> events;
+  pecs::sensor::LabelledEvents found;
 };
 
 namespace {
@@ -44,8 +44,10 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
       model.parameters[key] = value.get<double>();
     }
   }
+  const SensorExtras extras{!o.has("readout") || o.one_of("readout", {"chip", "ideal"}) == "chip",
+                            o.boolean_or("labels", false)};
   o.done();
-  return new pecs_sensor{Sensor(no_noise ? without_noise(chip) : chip, width, height, seed, gain_fa, model),
+  return new pecs_sensor{Sensor(no_noise ? without_noise(chip) : chip, width, height, seed, gain_fa, model, extras),
                          tbb::task_arena(threads ? threads : tbb::task_arena::automatic),
                          {}};
 }
@@ -71,16 +73,23 @@ int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double*
     const auto pixels = static_cast<std::int64_t>(sensor->sensor.width()) * sensor->sensor.height();
     std::vector<const float*> planes;
     for (std::int64_t i = 0; i < count; ++i) planes.push_back(frames + i * pixels);
-    sensor->events.clear();
+    sensor->found.events.clear();
+    sensor->found.causes.clear();
     sensor->arena.execute(
-        [&] { sensor->sensor.push(planes, {t_us, static_cast<std::size_t>(count)}, last != 0, sensor->events); });
-    return static_cast<std::int64_t>(sensor->events.size());
+        [&] { sensor->sensor.push(planes, {t_us, static_cast<std::size_t>(count)}, last != 0, sensor->found); });
+    return static_cast<std::int64_t>(sensor->found.events.size());
   });
 }
 
 void pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out) {
-  std::copy(sensor->events.begin(), sensor->events.end(), reinterpret_cast<pecs::events::Event*>(out));
+  std::ranges::copy(sensor->found.events, reinterpret_cast<pecs::events::Event*>(out));
 }
+
+void pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out) {
+  std::ranges::transform(sensor->found.causes, out, [](auto cause) { return static_cast<std::uint8_t>(cause); });
+}
+
+int64_t pecs_sensor_dropped(const pecs_sensor* sensor) { return sensor->sensor.dropped(); }
 
 void pecs_sensor_close(pecs_sensor* sensor) { delete sensor; }
 

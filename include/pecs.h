@@ -122,7 +122,8 @@ PECS_API void pecs_events_discard(pecs_event_writer* writer);
 
 typedef struct pecs_sensor pecs_sensor;
 /* options: {"width": w, "height": h, "chip": "imx636" | path, "overrides": {"key": value, ...}, "no_noise": false,
- * "seed": 1, "threads": 0 (all), "photocurrent_a": amperes for a value of 1}. NULL on error. */
+ * "seed": 1, "threads": 0 (all), "photocurrent_a": amperes for a value of 1, "model": "pecs" | "esim" | …,
+ * "parameters": {"key": value, …} of the model, "readout": "chip" | "ideal", "labels": false}. NULL on error. */
 PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
  * with the second frame after it, or when `last` says that no frame follows. Returns how many there are, -1 on error.
@@ -131,6 +132,10 @@ PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, cons
                                   pecs_error* error);
 /* Copies the events of the last push, sorted by time, then row, then column. */
 PECS_API void pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out);
+/* With "labels": why each of them came: 0 signal, 1 leak, 2 noise, 3 hot pixel. */
+PECS_API void pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out);
+/* Events lost so far because their pixel still waited to be read. */
+PECS_API int64_t pecs_sensor_dropped(const pecs_sensor* sensor);
 PECS_API void pecs_sensor_close(pecs_sensor* sensor);
 
 /* ---- comparison (calibration) --------------------------------------------------------------------------------- */

@@ -3,14 +3,34 @@
 
 #include <fmt/format.h>
 
+#include <charconv>
+
 #include "commands.h"
+#include "pecs/error.h"
 #include "pecs/run_record.h"
 
 namespace pecs::app {
+namespace {
+
+std::pair<std::string, double> key_value(const std::string& text, const std::string& option) {
+  const auto equals = text.find('=');
+  double value = 0;
+  const char* end = text.data() + text.size();
+  if (equals != std::string::npos) {
+    const auto [stop, ec] = std::from_chars(text.data() + equals + 1, end, value);
+    if (ec == std::errc() && stop == end) return {text.substr(0, equals), value};
+  }
+  throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted KEY=NUMBER", option, text));
+}
+
+}  // namespace
 
 void add_sense(CLI::App& app) {
   struct Options : sensor::SenseOptions {
     bool json = false;
+    std::vector<std::string> parameters;
+    std::string readout = "chip";
+    double white_a = 0;
   };
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn an EXR stack into events");
@@ -27,6 +47,20 @@ void add_sense(CLI::App& app) {
       ->capture_default_str();
   sub->add_option("--fps", o->fps, "frames per second, for a folder without stack.json")->check(CLI::PositiveNumber);
   sub->add_option("--fnumber", o->fnumber, "of the lens, for a stack of radiance")->check(CLI::PositiveNumber);
+  sub->add_option("--gain", o->gain,
+                  "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
+      ->check(CLI::PositiveNumber);
+  sub->add_option("--model", o->model.name, "pixel: pecs, or another simulator's: esim, v2e, voltmeter, icns")
+      ->capture_default_str();
+  sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
+      ->allow_extra_args(false);
+  sub->add_option("--white-a", o->white_a,
+                  "photocurrent of white, A, for the other models (default: first frame's 99.5 %)")
+      ->check(CLI::PositiveNumber);
+  sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
+      ->check(CLI::IsMember({"chip", "ideal"}))
+      ->capture_default_str();
+  sub->add_option("--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
   sub->add_option("--warmup-loops", o->warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
   sub->add_option("--start-us", o->start_us, "output begins this long after the start (or the warm-up), us")
@@ -36,6 +70,9 @@ void add_sense(CLI::App& app) {
   sub->add_flag("--json", o->json, "machine output");
   sub->add_flag("--quiet", o->quiet, "no progress");
   sub->callback([o] {
+    o->ideal_readout = o->readout == "ideal";
+    o->model.white_fa = o->white_a * 1e15;
+    for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
     const sensor::SenseReport report = sensor::sense(*o);
     write_run_record(o->output, {"sense", arguments(), report.config, {o->stack}, report.results});
     const Json& r = report.results;
@@ -45,6 +82,8 @@ void add_sense(CLI::App& app) {
     }
     fmt::print("{}: {} events, {}x{}\n", o->output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
                r["height"].get<int>());
+    if (const auto dropped = r["dropped"].get<std::int64_t>())
+      fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
     const auto bad =
         r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
     if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o->stack.string(), bad);

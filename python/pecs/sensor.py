@@ -37,9 +37,13 @@ _push = function(
     ctypes.c_int,
 )
 _events = function("pecs_sensor_events", None, ctypes.c_void_p, ctypes.c_void_p, error=False)
+_labels = function("pecs_sensor_labels", None, ctypes.c_void_p, ctypes.c_void_p, error=False)
+_dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p, error=False)
 _close = function("pecs_sensor_close", None, ctypes.c_void_p, error=False)
 
 _CHUNK_BYTES = 64 << 20
+LABELS = ("signal", "leak", "noise", "hot")
+LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1"), ("label", "u1")])
 
 
 def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
@@ -68,7 +72,8 @@ class Sensor(Handle):
     """Frames in, events out. An interval's events come with the second frame after it, or at `finish`.
 
     `model`: pecs, or another simulator's (esim, v2e, voltmeter, icns; docs/models.md) with its `parameters`; 1 is then
-    white. `overrides`: values of the chip.
+    white. `overrides`: values of the chip. `readout`: "chip" (row arbiter, rate limit, time base) or "ideal".
+    `labels`: events have a field `label`, why each came (index into `pecs.sensor.LABELS`).
     """
 
     _free = staticmethod(_close)
@@ -84,12 +89,16 @@ class Sensor(Handle):
         model: str = "pecs",
         parameters: Mapping[str, float] | None = None,
         noise: bool = True,
+        readout: str = "chip",
+        labels: bool = False,
         photocurrent_a: float = 1e-12,
         encoding: str | None = None,
         threads: int = 0,
     ):
         self.shape = (height, width)
         self.encoding = encoding
+        self.labels = labels
+        self.dropped = 0  # events that the readout lost, so far
         options = {
             "width": width,
             "height": height,
@@ -98,6 +107,8 @@ class Sensor(Handle):
             "model": model,
             "parameters": {k: float(v) for k, v in (parameters or {}).items()},
             "no_noise": not noise,
+            "readout": readout,
+            "labels": labels,
             "seed": seed,
             "threads": threads,
             "photocurrent_a": photocurrent_a,
@@ -123,6 +134,14 @@ class Sensor(Handle):
     def _push(self, frames: NDArray[np.float32], times: NDArray[np.float64], last: bool) -> NDArray[np.void]:
         out = np.empty(_push(self._alive(), frames, times, len(frames), last), EVENT_DTYPE)
         _events(self._alive(), out.ctypes.data)
+        self.dropped = _dropped(self._alive())
+        if self.labels:
+            labels = np.empty(len(out), np.uint8)
+            _labels(self._alive(), labels.ctypes.data)
+            plain, out = out, np.empty(len(out), LABELLED_DTYPE)
+            for name in EVENT_DTYPE.names:
+                out[name] = plain[name]
+            out["label"] = labels
         if last:
             self.close()
         return out

@@ -37,6 +37,12 @@ constexpr std::array kValues = {
     Value{"leak_rate_hz", "Hz", 0, 100, &Chip::leak_rate_hz},
     Value{"background_on_hz", "Hz", 0, 100, &Chip::background_on_hz},
     Value{"background_off_hz", "Hz", 0, 100, &Chip::background_off_hz},
+    Value{"hot_pixel_fraction", "1", 0, 1, &Chip::hot_pixel_fraction},
+    Value{"hot_pixel_hz", "Hz", 0, 1e4, &Chip::hot_pixel_hz},
+    Value{"readout_rate_hz", "Hz", 0, 1e12, &Chip::readout_rate_hz},
+    Value{"readout_row_s", "s", 0, 1e-3, &Chip::readout_row_s},
+    Value{"timestamp_s", "s", 1e-6, 1e-2, &Chip::timestamp_s},
+    Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
 };
 
 std::vector<std::string> keys() {
@@ -105,7 +111,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
 }
 
 Chip without_noise(Chip chip) {
-  chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch = 0;
+  chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch =
+      chip.hot_pixel_fraction = 0;
   return chip;
 }
 

@@ -59,12 +59,24 @@ Crossing first_crossing(const Cubic& q, double from, double low, double high) {
   return {2, false};
 }
 
-void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey>& events) {
+void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey>& events, std::vector<Cause>* causes) {
   const LogLight light{p.l0, p.l1, p.m0, p.m1};
   std::optional<Receptor> receptor;
   if (k.a_per_us > 0) receptor.emplace(light, k.a_per_us * p.h_us, p.w0);
   const double drift = p.n1 - p.n0 + k.leak_per_us * p.h_us;  // per interval, added to V
   double blind_until = p.blind_us;                            // from the interval's start
+  // Noise at a time within the interval; the drift holds the leak too.
+  const auto noise_at = [&](double dt_us) { return p.n0 + (p.n1 - p.n0) * dt_us / p.h_us; };
+  const auto mark = [&](double dt_us) {
+    if (p.mark) *p.mark = {p.t0_us + dt_us, static_cast<float>(noise_at(dt_us))};
+  };
+  const auto cause = [&](double dt_us, bool on) {
+    const double sign = on ? 1 : -1;
+    const double noise = sign * (noise_at(dt_us) - p.mark->noise);
+    const double leak = sign * k.leak_per_us * (p.t0_us + dt_us - p.mark->t_us);
+    const double signal = (on ? p.threshold_on : p.threshold_off) - noise - leak;
+    return signal >= std::max(noise, leak) ? Cause::signal : leak > noise ? Cause::leak : Cause::noise;
+  };
   auto background = p.background.begin();
 
   for (double from = 0; from < 1;) {
@@ -81,18 +93,22 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
       s = std::max(0.0, (blind_until - start) / h);
       p.reference = q.at(s);
       p.blind_us = 0;
+      mark(start + s * h);
     }
     while (true) {
       Crossing next = first_crossing(q, s, p.reference - p.threshold_off, p.reference + p.threshold_on);
       while (background != p.background.end() && background->t_us - p.t0_us < start + s * h) ++background;
+      Cause why = Cause::signal;
       const bool by_noise = background != p.background.end() && background->t_us - p.t0_us < end &&
                             (background->t_us - p.t0_us - start) / h < next.s;
       if (by_noise) {
         next = {(background->t_us - p.t0_us - start) / h, background->on};
+        why = background->cause;
         ++background;
       }
       if (next.s > 1) break;
       events.push_back(event_key(std::llround(p.t0_us + start + next.s * h), p.pixel, next.on));
+      if (p.mark) causes->push_back(by_noise ? why : cause(start + next.s * h, next.on));
       // The reference is V when the refractory period ends.
       if (k.refractory_us > 0) {
         blind_until = start + next.s * h + k.refractory_us;
@@ -102,9 +118,11 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
         }
         s = (blind_until - start) / h;
         p.reference = q.at(s);
+        mark(blind_until);
       } else {
         p.reference = q.at(next.s);
         s = next.s;
+        mark(start + s * h);
       }
     }
   }

@@ -54,10 +54,11 @@ inline Interval interval_before(const FrameBatch& batch, std::size_t index) {
   return {batch.t_us[at - 1], batch.t_us[at], batch.first_frame + static_cast<std::int64_t>(index) - 1};
 }
 
+inline constexpr std::size_t kTile = 8192;  // pixels
+
 // work(first pixel, end, events of the tile) for tiles of pixels in parallel.
 template <class Work>
 void for_tiles(std::size_t pixels, EventOrder& order, const Work& work) {
-  constexpr std::size_t kTile = 8192;
   const std::size_t tiles = (pixels + kTile - 1) / kTile;
   order.tile(tiles - 1);
   tbb::parallel_for(std::size_t{0}, tiles,

@@ -48,12 +48,13 @@ void check_size(int width, int height) {
     throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
 }
 
-PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa)
+PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, bool causes)
     : dark_fa_(chip.dark_current_a * 1e15),
       gain_fa_(gain_fa),
       noise_std_(chip.noise_std),
       background_on_hz_(chip.background_on_hz),
       background_off_hz_(chip.background_off_hz),
+      hot_hz_(chip.hot_pixel_hz),
       seed_(seed) {
   check_size(width, height);
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
@@ -74,12 +75,14 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
     };
     threshold_on_[i] = threshold(chip.contrast_threshold_on, r[0]);
     threshold_off_[i] = threshold(chip.contrast_threshold_off, r[1]);
+    if (uniform(r[2]) < chip.hot_pixel_fraction && hot_hz_ > 0) hot_.push_back(static_cast<std::uint32_t>(i));
   }
+  if (causes) marks_.resize(n);
   pixels_ = static_cast<std::uint32_t>(n);
 }
 
 void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count,
-                         std::vector<EventKey>& events) {
+                         std::vector<EventKey>& events, std::vector<Cause>* causes) {
   // Interval i lies between t_us[i] and t_us[i + 1]; it needs t_us[i + 2], or the end of the stream.
   const std::size_t times = batch.t_us.size();
   const std::size_t complete = times < 2 ? 0 : times - (batch.last ? 1 : 2);
@@ -89,10 +92,10 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
     intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i)));
 
   std::vector<BackgroundEvent> noise;
-  if (complete && background_on_hz_ + background_off_hz_ > 0)
+  if (complete && (background_on_hz_ + background_off_hz_ > 0 || !hot_.empty()))
     noise = background(batch.t_us[0], batch.t_us[complete], first, count);
   const bool plain = constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-                     background_on_hz_ + background_off_hz_ == 0;
+                     background_on_hz_ + background_off_hz_ == 0 && hot_.empty() && marks_.empty();
   run_kernel({constants_,
               plain,
               static_cast<float>(dark_fa_),
@@ -110,12 +113,15 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
               noise_.data(),
               batch.planes,
               batch.first_frame,
+              times ? batch.t_us[0] : 0,
               intervals,
               batch.last,
               first,
               count,
               noise,
-              &events});
+              &events,
+              causes,
+              marks_.empty() ? nullptr : marks_.data()});
 }
 
 // A Poisson process of one rate in all pixels is one of the summed rate whose events fall on pixels at random: drawn
@@ -140,6 +146,16 @@ std::vector<BackgroundEvent> PixelArray::background(double begin_us, double end_
         const bool on = next() * rate_hz < background_on_hz_;
         if (t_us >= begin_us && t_us < end_us && pixel >= first && pixel < first + count)
           events.push_back({t_us, pixel, on});
+      }
+    }
+  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < first + count; ++hot)
+    for (std::int64_t window = first_window; static_cast<double>(window) * kBackgroundWindow_us < end_us; ++window) {
+      std::int64_t draw = 0;
+      const auto next = [&] { return uniform(random4(seed_, *hot, window << 24 | draw++, Purpose::hot)[0]); };
+      const int n = poisson(hot_hz_ * kBackgroundWindow_us * 1e-6, next);
+      for (int i = 0; i < n; ++i) {
+        const double t_us = (static_cast<double>(window) + next()) * kBackgroundWindow_us;
+        if (t_us >= begin_us && t_us < end_us) events.push_back({t_us, *hot, true, Cause::hot});
       }
     }
   std::ranges::stable_sort(events, {}, &BackgroundEvent::pixel);

@@ -171,6 +171,7 @@ class Run {
       const V l2 = hn::IfThenElse(finite, ln(current), frame == 0 ? hn::Set(f_, std::log(kFloor_fa)) : s_.l1);
       if (frame == 0) {
         start(l2);
+        if (a_.marks) mark_start();
       } else if (frame == 1) {
         s_.l0 = s_.l1;
         s_.l1 = l2;
@@ -247,6 +248,12 @@ class Run {
       if (a_.noise_std > 0) s_.noise = hn::Mul(hn::Set(f_, a_.noise_std), gaussian_of(0, Purpose::noise_start));
       s_.reference = hn::Add(v_, s_.noise);
     }
+  }
+
+  void mark_start() {
+    HWY_ALIGN float noise[HWY_MAX_BYTES / sizeof(float)];
+    hn::Store(kReceptor ? s_.noise : hn::Zero(f_), f_, noise);
+    for (std::uint32_t i = 0; i < lanes_; ++i) a_.marks[pixel_ + i] = {a_.start_us, noise[i]};
   }
 
   // Four steps share one call of Philox.
@@ -469,10 +476,24 @@ class Run {
       own.clear();
       for (const BackgroundEvent& e : now)
         if (e.pixel == pixel_ + i) own.push_back(e);
-      PixelInterval p{
-          t.t0_us, t.t1_us - t.t0_us, pixel_ + i, fl0[i],    fl1[i], fm0[i], fm1[i], fw0[i], fw1[i], fn0[i], fn1[i],
-          fon[i],  -foff[i],          fref[i],    fblind[i], own};
-      find_events(a_.constants, p, *a_.events);
+      PixelInterval p{t.t0_us,
+                      t.t1_us - t.t0_us,
+                      pixel_ + i,
+                      fl0[i],
+                      fl1[i],
+                      fm0[i],
+                      fm1[i],
+                      fw0[i],
+                      fw1[i],
+                      fn0[i],
+                      fn1[i],
+                      fon[i],
+                      -foff[i],
+                      fref[i],
+                      fblind[i],
+                      own,
+                      a_.marks ? a_.marks + pixel_ + i : nullptr};
+      find_events(a_.constants, p, *a_.events, a_.causes);
       fref[i] = static_cast<float>(p.reference) + leak;  // the caller takes it off for all lanes
       fblind[i] = static_cast<float>(p.blind_us);
       fw1[i] = static_cast<float>(p.w1);

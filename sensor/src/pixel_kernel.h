@@ -22,11 +22,14 @@ struct KernelArguments {
   float *l0, *l1, *m0, *reference, *blind_us, *w, *noise;
   std::span<const float* const> planes;
   std::int64_t first_frame;
+  double start_us;                           // time of the batch's first known frame
   std::span<const IntervalTimes> intervals;  // one per plane from frame 2 on, and one more when the stream ends
   bool last;                                 // the last of `intervals` has no frame after it
   std::uint32_t first, count;
   std::span<const BackgroundEvent> background;  // by pixel; within these intervals
   std::vector<EventKey>* events;
+  std::vector<Cause>* causes;  // with `marks`, of each event; else null
+  ResetMark* marks;
 };
 
 inline constexpr std::uint32_t kMaxLanes = 64;

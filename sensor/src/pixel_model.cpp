@@ -11,10 +11,12 @@ namespace {
 
 class PecsModel : public PixelModel {
  public:
-  PecsModel(const ModelSetup& s, double gain_fa) : pixels_(s.chip, s.width, s.height, s.seed, gain_fa) {}
+  PecsModel(const ModelSetup& s, double gain_fa, bool causes)
+      : pixels_(s.chip, s.width, s.height, s.seed, gain_fa, causes) {}
   void advance(const FrameBatch& batch, EventOrder& order) override {
     for_tiles(pixels_.pixels(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
-      pixels_.advance(batch, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(end - first), events);
+      pixels_.advance(batch, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(end - first), events,
+                      order.causes(first / kTile));
     });
   }
 
@@ -63,12 +65,13 @@ std::span<const ModelParameter> model_parameters(const std::string& model) { ret
 const char* model_source(const std::string& model) { return entry(model).source; }
 
 std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& chip, int width, int height,
-                                       std::uint64_t seed, double gain_fa) {
+                                       std::uint64_t seed, double gain_fa, bool causes) {
   const ModelEntry& model = entry(choice.name);
   check_size(width, height);
   const double white_fa = choice.white_fa > 0 ? choice.white_fa : gain_fa;
   const ModelSetup setup{chip, width, height, seed, 255 * gain_fa / white_fa, resolved(model, choice.parameters)};
-  if (!model.make) return std::make_unique<PecsModel>(setup, gain_fa);
+  if (!model.make) return std::make_unique<PecsModel>(setup, gain_fa, causes);
+  if (causes) throw Error(ExitCode::usage, fmt::format("--labels: got model {}, wanted pecs", choice.name));
   return model.make(setup);
 }
 

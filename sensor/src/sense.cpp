@@ -16,6 +16,7 @@
 #include "light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
+#include "pecs/files.h"
 #include "pecs/progress.h"
 #include "pecs/sensor/light.h"
 #include "pecs/sensor/sensor.h"
@@ -101,6 +102,26 @@ class LightStatistics {
   std::vector<float> values_;
 };
 
+// Causes of the events, in their order: a NumPy file of bytes.
+class LabelFile {
+ public:
+  void add(std::span<const Cause> causes) { causes_.insert(causes_.end(), causes.begin(), causes.end()); }
+  void write(const std::filesystem::path& path) const {
+    std::string header = fmt::format("{{'descr': '|u1', 'fortran_order': False, 'shape': ({},), }}", causes_.size());
+    header.resize((10 + header.size() + 1 + 63) / 64 * 64 - 11, ' ');
+    AtomicFile file(path);
+    file.write(std::string("\x93NUMPY\x01\x00", 8));
+    const auto size = static_cast<std::uint16_t>(header.size() + 1);
+    file.write(std::string{static_cast<char>(size & 0xff), static_cast<char>(size >> 8)});
+    file.write(header + "\n");
+    file.write(std::as_bytes(std::span(causes_)));
+    file.commit();
+  }
+
+ private:
+  std::vector<Cause> causes_;
+};
+
 // What went to the file.
 struct Counts {
   std::int64_t events = 0, on = 0, first_us = 0, last_us = 0;
@@ -129,10 +150,37 @@ struct Run {
   LightStatistics statistics{};
   events::Writer& writer;
   Counts counts{};
+  LabelFile labels{};
+  ModelChoice model{};
+  std::int64_t dropped = 0;
 
-  void write(std::span<const events::Event> events) {
-    counts.add(events);
-    writer.write(events);
+  // The events of [from, to), counted from `from`.
+  void write(LabelledEvents& found, std::int64_t from_us, std::int64_t to_us) {
+    auto& all = found.events;
+    const auto place = [&](std::int64_t t) { return std::ranges::lower_bound(all, t, {}, &events::Event::t_us); };
+    const auto a = place(from_us), b = std::max(a, place(to_us));
+    for (auto e = a; e != b; ++e) e->t_us -= from_us;
+    if (options.labels)
+      labels.add(
+          std::span(found.causes).subspan(static_cast<std::size_t>(a - all.begin()), static_cast<std::size_t>(b - a)));
+    counts.add({a, b});
+    writer.write({a, b});
+    found.events.clear();
+    found.causes.clear();
+  }
+
+  // The other simulators' pixels see pictures: something must be white.
+  void find_white(std::span<const float> plane) {
+    if (model.name == "pecs" || model.white_fa > 0) return;
+    std::vector<float> values;
+    for (const float v : plane)
+      if (std::isfinite(v)) values.push_back(v);
+    if (!values.empty()) {
+      const auto at = values.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(values.size() - 1));
+      std::ranges::nth_element(values, at);
+      model.white_fa = *at;
+    }
+    if (!(model.white_fa > 0)) throw bad_input(stack.folder().string(), "first frame", "no light", "--white-a");
   }
 
   // Batch by batch: one is sensed while the next is decoded.
@@ -147,7 +195,6 @@ struct Run {
     const std::int64_t end_us =
         options.duration_us ? origin_us + *options.duration_us : std::numeric_limits<std::int64_t>::max();
 
-    Sensor sensor(chip, info.width, info.height, options.seed, 1.0);
     Progress progress("sense", static_cast<std::uint64_t>(frames), options.quiet);
     std::array<std::vector<std::vector<float>>, 2> planes;
     for (auto& half : planes) half.assign(static_cast<std::size_t>(std::min(batch, frames)), {});
@@ -164,7 +211,10 @@ struct Run {
 
     decode(0);
     statistics.add(planes[0][0]);
-    std::vector<events::Event> events;
+    find_white(planes[0][0]);
+    Sensor sensor(chip, info.width, info.height, options.seed, 1.0, model,
+                  {!options.ideal_readout, options.labels.has_value()});
+    LabelledEvents events;
     for (std::int64_t first = 0; first < frames; first += batch) {
       const std::int64_t end = std::min(frames, first + batch);
       tbb::task_group next;
@@ -176,17 +226,12 @@ struct Run {
             planes[static_cast<std::size_t>(first / batch % 2)][static_cast<std::size_t>(i - first)].data());
         t_us.push_back(static_cast<double>(info.times_ns[static_cast<std::size_t>(i)] - info.times_ns[0]) * 1e-3);
       }
-      events.clear();
       sensor.push(pointers, t_us, end == frames, events);
-      const auto in_window = [&](std::int64_t t) {
-        return std::ranges::lower_bound(events, t, {}, &events::Event::t_us);
-      };
-      const auto a = in_window(origin_us), b = in_window(end_us);
-      for (auto e = a; e != b; ++e) e->t_us -= origin_us;
-      write({a, b});
+      write(events, origin_us, end_us);
       next.wait();
       progress.at(static_cast<std::uint64_t>(end));
     }
+    dropped = sensor.dropped();
   }
 
   // A periodic stack again and again: band by band of rows, whose frames fit into memory.
@@ -209,11 +254,12 @@ struct Run {
                       fmt::format("a row's loop of at most {} MiB", kLoopBytes >> 20));
     if (rows > 16 && rows < info.height) rows -= rows % 16;  // whole blocks of the file
 
-    PixelArray pixels(chip, info.width, info.height, options.seed, 1.0);
-    EventOrder order(info.width);
+    PixelArray pixels(chip, info.width, info.height, options.seed, 1.0, options.labels.has_value());
+    EventOrder order(info.width, options.labels.has_value());
     Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet);
     std::vector<float> cache(row_bytes / sizeof(float) * static_cast<std::size_t>(rows));
     std::vector<std::vector<EventKey>> found;
+    std::vector<std::vector<Cause>> found_causes;
     for (int y = 0; y < info.height; y += rows) {
       const int end = std::min(info.height, y + rows);
       const std::size_t plane = width * static_cast<std::size_t>(end - y);
@@ -227,10 +273,12 @@ struct Run {
       const std::uint32_t first_block = first / PixelArray::kBlock,
                           blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
       found.resize(std::max<std::size_t>(found.size(), blocks));
+      found_causes.resize(found.size());
       tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
         const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
         const std::uint32_t b = std::min(last, (block + 1) * PixelArray::kBlock);
         std::vector<EventKey> all;
+        std::vector<Cause> causes;
         std::vector<double> recent;
         for (std::int64_t k = 0; k < total; k += 64) {
           FrameBatch batch{k, {}, recent, false};
@@ -241,19 +289,33 @@ struct Run {
             batch.t_us.push_back(static_cast<double>(i / frames) * period_us +
                                  static_cast<double>(info.times_ns[frame] - info.times_ns[0]) * 1e-3);
           }
-          pixels.advance(batch, a, b - a, all);
+          pixels.advance(batch, a, b - a, all, options.labels ? &causes : nullptr);
           recent.assign(batch.t_us.end() - 2, batch.t_us.end());
-          for (const EventKey key : all)
-            if (key_time_us(key) >= from_us && key_time_us(key) < to_us) found[block].push_back(key);
+          for (std::size_t i = 0; i < all.size(); ++i) {
+            if (key_time_us(all[i]) < from_us || key_time_us(all[i]) >= to_us) continue;
+            found[block].push_back(all[i]);
+            if (options.labels) found_causes[block].push_back(causes[i]);
+          }
           all.clear();
+          causes.clear();
         }
       });
       progress.at(static_cast<std::uint64_t>(end));
     }
-    for (std::size_t i = 0; i < found.size(); ++i) order.tile(i) = std::move(found[i]);
-    std::vector<events::Event> events;
-    order.take(to_us, from_us, events);
-    write(events);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      order.tile(i) = std::move(found[i]);
+      if (options.labels) *order.causes(i) = std::move(found_causes[i]);
+    }
+    LabelledEvents fired, sent;
+    order.take(to_us, 0, fired);
+    if (options.ideal_readout || is_ideal_readout(chip)) {
+      sent = std::move(fired);
+    } else {
+      Readout readout(chip, info.width, info.height, options.seed);
+      readout.push(fired, true, sent);
+      dropped = readout.dropped();
+    }
+    write(sent, from_us, to_us);
   }
 };
 
@@ -274,23 +336,30 @@ SenseReport sense(const SenseOptions& options) {
   const bool looped = options.warmup_loops > 0 || (info.period_ns && options.duration_us);
   if (looped && !info.period_ns)
     throw bad_input(options.stack.string(), "period_ns", "nothing", "a period, for --warmup-loops");
+  if (looped && options.model.name != "pecs")
+    throw Error(ExitCode::usage,
+                fmt::format("--model {}: got a loop of a periodic stack, wanted pecs", options.model.name));
+  model_to_json(options.model);  // a wrong model or parameter is refused before any work
 
-  LightReader light(stack, amperes_per_unit(chip, info, options.fnumber));
+  LightReader light(stack, amperes_per_unit(chip, info, options.fnumber, options.gain));
   events::StreamInfo stream_info{info.width, info.height, chip.name};
   const auto writer = events::open_writer(options.output, stream_info, options.format);
-  Run run{options, stack, chip, light, {}, *writer, {}};
+  Run run{options, stack, chip, light, {}, *writer, {}, {}, options.model};
   std::optional<tbb::global_control> limit;
   if (options.threads > 0)
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
   tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
   arena.execute([&] { looped ? run.loop() : run.stream(); });
   writer->close();
+  if (options.labels) run.labels.write(*options.labels);
 
   SenseReport report;
   const Counts& c = run.counts;
   const double seconds = static_cast<double>(c.last_us - c.first_us) * 1e-6;
   report.config = {{"chip", chip_to_json(chip)},
-                   {"model", "pecs"},
+                   {"model", model_to_json(run.model)},
+                   {"readout", options.ideal_readout ? "ideal" : "chip"},
+                   {"gain", options.gain ? Json(*options.gain) : Json()},
                    {"seed", options.seed},
                    {"no_noise", options.no_noise},
                    {"warmup_loops", options.warmup_loops},
@@ -305,6 +374,7 @@ SenseReport sense(const SenseOptions& options) {
        {"frames", stack.frames()},
        {"events", c.events},
        {"on_fraction", c.events ? Json(static_cast<double>(c.on) / static_cast<double>(c.events)) : Json()},
+       {"dropped", run.dropped},
        {"t_first_us", c.first_us},
        {"t_last_us", c.last_us},
        {"rate_hz", seconds > 0 ? Json(static_cast<double>(c.events) / seconds) : Json()},

@@ -16,7 +16,10 @@
 namespace pecs::sensor {
 
 std::vector<EventKey>& EventOrder::tile(std::size_t index) {
-  if (index >= tiles_.size()) tiles_.resize(index + 1);
+  if (index >= tiles_.size()) {
+    tiles_.resize(index + 1);
+    if (with_causes_) causes_.resize(index + 1);
+  }
   return tiles_[index];
 }
 
@@ -48,7 +51,11 @@ void sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::in
 
 }  // namespace
 
-void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector<events::Event>& out) {
+std::vector<Cause>* EventOrder::causes(std::size_t index) { return with_causes_ ? &causes_.at(index) : nullptr; }
+
+void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
+  if (with_causes_) return take_with_causes(event_key(until_us, 0, false), origin_us, labelled);
+  std::vector<events::Event>& out = labelled.events;
   constexpr std::size_t kSlots = 256;  // of time, that are sorted by themselves
   tiles_.push_back(std::move(held_));
   held_.clear();
@@ -118,11 +125,37 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, std::vector
   });
 }
 
-Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model)
-    : width_(width), height_(height), model_(open_model(model, chip, width, height, seed, gain_fa)), order_(width) {}
+// Rarely asked for: plainly.
+void EventOrder::take_with_causes(EventKey limit, std::int64_t origin_us, LabelledEvents& out) {
+  auto all = std::move(held_with_causes_);
+  held_with_causes_.clear();
+  for (std::size_t t = 0; t < tiles_.size(); ++t) {
+    for (std::size_t i = 0; i < tiles_[t].size(); ++i) all.emplace_back(tiles_[t][i], causes_[t][i]);
+    tiles_[t].clear();
+    causes_[t].clear();
+  }
+  std::ranges::sort(all);
+  for (const auto& [key, cause] : all) {
+    if (key >= limit) {
+      held_with_causes_.emplace_back(key, cause);
+      continue;
+    }
+    out.events.push_back({key_time_us(key) - origin_us, static_cast<std::uint16_t>(key_pixel(key) % width_),
+                          static_cast<std::uint16_t>(key_pixel(key) / width_), static_cast<std::uint8_t>(key_on(key))});
+    out.causes.push_back(cause);
+  }
+}
 
-void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last,
-                  std::vector<events::Event>& out) {
+Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model,
+               const SensorExtras& extras)
+    : width_(width),
+      height_(height),
+      model_(open_model(model, chip, width, height, seed, gain_fa, extras.causes)),
+      order_(width, extras.causes) {
+  if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
+}
+
+void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out) {
   FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
   for (const double t : t_us) {
     if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > 1e11)
@@ -141,7 +174,11 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
   const std::int64_t until_us = last         ? std::numeric_limits<std::int64_t>::max() >> 28
                                 : known >= 2 ? std::llround(recent_t_us_.front())
                                              : 0;
-  order_.take(until_us, 0, out);
+  if (!readout_) return order_.take(until_us, 0, out);
+  fired_.events.clear();
+  fired_.causes.clear();
+  order_.take(until_us, 0, fired_);
+  readout_->push(fired_, last, out);
 }
 
 }  // namespace pecs::sensor

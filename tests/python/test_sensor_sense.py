@@ -199,3 +199,52 @@ def test_foreign_stack_needs_only_fps(tmp_path, pecs_program):
     (tmp_path / "s/stack.json").unlink()
     sense(pecs_program, tmp_path / "s", "-o", tmp_path / "o.csv", "--fps", 1000, "--fnumber", 2)
     assert len(read_csv(tmp_path / "o.csv")) > 100
+
+
+def test_models_labels_readout_and_gain(tmp_path, pecs_program):
+    write(tmp_path / "s", level=1e-3)
+    counts = {}
+    for model in ("pecs", "esim", "v2e", "voltmeter", "icns"):
+        out = tmp_path / f"{model}.csv"
+        sense(pecs_program, tmp_path / "s", "-o", out, "--model", model, "--chip", "davis346")
+        counts[model] = len(read_csv(out))
+        config = json.loads((tmp_path / f"{model}.csv.run.json").read_text())["config"]
+        assert config["model"]["name"] == model and (model == "pecs") != ("white_a" in config["model"])
+    assert min(counts.values()) > 1000
+    args = ["--set", "hot_pixel_fraction=0.1", "--set", "hot_pixel_hz=500", "--labels", tmp_path / "l.npy"]
+    sense(pecs_program, tmp_path / "s", "-o", tmp_path / "l.csv", *args)
+    labels = np.load(tmp_path / "l.npy")
+    assert len(labels) == len(read_csv(tmp_path / "l.csv")) and labels.dtype == np.uint8
+    assert np.bincount(labels, minlength=4)[0] > 1000 and np.bincount(labels, minlength=4)[3] > 100
+    # A slow readout: the same light, fewer events, the others counted.
+    slow = ["--set", "readout_rate_hz=1e5", "--json"]
+    sent = json.loads(sense(pecs_program, tmp_path / "s", "-o", tmp_path / "slow.csv", *slow).stdout)
+    free = json.loads(
+        sense(pecs_program, tmp_path / "s", "-o", tmp_path / "f.csv", "--readout", "ideal", "--json").stdout
+    )
+    assert sent["events"] + sent["dropped"] == free["events"] and sent["dropped"] > 0 and free["dropped"] == 0
+    # Twice the gain is twice the light.
+    a, b = (
+        json.loads(sense(pecs_program, tmp_path / "s", "-o", tmp_path / "g.csv", "--gain", g, "--json").stdout)
+        for g in ("1e-15", "2e-15")
+    )
+    assert b["photocurrent_a"]["median"] == pytest.approx(2 * a["photocurrent_a"]["median"], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--model", "nope"], "esim"),
+        (["--model", "esim", "--param", "log_eps=2"], "log_eps"),
+        (["--model", "v2e", "--param", "nope=2"], "cutoff_hz"),
+        (["--param", "nope=2"], "none"),
+        (["--param", "nope"], "KEY=NUMBER"),
+        (["--model", "esim", "--labels", "x.npy"], "wanted pecs"),
+        (["--readout", "nope"], ""),
+    ],
+)
+def test_wrong_models_are_refused(tmp_path, pecs_program, args, words):
+    write(tmp_path / "s", frames=3)
+    done = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "o.raw", "--quiet", *args)
+    assert done.returncode == 2 and words in done.stderr, done.stderr
+    assert not (tmp_path / "o.raw").exists()

@@ -76,3 +76,27 @@ def test_errors():
     sensor.finish()
     with pytest.raises(ValueError, match="closed"):
         sensor.push(frames[0], 0)
+
+
+@pytest.mark.parametrize("model", ["esim", "v2e", "voltmeter", "icns"])
+def test_other_simulators(model):
+    frames, t = waves()
+    events = pecs.simulate(frames / 3, t, chip="davis346", model=model)
+    assert len(events) > 1000 and (np.diff(events["t"]) >= 0).all()
+    with pytest.raises(pecs.PecsError, match="unknown key"):
+        pecs.simulate(frames, t, model=model, parameters={"nope": 1})
+
+
+def test_labels():
+    frames, t = waves()
+    plain = pecs.simulate(frames, t, photocurrent_a=1e-14)
+    events = pecs.simulate(frames, t, photocurrent_a=1e-14, labels=True)
+    for name in ("t", "x", "y", "p"):
+        np.testing.assert_array_equal(events[name], plain[name])
+    assert events["label"].max() <= 3 and (events["label"] == 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("chip", ["gen3_vga", "davis346"])
+def test_chips_work(chip):
+    frames, t = waves()
+    assert len(pecs.simulate(frames, t, chip=chip)) > 1000

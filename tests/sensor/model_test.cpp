@@ -36,7 +36,7 @@ Clip make_clip(int width, int height, int n, double h_us, Value&& value) {
 std::vector<Event> run(const ModelChoice& model, const Chip& chip, const Clip& clip, std::uint64_t seed = 1,
                        std::size_t batch = 1000, int threads = 2) {
   Sensor sensor(chip, clip.width, clip.height, seed, 100.0, model);
-  std::vector<Event> events;
+  LabelledEvents found;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
@@ -44,10 +44,10 @@ std::vector<Event> run(const ModelChoice& model, const Chip& chip, const Clip& c
       const std::size_t end = std::min(clip.frames.size(), i + batch);
       std::vector<const float*> planes;
       for (std::size_t k = i; k < end; ++k) planes.push_back(clip.frames[k].data());
-      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), events);
+      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), found);
     }
   });
-  return events;
+  return found.events;
 }
 
 double bars(int x, int y, double t_us) { return 0.5 + 0.45 * std::sin(0.3 * x + 0.05 * y - t_us * 2e-3); }

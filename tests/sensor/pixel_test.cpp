@@ -39,7 +39,7 @@ Clip make_clip(int width, int height, int n, double h_us, Value&& value) {
 std::vector<Event> run(const Chip& chip, const Clip& clip, std::uint64_t seed = 1, std::size_t batch = 1000,
                        int threads = 2) {
   Sensor sensor(chip, clip.width, clip.height, seed, 1.0);
-  std::vector<Event> events;
+  LabelledEvents found;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
@@ -47,10 +47,10 @@ std::vector<Event> run(const Chip& chip, const Clip& clip, std::uint64_t seed = 
       const std::size_t end = std::min(clip.frames.size(), i + batch);
       std::vector<const float*> planes;
       for (std::size_t k = i; k < end; ++k) planes.push_back(clip.frames[k].data());
-      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), events);
+      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), found);
     }
   });
-  return events;
+  return found.events;
 }
 
 Chip quiet_imx636() { return without_noise(load_chip("imx636")); }

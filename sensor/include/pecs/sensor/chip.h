@@ -27,13 +27,17 @@ struct Chip {
   double refractory_period_s = 0;
   double leak_rate_hz = 0;                             // ON events of a still pixel, from the drift of its reference
   double background_on_hz = 0, background_off_hz = 0;  // Poisson events of a still pixel
+  double hot_pixel_fraction = 0, hot_pixel_hz = 0;     // pixels that fire ON at random, whatever they see
+  // Readout (readout.h).
+  double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
+  double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 };
 
 // `name`: of a profile in sensor/chips, or a path (see find_data). `overrides`: "key=value" within the profile's range.
 // Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad override.
 Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {});
 
-// Photon noise, leak, background events and mismatch off: a still scene gives no events.
+// Photon noise, leak, background events, hot pixels and mismatch off: a still scene gives no events.
 Chip without_noise(Chip chip);
 
 // All values and units as resolved, for run records.

@@ -29,11 +29,21 @@ struct Crossing {
 // The first s >= from where the cubic is >= high (on) or <= low (off).
 Crossing first_crossing(const Cubic& q, double from, double low, double high);
 
+// Why an event came: of what moved V from the reference to the threshold, the largest part.
+enum class Cause : std::uint8_t { signal, leak, noise, hot };
+
 // An event that noise makes, whatever the light does.
 struct BackgroundEvent {
   double t_us;
   std::uint32_t pixel;
   bool on;
+  Cause cause = Cause::noise;
+};
+
+// What a pixel's last reset found, to tell causes.
+struct ResetMark {
+  double t_us = 0;
+  float noise = 0;
 };
 
 // One pixel over one interval. V is the photoreceptor's output (ln), n its noise (linear in between).
@@ -47,6 +57,7 @@ struct PixelInterval {
   double reference;                             // in and out: V at the last reset
   double blind_us;                              // in and out: time left until the reference is taken
   std::span<const BackgroundEvent> background;  // within the interval, in time order
+  ResetMark* mark = nullptr;                    // in and out; null: causes are not told
 };
 
 struct PixelConstants {
@@ -55,7 +66,8 @@ struct PixelConstants {
   double refractory_us = 0;
 };
 
-// Appends the interval's events.
-void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events);
+// Appends the interval's events, and to `causes` theirs when there are marks.
+void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events,
+                 std::vector<Cause>* causes = nullptr);
 
 }  // namespace pecs::sensor

@@ -12,6 +12,8 @@ namespace pecs::sensor {
 // Amperes in a pixel of the chip per unit of each band's value. A stack of radiance needs the lens's f-number:
 // E = pi L / (4 N^2); throws bad_input without it. The pixel's area is the chip's: a stack of coarser pixels (a quick
 // render) gives each of them the light of one real pixel.
-std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, std::optional<double> fnumber);
+// With `gain` the light is relative: amperes = gain * lambda_nm * QE (relative) * weight_nm, the paper's C (Eq. 6).
+std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, std::optional<double> fnumber,
+                                     std::optional<double> gain = {});
 
 }  // namespace pecs::sensor

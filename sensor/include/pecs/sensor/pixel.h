@@ -27,26 +27,30 @@ void check_size(int width, int height);
 
 class PixelArray {
  public:
-  PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa);
+  // `causes`: keep what is needed to tell why an event came.
+  PixelArray(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, bool causes = false);
   std::uint32_t pixels() const { return pixels_; }
 
   // Works through the batch for pixels [first, first + count) and appends their events: by pixel, then time. Every
   // batch must be given to every pixel once. Ranges worked on at the same time begin at multiples of kBlock.
   static constexpr std::uint32_t kBlock = 1024;
-  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, std::vector<EventKey>& events);
+  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, std::vector<EventKey>& events,
+               std::vector<Cause>* causes = nullptr);
 
  private:
   std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
                                           std::uint32_t count) const;
 
   PixelConstants constants_;
-  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
+  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
   std::uint32_t pixels_ = 0;
   std::vector<float> threshold_on_, threshold_off_;
   std::vector<float> l0_, l1_, m0_;  // ln I at the last two frames, slope [1/us] at the earlier one
   std::vector<float> reference_, blind_us_;
-  std::vector<float> w_, noise_;  // photoreceptor and its noise; empty when infinitely fast
+  std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
+  std::vector<std::uint32_t> hot_;  // hot pixels, rising
+  std::vector<ResetMark> marks_;    // empty when causes are not told
 };
 
 }  // namespace pecs::sensor

@@ -48,9 +48,10 @@ std::vector<std::string> model_names();
 std::span<const ModelParameter> model_parameters(const std::string& model);
 const char* model_source(const std::string& model);  // the paper
 
-// Throws usage for an unknown model or parameter, or a value out of range.
+// `causes`: every event comes with its cause. Throws usage for an unknown model or parameter, a value out of range, and
+// for causes of another simulator's model.
 std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& chip, int width, int height,
-                                       std::uint64_t seed, double gain_fa);
+                                       std::uint64_t seed, double gain_fa, bool causes = false);
 // All parameters as resolved, for run records.
 Json model_to_json(const ModelChoice& choice);
 

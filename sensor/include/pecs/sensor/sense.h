@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "pecs/sensor/pixel_model.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {
@@ -20,8 +21,12 @@ struct SenseOptions {
   int threads = 0;                // 0: all
   std::optional<double> fps;      // for a folder without stack.json
   std::optional<double> fnumber;  // for a stack of radiance
-  int warmup_loops = 0;           // of a periodic stack, before the output begins
-  std::int64_t start_us = 0;      // output begins this long after the warm-up
+  std::optional<double> gain;  // for relative light: photocurrent [A] = gain * sum of lambda_nm QE L weight_nm (Eq. 6)
+  ModelChoice model;           // white_fa 0: the brightest 0.5 % of the first frame are white
+  bool ideal_readout = false;  // else the chip's (readout.h)
+  std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
+  int warmup_loops = 0;                         // of a periodic stack, before the output begins
+  std::int64_t start_us = 0;                    // output begins this long after the warm-up
   std::optional<std::int64_t> duration_us;
   bool quiet = false;
 };

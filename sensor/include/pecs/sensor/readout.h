@@ -1,0 +1,55 @@
+#pragma once
+// The readout: from when pixels fire to what the camera sends. A row arbiter serves one row at a time, the row that
+// has waited longest; all its waiting pixels are read at once and get the time of that moment. Selecting a row and
+// sending its events take time. A pixel that fires again while it waits has no second event: it is dropped and
+// counted. Times are rounded down to the time base and may jitter, row by row; they never go back.
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "pecs/events/event.h"
+#include "pecs/sensor/chip.h"
+#include "pecs/sensor/crossing.h"
+
+namespace pecs::sensor {
+
+struct LabelledEvents {
+  std::vector<events::Event> events;
+  std::vector<Cause> causes;  // as many, or none
+};
+
+// Whether the chip sends events as they come.
+bool is_ideal_readout(const Chip& chip);
+
+class Readout {
+ public:
+  Readout(const Chip& chip, int width, int height, std::uint64_t seed);
+  // `in` by time, from call to call; appends what has left the chip. `last`: all that waits leaves too.
+  void push(const LabelledEvents& in, bool last, LabelledEvents& out);
+  std::int64_t dropped() const { return dropped_; }
+
+ private:
+  struct Waiting {
+    std::uint16_t x;
+    std::uint8_t p;
+    Cause cause;
+  };
+  struct Request {
+    int row;
+    double t_us;
+  };
+  void serve(LabelledEvents& out);
+
+  double row_us_, event_us_, step_us_, jitter_us_;
+  std::uint64_t seed_;
+  std::size_t width_;
+  std::vector<std::vector<Waiting>> rows_;
+  std::vector<bool> waits_;    // by pixel
+  std::deque<Request> queue_;  // rows that wait, in the order of their first event
+  double free_us_ = 0;         // end of the row being sent
+  std::int64_t served_ = 0, last_us_ = 0, dropped_ = 0;
+  bool causes_ = false;
+};
+
+}  // namespace pecs::sensor
