@@ -2,10 +2,10 @@
 
     python scripts/fit_chip.py RECORDING [--chip imx636] [--fit] [--write PROFILE.json] [--simulation OUT.raw]
 
-The disk is computed, not rendered: centre, speed and phase come from `pecs align detect`; its light is a map over 24 x 4
-regions of the disk, each region's light chosen so that the number of its events comes out right. Without --fit nothing
-but this map is free. With it, thresholds, mismatch, noise and the disk's contrast are shared by all regions and fitted to
-the histograms of the delays behind the edges (Nelder-Mead).
+The disk is computed, not rendered: centre, speed and phase come from `pecs align detect`; its light is a map over 24 x
+4 regions, each region's light chosen so that the number of its events comes out right. Without --fit nothing but this
+map is free. With it, thresholds, mismatch, noise and the disk's contrast are shared by all regions and fitted to the
+histograms of the delays behind the edges (Nelder-Mead).
 
 Model and recording then go through the same measures: events per pixel and edge, delays behind the edges (common area
 and earth mover's distance of their histograms), standard deviation of an ON event's delay plus that of the OFF event
