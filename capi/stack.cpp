@@ -44,8 +44,9 @@ int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float*
 void pecs_stack_close(pecs_stack_writer* stack) { delete stack; }
 
 pecs_stack_reader* pecs_stack_open(const char* folder, double fps, pecs_error* error) {
-  return guard(error, static_cast<pecs_stack_reader*>(nullptr),
-               [&] { return new pecs_stack_reader{StackReader(folder, fps > 0 ? std::optional(fps) : std::nullopt)}; });
+  return guard(error, static_cast<pecs_stack_reader*>(nullptr), [&] {
+    return new pecs_stack_reader{StackReader(folder, {fps > 0 ? std::optional(fps) : std::nullopt, {}})};
+  });
 }
 
 char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) {

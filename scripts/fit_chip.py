@@ -60,32 +60,50 @@ class Disk:
 class Measures:
     """What is told about a recording, real or simulated, in the disk's frame."""
 
-    on: np.ndarray  # events per pixel and bin of delay
+    on: np.ndarray  # events per pixel that passed the bin of delay
     off: np.ndarray
     per_edge: tuple[float, float]
-    region_events: np.ndarray  # per pixel and half turn
+    region_events: np.ndarray
     pair_sd_deg: float
     background_hz: tuple[float, float]
     events: int
 
 
-def measure(events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> Measures:
+def exposures(disk: Disk, width: int, height: int, duration_us: float) -> np.ndarray:
+    """[region, ON or OFF, bin]: pixels of the region times the part of a bin of delay that each goes through."""
+    yy, xx = np.mgrid[0:height, 0:width].astype(float)
+    angle, radius = disk.polar(xx, yy)
+    region = disk.region(angle, radius)
+    inside = region >= 0
+    angle, region = np.round(angle[inside], 1), region[inside]
+    out = np.zeros((REGIONS[0] * REGIONS[1], 2, len(BINS_DEG) - 1))
+    fine_deg = 0.25
+    seen = np.arange(0, duration_us * disk.speed_deg_s * 1e-6, fine_deg)
+    for r in range(len(out)):
+        values, counts = np.unique(angle[region == r], return_counts=True)
+        for k, edge in enumerate((disk.on_deg, disk.off_deg)):
+            delay = np.mod(edge - values[:, None] + seen, 180)
+            out[r, k] = np.histogram(delay, BINS_DEG, weights=np.broadcast_to(counts[:, None], delay.shape))[0]
+    return out * fine_deg / (BINS_DEG[1] - BINS_DEG[0])
+
+
+def measure(events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float, seen: np.ndarray) -> Measures:
     x, y, t = events["x"].astype(float), events["y"].astype(float), events["t"].astype(float)
     angle, radius = disk.polar(x, y)
     region = disk.region(angle, radius)
     inside, on = region >= 0, events["p"] == 1
     yy, xx = np.mgrid[0:height, 0:width].astype(float)
-    pixel_angle, pixel_radius = disk.polar(xx, yy)
-    pixel_region = disk.region(pixel_angle, pixel_radius)
-    counts = np.bincount(pixel_region[pixel_region >= 0], minlength=REGIONS[0] * REGIONS[1])
-    half_turns = duration_us / disk.half_turn_us
+    pixel_radius = disk.polar(xx, yy)[1]
+    regions = REGIONS[0] * REGIONS[1]
     outside = pixel_radius > disk.radius + 40
 
-    histograms, per_edge, delays = [], [], {}
-    for polarity, edge in ((on, disk.on_deg), (~on, disk.off_deg)):
+    histograms, per_edge, delays, region_events = [], [], {}, np.zeros(regions)
+    for k, (polarity, edge) in enumerate(((on, disk.on_deg), (~on, disk.off_deg))):
         delays[edge] = disk.delay_deg(angle, t, edge)
-        # A late event of the edge before the last shows at more than 90: the histogram ends soon after.
-        h = np.histogram(delays[edge][inside & polarity], BINS_DEG)[0] / (counts.sum() * half_turns)
+        # What is later than 90 belongs to the edge's successor too: the histogram ends soon after.
+        early = inside & polarity & (delays[edge] < BINS_DEG[-1])
+        h = np.histogram(delays[edge][early], BINS_DEG)[0] / seen[:, k].sum(0)
+        region_events += np.bincount(region[early], minlength=regions)
         histograms.append(h)
         per_edge.append(float(h.sum()))
 
@@ -96,8 +114,8 @@ def measure(events: np.ndarray, disk: Disk, width: int, height: int, duration_us
     d_on, d_off = delays[disk.on_deg][inside][order], delays[disk.off_deg][inside][order]
     pairs = np.flatnonzero((who[1:] == who[:-1]) & p[:-1] & ~p[1:] & (d_on[:-1] < 100) & (d_off[1:] < 100))
     total, of = d_on[pairs] + d_off[pairs + 1], r[pairs]
-    n = np.bincount(of, minlength=len(counts))
-    mean = np.bincount(of, total, len(counts)) / np.maximum(n, 1)
+    n = np.bincount(of, minlength=regions)
+    mean = np.bincount(of, total, regions) / np.maximum(n, 1)
     pair_sd = float(np.sqrt(np.sum((total - mean[of]) ** 2) / max(len(total) - np.count_nonzero(n), 1)))
 
     quiet = radius > disk.radius + 40
@@ -106,7 +124,7 @@ def measure(events: np.ndarray, disk: Disk, width: int, height: int, duration_us
         on=histograms[0],
         off=histograms[1],
         per_edge=(per_edge[0], per_edge[1]),
-        region_events=np.bincount(region[inside], minlength=len(counts)) / np.maximum(counts, 1) / half_turns,
+        region_events=region_events,
         pair_sd_deg=pair_sd,
         background_hz=(float((quiet & on).sum() / seconds), float((quiet & ~on).sum() / seconds)),
         events=len(events),
@@ -126,8 +144,7 @@ class Table:
     """The pixel in the disk's steady state, by light: one half turn each way."""
 
     corner_hz: np.ndarray  # of the photoreceptor in white
-    events: np.ndarray  # per pixel and half turn
-    on: np.ndarray  # [light, bin]
+    on: np.ndarray  # [light, bin], per pixel
     off: np.ndarray
 
 
@@ -158,23 +175,25 @@ def tabulate(chip: str, overrides: dict, contrast: float, disk: Disk, pixels: in
                 events["y"][of], np.mod(delay[of] - after, 180), [np.arange(len(corner_hz) + 1) - 0.5, BINS_DEG]
             )[0] / turns
         )  # fmt: skip
-    return Table(corner_hz, np.bincount(events["y"], minlength=len(corner_hz)) / turns, *histograms)
+    return Table(corner_hz, *histograms)
 
 
-def light_map(table: Table, region_events: np.ndarray) -> np.ndarray:
+def light_map(table: Table, region_events: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """The corner in white that gives each region its number of events."""
-    rising = np.maximum.accumulate(table.events) + 1e-9 * np.arange(len(table.events))
-    return np.exp(np.interp(region_events, rising, np.log(table.corner_hz)))
+    expected = np.einsum("lb,rb->rl", table.on, seen[:, 0]) + np.einsum("lb,rb->rl", table.off, seen[:, 1])
+    rising = np.maximum.accumulate(expected, axis=1) + 1e-6 * np.arange(len(table.corner_hz))
+    log_corner = np.log(table.corner_hz)
+    return np.exp([np.interp(n, r, log_corner) for n, r in zip(region_events, rising, strict=True)])
 
 
-def predicted(table: Table, corner_hz: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predicted(table: Table, corner_hz: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     at = np.interp(np.log(corner_hz), np.log(table.corner_hz), np.arange(len(table.corner_hz)))
     low = np.minimum(at.astype(int), len(table.corner_hz) - 2)
-    part = at - low
-    mix = np.zeros(len(table.corner_hz))
-    np.add.at(mix, low, (1 - part) * weights)
-    np.add.at(mix, low + 1, part * weights)
-    return mix @ table.on / mix.sum(), mix @ table.off / mix.sum()
+    part = (at - low)[:, None]
+    return tuple(
+        (((1 - part) * h[low] + part * h[low + 1]) * seen[:, k]).sum(0) / seen[:, k].sum(0)
+        for k, h in enumerate((table.on, table.off))
+    )
 
 
 def profile(chip: str) -> dict:
@@ -185,7 +204,7 @@ def profile(chip: str) -> dict:
 FITTED = ("contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch", "noise_std")
 
 
-def fit(chip: str, real: Measures, disk: Disk, weights: np.ndarray, contrast: float, rounds: int) -> tuple[dict, float]:
+def fit(chip: str, real: Measures, disk: Disk, seen: np.ndarray, contrast: float, rounds: int) -> tuple[dict, float]:
     from scipy.optimize import minimize
 
     values = profile(chip)
@@ -196,7 +215,7 @@ def fit(chip: str, real: Measures, disk: Disk, weights: np.ndarray, contrast: fl
         if chosen["threshold_mismatch"] > 0.3:
             return 10.0
         table = tabulate(chip, chosen, float(np.exp(x[-1])), disk, 512)
-        on, off = predicted(table, light_map(table, real.region_events), weights)
+        on, off = predicted(table, light_map(table, real.region_events, seen), seen)
         miss = sum(np.abs(a - b).sum() for a, b in ((on, real.on), (off, real.off)))
         print(f"  {miss:.4f}  " + "  ".join(f"{v:.4f}" for v in np.exp(x)), flush=True)
         return float(miss)
@@ -289,17 +308,14 @@ def main() -> None:
     events["t"] -= events["t"][0]
     width, height = 1280, 720
     duration_us = float(events["t"][-1]) + 1
-    real = measure(events, disk, width, height, duration_us)
-
-    yy, xx = np.mgrid[0:height, 0:width].astype(float)
-    region = disk.region(*disk.polar(xx, yy))
-    weights = np.bincount(region[region >= 0], minlength=REGIONS[0] * REGIONS[1]).astype(float)
+    seen = exposures(disk, width, height, duration_us)
+    real = measure(events, disk, width, height, duration_us, seen)
     overrides, contrast = {}, args.contrast
     if args.fit:
-        overrides, contrast = fit(args.chip, real, disk, weights, contrast, args.rounds)
-    corner_hz = light_map(tabulate(args.chip, overrides, contrast, disk), real.region_events)
+        overrides, contrast = fit(args.chip, real, disk, seen, contrast, args.rounds)
+    corner_hz = light_map(tabulate(args.chip, overrides, contrast, disk), real.region_events, seen)
     found = simulate(args.chip, overrides, disk, corner_hz, contrast, width, height, duration_us, args.seed)
-    sim = measure(found, disk, width, height, duration_us)
+    sim = measure(found, disk, width, height, duration_us, seen)
 
     def score(normalisation: str) -> dict:
         d = pecs.distance(events, found, width=width, height=height, normalisation=normalisation, split_half=False)

@@ -28,7 +28,7 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
 
 // Bands with the range of their values in the first frame, times, and what stack.json says about the render.
 Json stack_info(const std::string& path, std::optional<double> fps) {
-  const sensor::StackReader stack(path, fps);
+  const sensor::StackReader stack(path, {fps, {}});
   const sensor::StackInfo& info = stack.info();
   const std::vector<float> frame = stack.read_frame(0);
   const auto plane = static_cast<std::ptrdiff_t>(frame.size() / info.bands.size());

@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "pecs/error.h"
 #include "pecs/run_record.h"
+#include "pecs/sensor/pictures.h"
 
 namespace pecs::app {
 namespace {
@@ -29,12 +30,14 @@ void add_sense(CLI::App& app) {
   struct Options : sensor::SenseOptions {
     bool json = false;
     std::vector<std::string> parameters;
-    std::string readout = "chip";
+    std::string readout = "chip", bands = "all";
+    std::optional<std::string> colour_space;
+    std::optional<std::filesystem::path> ocio_config;
     double white_a = 0;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("sense", "turn an EXR stack into events");
-  sub->add_option("stack", o->stack, "folder of the stack")->required();
+  CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
+  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, or a video")->required();
   sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its name");
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
@@ -45,9 +48,27 @@ void add_sense(CLI::App& app) {
   sub->add_option("--threads", o->threads, "0: all; the events do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  sub->add_option("--fps", o->fps, "frames per second, for a folder without stack.json")->check(CLI::PositiveNumber);
-  sub->add_option("--fnumber", o->fnumber, "of the lens, for a stack of radiance")->check(CLI::PositiveNumber);
-  sub->add_option("--gain", o->gain,
+  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
+      ->check(CLI::PositiveNumber);
+  sub->add_option("--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
+  sub->add_option(
+      "--colorspace", o->colour_space,
+      "of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
+  sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
+  sub->add_option("--photocurrent-a", o->light.photocurrent_a, "photocurrent of relative light 1 (white), A")
+      ->check(CLI::PositiveNumber);
+  sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share in the light (Eq. 8-11)")
+      ->check(CLI::Validator(
+          [](std::string& text) {
+            return text == "all" || (text.starts_with("mc:") && text.size() < 9 && text.size() > 3 &&
+                                     text.find_first_not_of("0123456789", 3) == std::string::npos && text[3] != '0')
+                       ? ""
+                       : "wanted all or mc:N";
+          },
+          "all|mc:N"))
+      ->capture_default_str();
+  sub->add_option("--fnumber", o->light.fnumber, "of the lens, for a stack of radiance")->check(CLI::PositiveNumber);
+  sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
       ->check(CLI::PositiveNumber);
   sub->add_option("--model", o->model.name, "pixel: pecs, or another simulator's: esim, v2e, voltmeter, icns")
@@ -73,6 +94,8 @@ void add_sense(CLI::App& app) {
     o->ideal_readout = o->readout == "ideal";
     o->model.white_fa = o->white_a * 1e15;
     for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
+    if (o->bands != "all") o->monte_carlo_bands = std::stoi(o->bands.substr(3));
+    o->source = sensor::open_frames(o->stack, {o->times, o->colour_space, o->ocio_config});
     const sensor::SenseReport report = sensor::sense(*o);
     write_run_record(o->output, {"sense", arguments(), report.config, {o->stack}, report.results});
     const Json& r = report.results;

@@ -1,17 +1,16 @@
 #include "pecs/sensor/sense.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <utility>
 
 #include "light_kernel.h"
 #include "pecs/error.h"
@@ -36,7 +35,7 @@ struct BadValues {
 // Decodes frames to photocurrent [fA], without dark current.
 class LightReader {
  public:
-  LightReader(const StackReader& stack, const std::vector<double>& amperes) : stack_(stack) {
+  LightReader(const FrameSource& stack, const std::vector<double>& amperes) : stack_(stack) {
     for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
   }
 
@@ -73,7 +72,7 @@ class LightReader {
     }
   }
 
-  const StackReader& stack_;
+  const FrameSource& stack_;
   std::vector<float> femtoamperes_;
   BadValues bad_;
 };
@@ -134,17 +133,48 @@ struct Counts {
   }
 };
 
-// Asks the system to have a file in memory soon.
-void read_ahead(const std::filesystem::path& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return;
-  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
-  ::close(fd);
-}
+// The first frame's spectra, to draw bands by and to say what the draw costs.
+struct FirstFrame {
+  explicit FirstFrame(const FrameSource& stack)
+      : pixels(static_cast<std::size_t>(stack.info().width) * static_cast<std::size_t>(stack.info().height)),
+        mean(stack.info().bands.size()) {
+    values.resize(mean.size() * pixels);
+    const auto width = static_cast<std::size_t>(stack.info().width);
+    stack.read_rows(0, [&](int y, int rows, std::span<const float> block) {
+      const std::size_t n = width * static_cast<std::size_t>(rows);
+      for (std::size_t b = 0; b < mean.size(); ++b)
+        for (std::size_t i = 0; i < n; ++i) {
+          const float v = block[b * n + i];
+          if (std::isfinite(v) && v > 0) mean[b] += values[b * pixels + static_cast<std::size_t>(y) * width + i] = v;
+        }
+    });
+    for (double& m : mean) m /= static_cast<double>(pixels);
+  }
+  // RMS over the pixels of ln of the ratio of two weighted sums, their mean ratio taken out.
+  double log_difference(const std::vector<double>& a, const std::vector<double>& b) const {
+    double n = 0, sum = 0, square = 0;
+    for (std::size_t i = 0; i < pixels; ++i) {
+      double x = 0, y = 0;
+      for (std::size_t k = 0; k < mean.size(); ++k) {
+        x += a[k] * values[k * pixels + i];
+        y += b[k] * values[k * pixels + i];
+      }
+      if (!(x > 0 && y > 0)) continue;
+      const double d = std::log(x / y);
+      n += 1;
+      sum += d;
+      square += d * d;
+    }
+    return n > 0 ? std::sqrt(std::max(0.0, square / n - sum / n * (sum / n))) : 0;
+  }
+  std::size_t pixels;
+  std::vector<double> mean;
+  std::vector<float> values;
+};
 
 struct Run {
   const SenseOptions& options;
-  const StackReader& stack;
+  const FrameSource& stack;
   const Chip& chip;
   LightReader& light;
   LightStatistics statistics{};
@@ -180,7 +210,7 @@ struct Run {
       std::ranges::nth_element(values, at);
       model.white_fa = *at;
     }
-    if (!(model.white_fa > 0)) throw bad_input(stack.folder().string(), "first frame", "no light", "--white-a");
+    if (!(model.white_fa > 0)) throw bad_input(stack.name(), "first frame", "no light", "--white-a");
   }
 
   // Batch by batch: one is sensed while the next is decoded.
@@ -200,8 +230,7 @@ struct Run {
     for (auto& half : planes) half.assign(static_cast<std::size_t>(std::min(batch, frames)), {});
     const auto decode = [&](std::int64_t first) {
       auto& half = planes[static_cast<std::size_t>(first / batch % 2)];
-      for (std::int64_t i = first + batch; i < std::min(frames, first + 2 * batch); ++i)
-        read_ahead(stack.frame_path(i));
+      for (std::int64_t i = first + batch; i < std::min(frames, first + 2 * batch); ++i) stack.will_read(i);
       tbb::parallel_for(first, std::min(frames, first + batch), [&](std::int64_t i) {
         auto& plane = half[static_cast<std::size_t>(i - first)];
         plane.resize(width * height);
@@ -250,7 +279,7 @@ struct Run {
     const std::size_t row_bytes = width * static_cast<std::size_t>(frames) * sizeof(float);
     int rows = static_cast<int>(std::min<std::size_t>(kLoopBytes / row_bytes, static_cast<std::size_t>(info.height)));
     if (rows == 0)
-      throw bad_input(stack.folder().string(), "period_ns", fmt::format("{} frames of {} columns", frames, width),
+      throw bad_input(stack.name(), "period_ns", fmt::format("{} frames of {} columns", frames, width),
                       fmt::format("a row's loop of at most {} MiB", kLoopBytes >> 20));
     if (rows > 16 && rows < info.height) rows -= rows % 16;  // whole blocks of the file
 
@@ -321,10 +350,19 @@ struct Run {
 
 }  // namespace
 
+namespace {
+Json white_photocurrent(const LightOptions& light, const StackInfo& info) {
+  if (info.quantity != Quantity::relative || light.gain) return {};
+  return light.photocurrent_a.value_or(kDefaultWhite_a);
+}
+}  // namespace
+
 SenseReport sense(const SenseOptions& options) {
   const Chip given = load_chip(options.chip, options.overrides);
   const Chip chip = options.no_noise ? without_noise(given) : given;
-  const StackReader stack(options.stack, options.fps);
+  const std::shared_ptr<const FrameSource> source =
+      options.source ? options.source : std::make_shared<StackReader>(options.stack, options.times);
+  const FrameSource& stack = *source;
   const StackInfo& info = stack.info();
   if (stack.frames() < static_cast<std::int64_t>(info.times_ns.size()))
     throw bad_input(options.stack.string(), "frames", fmt::format("{} so far", stack.frames()),
@@ -341,7 +379,18 @@ SenseReport sense(const SenseOptions& options) {
                 fmt::format("--model {}: got a loop of a periodic stack, wanted pecs", options.model.name));
   model_to_json(options.model);  // a wrong model or parameter is refused before any work
 
-  LightReader light(stack, amperes_per_unit(chip, info, options.fnumber, options.gain));
+  std::vector<double> amperes = amperes_per_unit(chip, info, options.light);
+  Json drawn;
+  if (options.monte_carlo_bands > 0) {
+    const FirstFrame first(stack);
+    const std::vector<double> dense =
+        std::exchange(amperes, monte_carlo(amperes, first.mean, options.monte_carlo_bands, options.seed));
+    drawn = {{"samples", options.monte_carlo_bands},
+             {"bands", std::ranges::count_if(amperes, [](double a) { return a > 0; })},
+             {"of", amperes.size()},
+             {"rms_error_of_ln_photocurrent", first.log_difference(amperes, dense)}};
+  }
+  LightReader light(stack, amperes);
   events::StreamInfo stream_info{info.width, info.height, chip.name};
   const auto writer = events::open_writer(options.output, stream_info, options.format);
   Run run{options, stack, chip, light, {}, *writer, {}, {}, options.model};
@@ -359,15 +408,19 @@ SenseReport sense(const SenseOptions& options) {
   report.config = {{"chip", chip_to_json(chip)},
                    {"model", model_to_json(run.model)},
                    {"readout", options.ideal_readout ? "ideal" : "chip"},
-                   {"gain", options.gain ? Json(*options.gain) : Json()},
+                   {"input", stack.layout()},
+                   {"bands", options.monte_carlo_bands ? fmt::format("mc:{}", options.monte_carlo_bands) : "all"},
+                   {"gain", options.light.gain ? Json(*options.light.gain) : Json()},
+                   {"white_photocurrent_a", white_photocurrent(options.light, info)},
                    {"seed", options.seed},
                    {"no_noise", options.no_noise},
                    {"warmup_loops", options.warmup_loops},
                    {"start_us", options.start_us},
                    {"duration_us", options.duration_us ? Json(*options.duration_us) : Json()},
-                   {"fnumber", options.fnumber ? Json(*options.fnumber) : Json()},
-                   {"fps", options.fps ? Json(*options.fps) : Json()}};
+                   {"fnumber", options.light.fnumber ? Json(*options.light.fnumber) : Json()},
+                   {"fps", options.times.fps ? Json(*options.times.fps) : Json()}};
   report.results = run.statistics.report(chip);
+  if (!drawn.is_null()) report.results["monte_carlo"] = drawn;
   report.results.update(
       {{"width", info.width},
        {"height", info.height},

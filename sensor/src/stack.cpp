@@ -8,7 +8,9 @@
 #include <ImfInputFile.h>
 #include <ImfOutputFile.h>
 #include <ImfStringAttribute.h>
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -151,6 +153,21 @@ Channels check_header(const Imf::Header& header, const fs::path& path, const Sta
     throw bad_input(path.string(), kTimeAttribute, "nothing", std::to_string(time_ns));
   }
   return channels;
+}
+
+Channels check_foreign(const Imf::Header& header, const fs::path& path, const StackInfo& info,
+                       const std::vector<std::string>& names) {
+  const int width = side(header, true), height = side(header, false);
+  if (width != info.width || height != info.height)
+    throw bad_input(path.string(), "dataWindow", fmt::format("{}x{}", width, height),
+                    fmt::format("{}x{}", info.width, info.height));
+  for (const std::string& name : names) {
+    const Imf::Channel* channel = header.channels().findChannel(name);
+    if (!channel) throw bad_input(path.string(), "channels", "others than the first frame", name);
+    if (channel->xSampling != 1 || channel->ySampling != 1)
+      throw bad_input(path.string(), name, "a subsampled channel", "one value per pixel");
+  }
+  return {names};
 }
 
 Imf::FrameBuffer frame_buffer(const Channels& channels, float* values, int width, int rows, int min_x, int first_y) {
@@ -349,34 +366,75 @@ void trapezoid_weights(std::vector<Band>& bands) {
   }
 }
 
-StackInfo info_from_header(const fs::path& path) {
+struct Foreign {
+  StackInfo info;
+  std::vector<std::string> channels;  // of the bands
+  std::string layout;
+};
+
+// What a file of another program holds, by its channels' names.
+Foreign foreign_layout(const fs::path& path) {
   return reading(path, [&] {
     const Imf::InputFile file(path.c_str(), 0);
     const Imf::Header& header = file.header();
-    StackInfo info;
+    Foreign f;
+    StackInfo& info = f.info;
     info.width = side(header, true);
     info.height = side(header, false);
     const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
     info.quantity = units && units->value() == kIrradianceUnits ? Quantity::irradiance : Quantity::radiance;
-    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-      if (const auto lambda = channel_lambda_nm(c.name())) info.bands.push_back({*lambda, 0});
-    if (info.bands.empty() || info.bands.size() > kMaxBands)
-      throw bad_input(path.string(), "channels", fmt::format("{} named S0.<wavelength>nm", info.bands.size()),
-                      fmt::format("1 to {}", kMaxBands));
-    std::sort(info.bands.begin(), info.bands.end(),
-              [](const Band& a, const Band& b) { return a.lambda_nm < b.lambda_nm; });
-    trapezoid_weights(info.bands);
-    return info;
+    std::vector<std::pair<double, std::string>> found;
+    std::vector<std::string> numbered;
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+      const std::string name = c.name();
+      if (const auto lambda = channel_lambda_nm(name)) found.emplace_back(*lambda, name);
+      if (name.starts_with("Radiance.C")) numbered.push_back(name);  // sorted: C01, C02, …
+    }
+    f.layout = "spectral EXR";
+    if (found.empty() && numbered.size() > 1) {
+      f.layout = "pbrt Radiance.C01…";
+      for (std::size_t i = 0; i < numbered.size(); ++i)
+        found.emplace_back(400 + 300.0 * static_cast<double>(i) / static_cast<double>(numbered.size() - 1),
+                           numbered[i]);
+    }
+    const auto has = [&](const char* name) { return header.channels().findChannel(name) != nullptr; };
+    if (found.empty() && has("R") && has("G") && has("B")) {
+      f.layout = "RGB EXR";
+      info.quantity = Quantity::relative;
+      found = {{465, "B"}, {550, "G"}, {610, "R"}};
+    }
+    if (found.empty() || found.size() > kMaxBands)
+      throw bad_input(path.string(), "channels", fmt::format("{} named S0.<wavelength>nm", found.size()),
+                      fmt::format("1 to {}, or Radiance.C01…, or R, G, B", kMaxBands));
+    std::ranges::sort(found);
+    for (const auto& [lambda_nm, name] : found) {
+      info.bands.push_back({lambda_nm, 1});
+      f.channels.push_back(name);
+    }
+    if (f.layout != "RGB EXR") trapezoid_weights(info.bands);
+    return f;
   });
 }
 
 }  // namespace
 
-StackReader::StackReader(fs::path folder, std::optional<double> fps) : folder_(std::move(folder)) {
+StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std::move(folder)) {
   if (!fs::exists(folder_)) throw not_found(folder_.string(), "no such folder");
   if (!fs::is_directory(folder_)) throw not_found(folder_.string(), "not a folder");
   const fs::path json_path = folder_ / "stack.json";
   has_json_ = fs::exists(json_path);
+  if (!has_json_) {
+    static const std::string kExr[] = {".exr"};
+    files_ = files_in_order(folder_, kExr);
+    if (files_.empty()) throw not_found(folder_.string(), "holds no EXR files");
+    frames_ = static_cast<std::int64_t>(files_.size());
+    Foreign foreign = foreign_layout(files_[0]);
+    info_ = std::move(foreign.info);
+    channels_ = std::move(foreign.channels);
+    layout_ = std::move(foreign.layout);
+    info_.times_ns = times.of(frames_, folder_.string());
+    return;
+  }
   const std::vector<std::int64_t> present = frames_in(folder_);
   if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
   for (std::size_t i = 0; i < present.size(); ++i)
@@ -386,20 +444,22 @@ StackReader::StackReader(fs::path folder, std::optional<double> fps) : folder_(s
           fmt::format("{} missing before {}", frame_name(static_cast<std::int64_t>(i)), frame_name(present[i])),
           "no gap");
   frames_ = static_cast<std::int64_t>(present.size());
-  if (has_json_) {
-    info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
-    if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
-      throw bad_input(folder_.string(), "frames", std::to_string(frames_),
-                      fmt::format("the {} of times_ns", info_.times_ns.size()));
-  } else {
-    if (!fps) throw bad_input(folder_.string(), "times", "no stack.json", "--fps");
-    info_ = info_from_header(frame_path(0));
-    for (std::int64_t i = 0; i < frames_; ++i)
-      info_.times_ns.push_back(std::llround(static_cast<double>(i) * 1e9 / *fps));
-  }
+  info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
+  if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
+    throw bad_input(folder_.string(), "frames", std::to_string(frames_),
+                    fmt::format("the {} of times_ns", info_.times_ns.size()));
 }
 
-fs::path StackReader::frame_path(std::int64_t index) const { return folder_ / frame_name(index); }
+void StackReader::will_read(std::int64_t index) const {
+  const int fd = ::open(frame_path(index).c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return;
+  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
+  ::close(fd);
+}
+
+fs::path StackReader::frame_path(std::int64_t index) const {
+  return has_json_ ? folder_ / frame_name(index) : files_.at(static_cast<std::size_t>(index));
+}
 
 void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
   if (end == 0) end = info_.height;
@@ -412,9 +472,7 @@ void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, 
     if (has_json_) {
       channels = check_header(file.header(), path, info_, time_ns, false);
     } else {
-      Imf::Header header = file.header();  // times of a foreign stack are not ours
-      header.erase(kTimeAttribute);
-      channels = check_header(header, path, info_, time_ns, false);
+      channels = check_foreign(file.header(), path, info_, channels_);
     }
     const Imath::Box2i box = file.header().dataWindow();
     const int step = rows_per_block(file.header());

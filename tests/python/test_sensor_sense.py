@@ -248,3 +248,147 @@ def test_wrong_models_are_refused(tmp_path, pecs_program, args, words):
     done = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "o.raw", "--quiet", *args)
     assert done.returncode == 2 and words in done.stderr, done.stderr
     assert not (tmp_path / "o.raw").exists()
+
+
+# ---- inputs of other programs ---------------------------------------------------------------------------------------
+
+
+def write_exr(path, channels):
+    """Channels {name: [H, W]} by OpenImageIO."""
+    oiio = pytest.importorskip("OpenImageIO")
+    values = np.stack(list(channels.values()), axis=-1).astype(np.float32)
+    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], "float")
+    spec.channelnames = list(channels)
+    out = oiio.ImageOutput.create(str(path))
+    assert out.open(str(path), spec) and out.write_image(values) and out.close()
+
+
+def picture(i):
+    x = np.arange(W)
+    return np.broadcast_to(0.1 + 0.9 * np.exp(4 * np.cos(2 * np.pi * (x / W - i / N)) - 4), (H, W))
+
+
+LAYOUTS = {
+    "spectral EXR": {"S0.500,000000nm": 1, "S0.600nm": 1, "R": 0, "T.500nm": 0},
+    "pbrt Radiance.C01…": {f"Radiance.C{k:02}": 1 for k in range(1, 32)} | {"Albedo.R": 0},
+    "RGB EXR": {"R": 1, "G": 1, "B": 1, "A": 0},
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_exr_files_of_others(tmp_path, pecs_program, layout):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    for i in range(N):  # natural order: 2 before 10
+        write_exr(folder / f"shot.{i}.exr", {n: picture(i) * on for n, on in LAYOUTS[layout].items()})
+    args = ["--fps", 1000, "--gain", "1e-15", "--chip", "ideal"]
+    sense(pecs_program, folder, "-o", tmp_path / "o.csv", *args)
+    record = json.loads((tmp_path / "o.csv.run.json").read_text())
+    assert record["config"]["input"] == layout
+    # All bands alike: the logarithm moves as the picture does, whatever the layout.
+    events = read_csv(tmp_path / "o.csv")
+    first = events[(events[:, 1] == 0) & (events[:, 2] == 0) & (events[:, 0] < N * 500)]
+    assert len(first) == math.floor(math.log(1 / (0.1 + 0.9 * math.exp(-8))) / 0.2) and (first[:, 3] == 0).all()
+    if layout != "RGB EXR":
+        done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", "--fps", 1000, "--quiet")
+        assert done.returncode == 4 and "--fnumber" in done.stderr
+    (folder / "shot.9.exr").unlink()
+    write_exr(folder / "shot.9.exr", {"Z": picture(0)})
+    done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", *args, "--quiet")
+    assert done.returncode == 4 and "shot.9.exr" in done.stderr and not (tmp_path / "n.csv").exists()
+
+
+def to_srgb(v):
+    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+
+
+def write_pictures(folder, ending, count=N, size=None):
+    import cv2
+
+    folder.mkdir()
+    for i in range(count):
+        light = picture(i)
+        if ending == "png":
+            image = np.round(255 * to_srgb(light)).astype(np.uint8)
+        elif ending == "16.png":
+            image = np.round(65535 * to_srgb(light)).astype(np.uint16)
+        else:
+            image = light.astype(np.float32)
+        cv2.imwrite(str(folder / f"{i}.{ending}"), np.dstack([image] * 3) if ending == "png" else image)
+    return folder
+
+
+@pytest.mark.parametrize("ending", ["png", "16.png", "tif"])
+def test_pictures(tmp_path, pecs_program, ending):
+    pytest.importorskip("cv2")
+    folder = write_pictures(tmp_path / "p", ending)
+    times = tmp_path / "times.txt"
+    times.write_text("# us\n" + "".join(f"{1000 * i}\n" for i in range(N)))
+    args = ["--chip", "ideal", "--times-us", times]
+    sense(pecs_program, folder, "-o", tmp_path / "o.csv", *args)
+    frames = np.stack([picture(i) for i in range(N)]).astype(np.float32)
+    import pecs
+
+    events, expected = read_csv(tmp_path / "o.csv"), pecs.simulate(frames, 1000.0 * np.arange(N), chip="ideal")
+    assert len(events) == pytest.approx(len(expected), rel=0.03 if ending == "png" else 0.002)
+    record = json.loads((tmp_path / "o.csv.run.json").read_text())
+    assert record["config"]["input"] == "pictures" and record["config"]["white_photocurrent_a"] == 1e-12
+    times.write_text("0\n1000\n500\n")
+    done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", *args, "--quiet")
+    assert done.returncode == 4 and "line 3" in done.stderr
+
+
+def test_video_and_colour_space(tmp_path, pecs_program):
+    cv2 = pytest.importorskip("cv2")
+    video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 500, (W * 4, H * 4))
+    if not video.isOpened():
+        pytest.skip("needs an MJPG encoder")
+    for i in range(N):
+        video.write(cv2.resize(np.dstack([np.round(255 * to_srgb(picture(i))).astype(np.uint8)] * 3), (W * 4, H * 4)))
+    video.release()
+    done = sense(pecs_program, tmp_path / "v.avi", "-o", tmp_path / "o.csv", "--chip", "ideal", "--json")
+    result = json.loads(done.stdout)
+    assert result["frames"] == N and result["events"] > 10000 and result["width"] == 4 * W
+    assert result["t_last_us"] == pytest.approx(N * 2000, rel=0.2)  # the file's own 500 frames/s
+    # An OpenColorIO config whose one space is the square of light: contrasts in ln double.
+    (tmp_path / "c.ocio").write_text(
+        "ocio_profile_version: 2\nroles: {scene_linear: lin, default: lin}\nfile_rules:\n"
+        "  - !<Rule> {name: Default, colorspace: default}\n"
+        "displays:\n  d:\n    - !<View> {name: v, colorspace: lin}\n"
+        "colorspaces:\n  - !<ColorSpace> {name: lin}\n"
+        "  - !<ColorSpace>\n    name: root\n    to_scene_reference: !<ExponentTransform> {value: 2}\n"
+    )
+    folder = write_pictures(tmp_path / "p", "tif")
+    args = ["--fps", 1000, "--chip", "ideal", "--json"]
+    plain = json.loads(sense(pecs_program, folder, "-o", tmp_path / "a.csv", *args).stdout)["events"]
+    args += ["--ocio", tmp_path / "c.ocio", "--colorspace"]
+    squared = json.loads(sense(pecs_program, folder, "-o", tmp_path / "b.csv", *args, "root").stdout)["events"]
+    assert squared == pytest.approx(2 * plain, rel=0.05)
+    done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", *args, "nope", "--quiet")
+    assert done.returncode == 2 and "nope" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_monte_carlo_bands(tmp_path, pecs_program):
+    """31 bands, the light between two spectra: the error of a draw falls as 1 / sqrt(N)."""
+    lambdas = np.linspace(400, 700, 31)
+    x = np.linspace(0, 1, W)[None, None, :]
+    warm, cool = (np.exp(-(((lambdas - m) / 60) ** 2))[:, None, None] + 0.05 for m in (620, 470))
+    stack = {
+        "pecs_stack": 1, "quantity": "irradiance", "width": W, "height": H, "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": float(v), "weight_nm": 10.0} for v in lambdas],
+        "times_ns": [0, 1000000], "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {},
+    }  # fmt: skip
+    with StackWriter(tmp_path / "s", stack) as writer:
+        for i in range(2):
+            writer.write_frame(i, np.broadcast_to(1e-5 * (warm * x + cool * (1 - x)), (31, H, W)).astype(np.float32))
+    rms = {}
+    for n in (4, 64):
+        draws = []
+        for seed in range(1, 9):
+            args = ["--bands", f"mc:{n}", "--seed", seed, "--json"]
+            report = json.loads(sense(pecs_program, tmp_path / "s", "-o", tmp_path / "o.csv", *args).stdout)
+            draws.append(report["monte_carlo"]["rms_error_of_ln_photocurrent"])
+        rms[n] = np.sqrt(np.mean(np.square(draws)))
+    assert 0 < rms[64] < rms[4] / 2.5 and rms[64] < 0.2, rms
+    done = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "n.csv", "--bands", "mc:0", "--quiet")
+    assert done.returncode == 2

@@ -2,10 +2,13 @@
 // The whole sensor: an EXR stack in, an event file out (docs/sensor.md).
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "pecs/sensor/frames.h"
+#include "pecs/sensor/light.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/strict_json.h"
 
@@ -18,12 +21,13 @@ struct SenseOptions {
   std::vector<std::string> overrides;  // "key=value"
   bool no_noise = false;               // photon noise, leak, background and mismatch off
   std::uint64_t seed = 1;
-  int threads = 0;                // 0: all
-  std::optional<double> fps;      // for a folder without stack.json
-  std::optional<double> fnumber;  // for a stack of radiance
-  std::optional<double> gain;  // for relative light: photocurrent [A] = gain * sum of lambda_nm QE L weight_nm (Eq. 6)
-  ModelChoice model;           // white_fa 0: the brightest 0.5 % of the first frame are white
-  bool ideal_readout = false;  // else the chip's (readout.h)
+  int threads = 0;   // 0: all
+  FrameTimes times;  // for frames without times of their own
+  LightOptions light;
+  int monte_carlo_bands = 0;                    // > 0: so many bands, drawn (light.h), instead of the sum over all
+  std::shared_ptr<const FrameSource> source;    // instead of `stack`
+  ModelChoice model;                            // white_fa 0: the brightest 0.5 % of the first frame are white
+  bool ideal_readout = false;                   // else the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
   int warmup_loops = 0;                         // of a periodic stack, before the output begins
   std::int64_t start_us = 0;                    // output begins this long after the warm-up

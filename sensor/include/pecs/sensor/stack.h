@@ -10,24 +10,12 @@
 #include <vector>
 
 #include "pecs/sensor/bands.h"
+#include "pecs/sensor/frames.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {
 
-// Larger pictures are refused before anything is allocated for them.
-inline constexpr int kMaxSide = 8192;
 inline constexpr int kMaxBands = 256;
-
-enum class Quantity { irradiance, radiance };  // W m^-2 nm^-1 on the film, W m^-2 sr^-1 nm^-1 along the ray
-
-struct StackInfo {
-  Quantity quantity = Quantity::irradiance;
-  int width = 0, height = 0;  // pixels
-  std::optional<double> pixel_pitch_m;
-  std::vector<Band> bands;
-  std::vector<std::int64_t> times_ns;  // rising
-  std::optional<std::int64_t> period_ns;
-};
 
 // Checks every key of stack.json; `file` is named in errors.
 StackInfo parse_stack_info(const Json& json, const std::string& file);
@@ -48,23 +36,24 @@ class StackWriter {
   StackInfo info_;
 };
 
-// Rows of one frame: values[(band * rows + row) * width + x].
-using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
-
-class StackReader {
+class StackReader : public FrameSource {
  public:
-  // Reads stack.json; without one, the header of the first frame, and times from `fps`. Throws not_found (folder,
-  // no frames), bad_input (a gap, wrong channels, no times, …). Trailing frames may be missing: frames() counts
-  // those that are there.
-  explicit StackReader(std::filesystem::path folder, std::optional<double> fps = {});
-  const StackInfo& info() const { return info_; }
+  // Reads stack.json; without one, the header of the first EXR file (of any name, in natural order): spectral channels
+  // S0.<wavelength>nm (pbrt-v4, Mitsuba, …), pbrt's Radiance.C01 to C31 (400 to 700 nm), or R, G, B (relative light at
+  // 465, 550 and 610 nm), and times from `times`. Throws not_found (folder, no frames), bad_input (a gap, wrong
+  // channels, no times, …). Trailing frames may be missing: frames() counts those that are there.
+  explicit StackReader(std::filesystem::path folder, const FrameTimes& times = {});
+  const StackInfo& info() const override { return info_; }
   const std::filesystem::path& folder() const { return folder_; }
-  std::int64_t frames() const { return frames_; }
+  std::int64_t frames() const override { return frames_; }
+  std::string name() const override { return folder_.string(); }
+  std::string layout() const override { return layout_; }
+  void will_read(std::int64_t index) const override;
   std::filesystem::path frame_path(std::int64_t index) const;
 
   // Decodes rows [begin, end) of a frame (end 0: all) in blocks, in order; checks its size, channels and time. May be
   // called from many threads.
-  void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const;
+  void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const override;
   // The whole frame as [bands][height][width].
   std::vector<float> read_frame(std::int64_t index) const;
 
@@ -73,6 +62,9 @@ class StackReader {
   StackInfo info_;
   std::int64_t frames_ = 0;
   bool has_json_ = false;
+  std::vector<std::filesystem::path> files_;  // of a foreign stack
+  std::vector<std::string> channels_;         // of its bands
+  std::string layout_ = "EXR stack";
 };
 
 }  // namespace pecs::sensor

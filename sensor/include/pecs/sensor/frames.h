@@ -1,0 +1,58 @@
+#pragma once
+// Where light comes from: EXR stacks (stack.h), and pictures and video (pictures.h, which needs OpenCV).
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pecs/sensor/bands.h"
+
+namespace pecs::sensor {
+
+// Larger pictures are refused before anything is allocated for them.
+inline constexpr int kMaxSide = 8192;
+
+// W m^-2 nm^-1 on the film, W m^-2 sr^-1 nm^-1 along the ray, or relative: 1 is white.
+enum class Quantity { irradiance, radiance, relative };
+
+struct StackInfo {
+  Quantity quantity = Quantity::irradiance;
+  int width = 0, height = 0;  // pixels
+  std::optional<double> pixel_pitch_m;
+  std::vector<Band> bands;
+  std::vector<std::int64_t> times_ns;  // rising
+  std::optional<std::int64_t> period_ns;
+};
+
+// Rows of one frame: values[(band * rows + row) * width + x].
+using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
+
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+  virtual const StackInfo& info() const = 0;
+  virtual std::int64_t frames() const = 0;
+  virtual std::string name() const = 0;    // for errors
+  virtual std::string layout() const = 0;  // what was found: "EXR stack", "RGB EXR", ...
+  // Rows [begin, end) of a frame (end 0: all) in blocks, in order. May be called from many threads.
+  virtual void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const = 0;
+  virtual void will_read(std::int64_t) const {}  // a frame soon
+};
+
+// Times of frames that do not know their own: by rate, or from a text file with one time in us a line ('#' starts a
+// comment). Throws bad_input for neither, too few lines, or times that do not rise.
+struct FrameTimes {
+  std::optional<double> fps;
+  std::optional<std::filesystem::path> file_us;
+  std::vector<std::int64_t> of(std::int64_t frames, const std::string& source) const;  // ns
+};
+
+// Files of a folder with one of these endings (lower case, with the dot), in the order a person would sort them:
+// frame_2 before frame_10.
+std::vector<std::filesystem::path> files_in_order(const std::filesystem::path& folder,
+                                                  std::span<const std::string> endings);
+
+}  // namespace pecs::sensor

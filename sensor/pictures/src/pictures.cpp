@@ -1,0 +1,205 @@
+#include "pecs/sensor/pictures.h"
+
+#include <OpenColorIO/OpenColorIO.h>
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "pecs/error.h"
+#include "pecs/sensor/stack.h"
+
+namespace pecs::sensor {
+namespace {
+
+namespace fs = std::filesystem;
+namespace OCIO = OCIO_NAMESPACE;
+
+const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
+
+// IEC 61966-2-1.
+float from_srgb(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((std::max(v, 0.0f) + 0.055f) / 1.055f, 2.4f); }
+
+// Encoded pixels to linear light, as [band][row][x], bands blue, green, red or grey.
+class Linear {
+ public:
+  explicit Linear(const PictureOptions& options) : space_(options.colour_space) {
+    if (!space_ || *space_ == "srgb" || *space_ == "linear") {
+      if (options.ocio_config && !space_)
+        throw Error(ExitCode::usage, "--colorspace: got nothing, wanted a colour space of the config");
+      if (!options.ocio_config) return;
+    }
+    try {
+      const auto config = options.ocio_config ? OCIO::Config::CreateFromFile(options.ocio_config->c_str())
+                                              : OCIO::Config::CreateFromEnv();
+      processor_ = config->getProcessor(space_->c_str(), OCIO::ROLE_SCENE_LINEAR)->getDefaultCPUProcessor();
+    } catch (const OCIO::Exception& e) {
+      std::string words = e.what();
+      std::ranges::replace(words, '\n', ' ');
+      throw Error(ExitCode::usage, fmt::format("--colorspace {}: {}", *space_, words));
+    }
+  }
+
+  int bands(const cv::Mat& picture) const { return picture.channels() == 1 && !processor_ ? 1 : 3; }
+
+  std::vector<float> operator()(cv::Mat picture) const {
+    if (picture.channels() == 4) cv::cvtColor(picture, picture, cv::COLOR_BGRA2BGR);
+    const bool integer = picture.depth() == CV_8U || picture.depth() == CV_16U;
+    cv::Mat values;
+    picture.convertTo(values, CV_32F, picture.depth() == CV_8U ? 1 / 255.0 : integer ? 1 / 65535.0 : 1.0);
+    if (processor_) {
+      cv::cvtColor(values, values, values.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
+      OCIO::PackedImageDesc image(values.data, values.cols, values.rows, 3);
+      processor_->apply(image);
+      cv::cvtColor(values, values, cv::COLOR_RGB2BGR);
+    } else if (space_ ? *space_ == "srgb" : integer) {
+      const int n = values.cols * values.channels();
+      for (int y = 0; y < values.rows; ++y) {
+        auto* row = values.ptr<float>(y);
+        for (int i = 0; i < n; ++i) row[i] = from_srgb(row[i]);
+      }
+    }
+    std::vector<cv::Mat> channels;
+    cv::split(values, channels);
+    std::vector<float> out;
+    out.reserve(values.total() * channels.size());
+    for (const cv::Mat& c : channels) out.insert(out.end(), c.begin<float>(), c.end<float>());
+    return out;
+  }
+
+ private:
+  std::optional<std::string> space_;
+  OCIO::ConstCPUProcessorRcPtr processor_;
+};
+
+class Pictures : public FrameSource {
+ public:
+  const StackInfo& info() const override { return info_; }
+  std::int64_t frames() const override { return static_cast<std::int64_t>(info_.times_ns.size()); }
+  std::string name() const override { return path_.string(); }
+
+  void read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const override {
+    if (end == 0) end = info_.height;
+    const cv::Mat picture = frame(index);
+    if (picture.cols != info_.width || picture.rows != info_.height ||
+        linear_.bands(picture) != static_cast<int>(info_.bands.size()))
+      throw bad_input(path_.string(), fmt::format("frame {}", index),
+                      fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()),
+                      fmt::format("{}x{} as the first", info_.width, info_.height));
+    const std::vector<float> values = linear_(picture.rowRange(begin, end));
+    sink(begin, end - begin, values);
+  }
+
+ protected:
+  Pictures(fs::path path, const PictureOptions& options) : path_(std::move(path)), linear_(options) {}
+  virtual cv::Mat frame(std::int64_t index) const = 0;
+
+  void describe(const cv::Mat& first) {
+    info_.quantity = Quantity::relative;
+    info_.width = first.cols;
+    info_.height = first.rows;
+    if (info_.width > kMaxSide || info_.height > kMaxSide)
+      throw bad_input(path_.string(), "size", fmt::format("{}x{}", info_.width, info_.height),
+                      fmt::format("at most {0}x{0}", kMaxSide));
+    info_.bands =
+        linear_.bands(first) == 1 ? std::vector<Band>{{550, 1}} : std::vector<Band>{{465, 1}, {550, 1}, {610, 1}};
+  }
+
+  fs::path path_;
+  Linear linear_;
+  StackInfo info_;
+};
+
+class Folder : public Pictures {
+ public:
+  Folder(const fs::path& path, const PictureOptions& options)
+      : Pictures(path, options), files_(files_in_order(path, kPictures)) {
+    if (files_.empty()) throw not_found(path.string(), "holds no EXR files and no pictures");
+    describe(frame(0));
+    info_.times_ns = options.times.of(static_cast<std::int64_t>(files_.size()), path.string());
+  }
+  std::string layout() const override { return "pictures"; }
+
+ private:
+  cv::Mat frame(std::int64_t index) const override {
+    const fs::path& file = files_.at(static_cast<std::size_t>(index));
+    cv::Mat picture;
+    try {
+      picture = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+    } catch (const cv::Exception&) {  // said below
+    }
+    if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
+    return picture;
+  }
+
+  std::vector<fs::path> files_;
+};
+
+// Frames come in order; those that other threads ask for early wait in memory.
+class Video : public Pictures {
+ public:
+  Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
+    open();
+    cv::Mat first;
+    if (!capture_.read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
+    describe(first);
+    std::int64_t count = 1;  // containers' own counts are often wrong
+    while (capture_.grab()) ++count;
+    FrameTimes times = options.times;
+    if (!times.fps && !times.file_us)
+      if (const double fps = capture_.get(cv::CAP_PROP_FPS); fps > 0) times.fps = fps;
+    info_.times_ns = times.of(count, path.string());
+    open();
+  }
+  std::string layout() const override { return "video"; }
+
+ private:
+  void open() const {
+    capture_.open(path_.string());
+    next_ = 0;
+    early_.clear();
+  }
+
+  cv::Mat frame(std::int64_t index) const override {
+    const std::scoped_lock lock(mutex_);
+    if (const auto waiting = early_.find(index); waiting != early_.end()) {
+      const cv::Mat picture = waiting->second;
+      early_.erase(waiting);
+      return picture;
+    }
+    if (index < next_) open();
+    while (true) {
+      cv::Mat picture;
+      if (!capture_.read(picture))
+        throw bad_input(path_.string(), fmt::format("frame {}", next_), "the end", "a frame");
+      if (next_++ == index) return picture;
+      early_[next_ - 1] = picture.clone();
+    }
+  }
+
+  mutable std::mutex mutex_;
+  mutable cv::VideoCapture capture_;
+  mutable std::int64_t next_ = 0;
+  mutable std::map<std::int64_t, cv::Mat> early_;
+};
+
+}  // namespace
+
+std::unique_ptr<FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
+  if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
+  return std::make_unique<Video>(path, options);
+}
+
+std::unique_ptr<FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
+  if (!fs::exists(path)) throw not_found(path.string(), "no such folder");
+  static const std::string kExr[] = {".exr"};
+  if (fs::is_directory(path) && (fs::exists(path / "stack.json") || !files_in_order(path, kExr).empty()))
+    return std::make_unique<StackReader>(path, options.times);
+  return open_pictures(path, options);
+}
+
+}  // namespace pecs::sensor
