@@ -220,9 +220,10 @@ def fit(chip: str, real: Measures, disk: Disk, seen: np.ndarray, contrast: float
         print(f"  {miss:.4f}  " + "  ".join(f"{v:.4f}" for v in np.exp(x)), flush=True)
         return float(miss)
 
-    best = minimize(loss, start, method="Nelder-Mead",
-                    options={"maxfev": rounds, "initial_simplex": np.vstack([start, start + 0.12 * np.eye(5)])})  # fmt: skip
-    return {k: round(float(v), 4) for k, v in zip(FITTED, np.exp(best.x[:-1]), strict=True)}, float(np.exp(best.x[-1]))
+    simplex = np.vstack([start, start + 0.12 * np.eye(5)])
+    best = minimize(loss, start, method="Nelder-Mead", options={"maxfev": rounds, "initial_simplex": simplex})
+    *values, contrast = np.exp(best.x).tolist()
+    return {k: round(v, 4) for k, v in zip(FITTED, values, strict=True)}, contrast
 
 
 def simulate(

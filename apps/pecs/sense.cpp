@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "pecs/error.h"
 #include "pecs/run_record.h"
-#include "pecs/sensor/pictures.h"
+#include "pecs/sensor/live.h"
 
 namespace pecs::app {
 namespace {
@@ -32,12 +32,16 @@ void add_sense(CLI::App& app) {
     std::vector<std::string> parameters;
     std::string readout = "chip", bands = "all";
     std::optional<std::string> colour_space;
+    bool view = false;
+    sensor::LiveOptions live;
     std::optional<std::filesystem::path> ocio_config;
     double white_a = 0;
   };
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
-  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, or a video")->required();
+  sub->add_option("stack", o->stack,
+                  "EXR stack, folder of EXR files or pictures, a video; with --view a video or camera[:N]")
+      ->required();
   sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its name");
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
@@ -88,6 +92,12 @@ void add_sense(CLI::App& app) {
       ->check(CLI::NonNegativeNumber);
   sub->add_option("--duration-us", o->duration_us, "length of the output, us; a periodic stack is looped for it")
       ->check(CLI::PositiveNumber);
+  sub->add_flag("--view", o->view,
+                "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
+  sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
+  sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
+      ->capture_default_str();
   sub->add_flag("--json", o->json, "machine output");
   sub->add_flag("--quiet", o->quiet, "no progress");
   sub->callback([o] {
@@ -95,9 +105,19 @@ void add_sense(CLI::App& app) {
     o->model.white_fa = o->white_a * 1e15;
     for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
     if (o->bands != "all") o->monte_carlo_bands = std::stoi(o->bands.substr(3));
-    o->source = sensor::open_frames(o->stack, {o->times, o->colour_space, o->ocio_config});
-    const sensor::SenseReport report = sensor::sense(*o);
-    write_run_record(o->output, {"sense", arguments(), report.config, {o->stack}, report.results});
+    const sensor::PictureOptions pictures{o->times, o->colour_space, o->ocio_config};
+    sensor::SenseReport report;
+    if (o->view) {
+      o->live.source = o->stack.string();
+      o->live.video = o->output.string() + ".mp4";
+      report = sensor::sense_live(o->live, *o, pictures);
+    } else {
+      o->source = sensor::open_frames(o->stack, pictures);
+      report = sensor::sense(*o);
+    }
+    std::vector<std::filesystem::path> inputs;
+    if (std::filesystem::exists(o->stack)) inputs.push_back(o->stack);
+    write_run_record(o->output, {"sense", arguments(), report.config, inputs, report.results});
     const Json& r = report.results;
     if (o->json) {
       fmt::print("{}\n", r.dump());
@@ -107,6 +127,7 @@ void add_sense(CLI::App& app) {
                r["height"].get<int>());
     if (const auto dropped = r["dropped"].get<std::int64_t>())
       fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
+    if (o->view) return;
     const auto bad =
         r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
     if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o->stack.string(), bad);

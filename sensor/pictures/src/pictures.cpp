@@ -1,15 +1,14 @@
 #include "pecs/sensor/pictures.h"
 
-#include <OpenColorIO/OpenColorIO.h>
 #include <fmt/format.h>
 
 #include <cmath>
 #include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "linear.h"
 #include "pecs/error.h"
 #include "pecs/sensor/stack.h"
 
@@ -17,64 +16,8 @@ namespace pecs::sensor {
 namespace {
 
 namespace fs = std::filesystem;
-namespace OCIO = OCIO_NAMESPACE;
 
 const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
-
-// IEC 61966-2-1.
-float from_srgb(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((std::max(v, 0.0f) + 0.055f) / 1.055f, 2.4f); }
-
-// Encoded pixels to linear light, as [band][row][x], bands blue, green, red or grey.
-class Linear {
- public:
-  explicit Linear(const PictureOptions& options) : space_(options.colour_space) {
-    if (!space_ || *space_ == "srgb" || *space_ == "linear") {
-      if (options.ocio_config && !space_)
-        throw Error(ExitCode::usage, "--colorspace: got nothing, wanted a colour space of the config");
-      if (!options.ocio_config) return;
-    }
-    try {
-      const auto config = options.ocio_config ? OCIO::Config::CreateFromFile(options.ocio_config->c_str())
-                                              : OCIO::Config::CreateFromEnv();
-      processor_ = config->getProcessor(space_->c_str(), OCIO::ROLE_SCENE_LINEAR)->getDefaultCPUProcessor();
-    } catch (const OCIO::Exception& e) {
-      std::string words = e.what();
-      std::ranges::replace(words, '\n', ' ');
-      throw Error(ExitCode::usage, fmt::format("--colorspace {}: {}", *space_, words));
-    }
-  }
-
-  int bands(const cv::Mat& picture) const { return picture.channels() == 1 && !processor_ ? 1 : 3; }
-
-  std::vector<float> operator()(cv::Mat picture) const {
-    if (picture.channels() == 4) cv::cvtColor(picture, picture, cv::COLOR_BGRA2BGR);
-    const bool integer = picture.depth() == CV_8U || picture.depth() == CV_16U;
-    cv::Mat values;
-    picture.convertTo(values, CV_32F, picture.depth() == CV_8U ? 1 / 255.0 : integer ? 1 / 65535.0 : 1.0);
-    if (processor_) {
-      cv::cvtColor(values, values, values.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
-      OCIO::PackedImageDesc image(values.data, values.cols, values.rows, 3);
-      processor_->apply(image);
-      cv::cvtColor(values, values, cv::COLOR_RGB2BGR);
-    } else if (space_ ? *space_ == "srgb" : integer) {
-      const int n = values.cols * values.channels();
-      for (int y = 0; y < values.rows; ++y) {
-        auto* row = values.ptr<float>(y);
-        for (int i = 0; i < n; ++i) row[i] = from_srgb(row[i]);
-      }
-    }
-    std::vector<cv::Mat> channels;
-    cv::split(values, channels);
-    std::vector<float> out;
-    out.reserve(values.total() * channels.size());
-    for (const cv::Mat& c : channels) out.insert(out.end(), c.begin<float>(), c.end<float>());
-    return out;
-  }
-
- private:
-  std::optional<std::string> space_;
-  OCIO::ConstCPUProcessorRcPtr processor_;
-};
 
 class Pictures : public FrameSource {
  public:
@@ -86,7 +29,7 @@ class Pictures : public FrameSource {
     if (end == 0) end = info_.height;
     const cv::Mat picture = frame(index);
     if (picture.cols != info_.width || picture.rows != info_.height ||
-        linear_.bands(picture) != static_cast<int>(info_.bands.size()))
+        linear_.bands_of(picture).size() != info_.bands.size())
       throw bad_input(path_.string(), fmt::format("frame {}", index),
                       fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()),
                       fmt::format("{}x{} as the first", info_.width, info_.height));
@@ -105,8 +48,7 @@ class Pictures : public FrameSource {
     if (info_.width > kMaxSide || info_.height > kMaxSide)
       throw bad_input(path_.string(), "size", fmt::format("{}x{}", info_.width, info_.height),
                       fmt::format("at most {0}x{0}", kMaxSide));
-    info_.bands =
-        linear_.bands(first) == 1 ? std::vector<Band>{{550, 1}} : std::vector<Band>{{465, 1}, {550, 1}, {610, 1}};
+    info_.bands = linear_.bands_of(first);
   }
 
   fs::path path_;

@@ -1,0 +1,22 @@
+#pragma once
+// Frames from a camera or a video as they come: events to a file, and a picture of them on the screen, or, where there
+// is no display, in a video beside the file.
+#include <functional>
+
+#include "pecs/sensor/pictures.h"
+#include "pecs/sensor/sense.h"
+
+namespace pecs::sensor {
+
+struct LiveOptions {
+  std::string source;                // "camera", "camera:1", … or a video file
+  std::optional<double> seconds;     // stop after so long
+  std::int64_t picture_us = 33'333;  // events shown together
+  std::filesystem::path video;       // written where there is no display
+};
+
+// `sense`: its output, chip, model, light, readout and seed. A camera's frames have the time of their arrival, a
+// video's frames the file's rate (or sense.times.fps). Stops at the end, after `seconds`, or with Escape in the window.
+SenseReport sense_live(const LiveOptions& live, const SenseOptions& sense, const PictureOptions& pictures);
+
+}  // namespace pecs::sensor
