@@ -111,7 +111,7 @@ def test_bad_folders(tmp_path):
     with pytest.raises(pecs.PecsError, match="no such folder") as e:
         StackReader(tmp_path / "none")
     assert e.value.code == 3
-    with pytest.raises(pecs.PecsError, match="holds no frame"):
+    with pytest.raises(pecs.PecsError, match="holds no EXR files"):
         StackReader(tmp_path)
     stack = StackWriter(tmp_path, stack_json())
     stack.write_frame(0, frame())
