@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import numpy as np
 import pytest
@@ -350,6 +351,24 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     result = json.loads(done.stdout)
     assert result["frames"] == N and result["events"] > 10000 and result["width"] == 4 * W
     assert result["t_last_us"] == pytest.approx(N * 2000, rel=0.2)  # the file's own 500 frames/s
+    # Live, without a display: the events, and a video of them.
+    env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    live = [
+        tmp_path / "v.avi",
+        "-o",
+        tmp_path / "live.csv",
+        "--chip",
+        "ideal",
+        "--view",
+        "--picture-us",
+        4000,
+        "--json",
+    ]
+    done = pecs_program("sense", *live, env=env)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["events"] == result["events"] == len(read_csv(tmp_path / "live.csv"))
+    shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))
+    assert shown.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(N * 2000 / 4000, abs=2)
     # An OpenColorIO config whose one space is the square of light: contrasts in ln double.
     (tmp_path / "c.ocio").write_text(
         "ocio_profile_version: 2\nroles: {scene_linear: lin, default: lin}\nfile_rules:\n"

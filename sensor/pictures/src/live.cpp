@@ -25,8 +25,9 @@ class EventView {
   EventView(const LiveOptions& live, cv::Size size) : live_(live), picture_(size, CV_8UC3, kPaper) {
     shows_ = std::getenv("DISPLAY") || std::getenv("WAYLAND_DISPLAY");
     if (shows_) return;
-    const auto partial = partial_path(live.video);
-    if (!writer_.open(partial.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30, size))
+    // FFmpeg knows a container by its ending.
+    unfinished_ = live.video.parent_path() / ("." + live.video.stem().string() + ".partial.mp4");
+    if (!writer_.open(unfinished_.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30, size))
       throw bad_output(live.video.string(), "OpenCV has no MPEG-4 encoder");
   }
 
@@ -44,6 +45,7 @@ class EventView {
     flush();
     if (shows_) return;
     writer_.release();
+    std::filesystem::rename(unfinished_, partial_path(live_.video));
     commit_partial(live_.video);
   }
   bool shows() const { return shows_; }
@@ -66,6 +68,7 @@ class EventView {
   const LiveOptions& live_;
   cv::Mat picture_;
   cv::VideoWriter writer_;
+  std::filesystem::path unfinished_;
   bool shows_ = false;
   std::int64_t next_us_ = live_.picture_us;
 };
