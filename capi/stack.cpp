@@ -54,13 +54,14 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
     const auto& info = stack->reader.info();
     pecs::Json bands = pecs::Json::array();
     for (const auto& b : info.bands) bands.push_back({{"lambda_nm", b.lambda_nm}, {"weight_nm", b.weight_nm}});
-    using enum pecs::sensor::Quantity;
-    const char* quantity = info.quantity == irradiance ? "irradiance"
-                           : info.quantity == radiance ? "radiance"
-                                                       : "relative";
-    pecs::Json out = {{"quantity", quantity},     {"width", info.width},       {"height", info.height},
-                      {"bands", bands},           {"times_ns", info.times_ns}, {"frames", stack->reader.frames()},
-                      {"pixel_pitch_m", nullptr}, {"period_ns", nullptr}};
+    pecs::Json out = {{"quantity", name_of(info.quantity)},
+                      {"width", info.width},
+                      {"height", info.height},
+                      {"bands", bands},
+                      {"times_ns", info.times_ns},
+                      {"frames", stack->reader.frames()},
+                      {"pixel_pitch_m", nullptr},
+                      {"period_ns", nullptr}};
     if (info.pixel_pitch_m) out["pixel_pitch_m"] = *info.pixel_pitch_m;
     if (info.period_ns) out["period_ns"] = *info.period_ns;
     return pecs::capi::hand_over(out.dump());

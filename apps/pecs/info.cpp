@@ -45,18 +45,11 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
                      {"weight_nm", info.bands[b].weight_nm},
                      {"first_frame", {{"min", low}, {"mean", sum / static_cast<double>(plane)}, {"max", high}}}});
   }
-  using enum sensor::Quantity;
-  const char* quantity = info.quantity == irradiance ? "irradiance"
-                         : info.quantity == radiance ? "radiance"
-                                                     : "relative";
-  const char* unit = info.quantity == irradiance ? "W.m^-2.nm^-1"
-                     : info.quantity == radiance ? "W.m^-2.sr^-1.nm^-1"
-                                                 : "1";
   Json out = {{"format", "exr-stack"},
               {"width", info.width},
               {"height", info.height},
-              {"quantity", quantity},
-              {"unit", unit},
+              {"quantity", name_of(info.quantity)},
+              {"unit", unit_of(info.quantity)},
               {"bands", bands},
               {"frames", stack.frames()},
               {"frames_planned", info.times_ns.size()},

@@ -53,6 +53,12 @@ void sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::in
 
 std::vector<Cause>* EventOrder::causes(std::size_t index) { return with_causes_ ? &causes_.at(index) : nullptr; }
 
+events::Event EventOrder::event_of(EventKey key, std::int64_t origin_us) const {
+  const std::uint32_t pixel = key_pixel(key);
+  return {key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),
+          static_cast<std::uint16_t>(pixel / width_), static_cast<std::uint8_t>(key_on(key))};
+}
+
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
   if (with_causes_) return take_with_causes(event_key(until_us, 0, false), origin_us, labelled);
   std::vector<events::Event>& out = labelled.events;
@@ -116,11 +122,7 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
       const auto keys = std::span(sorted_).subspan(slots[slot], slots[slot + 1] - slots[slot]);
       sort_keys(keys, scratch, first_us + (static_cast<std::int64_t>(slot) << shift), shift);
       events::Event* to = out.data() + before + slots[slot];
-      for (const EventKey key : keys) {
-        const std::uint32_t pixel = key_pixel(key);
-        *to++ = {key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),
-                 static_cast<std::uint16_t>(pixel / width_), static_cast<std::uint8_t>(key_on(key))};
-      }
+      for (const EventKey key : keys) *to++ = event_of(key, origin_us);
     }
   });
 }
@@ -140,8 +142,7 @@ void EventOrder::take_with_causes(EventKey limit, std::int64_t origin_us, Labell
       held_with_causes_.emplace_back(key, cause);
       continue;
     }
-    out.events.push_back({key_time_us(key) - origin_us, static_cast<std::uint16_t>(key_pixel(key) % width_),
-                          static_cast<std::uint16_t>(key_pixel(key) / width_), static_cast<std::uint8_t>(key_on(key))});
+    out.events.push_back(event_of(key, origin_us));
     out.causes.push_back(cause);
   }
 }

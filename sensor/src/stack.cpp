@@ -28,8 +28,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kIrradianceUnits = "W.m^-2.nm^-1";
-constexpr const char* kRadianceUnits = "W.m^-2.sr^-1.nm^-1";
 constexpr const char* kTimeAttribute = "pecsTimeNs";
 constexpr double kSameLambda_nm = 0.005;  // channel names carry three decimals
 constexpr std::int64_t kMaxFrames = 1'000'000;
@@ -328,8 +326,7 @@ void StackWriter::write_frame(std::int64_t index, std::span<const float> values)
   Imf::Header header(info_.width, info_.height);
   header.compression() = Imf::ZIP_COMPRESSION;
   header.insert("spectralLayoutVersion", Imf::StringAttribute("1.0"));
-  header.insert("emissiveUnits",
-                Imf::StringAttribute(info_.quantity == Quantity::irradiance ? kIrradianceUnits : kRadianceUnits));
+  header.insert("emissiveUnits", Imf::StringAttribute(unit_of(info_.quantity)));
   header.insert(kTimeAttribute, Imf::StringAttribute(std::to_string(info_.times_ns[static_cast<std::size_t>(index)])));
   Channels channels;
   for (const Band& band : info_.bands) {
@@ -382,7 +379,8 @@ Foreign foreign_layout(const fs::path& path) {
     info.width = side(header, true);
     info.height = side(header, false);
     const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
-    info.quantity = units && units->value() == kIrradianceUnits ? Quantity::irradiance : Quantity::radiance;
+    info.quantity =
+        units && units->value() == unit_of(Quantity::irradiance) ? Quantity::irradiance : Quantity::radiance;
     std::vector<std::pair<double, std::string>> found;
     std::vector<std::string> numbered;
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {

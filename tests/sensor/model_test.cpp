@@ -1,53 +1,22 @@
 // One suite over every pixel model, and each of the other simulators' models against its formula.
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
-#include <tbb/task_arena.h>
 
 #include <cmath>
 #include <set>
 
+#include "clip.h"
 #include "pecs/error.h"
 #include "pecs/sensor/pixel_model.h"
-#include "pecs/sensor/sensor.h"
 
 namespace pecs::sensor {
 namespace {
 
 using events::Event;
 
-struct Clip {
-  int width = 0, height = 0;
-  std::vector<std::vector<float>> frames;  // white = 1
-  std::vector<double> t_us;
-};
-
-template <class Value>
-Clip make_clip(int width, int height, int n, double h_us, Value&& value) {
-  Clip clip{width, height, {}, {}};
-  for (int i = 0; i < n; ++i) {
-    clip.t_us.push_back(i * h_us);
-    auto& frame = clip.frames.emplace_back();
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) frame.push_back(static_cast<float>(value(x, y, i * h_us)));
-  }
-  return clip;
-}
-
 std::vector<Event> run(const ModelChoice& model, const Chip& chip, const Clip& clip, std::uint64_t seed = 1,
                        std::size_t batch = 1000, int threads = 2) {
   Sensor sensor(chip, clip.width, clip.height, seed, 100.0, model);
-  LabelledEvents found;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
-  tbb::task_arena arena(threads);
-  arena.execute([&] {
-    for (std::size_t i = 0; i < clip.frames.size(); i += batch) {
-      const std::size_t end = std::min(clip.frames.size(), i + batch);
-      std::vector<const float*> planes;
-      for (std::size_t k = i; k < end; ++k) planes.push_back(clip.frames[k].data());
-      sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), found);
-    }
-  });
-  return found.events;
+  return run_clip(sensor, clip, batch, threads);
 }
 
 double bars(int x, int y, double t_us) { return 0.5 + 0.45 * std::sin(0.3 * x + 0.05 * y - t_us * 2e-3); }

@@ -17,6 +17,13 @@ inline constexpr int kMaxSide = 8192;
 
 // W m^-2 nm^-1 on the film, W m^-2 sr^-1 nm^-1 along the ray, or relative: 1 is white.
 enum class Quantity { irradiance, radiance, relative };
+constexpr const char* name_of(Quantity q) {
+  return q == Quantity::irradiance ? "irradiance" : q == Quantity::radiance ? "radiance" : "relative";
+}
+// As the OpenEXR layout for spectral images writes them.
+constexpr const char* unit_of(Quantity q) {
+  return q == Quantity::irradiance ? "W.m^-2.nm^-1" : q == Quantity::radiance ? "W.m^-2.sr^-1.nm^-1" : "1";
+}
 
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;

@@ -76,7 +76,6 @@ class Receptor {
     step.m1 = slope(ds);
     return step;
   }
-  bool done() const { return s_ >= 1; }
   double w() const { return w_; }
 
  private:

@@ -25,6 +25,8 @@ class EventOrder {
  private:
   void take_with_causes(EventKey limit, std::int64_t origin_us, LabelledEvents& out);
 
+  events::Event event_of(EventKey key, std::int64_t origin_us) const;
+
   std::uint32_t width_;
   std::vector<std::vector<EventKey>> tiles_;
   std::vector<EventKey> held_, sorted_;
