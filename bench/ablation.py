@@ -33,17 +33,9 @@ def response(nm):
 
 def bands(placement: str, n: int, lamp) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths and weights [nm]."""
-    if placement == "gauss":
-        chosen = pecs.bands(n=n, illuminant=np.stack([lamp.lambda_nm, lamp.value], axis=1), min_nm=LO_NM, max_nm=HI_NM)
-        return tuple(np.array([b[key] for b in chosen]) for key in ("lambda_nm", "weight_nm"))
-    if placement == "uniform":
-        step = (HI_NM - LO_NM) / n
-        return LO_NM + step * (np.arange(n) + 0.5), np.full(n, step)
-    nm = np.linspace(LO_NM, HI_NM, 3001)  # strata of equal probability under lambda QE E, each at its median
-    density = response(nm) * lamp(nm)
-    share = np.cumsum(density) / density.sum()
-    at = np.interp((np.arange(n) + 0.5) / n, share, nm)
-    return at, density.sum() * (nm[1] - nm[0]) / n / (response(at) * lamp(at))
+    pairs = np.stack([lamp.lambda_nm, lamp.value], axis=1)
+    chosen = pecs.bands(n=n, placement=placement, illuminant=pairs, min_nm=LO_NM, max_nm=HI_NM)
+    return tuple(np.array([b[key] for b in chosen]) for key in ("lambda_nm", "weight_nm"))
 
 
 def render(folder: Path, args, grey: int) -> np.ndarray:

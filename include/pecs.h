@@ -59,7 +59,7 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
 
 /* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
 
-/* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "uniform",
+/* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "strata" | "uniform",
  * "illuminant": null | [[lambda_nm, relative power], ...], "min_nm": .., "max_nm": ..} (default range: where the QE
  * and the illuminant are tabulated; the illuminant is linear between its points: use it so in the scene too).
  * result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over lambda of f(lambda) dlambda

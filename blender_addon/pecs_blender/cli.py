@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import os
 import signal
 import sys
@@ -13,6 +15,8 @@ from .core.errors import BAD_OUTPUT, INTERRUPTED, USAGE, RenderError
 from .core.resources import Restart
 from .core.scene_file import load_scene
 from .core.spectra import spectrum
+
+PLACEMENTS = ("gauss", "strata", "uniform")
 
 
 def _positive(text: str) -> int:
@@ -33,6 +37,19 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pecs_blender", description="PECS: spectral renders through a real lens")
     commands = parser.add_subparsers(dest="command", required=True)
     _add_render(commands)
+    bands = commands.add_parser(
+        "bands",
+        help="wavelengths to render for a chip, and their weights",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = bands.add_argument
+    add("--chip", default="imx636", help="name or .json file")
+    add("-n", "--bands", type=_positive, default=6, help="number of wavelengths")
+    add("--placement", choices=PLACEMENTS, default="gauss", help="where the bands lie")
+    add("--illuminant", default="d65", help="the lamp: a name, CSV, blackbody:T or daylight:T")
+    add("--min-nm", type=float, help="shortest wavelength; where chip and lamp begin if not given")
+    add("--max-nm", type=float, help="longest wavelength; where chip and lamp end if not given")
+    add("--json", action="store_true", help="machine-readable output")
     merge = commands.add_parser(
         "merge",
         help="join shards of a stack",
@@ -60,7 +77,7 @@ def _add_render(commands) -> None:
     )
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
     add("--bands", type=_positive, default=6, help="number of wavelengths; three share an RGB pass")
-    add("--placement", choices=("gauss", "uniform"), default="gauss", help="where the bands lie")
+    add("--placement", choices=PLACEMENTS, default="gauss", help="where the bands lie")
     add("--bands-per-pass", type=int, choices=(1, 2, 3), default=3, help="1: dispersion in glass objects is exact")
     add("--chip", default="imx636", help="the chip whose response places the bands")
     add("--min-nm", type=float, help="shortest wavelength; where chip and lamps begin if not given")
@@ -98,6 +115,17 @@ def _add_render(commands) -> None:
     add("--restart-growth-mb", type=float, default=1000.0, help="memory growth at which the process starts afresh")
 
 
+@contextlib.contextmanager
+def _library_errors():
+    """Errors of libpecs as ours. In a `with` after bpy is imported: both carry libtbb."""
+    import pecs
+
+    try:
+        yield
+    except pecs.PecsError as e:
+        raise RenderError(e.code, str(e)) from None
+
+
 def _render(args: dict) -> None:
     path, output, overrides = args.pop("scene"), args.pop("output"), args.pop("set")
     scene_name, allow_scripts = args.pop("scene_name"), args.pop("allow_scripts")
@@ -105,8 +133,6 @@ def _render(args: dict) -> None:
         import bpy  # before pecs
     except ImportError as e:
         raise RenderError(USAGE, f"bpy: {e}; pip install bpy, or run inside Blender") from None
-    import pecs
-
     from .scene import job
     from .scene.blend import BlendScene
     from .scene.folder import FolderScene
@@ -115,30 +141,41 @@ def _render(args: dict) -> None:
     if path == Path():
         raise RenderError(USAGE, "render: got no scene, wanted FILE.blend or a scene folder")
     try:
-        options = job.Options(**args)
-        if path.suffix == ".blend":
-            if overrides:
-                raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
-            illuminant = spectrum(options.illuminant, path.absolute().parent)
-            source = BlendScene(path, scene_name, illuminant, allow_scripts)
-        else:
-            source = FolderScene(load_scene(path, overrides))
-        job.render(source, output, options)
-    except pecs.PecsError as e:
-        raise RenderError(e.code, str(e)) from None
+        with _library_errors():
+            options = job.Options(**args)
+            if path.suffix == ".blend":
+                if overrides:
+                    raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
+                illuminant = spectrum(options.illuminant, path.absolute().parent)
+                source = BlendScene(path, scene_name, illuminant, allow_scripts)
+            else:
+                source = FolderScene(load_scene(path, overrides))
+            job.render(source, output, options)
     except OSError as e:
         raise RenderError(BAD_OUTPUT, f"{e.filename or output}: cannot be written: {e.strerror}") from None
 
 
-def _merge(args: dict) -> None:
+def _bands(args: dict) -> None:
     import pecs
 
+    with _library_errors():
+        lamp = spectrum(args["illuminant"], Path.cwd())
+        pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
+        bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])
+    if args["json"]:
+        print(json.dumps({"bands": bands}))
+        return
+    print("wavelength_nm  weight_nm")
+    for band in bands:
+        print(f"{band['lambda_nm']:13.3f}  {band['weight_nm']:9.3f}")
+
+
+def _merge(args: dict) -> None:
     from .core.shards import merge
 
     try:
-        merge(args["shards"], args["output"])
-    except pecs.PecsError as e:
-        raise RenderError(e.code, str(e)) from None
+        with _library_errors():
+            merge(args["shards"], args["output"])
     except OSError as e:
         raise RenderError(BAD_OUTPUT, f"{e.filename}: cannot be written: {e.strerror}") from None
 
@@ -150,7 +187,7 @@ def main(argv: list[str]) -> int:
         return e.code or 0
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(INTERRUPTED))
     try:
-        {"render": _render, "merge": _merge}[args.pop("command")](args)
+        {"render": _render, "bands": _bands, "merge": _merge}[args.pop("command")](args)
     except RenderError as e:
         print(f"pecs_blender: {e}", file=sys.stderr)
         return e.code

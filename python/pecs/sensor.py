@@ -170,7 +170,8 @@ def bands(
 ) -> list[dict[str, float]]:
     """Wavelengths and quadrature weights: [{"lambda_nm": .., "weight_nm": ..}, ...], rising.
 
-    `illuminant`: (lambda_nm, power) pairs, linear in between; the bands then integrate reflectances under it.
+    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: (lambda_nm, power)
+    pairs, linear in between; the bands then integrate reflectances under it.
     """
     return _bands(
         {

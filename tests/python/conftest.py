@@ -40,3 +40,24 @@ def pecs_program():
 @pytest.fixture(scope="session")
 def python():
     return sys.executable
+
+
+@pytest.fixture(scope="session")
+def wheel(root, tmp_path_factory):
+    """The Python package as users install it."""
+    out = tmp_path_factory.mktemp("wheel")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--disable-pip-version-check",
+        "-w",
+        out,
+        root,
+    ]
+    subprocess.run(command, check=True)
+    (path,) = out.glob("*.whl")
+    return path

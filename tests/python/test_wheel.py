@@ -1,31 +1,8 @@
 """The wheel: one py3-none wheel serves every Python, and works away from the checkout."""
 
 import subprocess
-import sys
 import venv
 import zipfile
-
-import pytest
-
-
-@pytest.fixture(scope="module")
-def wheel(root, tmp_path_factory):
-    out = tmp_path_factory.mktemp("wheel")
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--disable-pip-version-check",
-        "-w",
-        out,
-        root,
-    ]
-    subprocess.run(command, check=True)
-    (path,) = out.glob("*.whl")
-    return path
 
 
 def test_tag_and_contents(wheel):

@@ -207,7 +207,9 @@ def lens_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
 
     if not _cycles.with_osl:
         raise RenderError(
-            UNSUPPORTED, f"Blender {bpy.app.version_string}: got a build without OSL, wanted one with OSL"
+            UNSUPPORTED,
+            f"lens: got Blender {bpy.app.version_string} built without OSL, wanted blender.org's or `pip install bpy` "
+            "(--lens none renders with the scene's own camera here)",
         )
     source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
     source.write_text(osl)

@@ -1,0 +1,64 @@
+"""The Blender extension as a zip: complete in itself, installed and run by Blender's own installer."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import tomllib
+
+INSTALL_AND_RUN = """
+import sys
+sys.path.append(sys.argv[1])  # bpy and numpy, without the checkout that .pth files name
+import bpy
+assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=sys.argv[2], enable_on_install=True) == {"FINISHED"}
+from bl_ext.user_default.pecs_blender.cli import main
+code = main(sys.argv[3:])
+print(sys.modules["pecs"].__file__, file=sys.stderr)
+sys.exit(code)
+"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def extension(root, wheel, tmp_path_factory):
+    pytest.importorskip("auditwheel")
+    out = tmp_path_factory.mktemp("extension")
+    command = [sys.executable, root / "scripts/make_extension.py", "--wheel", wheel, "-o", out]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    (path,) = out.glob("*.zip")
+    return path
+
+
+def test_it_carries_its_libraries(root, extension):
+    with zipfile.ZipFile(extension) as archive:
+        names = archive.namelist()
+        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+        (wheel,) = manifest["wheels"]
+        with zipfile.ZipFile(archive.open(wheel.removeprefix("./"))) as inside:
+            libraries = [n for n in inside.namelist() if n.startswith("pecs.libs/")]
+    assert "__init__.py" in names and "scene/job.py" in names and not [n for n in names if n.endswith(".pyc")]
+    assert manifest["version"] == (root / "VERSION").read_text().strip()
+    assert any("OpenEXR" in n for n in libraries) and any("hdf5" in n for n in libraries)
+
+
+def test_blender_installs_and_runs_it(extension, tmp_path):
+    """In bpy, which has Blender's extension installer; libpecs comes from the extension's wheel."""
+    bpy_folder = Path(pytest.importorskip("numpy").__file__).parents[1]
+    if not (bpy_folder / "bpy").is_dir():
+        pytest.skip("needs bpy")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"BLENDER_USER_RESOURCES": str(tmp_path)}
+    command = [sys.executable, "-S", "-P", "-c", INSTALL_AND_RUN, bpy_folder, extension]
+    result = subprocess.run(
+        [*map(str, command), "bands", "-n", "4", "--illuminant", "a", "--json"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stderr
+    answer = next(line for line in result.stdout.splitlines() if line.startswith('{"bands"'))
+    assert len(json.loads(answer)["bands"]) == 4
+    assert str(tmp_path) in result.stderr.splitlines()[-1]
