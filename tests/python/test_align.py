@@ -18,6 +18,13 @@ def test_noise_is_no_disk(pecs_program, tmp_path):
     assert not (tmp_path / "found.png").exists()
 
 
+def test_a_board_needs_its_counts(pecs_program):
+    result = pecs_program("align", "detect", "x.raw", "--target", "checkerboard")
+    assert result.returncode == 2 and "--columns and --rows" in result.stderr
+    result = pecs_program("align", "detect", "x.raw", "--target", "table", "--columns", "3", "--rows", "3")
+    assert result.returncode == 2 and "got 'table'" in result.stderr
+
+
 def test_the_real_recording(pecs_program, shared, tmp_path):
     result = pecs_program("align", "detect", shared / "data/real/R_360_L.hdf5", "-o", tmp_path / "found.png", "--json")
     assert result.returncode == 0, result.stderr
