@@ -1,6 +1,9 @@
+#include <cmath>
+
 #include "guard.h"
 #include "pecs/error.h"
 #include "pecs/lens/diffraction.h"
+#include "pecs/lens/draw.h"
 #include "pecs/lens/report.h"
 
 struct pecs_lens {
@@ -44,6 +47,19 @@ char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_err
     const auto& prescription = lens->prescription;
     const auto resolved = pecs::lens::camera_options(prescription, std::move(options));
     return pecs::lens::camera_report(prescription, pecs::lens::make_camera(prescription, resolved));
+  });
+}
+
+char* pecs_lens_draw(const pecs_lens* lens, const char* options_json, pecs_error* error) {
+  return pecs::capi::guard(error, static_cast<char*>(nullptr), [&] {
+    const pecs::Json json = pecs::parse_json(options_json ? options_json : "{}", "options");
+    const auto options = pecs::lens::info_options(pecs::JsonObject(json, "options"));
+    pecs::lens::DrawOptions draw;
+    draw.focus_m = options.focus_m;
+    draw.stop_diameter_mm = pecs::lens::resolve_stop(lens->prescription, options.stop);
+    draw.film_half_diagonal_mm = 0.5 * std::hypot(options.film_width_mm, options.film_height_mm);
+    if (!options.bands_nm.empty()) draw.bands_nm = options.bands_nm;
+    return pecs::capi::hand_over(pecs::lens::draw_svg(lens->prescription, draw));
   });
 }
 

@@ -52,6 +52,9 @@ PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, 
  * "channel_mode", "lens_name", "sha256", ...: docs/lens.md}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
+/* The lens in section with its rays, as SVG text. Options as for info ("bands_nm": the rays' wavelengths). */
+PECS_API char* pecs_lens_draw(const pecs_lens* lens, const char* options_json, pecs_error* error);
+
 /* Blurs one band's picture in place by the diffraction of a round pupil (working f-number: the camera's result).
  * pixels: [height][width]; mirrored beyond the border. 0 = done. */
 PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pixel_pitch_mm, double lambda_nm,

@@ -11,7 +11,7 @@ import signal
 import sys
 from pathlib import Path
 
-from .core.errors import BAD_OUTPUT, INTERRUPTED, USAGE, RenderError
+from .core.errors import BAD_OUTPUT, INTERRUPTED, NOT_FOUND, USAGE, RenderError
 from .core.resources import Restart
 from .core.scene_file import load_scene
 from .core.spectra import spectrum
@@ -98,7 +98,9 @@ def _add_render(commands) -> None:
     )
     add("--seed", type=int, default=1)
     add("--lens", help="name, file, or 'none': a pinhole or the .blend's camera (radiance); the scene's if not given")
-    add("--stop-diameter-mm", type=float, help="the scene's if not given")
+    stop = command.add_mutually_exclusive_group()
+    stop.add_argument("--stop-diameter-mm", type=float, help="the scene's if not given")
+    stop.add_argument("--fnumber", type=float, help="instead of a diameter")
     add("--focus-m", type=float, help="the scene's if not given")
     add("--focal-mm", type=float, default=15.02, help="of a scene folder's pinhole")
     add(
@@ -118,8 +120,10 @@ def _add_render(commands) -> None:
 @contextlib.contextmanager
 def _library_errors():
     """Errors of libpecs as ours. In a `with` after bpy is imported: both carry libtbb."""
-    import pecs
-
+    try:
+        import pecs
+    except ImportError as e:
+        raise RenderError(NOT_FOUND, f"pecs: {e}") from None
     try:
         yield
     except pecs.PecsError as e:
@@ -156,9 +160,9 @@ def _render(args: dict) -> None:
 
 
 def _bands(args: dict) -> None:
-    import pecs
-
     with _library_errors():
+        import pecs
+
         lamp = spectrum(args["illuminant"], Path.cwd())
         pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
         bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import ctypes
+import json
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
-from ._library import function, json_function
+from ._library import function, json_function, take_text
 
 _open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
 _close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
 _info = json_function("pecs_lens_info", ctypes.c_void_p)
 _pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
+_draw = function("pecs_lens_draw", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 _camera = json_function("pecs_lens_camera", ctypes.c_void_p)
 
 _diffract = function(
@@ -89,6 +91,10 @@ class Lens:
     def pupil(self, **options: Any) -> dict[str, Any]:
         """The pupil over the film radius; options as for info."""
         return _pupil(self._handle, options)
+
+    def draw(self, **options: Any) -> str:
+        """The lens in section with its rays, as SVG text; options as for info."""
+        return take_text(_draw(self._handle, json.dumps(options).encode()))
 
     def camera(self, **options: Any) -> Camera:
         """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,

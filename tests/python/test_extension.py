@@ -15,7 +15,12 @@ import sys
 sys.path.append(sys.argv[1])  # bpy and numpy, without the checkout that .pth files name
 import bpy
 assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=sys.argv[2], enable_on_install=True) == {"FINISHED"}
-from bl_ext.user_default.pecs_blender.cli import main
+from bl_ext.user_default.pecs_blender.cli import _parser, main
+from bl_ext.user_default.pecs_blender.ui.settings import arguments
+scene = bpy.context.scene
+for lens in ("none", "pecs_lab_15mm"):  # what the panel asks for is what the command takes
+    scene.pecs.lens = lens
+    assert _parser().parse_args(["render", "-o", "s", *arguments(scene)]).lens == lens
 code = main(sys.argv[3:])
 print(sys.modules["pecs"].__file__, file=sys.stderr)
 sys.exit(code)

@@ -107,6 +107,14 @@ def test_wrong_uses(pecs_program, arguments, code, words):
     assert words in done.stderr + done.stdout
 
 
+def test_draw_in_python(pecs_program, tmp_path):
+    """The program's drawing, as text."""
+    options = ("--stop-diameter-mm", 1, "--focus-m", 1.56, "--film-half-diagonal-mm", 2.5)
+    pecs_program("lens", "draw", LENS, *options, "-o", tmp_path / "x.svg")
+    drawn = pecs.Lens(LENS).draw(stop_diameter_mm=1, focus_m=1.56, film_width_mm=4, film_height_mm=3)
+    assert drawn == (tmp_path / "x.svg").read_text()
+
+
 def test_camera_report():
     camera = pecs.Lens(LENS).camera(bands_nm=[450, 550, 650], focus_m=2, fnumber=4)
     assert camera.fnumber == pytest.approx(4, rel=2e-3)

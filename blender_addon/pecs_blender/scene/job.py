@@ -57,6 +57,7 @@ class Options:
     seed: int = 1
     lens: str | None = None  # None: the scene's; "none": a pinhole of focal_mm, or the .blend's own camera
     stop_diameter_mm: float | None = None  # None: the scene's
+    fnumber: float | None = None  # instead of a diameter
     focus_m: float | None = None
     focal_mm: float = 15.02
     colour_tolerance_px: float = 0.1  # bands of a pass that lie closer on the film share their rays
@@ -201,7 +202,8 @@ def _lens(source: Source, options: Options, width: int, height: int) -> Lens | N
     beside = source.folder / name
     setting = {
         "focus_m": options.focus_m or source.lens["focus_m"],
-        "stop_diameter_mm": options.stop_diameter_mm or source.lens["stop_diameter_mm"],
+        "stop_diameter_mm": None if options.fnumber else options.stop_diameter_mm or source.lens["stop_diameter_mm"],
+        "fnumber": options.fnumber,
         "film_width_mm": options.film_width_mm,
         "film_height_mm": options.film_width_mm * height / width,
     }
