@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
+#include <span>
 #include <sstream>
 
 #include "commands.h"
@@ -16,6 +18,7 @@
 #include "pecs/files.h"
 #include "pecs/progress.h"
 #include "pecs/run_record.h"
+#include "pecs/sensor/display.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::app {
@@ -26,6 +29,7 @@ struct Arguments {
   std::int64_t frame = 0;
   double exposure_ev = 0, fps = 30;
   std::optional<double> band_nm;
+  sensor::DisplayOptions display;
   bool json = false;
 };
 
@@ -93,19 +97,24 @@ double white_level(const cv::Mat& picture) {
   return std::max<double>(*at, 1e-30);
 }
 
-cv::Mat to_display(const cv::Mat& linear, double scale) {
-  cv::Mat shown(linear.size(), linear.type() == CV_32F ? CV_8U : CV_8UC3);
-  const std::size_t values = linear.total() * linear.channels();
-  const float* in = linear.ptr<float>();
-  std::uint8_t* out = shown.ptr<std::uint8_t>();
-  for (std::size_t i = 0; i < values; ++i) {
-    const double v = std::clamp(in[i] * scale, 0.0, 1.0);
-    const double encoded = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1 / 2.4) - 0.055;  // IEC 61966-2-1
-    out[i] = static_cast<std::uint8_t>(std::lround(255 * encoded));
-  }
-  if (shown.channels() == 1) cv::applyColorMap(shown, shown, cv::COLORMAP_VIRIDIS);
+using Encoder = std::function<void(std::span<float>)>;
+
+// 8 bits a channel; a single band in false colour.
+cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
+  cv::Mat values;
+  linear.convertTo(values, CV_32F, scale);
+  if (values.channels() == 3) cv::cvtColor(values, values, cv::COLOR_BGR2RGB);
+  encode({values.ptr<float>(), values.total() * values.channels()});
+  cv::Mat shown;
+  values.convertTo(shown, CV_8U, 255);
+  if (shown.channels() == 3)
+    cv::cvtColor(shown, shown, cv::COLOR_RGB2BGR);
+  else
+    cv::applyColorMap(shown, shown, cv::COLORMAP_VIRIDIS);
   return shown;
 }
+
+Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
 
 void write_png(const cv::Mat& picture, const std::filesystem::path& output) {
   std::vector<std::uint8_t> png;
@@ -134,6 +143,7 @@ void run(const Arguments& a) {
                                           [&](const auto& x, const auto& y) { return distance(x) < distance(y); });
     band = static_cast<std::size_t>(nearest - bands.begin());
   }
+  const Encoder encode = sensor::display_encoder(a.display);
   const std::vector<Triple> rgb = rgb_of_bands(bands);
   cv::Mat picture = linear_picture(stack, first, rgb, band);
   const double scale = std::exp2(a.exposure_ev) / white_level(picture);
@@ -142,7 +152,7 @@ void run(const Arguments& a) {
   if (band) result["band_nm"] = bands[*band].lambda_nm;
   if (extension == ".png") {
     result["frames"] = 1;
-    write_png(to_display(picture, scale), output);
+    write_png(to_display(picture, scale, encode), output);
   } else {
     // OpenCV takes the container from the extension, so the unfinished file keeps it. H.264 wants even sizes.
     const std::filesystem::path unfinished = output.parent_path() / ("." + output.stem().string() + ".partial.mp4");
@@ -156,7 +166,7 @@ void run(const Arguments& a) {
     if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (folder, disk, FFmpeg?)");
     Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json);
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
-      video.write(to_display(linear_picture(stack, i, rgb, band), scale)(even));
+      video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
       progress.at(static_cast<std::uint64_t>(i + 1));
     }
     video.release();
@@ -167,7 +177,10 @@ void run(const Arguments& a) {
   const Json config = {{"frame", first},
                        {"exposure_ev", a.exposure_ev},
                        {"fps", a.fps},
-                       {"band_nm", a.band_nm ? Json(*a.band_nm) : Json(nullptr)}};
+                       {"band_nm", a.band_nm ? Json(*a.band_nm) : Json(nullptr)},
+                       {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
+                       {"display", text_or_null(a.display.display)},
+                       {"view", text_or_null(a.display.view)}};
   write_run_record(output, {.command = "render-preview",
                             .arguments = arguments(),
                             .config = config,
@@ -190,9 +203,16 @@ void add_render_preview(CLI::App& app) {
   command->add_option("--exposure-ev", a->exposure_ev, "Stops brighter than: 1 % of the first frame is white")
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
+  auto* view =
+      command->add_option("--view", a->display.view, "View transform of an OpenColorIO config (default: sRGB)");
+  auto* display = command->add_option("--display", a->display.display, "Display of that config (default: its own)");
+  auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
   command
       ->add_option("--band-nm", a->band_nm, "The nearest band alone, in false colour (default: true colour, CIE 1931)")
-      ->check(CLI::Range(100.0, 10000.0));
+      ->check(CLI::Range(100.0, 10000.0))
+      ->excludes(view)
+      ->excludes(display)
+      ->excludes(ocio);
   command->add_option("--fps", a->fps, "mp4: frames per second")->check(CLI::Range(1.0, 240.0))->capture_default_str();
   command->add_flag("--json", a->json, "Machine-readable output");
   command->callback([a] { run(*a); });

@@ -1,6 +1,7 @@
 """pecs render-preview: colours through CIE 1931, judged against colour-science; exposure; false colour; video."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -71,6 +72,53 @@ def test_a_band_in_false_colour(root, pecs_program, tmp_path):
     result = json.loads(pecs_program("render-preview", tmp_path / "s", *args).stdout)
     assert abs(result["band_nm"] - 650) < 40
     assert cv2.imread(str(tmp_path / "x.png")).shape == (HEIGHT, WIDTH, 3)
+
+
+CONFIG = """ocio_profile_version: 2
+roles: {scene_linear: lin, default: lin}
+displays:
+  sRGB:
+    - !<View> {name: Plain, colorspace: lin}
+    - !<View> {name: Half, colorspace: half}
+colorspaces:
+  - !<ColorSpace> {name: lin}
+  - !<ColorSpace>
+    name: half
+    from_scene_reference: !<MatrixTransform> {matrix: [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]}
+"""
+
+
+def test_views_of_a_config(root, pecs_program, tmp_path):
+    checker_stack(root, tmp_path / "s")
+    (tmp_path / "config.ocio").write_text(CONFIG)
+    shown = {}
+    for view in ("Plain", "Half"):
+        args = ("-o", tmp_path / "x.png", "--ocio", tmp_path / "config.ocio", "--view", view, "--exposure-ev", -0.5)
+        result = pecs_program("render-preview", tmp_path / "s", *args)
+        assert result.returncode == 0, result.stderr
+        shown[view] = cv2.imread(str(tmp_path / "x.png")).astype(int)
+    assert shown["Plain"].max() > 150
+    assert np.abs(shown["Plain"] - 2 * shown["Half"]).max() <= 2
+    args = ("-o", tmp_path / "x.png", "--ocio", tmp_path / "config.ocio", "--view", "AgX")
+    result = pecs_program("render-preview", tmp_path / "s", *args)
+    assert result.returncode == 2 and "Plain, Half" in result.stderr and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_blenders_own_config(root, pecs_program, tmp_path):
+    """Its Standard view is sRGB's curve; AgX is another picture."""
+    bpy = Path(np.__file__).parents[1] / "bpy"
+    config = next(bpy.glob("4.*/datafiles/colormanagement/config.ocio"), None)
+    if not config:
+        pytest.skip("needs bpy 4")
+    checker_stack(root, tmp_path / "s")
+    pictures = []
+    for args in ((), ("--ocio", config, "--view", "Standard"), ("--ocio", config, "--view", "AgX")):
+        result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", *args)
+        assert result.returncode == 0, result.stderr
+        pictures.append(cv2.imread(str(tmp_path / "x.png")).astype(int))
+    plain, standard, agx = pictures
+    assert np.abs(plain - standard).max() <= 2
+    assert np.abs(plain - agx).mean() > 10
 
 
 def test_video_has_every_frame(root, pecs_program, tmp_path):
