@@ -3,8 +3,8 @@ noise of both channel modes at equal time.
 
     .venv/bin/python bench/lens_camera.py [furnace|cost|modes ...] [--lens LENS ...] > lens_camera.json
 
-Needs bpy in the interpreter that runs it (it renders in child processes) and libpecs (scripts/setup.sh). Times are CPU
-times of the rendering process.
+Needs bpy in the interpreter that runs it (it renders in child processes) and libpecs (scripts/setup.sh). Times are wall
+times of one rendering thread (another spins in wait for it, which a process' CPU time would count): run it alone.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def render(**job):
         script = ROOT / "tests/python/lens_render.py"
         subprocess.run([sys.executable, script, job_path, out_path], check=True, capture_output=True)
         out = np.load(out_path)
-        return out["image"].astype(float), float(out["cpu_seconds"]), str(out["blender"])
+        return out["image"].astype(float), float(out["seconds"]), str(out["blender"])
 
 
 def film(name):
@@ -103,7 +103,7 @@ def cost():
 
 
 def modes(names):
-    """Noise of a path-traced scene at equal CPU time: three bands traced each at its own wavelength, one per sample,
+    """Noise of a path-traced scene at equal time: three bands traced each at its own wavelength, one per sample,
     against all at their mean; and the colour error that the mean costs."""
     out = []
     job = {"scene": "lit", "width": 320, "height": 180, "threads": 1}
@@ -122,7 +122,7 @@ def modes(names):
                 lit = images.mean(axis=0) > 0.02 * images.mean()
                 noise = np.sqrt((images.var(axis=0, ddof=1)[lit] / images.mean(axis=0)[lit] ** 2).mean())
                 seconds = (statistics.median(run[1] for run in runs) - short) / (many - few) * many
-                row[mode] = {"noise": noise, "cpu_s": seconds, "noise_at_1_s": noise * seconds**0.5}
+                row[mode] = {"noise": noise, "render_s": seconds, "noise_at_1_s": noise * seconds**0.5}
                 row["colour_error_of_mean_px"] = camera.colour_shift_px
             row["noise_at_equal_time_per_channel_over_mean"] = (
                 row["per_channel"]["noise_at_1_s"] / row["mean"]["noise_at_1_s"]

@@ -90,6 +90,11 @@ def _add_render(commands) -> None:
     add("--width", type=_positive, help="pixels; the scene's if not given")
     add("--height", type=_positive, help="pixels; in the scene's shape if not given")
     add("--film-width-mm", type=float, default=6.2208, help="of a lens camera")
+    for name, unit, what in (
+        ("shift", "mm", "the film's centre off the lens' axis"),
+        ("tilt", "deg", "about its x, then y axis"),
+    ):
+        add(f"--film-{name}-{unit}", type=float, nargs=2, default=[0.0, 0.0], metavar=("X", "Y"), help=what)
     add("--samples", type=_positive, default=8, help="paths per pixel and band")
     add("--noise-target", type=float, help="choose --samples: noise of ln(light), in contrast thresholds of the chip")
     add("--denoise", action="store_true", help="OpenImageDenoise with albedo and normals")

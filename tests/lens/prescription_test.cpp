@@ -120,6 +120,23 @@ TEST_P(BadLens, IsRefusedInOneLineThatNamesThePlace) {
 INSTANTIATE_TEST_SUITE_P(Cases, BadLens, testing::ValuesIn(kBad),
                          [](const auto& param_info) { return std::string(param_info.param.name); });
 
+// A ray along the axis passes every centred system; what no film catches are rays that leave apart.
+TEST(Prescription, ALensThatThrowsNoImage) {
+  const auto file = std::filesystem::path(testing::TempDir()) / "diverging_lens.json";
+  std::ofstream(file) << edited(good(), "/surfaces/1/radius", -25.84);
+  const Prescription lens = load_prescription(file.string());
+  try {
+    best_focus(lens, std::vector{550.0}, std::nullopt, lens.stop_diameter_mm());
+    ADD_FAILURE() << "was accepted";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ExitCode::bad_input);
+    const std::string what = e.what();
+    EXPECT_EQ(what.rfind(file.string() + ": ", 0), 0u) << what;
+    EXPECT_NE(what.find("wanted a lens that converges"), std::string::npos) << what;
+  }
+  std::filesystem::remove(file);
+}
+
 TEST(Prescription, TheGoodOneIsGood) {
   const auto file = std::filesystem::path(testing::TempDir()) / "good_lens.json";
   std::ofstream(file) << good().dump();

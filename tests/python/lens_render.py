@@ -108,7 +108,7 @@ def main(job_path, out_path):
     scene.view_settings.view_transform = "Raw"
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     sources = job["osl"] if isinstance(job["osl"], list) else [job["osl"]]
-    images, cpu_seconds = [], 0.0
+    images, seconds = [], 0.0
     with tempfile.TemporaryDirectory() as temp:
         build(scene, job)
         for k, source in enumerate(sources):
@@ -116,16 +116,16 @@ def main(job_path, out_path):
             folder.mkdir()
             set_camera(scene, source, job, folder)
             scene.render.filepath = str(folder / "image.exr")
-            start = time.process_time()
+            start = time.perf_counter()
             bpy.ops.render.render(write_still=True)
-            cpu_seconds += time.process_time() - start
+            seconds += time.perf_counter() - start
             image = bpy.data.images.load(scene.render.filepath)
             image.colorspace_settings.name = "Non-Color"
             pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
             image.pixels.foreach_get(pixels)
             images.append(pixels.reshape(job["height"], job["width"], -1)[..., :3])
     image = np.array(images) if isinstance(job["osl"], list) else images[0]
-    np.savez(out_path, image=image, cpu_seconds=cpu_seconds, blender=bpy.app.version_string)
+    np.savez(out_path, image=image, seconds=seconds, blender=bpy.app.version_string)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,30 @@ def test_the_disk_is_where_the_lab_saw_it(render, tmp_path):
     assert abs(radius - 303 / 4) < 0.5
 
 
+def test_a_shifted_and_a_tilted_film(render, tmp_path):
+    common = ("--bands", 3, "--frames", 1, "--width", 160, "--samples", 16, "--set", "black_reflectance=0.84")
+    pitch_mm = 6.2208 / 160
+    pictures = {}
+    for name, film in (
+        ("flat", ()),
+        ("shifted", ("--film-shift-mm", -20 * pitch_mm, 5 * pitch_mm)),
+        ("tilted", ("--film-tilt-deg", 0, 4)),
+    ):
+        render(tmp_path / name, *common, *film)
+        stack, values = frames(tmp_path / name)
+        pictures[name] = values[0].mean(axis=0)
+        assert stack["lens"].get("film_tilt_y_deg", 0) == (4 if name == "tilted" else 0)
+    # The picture is upside down: a film moved to -x, +y sees what lies further to the right and above.
+    x, y, radius = disk_circle(pictures["flat"])
+    shifted = disk_circle(pictures["shifted"])
+    assert shifted == pytest.approx((x - 20, y - 5, radius), abs=0.5)
+    part = pictures["shifted"][:-5, :-20] / pictures["flat"][5:, 20:]
+    assert np.median(part) == pytest.approx(1, abs=0.01)  # off the axis too, the light is right
+    assert np.median(part[:, :30]) == pytest.approx(1, abs=0.02)
+    assert disk_circle(pictures["tilted"]) == pytest.approx((x, y, radius), abs=1.5)
+    assert np.median(pictures["tilted"] / pictures["flat"]) == pytest.approx(1, abs=0.02)
+
+
 def test_lens_and_pinhole_pictures_agree_in_orientation(disk):
     lens = np.log(frames(disk / "lens")[1][0].mean(axis=0) + 1e-30)
     pinhole = np.log(frames(disk / "pinhole")[1][0].mean(axis=0) + 1e-30)

@@ -12,8 +12,9 @@
 namespace pecs::lens {
 namespace {
 
-constexpr int kDraws = 4;
+constexpr int kDraws = 4;           // the shader squares the chance of two
 constexpr double kCarefulEfl = 60;  // mm
+constexpr double kSteep = 0.5;      // curvature times the gap before
 
 double mean(const std::vector<double>& values) {
   double sum = 0;
@@ -86,28 +87,31 @@ std::string surface_text(const Prescription& lens, std::size_t i, double stop_di
   const double semi = i == lens.stop ? std::min(s.semi_diameter_mm, 0.5 * stop_diameter_mm) : s.semi_diameter_mm;
   const double c = -s.curvature, k = s.conic;
   bool index_changes = false;
-  std::vector<double> ratio, one_less_square;  // of the indices, met from behind
+  std::vector<double> ratio, square, one_less_square;  // of the indices, met from behind
   for (const auto& n : n_after) {
     ratio.push_back(n[i] / (i ? n[i - 1] : 1.0));
-    one_less_square.push_back(1 - ratio.back() * ratio.back());
+    square.push_back(ratio.back() * ratio.back());
+    one_less_square.push_back(1 - square.back());
     index_changes = index_changes || ratio.back() != 1;
   }
   const std::string eta = per_wavelength(ratio);
   std::string out = fmt::format("    // surface {}\n", i);
   if (gap != 0) out += fmt::format("    z -= {};\n", number(gap));
-  out += "    s = -z / dz; x += s * dx; y += s * dy; z = 0;\n";
   const bool plane = c == 0 && s.powers.empty();
+  // A start far before a steep surface would cost digits: the vertex plane first.
+  if (c == 0 || std::abs(c) * gap > kSteep) out += "    s = -z / dz; x += s * dx; y += s * dy; z = 0;\n";
+  if (c != 0) {
+    // With F = c (r^2 + (1+k) z^2) - 2 z, the surface F = 0: the root next to the vertex, q the unnormalised gradient
+    // along the ray there.
+    const std::string kz = k == 0 ? "z" : number(1 + k) + " * z";
+    out += fmt::format("    h = dz - {} * (dx * x + dy * y + dz * {});\n", number(c), kz);
+    out += fmt::format("    m = {} * (x * x + y * y + {} * z) - 2 * z;\n", number(c), kz);
+    out += k == 0 ? fmt::format("    q = h * h - {} * m;\n", number(c))
+                  : fmt::format("    q = h * h - {} * (1 + {} * dz * dz) * m;\n", number(c), number(k));
+    out += "    if (q < 0) break;\n    q = sqrt(q);\n";
+    out += "    s = m / (h + q); x += s * dx; y += s * dy; z += s * dz;\n";
+  }
   if (!plane) {
-    // Root of c (r^2 + (1+k) z^2) - 2 z = 0 nearest to the vertex.
-    if (c != 0) {
-      out += fmt::format("    h = dz - {} * (dx * x + dy * y);\n", number(c));
-      out += k == 0 ? fmt::format("    q = h * h - {} * (x * x + y * y);\n", number(c * c))
-                    : fmt::format("    q = h * h - {} * (1 + {} * dz * dz) * (x * x + y * y);\n", number(c * c),
-                                  number(k));
-      out += "    if (q < 0) break;\n    q = sqrt(q);\n";
-      out += fmt::format("    s = {} * (x * x + y * y) / (h + q);\n", number(c));
-      out += "    x += s * dx; y += s * dy; z = s * dz;\n";
-    }
     if (!s.powers.empty()) {
       // Newton; the sag in the reversed frame is the negative of the prescription's.
       std::string poly = "0", slope = "0";
@@ -131,7 +135,15 @@ std::string surface_text(const Prescription& lens, std::size_t i, double stop_di
     out += "    dx *= e; dy *= e; dz = sqrt(g);\n";
     return out;
   }
-  if (s.powers.empty() && k == 0) {  // the gradient is unit, q its cosine with the ray
+  if (s.powers.empty() && k == 0 && !careful) {  // the gradient (-c x, -c y, 1 - c z) is unit, q its cosine
+    if (std::abs(c) * semi > 0.7) out += fmt::format("    if ({} * z >= 1) break;\n", number(c));
+    out += fmt::format("    g = {} + {} * (q * q);\n", per_wavelength(one_less_square), per_wavelength(square));
+    if (std::ranges::any_of(ratio, [](double e) { return e > 1; })) out += "    if (g < 0) break;\n";
+    out += fmt::format("    e = {}; g = sqrt(g) - e * q; h = {} * g;\n", eta, number(-c));
+    out += "    dx = e * dx + h * x; dy = e * dy + h * y; dz = e * dz + h * z + g;\n";
+    return out;
+  }
+  if (s.powers.empty() && k == 0) {
     out += fmt::format("    nx = {} * x; ny = {} * y; nz = 1 - {} * z;\n", number(-c), number(-c), number(c));
     if (std::abs(c) * semi > 0.7) out += "    if (nz <= 0) break;\n";
   } else if (s.powers.empty()) {
@@ -143,7 +155,6 @@ std::string surface_text(const Prescription& lens, std::size_t i, double stop_di
     out += "    nz = 1 / sqrt(1 + m * m * (x * x + y * y)); nx = -m * x * nz; ny = -m * y * nz;\n";
     out += "    q = dx * nx + dy * ny + dz * nz;\n    if (q <= 0) break;\n";
   }
-  if (careful) out += "    q = dx * nx + dy * ny + dz * nz;\n";
   out += fmt::format("    e = {};\n    g = 1 - e * e * (1 - q * q);\n    if (g < 0) break;\n    g = {};\n", eta,
                      careful ? per_wavelength(one_less_square) + " / (sqrt(g) + e * q)" : "sqrt(g) - e * q");
   out += "    dx = e * dx + g * nx; dy = e * dy + g * ny; dz = e * dz + g * nz;\n";
@@ -257,7 +268,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
   // film point; the picture on the film is upside down
   point raster = camera_shader_raster_position();
 {film}  float r = sqrt(fx * fx + fy * fy);
-  float cosphi = r > 0 ? fx / r : 1, sinphi = r > 0 ? fy / r : 0;
+  float per_r = 1 / r, cosphi = r > 0 ? fx * per_r : 1, sinphi = fy * per_r;  // OSL: 1 / 0 = 0
 
   // the pupil there: interpolated ellipse (Eq. 2) and exact area
   float t = min(r * {per_node}, {last_node});
@@ -282,17 +293,14 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
       draw0 = noise("hash", point(xi0, xi1, draw));
       draw1 = noise("hash", point(xi0, xi1, draw + 0.5));
     }}
-    // concentric map of the square onto the disc
-    float sx = 2 * draw0 - 1, sy = 2 * draw1 - 1, radius = 0, angle = 0;
-    if (abs(sx) > abs(sy)) {{
-      radius = sx;
-      angle = {quarter_pi} * sy / sx;
-    }} else if (sy != 0) {{
-      radius = sy;
-      angle = {half_pi} - {quarter_pi} * sx / sy;
-    }}
-    ex = centre + semi_a * radius * cos(angle);
-    ey = semi_b * radius * sin(angle);
+    // concentric map of the square onto the disc; sine and cosine of up to an eighth of a turn by their series
+    float sx = 2 * draw0 - 1, sy = 2 * draw1 - 1;
+    int wide = abs(sx) > abs(sy);
+    float radius = wide ? sx : sy, angle = {quarter_pi} * ((wide ? sy : sx) / radius), square = angle * angle;
+    float sine = radius * angle * (1 - square * (1.0 / 6 - square * (1.0 / 120 - square * (1.0 / 5040))));
+    float cosine = radius * (1 - square * (1.0 / 2 - square * (1.0 / 24 - square * (1.0 / 720 - square * (1.0 / 40320)))));
+    ex = centre + semi_a * (wide ? cosine : sine);
+    ey = semi_b * (wide ? sine : cosine);
 
     // ray from the film through the direction plane, the plane of the rear vertex
     x = ex * cosphi - ey * sinphi;
@@ -314,8 +322,9 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
   if (ok && p > 0) {{
     // camera space: origin at the entrance pupil's centre
     position = 0.001 * point(x, y, z + {pupil_z});
-    direction = normalize(vector(dx, dy, dz));
-    weight *= pupil / ({distance2} * (1 - pow(1 - p, {draws})));
+    direction = (1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)) * vector(dx, dy, dz);  // unit but for rounding
+    float blocked = (1 - p) * (1 - p);  // of two draws
+    weight *= pupil / ({distance2} * (1 - blocked * blocked));
     throughput = {throughput};
   }}
 }}
@@ -330,11 +339,10 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
       fmt::arg("per_area", number(static_cast<double>(dense - 1) / first.max_r_mm)), fmt::arg("last_area", dense - 1),
       fmt::arg("p_at", value("p", nodes)), fmt::arg("a_at", value("a", nodes)), fmt::arg("b_at", value("b", nodes)),
       fmt::arg("area_at", value("area", dense)), fmt::arg("e0", per_wavelength(e0)),
-      fmt::arg("pi", number(std::numbers::pi)), fmt::arg("half_pi", number(std::numbers::pi / 2)),
-      fmt::arg("quarter_pi", number(std::numbers::pi / 4)), fmt::arg("draws", kDraws),
-      fmt::arg("distance", distance_at), fmt::arg("distance2", distance2_at), fmt::arg("cosine", cosine),
-      fmt::arg("surfaces", surfaces), fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)),
-      fmt::arg("throughput", throughput));
+      fmt::arg("pi", number(std::numbers::pi)), fmt::arg("quarter_pi", number(std::numbers::pi / 4)),
+      fmt::arg("draws", kDraws), fmt::arg("distance", distance_at), fmt::arg("distance2", distance2_at),
+      fmt::arg("cosine", cosine), fmt::arg("surfaces", surfaces),
+      fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)), fmt::arg("throughput", throughput));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@ n_k there (core/light.py). Absolute radiance = rendered * n_k * s, where s is th
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -50,6 +51,8 @@ class Options:
     width: int | None = None  # None: the scene's
     height: int | None = None
     film_width_mm: float = FILM_WIDTH_MM
+    film_shift_mm: Sequence[float] = (0.0, 0.0)  # of the film's centre off the lens' axis, in lens axes x, y
+    film_tilt_deg: Sequence[float] = (0.0, 0.0)  # about its x axis, then the lens' y axis
     samples: int = 8
     noise_target: float | None = None  # then samples are chosen
     denoise: bool = False
@@ -72,6 +75,7 @@ class Lens:
 
     lens: pecs.Lens
     setting: dict
+    film: dict  # its shift and tilt
 
 
 def render(source: Source, folder: Path, options: Options) -> None:
@@ -142,7 +146,9 @@ class _Job:
             rays *= 3  # so that every band gets its samples
         self.source.scene.cycles.samples, self.source.scene.cycles.seed = rays, sampling.seed
         self.to_film = self.unit[:, None, None]
-        if self.lens:
+        if self.lens and not any(
+            value for key, value in self.lens.film.items() if "tilt" in key
+        ):  # tables of flat films
             self.to_film = self.to_film * _even_out(self, replace(sampling, samples=rays))
         self.to_film = self.to_film.astype(np.float32)
 
@@ -207,7 +213,10 @@ def _lens(source: Source, options: Options, width: int, height: int) -> Lens | N
         "film_width_mm": options.film_width_mm,
         "film_height_mm": options.film_width_mm * height / width,
     }
-    return Lens(pecs.Lens(name if "/" in name or not beside.is_file() else beside), setting)
+    film = {}
+    for key, values in (("film_shift_{}_mm", options.film_shift_mm), ("film_tilt_{}_deg", options.film_tilt_deg)):
+        film |= {key.format(axis): value for axis, value in zip("xy", values, strict=True)}
+    return Lens(pecs.Lens(name if "/" in name or not beside.is_file() else beside), setting, film)
 
 
 def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
@@ -221,6 +230,7 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
             focus_bands_nm=lambda_nm.tolist(),
             colour_tolerance_px=options.colour_tolerance_px,
             **lens.setting,
+            **lens.film,
             pixel_pitch_mm=options.film_width_mm / width,
         )
         cameras.append(cycles.lens_camera(f"{camera.shader_name}_{k}", camera.osl, scratch))
@@ -232,7 +242,8 @@ def _lens_cameras(lens: Lens, options, lambda_nm, slices, width, scratch):
             blurs.append(partial(camera.diffract, band=band))
         diffraction = diffraction or camera.diffraction
         described = camera
-    keys = ("file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm")
+    keys = ["file", "sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm"]
+    keys += [key for key, value in lens.film.items() if value]
     record = {key: getattr(described, key) for key in keys}
     record["channel_mode"] = "per_channel" if "per_channel" in modes else "mean"
     record["colour_shift_px"] = float(f"{colour_shift_px:.3g}")
@@ -248,8 +259,8 @@ def _even_out(job: _Job, sampling: cycles.Sampling) -> np.ndarray:
     cycles.configure(scene, width, height, sampling)
     gain = np.empty((len(lambda_nm), height, width))
     pitch_mm = lens.setting["film_width_mm"] / width
-    x_mm = (np.arange(width) + 0.5 - width / 2) * pitch_mm
-    y_mm = (np.arange(height) + 0.5 - height / 2) * pitch_mm
+    x_mm = lens.film["film_shift_x_mm"] - (np.arange(width) + 0.5 - width / 2) * pitch_mm  # the picture is upside down
+    y_mm = lens.film["film_shift_y_mm"] + (np.arange(height) + 0.5 - height / 2) * pitch_mm
     radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     with cycles.Film(scene) as film:
         for camera, bands in zip(job.cameras, job.slices, strict=True):
