@@ -33,6 +33,13 @@ def _range(text: str) -> slice:
     return slice(int(begin), int(end))
 
 
+def _box(text: str) -> tuple[int, ...]:
+    numbers = text.split(":")
+    if len(numbers) != 4 or not all(n.isdigit() for n in numbers):
+        raise argparse.ArgumentTypeError(f"got {text}, wanted X0:Y0:X1:Y1 in pixels from the top left")
+    return tuple(map(int, numbers))
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pecs_blender", description="PECS: spectral renders through a real lens")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -87,6 +94,12 @@ def _add_render(commands) -> None:
     add("--fps", type=float, default=10000.0, help="instants per second of the scene")
     add("--frames", default="100", help="N, A:B, 'period' for one period in equal steps, 'all' for a .blend's range")
     add("--only", type=_range, metavar="A:B", help="render these frames of the plan (a shard)")
+    add(
+        "--moving-px",
+        type=_box,
+        metavar="X0:Y0:X1:Y1",
+        help="only this part of the picture changes: render the rest once",
+    )
     add("--width", type=_positive, help="pixels; the scene's if not given")
     add("--height", type=_positive, help="pixels; in the scene's shape if not given")
     add("--film-width-mm", type=float, default=6.2208, help="of a lens camera")

@@ -33,6 +33,24 @@ def whole(root, tmp_path_factory):
     return folder
 
 
+def test_a_moving_part_is_rendered_as_in_the_whole(root, tmp_path):
+    """Through a lens, bit for bit; elsewhere stays what the scene was at t = 0."""
+    import numpy as np
+    import pecs
+
+    args = (*SMALL[:-2], "--frames", "3:4", "--fps", 100)
+    run(*command(root, "rotating_disk", tmp_path / "whole", *args))
+    run(*command(root, "rotating_disk", tmp_path / "part", *args, "--moving-px", "20:3:41:30"))
+    run(*command(root, "rotating_disk", tmp_path / "start", *args, "--frames", 1))
+    whole, part, start = (pecs.StackReader(tmp_path / n).read_frame(0) for n in ("whole", "part", "start"))
+    inside = np.zeros(whole.shape, bool)
+    inside[:, 3:30, 20:41] = True
+    assert (part[inside] == whole[inside]).all() and (part[~inside] == start[~inside]).all()
+    assert not (whole[~inside] == start[~inside]).all()
+    result = run(*command(root, "rotating_disk", tmp_path / "x", *args, "--moving-px", "20:3:80:30"), check=False)
+    assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
+
+
 def merge(shards, output, check=True):
     return run(sys.executable, "-m", "pecs_blender", "merge", *shards, "-o", output, check=check)
 

@@ -117,6 +117,16 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.view_settings.view_transform = "Raw"
 
 
+def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
+    """Renders only left, top, right, bottom; the rest of the picture is then black. Rays are the same."""
+    render = scene.render
+    render.use_border, render.use_crop_to_border = box_px is not None, False
+    if box_px:
+        (left, top, right, bottom), width, height = box_px, render.resolution_x, render.resolution_y
+        render.border_min_x, render.border_max_x = left / width, right / width
+        render.border_min_y, render.border_max_y = 1 - bottom / height, 1 - top / height
+
+
 def _no_engine_traceback(unraisable) -> None:
     """Blender 4.5 frees a persistent engine before Python's half of it, whose __del__ then fails; it means nothing."""
     if not (unraisable.exc_type is ReferenceError and "CyclesRender" in str(unraisable.exc_value)):

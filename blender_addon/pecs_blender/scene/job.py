@@ -23,7 +23,7 @@ import numpy as np
 import pecs
 
 from ..core.chip import chip_threshold
-from ..core.errors import bad_input
+from ..core.errors import USAGE, RenderError, bad_input
 from ..core.plan import passes, timeline
 from ..core.progress import Progress
 from ..core.resources import Restart, check_disk, resident_mb
@@ -47,6 +47,7 @@ class Options:
     light_scale: float = 1.0
     fps: float = 10000.0
     frames: str = "100"
+    moving_px: tuple[int, int, int, int] | None = None  # left, top, right, bottom: nothing changes elsewhere
     only: slice | None = None  # the frames of the plan that this run renders
     width: int | None = None  # None: the scene's
     height: int | None = None
@@ -80,6 +81,9 @@ class Lens:
 
 def render(source: Source, folder: Path, options: Options) -> None:
     width, height = _size(source, options)
+    if moving := options.moving_px:
+        if not (0 <= moving[0] < moving[2] <= width and 0 <= moving[1] < moving[3] <= height):
+            raise RenderError(USAGE, f"--moving-px: got {moving}, wanted a part of {width} x {height} pixels")
     illuminant = spectrum(options.illuminant, source.folder)
     devices = cycles.device_names(options.device)
     sampling = cycles.Sampling(
@@ -104,7 +108,9 @@ def render(source: Source, folder: Path, options: Options) -> None:
             cameras = [source.camera(options.focal_mm, options.film_width_mm)] * len(slices)
             e0, record, blurs = 1.0, None, []
         to_film = spectral.emitters.norm(lambda_nm) * scale * e0
-        job = _Job(source, film, spectral, lens, cameras, slices, lambda_nm, to_film, blurs, record, (width, height))
+        job = _Job(
+            source, film, spectral, lens, cameras, slices, lambda_nm, to_film, blurs, record, (width, height), moving
+        )
         samples = _samples(job, sampling, bands, options) if options.noise_target else options.samples
         job.sample(replace(sampling, samples=samples))
         stack = {
@@ -138,6 +144,7 @@ class _Job:
     blurs: list
     record: dict | None  # the lens, for stack.json
     size: tuple[int, int]  # pixels
+    moving_px: tuple[int, int, int, int] | None = None
 
     def sample(self, sampling: cycles.Sampling) -> None:
         """Chooses samples and seed, and renders the white furnace with them."""
@@ -151,6 +158,12 @@ class _Job:
         ):  # tables of flat films
             self.to_film = self.to_film * _even_out(self, replace(sampling, samples=rays))
         self.to_film = self.to_film.astype(np.float32)
+        if self.moving_px:
+            cycles.set_border(self.source.scene, None)
+            self.set_time(0.0)
+            self.still = np.empty((len(self.lambda_nm), *self.size[::-1]), np.float32)
+            self._passes(self.still)
+            cycles.set_border(self.source.scene, self.moving_px)
 
     def set_time(self, t_s: float) -> None:
         self.spectral.before_instant()
@@ -161,14 +174,22 @@ class _Job:
 
     def frame(self, out: np.ndarray) -> None:
         """Renders the instant into out [bands, height, width]."""
+        self._passes(out)
+        if self.moving_px:
+            left, top, right, bottom = self.moving_px
+            fresh = out[:, top:bottom, left:right].copy()
+            out[:] = self.still
+            out[:, top:bottom, left:right] = fresh
+        out *= self.to_film
+        for picture, blur in zip(out, self.blurs, strict=False):  # none without diffraction
+            blur(picture)
+
+    def _passes(self, out: np.ndarray) -> None:
         for camera, bands in zip(self.cameras, self.slices, strict=True):
             if self.lens:
                 self.source.scene.camera = camera
             self.spectral.set_pass(_rgb_nm(self.lambda_nm[bands]))
             out[bands] = self.film.render()[: bands.stop - bands.start]
-        out *= self.to_film
-        for picture, blur in zip(out, self.blurs, strict=False):  # none without diffraction
-            blur(picture)
 
 
 def _rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:
