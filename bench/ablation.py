@@ -4,9 +4,9 @@ events of 61 bands? A ColorChecker on the rotating disk, and the same disk in gr
 One dense stack (5 nm) per scene is rendered by Cycles; radiance over the lamp is smooth, so every choice of bands is
 read off it as Cycles would render it. No noise, so what differs is the wavelengths.
 
-    .venv/bin/python bench/ablation.py -o out/ablation [--width 64] [--frames 60]
+    .venv/bin/python bench/ablation.py -o out/ablation [--width 64] [--frames 40]
 
-Writes ablation.json and ablation.md.
+Writes ablation.json, ablation.md and ablation.png (matplotlib).
 """
 
 import argparse
@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)
 LIGHT = (10, 30, 60, 80, 100, 120, 140, 160)  # C of Table 3, in % of the light
 LO_NM, HI_NM = 400.0, 700.0
+WITHIN_US = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 2000, 5000, 10000)
 
 
 def response(nm):
@@ -82,6 +83,8 @@ def score(reference, light, truth, args) -> dict:
         "paired_percent": 100 * len(delays) / len(reference),
         "delay_us_median": float(np.median(np.abs(delays))) if len(delays) else None,
         "delay_us_p95": float(np.percentile(np.abs(delays), 95)) if len(delays) else None,
+        # of the reference's events, those with a partner within WITHIN_US
+        "within_percent": [100 * float((np.abs(delays) <= us).sum()) / len(reference) for us in WITHIN_US],
     }
 
 
@@ -103,7 +106,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--width", type=int, default=64)
-    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--fps", type=float, default=2000.0)
     parser.add_argument("--lamp", default="led_b3")
     parser.add_argument("--photocurrent-a", type=float, default=1e-11)
@@ -126,7 +129,42 @@ def main() -> None:
                 result["light"].append(row)
     (args.output / "ablation.json").write_text(json.dumps(result, indent=1))
     (args.output / "ablation.md").write_text(page(result))
+    plot(result, args.output / "ablation.png")
     print(args.output / "ablation.md")
+
+
+def plot(result, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams |= {"font.size": 8, "axes.grid": True, "grid.alpha": 0.3}
+    figure, axes = plt.subplots(2, 3, figsize=(10, 5.6), layout="constrained")
+    rows = {(r["scene"], r["placement"], r["n"]): r for r in result["bands"]}
+    for axis, key, label in zip(
+        axes[0],
+        ("log_rms_percent", "chamfer", "delay_us_p95"),
+        ("RMS of ln photocurrent, %", "Chamfer distance", "95 % of |delay| below, µs"),
+        strict=True,
+    ):
+        for scene, style in (("colour", "-"), ("grey", ":")):
+            for placement, colour in (("uniform", "C0"), ("strata", "C1"), ("gauss", "C2")):
+                ys = [max(rows[scene, placement, n].get(key) or 0, 1e-3) for n in COUNTS]
+                label_line = placement if scene == "colour" else None
+                axis.loglog(COUNTS, ys, style, marker=".", color=colour, label=label_line)
+        axis.set(xlabel="bands N", ylabel=label, xticks=(1, 3, 6, 12, 31), xticklabels=(1, 3, 6, 12, 31))
+        axis.minorticks_off()
+    axes[0, 0].legend(title="solid: colour, dotted: grey", loc=(0.02, 0.22), fontsize=7)
+    for axis, placement in ((axes[1, 0], "uniform"), (axes[1, 1], "gauss")):
+        for i, n in enumerate(COUNTS):
+            colour = plt.get_cmap("viridis")(i / len(COUNTS))
+            axis.semilogx(WITHIN_US, rows["colour", placement, n]["within_percent"], color=colour, label=n)
+        axis.set(xlabel="|delay|, µs", ylabel="events with a partner within, %", title=f"{placement}, colour")
+    axes[1, 1].legend(title="N", ncols=2, fontsize=7)
+    axes[1, 2].plot([r["c"] for r in result["light"]], [r["chamfer"] for r in result["light"]], ".-")
+    axes[1, 2].set(xlabel="light (Table 3's C), %", ylabel="Chamfer distance")
+    figure.savefig(path, dpi=110)
 
 
 def page(result) -> str:
