@@ -1,13 +1,16 @@
 // pecs align: what stands before the camera, measured in a recording.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 
 #include "commands.h"
 #include "pecs/calibration/board.h"
 #include "pecs/calibration/clock.h"
 #include "pecs/calibration/disk.h"
+#include "pecs/calibration/intrinsics.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/run_record.h"
@@ -130,6 +133,123 @@ void detect(const DetectArguments& a) {
   if (a.json) fmt::print("{}\n", json.dump(2));
 }
 
+// ---- intrinsics -----------------------------------------------------------------------------------------------------
+
+struct IntrinsicsArguments {
+  std::vector<std::string> inputs;
+  std::string output, picture, model = "pinhole";
+  BoardArguments board;
+  IntrinsicsOptions options;
+  LensSetting lens;
+  bool json = false;
+};
+
+bool is_picture(const std::string& path) {
+  static const std::set<std::string> extensions = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"};
+  return extensions.contains(std::filesystem::path(path).extension().string());
+}
+
+// The views of a board in recordings and pictures of one camera.
+struct Gathered {
+  std::vector<std::vector<cv::Point2d>> views;
+  cv::Size size;
+  std::vector<std::string> missed;
+};
+
+Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
+  Gathered g;
+  const auto one_size = [&](cv::Size size, const std::string& file) {
+    if (!g.size.empty() && g.size != size)
+      throw bad_input(file, "size", fmt::format("{} x {} pixels", size.width, size.height),
+                      fmt::format("{} x {}, as the inputs before", g.size.width, g.size.height));
+    g.size = size;
+  };
+  for (const auto& input : a.inputs) {
+    if (is_picture(input)) {
+      const cv::Mat picture = cv::imread(input, cv::IMREAD_GRAYSCALE);
+      if (picture.empty()) throw not_found(input, "no picture that can be read");
+      one_size(picture.size(), input);
+      std::string why;
+      auto points = board_points(picture, shape, why);
+      if (points.empty())
+        g.missed.push_back(input + ": " + why);
+      else
+        g.views.push_back(std::move(points));
+      continue;
+    }
+    const Shown shown = recording(input);
+    one_size({shown.width, shown.height}, input);
+    Blinking blinking;
+    try {
+      BoardSearch search = search_boards(a.board, shown, input, blinking);
+      for (auto& view : search.views) g.views.push_back(std::move(view.points));
+      for (const auto& line : search.missed) g.missed.push_back(input + ": " + line);
+    } catch (const Error& e) {
+      if (e.code() != ExitCode::bad_input) throw;
+      g.missed.emplace_back(e.what());
+    }
+  }
+  return g;
+}
+
+void intrinsics(IntrinsicsArguments& a) {
+  const BoardShape shape = shape_of(a.board);
+  a.options.fisheye = a.model == "fisheye";
+  const Gathered g = gather(a, shape);
+  for (const auto& line : g.missed) warn("no board in " + line);
+  const std::string file = a.inputs.size() == 1 ? a.inputs[0] : fmt::format("{} inputs", a.inputs.size());
+  const Intrinsics in = intrinsics_of(g.views, shape, g.size, a.options, file);
+  for (const auto& line : in.warnings) warn(line);
+  Json json = to_json(in);
+  std::vector<CurveRow> curve;
+  if (!a.lens.lens.empty()) {
+    const Optics predicted = optics_of(a.lens, g.size);
+    curve = compare_curves(predicted, optics_of(in.camera), g.size);
+    Json rows = Json::array();
+    double worst = 0;
+    for (const auto& r : curve) {
+      rows.push_back({{"angle_deg", r.angle_deg},
+                      {"predicted_px", r.predicted_px},
+                      {"measured_px", r.measured_px},
+                      {"shape_difference_px", r.shape_difference_px}});
+      worst = std::max(worst, std::abs(r.shape_difference_px));
+    }
+    json["lens"] = {{"lens", a.lens.lens},
+                    {"predicted_focal_px", predicted.focal_px()},
+                    {"worst_shape_difference_px", worst},
+                    {"curve", rows}};
+  }
+  std::vector<std::filesystem::path> inputs(a.inputs.begin(), a.inputs.end());
+  if (!a.picture.empty()) write_png(a.picture, coverage_picture(g.views, in, shape, curve));
+  if (!a.output.empty()) {
+    AtomicFile out(a.output);
+    out.write(json.dump(2) + "\n");
+    out.commit();
+    write_run_record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
+  }
+  if (a.json) {
+    fmt::print("{}\n", json.dump(2));
+    return;
+  }
+  const CameraModel &c = in.camera, &d = in.deviation;
+  fmt::print("{} of {} views, {:.3f} px rms, {:.0f} % of the picture covered\n", in.rotation.size(),
+             g.views.size() + g.missed.size(), in.rms_px, 100 * in.coverage);
+  fmt::print("focal       {:10.2f} ± {:.2f} px\n", c.focal_px, d.focal_px);
+  fmt::print("principal x {:10.2f} ± {:.2f} px\n", c.principal_px.x, d.principal_px.x);
+  fmt::print("principal y {:10.2f} ± {:.2f} px\n", c.principal_px.y, d.principal_px.y);
+  for (std::size_t i = 0; i < c.radial.size(); ++i)
+    fmt::print("k{}          {:10.5f} ± {:.5f}\n", i + 1, c.radial[i], d.radial[i]);
+  if (a.options.tangential)
+    fmt::print("p1, p2      {:.6f} ± {:.6f}, {:.6f} ± {:.6f}\n", c.tangential.x, d.tangential.x, c.tangential.y,
+               d.tangential.y);
+  if (!curve.empty()) {
+    fmt::print("\n{:>8} {:>12} {:>12} {:>12}\n", "deg", "lens px", "measured px", "shape px");
+    for (const auto& r : curve)
+      fmt::print("{:8.2f} {:12.2f} {:12.2f} {:12.3f}\n", r.angle_deg, r.predicted_px, r.measured_px,
+                 r.shape_difference_px);
+  }
+}
+
 }  // namespace
 
 void add_align(CLI::App& app) {
@@ -147,6 +267,28 @@ void add_align(CLI::App& app) {
   command->add_option("-o,--output", d->output, "Picture of what was found (PNG)");
   command->add_flag("--json", d->json, "Machine-readable output");
   command->callback([d] { detect(*d); });
+
+  auto i = std::make_shared<IntrinsicsArguments>();
+  command = align->add_subcommand("intrinsics", "The camera, from views of a board in recordings or pictures");
+  command->add_option("INPUT", i->inputs, "Recordings (any event format) and pictures of one camera")->required();
+  command->add_option("--target", i->board.target, "checkerboard, circles or asymmetric-circles")
+      ->capture_default_str();
+  add_board_options(*command, i->board);
+  command->add_option("--model", i->model, "pinhole or fisheye (OpenCV's)")
+      ->check(CLI::IsMember({"pinhole", "fisheye"}))
+      ->capture_default_str();
+  command->add_option("--radial", i->options.radial, "Radial coefficients of a pinhole")
+      ->check(CLI::Range(0, 3))
+      ->capture_default_str();
+  command->add_flag("--tangential", i->options.tangential, "Tangential distortion too");
+  command->add_option("--lens", i->lens.lens, "Prescription (name or file) to compare the distortion with");
+  command->add_option("--focus-m", i->lens.focus_m, "Its object distance (default: infinity)");
+  command->add_option("--stop-diameter-mm", i->lens.stop_diameter_mm, "Its stop (default: wide open)");
+  command->add_option("--pixel-pitch-um", i->lens.pixel_pitch_um, "Of the sensor")->capture_default_str();
+  command->add_option("-o,--output", i->output, "Camera (JSON)");
+  command->add_option("--picture", i->picture, "Coverage map (PNG)");
+  command->add_flag("--json", i->json, "Machine-readable output");
+  command->callback([i] { intrinsics(*i); });
 }
 
 }  // namespace pecs::app

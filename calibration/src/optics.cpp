@@ -1,0 +1,127 @@
+#include "pecs/calibration/optics.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "pecs/error.h"
+#include "pecs/lens/field.h"
+#include "pecs/lens/report.h"
+
+namespace pecs::calibration {
+namespace {
+
+constexpr int kSteps = 400;
+
+// radius(angle) at even angles from rows of rising (angle, radius).
+Optics resampled(const std::vector<double>& angle, const std::vector<double>& radius, cv::Point2d axis) {
+  Optics o{axis, angle.back() / kSteps, {}};
+  std::size_t k = 1;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double a = i * o.step_rad;
+    while (k + 1 < angle.size() && angle[k] < a) ++k;
+    // The ratio radius / tan(angle) is nearly constant, so it is what is interpolated.
+    const auto ratio = [&](std::size_t j) {
+      return j == 0 ? radius[1] / std::tan(angle[1]) : radius[j] / std::tan(angle[j]);
+    };
+    const double t = (a - angle[k - 1]) / (angle[k] - angle[k - 1]);
+    o.radius_px.push_back(std::tan(a) * ((1 - t) * ratio(k - 1) + t * ratio(k)));
+  }
+  return o;
+}
+
+}  // namespace
+
+double Optics::radius_at(double angle_rad) const {
+  const double at = angle_rad / step_rad;
+  const auto i = std::min(static_cast<std::size_t>(at), radius_px.size() - 2);
+  return radius_px[i] + (at - static_cast<double>(i)) * (radius_px[i + 1] - radius_px[i]);
+}
+
+double Optics::angle_at(double radius) const {
+  const auto above = std::upper_bound(radius_px.begin() + 1, radius_px.end() - 1, radius);
+  const auto i = static_cast<double>(above - radius_px.begin() - 1);
+  return step_rad * (i + (radius - *(above - 1)) / (*above - *(above - 1)));
+}
+
+cv::Point2d Optics::project(const cv::Point3d& p) const {
+  const double across = std::hypot(p.x, p.y);
+  if (across < 1e-12) return axis_px;
+  return axis_px + cv::Point2d(p.x, p.y) * (radius_at(std::atan2(across, p.z)) / across);
+}
+
+cv::Point2d Optics::normalised(const cv::Point2d& pixel) const {
+  const cv::Point2d d = pixel - axis_px;
+  const double r = cv::norm(d);
+  return r < 1e-9 ? cv::Point2d(0, 0) : d * (std::tan(angle_at(r)) / r);
+}
+
+Optics optics_of(const LensSetting& s, cv::Size size) {
+  const lens::Prescription prescription = lens::load_prescription(s.lens);
+  const double stop = lens::resolve_stop(prescription, {s.stop_diameter_mm, {}});
+  const double bands[] = {s.lambda_nm};
+  const lens::Focus focus = lens::best_focus(prescription, bands, s.focus_m, stop);
+  const lens::Tracer tracer(prescription, s.lambda_nm, stop);
+  const double pitch_mm = s.pixel_pitch_um * 1e-3, corner_px = std::hypot(size.width, size.height) / 2;
+  std::vector<double> angle = {0}, radius = {0};
+  // A little beyond the corner, so that what is half out of view still has a place.
+  for (int i = 1; i <= kSteps; ++i) {
+    const double r = 1.1 * corner_px * i / kSteps;
+    const auto a = lens::field_angle_deg(tracer, prescription.stop, focus.film_z_mm, r * pitch_mm);
+    if (!a || *a * CV_PI / 180 <= angle.back()) {
+      if (r > corner_px) break;
+      throw bad_input(
+          s.lens, "field", fmt::format("no chief ray {:.3f} mm off the axis", r * pitch_mm),
+          fmt::format("a lens that covers {} x {} pixels of {} um", size.width, size.height, s.pixel_pitch_um));
+    }
+    angle.push_back(*a * CV_PI / 180), radius.push_back(r);
+  }
+  return resampled(angle, radius, {size.width / 2.0, size.height / 2.0});
+}
+
+Optics optics_of(const CameraModel& c) {
+  const double corner = std::hypot(c.size.width, c.size.height) * 0.55;
+  std::vector<double> angle = {0}, radius = {0};
+  for (double a = 0.002; a < (c.fisheye ? 3.0 : 1.5); a += 0.002) {
+    const double x = c.fisheye ? a : std::tan(a);
+    double sum = x, power = x;
+    for (const double k : c.radial) power *= x * x, sum += k * power;
+    if (c.focal_px * sum <= radius.back()) break;  // the polynomial turns back
+    angle.push_back(a), radius.push_back(c.focal_px * sum);
+    if (radius.back() > corner) break;
+  }
+  if (radius.back() < corner * 0.9)
+    throw bad_input("camera", "radial", "a distortion that turns back inside the picture",
+                    "one that rises to its corner");
+  return resampled(angle, radius, c.principal_px);
+}
+
+Json to_json(const CameraModel& c) {
+  return {{"model", c.fisheye ? "fisheye" : "pinhole"},
+          {"width", c.size.width},
+          {"height", c.size.height},
+          {"focal_px", c.focal_px},
+          {"principal_px", {c.principal_px.x, c.principal_px.y}},
+          {"radial", c.radial},
+          {"tangential", {c.tangential.x, c.tangential.y}}};
+}
+
+CameraModel camera_from(JsonObject json) {
+  CameraModel c;
+  c.fisheye = json.one_of("model", {"pinhole", "fisheye"}) == "fisheye";
+  c.size = {static_cast<int>(json.integer("width", 1, 65536)), static_cast<int>(json.integer("height", 1, 65536))};
+  c.focal_px = json.number("focal_px", {1, 1e7});
+  const auto pair = [&](const char* key) {
+    const auto v = json.numbers(key);
+    if (v.size() != 2) json.fail(key, fmt::format("{} numbers", v.size()), "2");
+    return cv::Point2d(v[0], v[1]);
+  };
+  c.principal_px = pair("principal_px");
+  c.radial = json.numbers("radial");
+  c.tangential = pair("tangential");
+  json.done();
+  return c;
+}
+
+}  // namespace pecs::calibration
