@@ -10,6 +10,7 @@ const std::vector<std::string>& arguments();
 
 void add_align(CLI::App& app);
 void add_bands(CLI::App& app);
+void add_board(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_info(CLI::App& app);

@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   pecs::app::add_align(app);
   pecs::app::add_bands(app);
+  pecs::app::add_board(app);
   pecs::app::add_compare(app);
   pecs::app::add_convert(app);
   pecs::app::add_info(app);
