@@ -130,6 +130,17 @@ def test_bad_input_is_one_line(blends, tmp_path, name, args, code, says):
     assert not list(tmp_path.glob("s/frame_*"))
 
 
+def test_a_missing_library_is_one_line(blends, tmp_path):
+    library = blends / "groups.blend"
+    library.rename(tmp_path / "moved.blend")
+    try:
+        result = render(blends / "linked.blend", "-o", tmp_path / "s", *SMALL)
+    finally:
+        (tmp_path / "moved.blend").rename(library)
+    assert result.returncode == 3 and "groups.blend" in result.stderr, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
 def test_no_blend_at_all(tmp_path):
     (tmp_path / "x.blend").write_text("BLENDER?")
     result = render(tmp_path / "x.blend", "-o", tmp_path / "s", *SMALL)
