@@ -1,6 +1,7 @@
 """The lab's six sequences: files that their scenes take, steps below a pixel, events from one command."""
 
 import importlib.util
+import json
 import math
 import subprocess
 import sys
@@ -42,13 +43,41 @@ def test_edges_move_less_than_a_pixel(sequences, coarser):
         assert int(options["width"]) == 1280 // coarser
 
 
-@pytest.mark.parametrize("name", ["R_360_H", "T_1_L"])
-def test_one_command_gives_events(root, tmp_path, name):
-    import pecs
-
-    command = [sys.executable, root / "scripts/sequences.py", name, "-o", tmp_path, "--coarser", 8, "--frames", 8]
-    command += ["--", "--samples", 1, "--bands", 1]
+@pytest.fixture(scope="module")
+def rendered(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sequences")
+    command = [sys.executable, root / "scripts/sequences.py", "R_360_L", "T_1_H", "-o", folder]
+    command += ["--coarser", 8, "--frames", 8, "--", "--samples", 1, "--bands", 1]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-    events = pecs.read(tmp_path / name / "events.raw")
+    return folder
+
+
+def test_one_command_gives_events(rendered):
+    import pecs
+
+    events = pecs.read(rendered / "T_1_H" / "events.raw")
     assert len(events) > 100 and events["x"].max() < 160
+
+
+def test_table_of_five_models(root, rendered, tmp_path):
+    """Against a recording (here one of the models' own: no distance) and, without one, against pecs."""
+    import pecs
+
+    sys.path.insert(0, str(root / "scripts"))
+    import table1
+
+    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", "esim")
+    pecs.write(tmp_path / "real.raw", table1.on_the_sensor(first, 8), width=1280, height=720)
+    command = [sys.executable, root / "scripts/table1.py", "-o", rendered, "--real", f"R_360_L={tmp_path}/real.raw"]
+    result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    rows = {(r["sequence"], r["model"]): r for r in json.loads((rendered / "table1.json").read_text())}
+    assert len(rows) == 10
+    assert rows["R_360_L", "esim"]["chamfer_shared"] == 0 and rows["R_360_L", "esim"]["delay_on_deg"] == 0
+    assert rows["R_360_L", "icns"]["chamfer_shared"] > 0
+    assert rows["R_360_L", "pecs"]["chamfer_published"] == 3.708
+    assert rows["T_1_H", "pecs"]["against"] == "pecs" and "chamfer_shared" not in rows["T_1_H", "pecs"]
+    assert rows["T_1_H", "v2e"]["chamfer_paper"] > 0
+    for suffix, count in (("csv", 11), ("html", 13), ("tex", 16)):
+        assert len((rendered / f"table1.{suffix}").read_text().splitlines()) == count, suffix
