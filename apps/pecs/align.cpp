@@ -1,4 +1,6 @@
 // pecs align: what stands before the camera, measured in a recording.
+#include "pecs/calibration/align.h"
+
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -250,11 +252,115 @@ void intrinsics(IntrinsicsArguments& a) {
   }
 }
 
+// ---- align ----------------------------------------------------------------------------------------------------------
+
+struct AlignArguments {
+  std::string real, scene, output, picture, sim, sim_of, camera, clock = "file";
+  std::optional<double> pixel_pitch_um;
+  Search search;
+  bool json = false;
+};
+
+Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size) {
+  if (!a.camera.empty()) {
+    const Json json = parse_json_file(a.camera);
+    const CameraModel camera = camera_from(JsonObject(json, a.camera).object("camera"));
+    if (camera.size != size)
+      throw bad_input(a.real, "size", fmt::format("{} x {} pixels", size.width, size.height),
+                      fmt::format("{} x {}, as {}", camera.size.width, camera.size.height, a.camera));
+    return optics_of(camera);
+  }
+  LensSetting lens = scene.lens;
+  if (a.pixel_pitch_um)
+    lens.pixel_pitch_um = *a.pixel_pitch_um;
+  else if (size != cv::Size(1280, 720))
+    throw bad_input(a.real, "size", fmt::format("{} x {} pixels", size.width, size.height),
+                    "1280 x 720 of 4.86 um, or --pixel-pitch-um, or --camera");
+  return optics_of(lens, size);
+}
+
+void align_recording(const AlignArguments& a) {
+  if (a.real.empty() || a.scene.empty())
+    throw Error(ExitCode::usage,
+                "align: got no REAL and --scene, wanted a recording and a scene folder, or a subcommand");
+  if (a.sim.empty() && !a.sim_of.empty())
+    throw Error(ExitCode::usage, "--sim-of: got no --sim, whose parameters it holds");
+  const LabScene original = load_lab_scene(a.scene);
+  LabScene scene = original;
+  if (!a.sim_of.empty()) apply_aligned(scene, a.sim_of);
+  const Shown real = recording(a.real);
+  const Optics optics = optics_for(a, scene, {real.width, real.height});
+  const Found found = find_in_recording(real, scene, optics, a.search, a.real);
+  const Clock clock = a.clock == "file" ? Clock::file : a.clock == "offset" ? Clock::offset : Clock::offset_and_rate;
+  std::optional<Shown> sim;
+  Aligned aligned;
+  if (a.sim.empty()) {
+    aligned = align_scene(scene, found, clock);
+  } else {
+    sim = recording(a.sim);
+    if (sim->width != real.width || sim->height != real.height)
+      throw bad_input(a.sim, "size", fmt::format("{} x {} pixels", sim->width, sim->height),
+                      fmt::format("{} x {}, as {}", real.width, real.height, a.real));
+    const Found in_sim = find_in_recording(*sim, scene, optics, a.search, a.sim);
+    aligned = align_scene(scene, found, in_sim, clock);
+    const auto apart = [&](double r, double s) { return r - s; };
+    aligned.json["simulation"] = {{"right_mm", apart(found.right_mm, in_sim.right_mm)},
+                                  {"up_mm", apart(found.up_mm, in_sim.up_mm)},
+                                  {"distance_mm", apart(found.distance_mm, in_sim.distance_mm)},
+                                  {"residual", in_sim.residual}};
+  }
+  for (const auto& line : aligned.json["warnings"]) warn(line.get<std::string>());
+  if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
+  if (!a.output.empty()) {
+    AtomicFile out(a.output);
+    out.write(aligned.json.dump(2) + "\n");
+    out.commit();
+    std::vector<std::filesystem::path> inputs = {a.real, original.file};
+    if (sim) inputs.emplace_back(a.sim);
+    write_run_record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
+  }
+  if (a.json) {
+    fmt::print("{}\n", aligned.json.dump(2));
+    return;
+  }
+  for (const auto& [key, value] : aligned.json["parameters"].items())
+    fmt::print("{:<18}{:12.4f} ± {:.4f}  (was {:.4f})\n", key, value.get<double>(),
+               found.deviation.contains(key) ? found.deviation.at(key) : 0.0, original.values.at(key));
+  const cv::Vec3d r = aligned.scene.rotation_deg;
+  fmt::print("{:<18}{:.4f} {:.4f} {:.4f} deg (Blender, XYZ)\n", "camera rotation", r[0], r[1], r[2]);
+  fmt::print("{:<18}offset {:.1f} us, rate {:.6f}\n", "clock", aligned.clock_offset_us, aligned.clock_rate);
+  for (const auto& [key, value] : found.residual.items()) fmt::print("{:<26}{}\n", key, value.dump());
+}
+
 }  // namespace
 
 void add_align(CLI::App& app) {
   auto* align = app.add_subcommand("align", "Measures the scene in a recording (docs/align.md)");
-  align->require_subcommand(1);
+  align->require_subcommand(0, 1);
+
+  auto a = std::make_shared<AlignArguments>();
+  align->add_option("REAL", a->real, "Recording of a lab scene, any event format");
+  align->add_option("--scene", a->scene, "Folder of the scene: scenes/board, scenes/rotating_disk");
+  align->add_option("-o,--output", a->output, "aligned.json, for `pecs_blender render --set @aligned.json`");
+  align->add_option("--picture", a->picture, "Overlay of the recording before and after (PNG)");
+  align->add_option("--sim", a->sim, "Events simulated of the scene, to correct the result by");
+  align->add_option("--sim-of", a->sim_of,
+                    "aligned.json that the simulation was made with (default: the scene's own values)");
+  align->add_option("--camera", a->camera, "Camera of `pecs align intrinsics` instead of the scene's lens");
+  align->add_option("--pixel-pitch-um", a->pixel_pitch_um, "Of the sensor, if it is not 1280 x 720 of 4.86 um");
+  align->add_option("--views", a->search.views, "Instants at which a board is looked for")
+      ->check(CLI::Range(3, 1000))
+      ->capture_default_str();
+  align
+      ->add_option("--clock", a->clock,
+                   "file: the file's clock is the scene's; offset: find it instead of the start (phase); both: and its "
+                   "rate instead of the speed")
+      ->check(CLI::IsMember({"file", "offset", "both"}))
+      ->capture_default_str();
+  align->add_flag("--json", a->json, "Machine-readable output");
+  align->callback([align, a] {
+    if (align->get_subcommands().empty()) align_recording(*a);
+  });
 
   auto d = std::make_shared<DetectArguments>();
   auto* command = align->add_subcommand(

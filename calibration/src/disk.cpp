@@ -213,15 +213,18 @@ Json json_of(const Measured& m) { return {{"value", m.value}, {"deviation", m.de
 
 }  // namespace
 
-Disk find_disk(const Shown& shown, const std::string& file) {
+Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& place) {
   // Samples, at random if there are very many.
   std::mt19937_64 random(1);
   std::vector<Sample> samples;
   const double span_s = static_cast<double>(shown.span_us) * 1e-6;
   const double keep = static_cast<double>(kMostEvents) / static_cast<double>(shown.events.size());
   for (const auto& e : shown.events)
-    if (keep >= 1 || std::uniform_real_distribution(0.0, 1.0)(random) < keep)
-      samples.push_back({e.x + 0.5, e.y + 0.5, static_cast<double>(e.t_us) * 1e-6 - span_s / 2, e.p});
+    if (keep >= 1 || std::uniform_real_distribution(0.0, 1.0)(random) < keep) {
+      cv::Point2d at(e.x + 0.5, e.y + 0.5);
+      if (place) at = place(at);
+      samples.push_back({at.x, at.y, static_cast<double>(e.t_us) * 1e-6 - span_s / 2, e.p});
+    }
   if (samples.size() < 2000)
     throw bad_input(file, "disk", fmt::format("nothing found: {} events", samples.size()), "at least 2000 events");
   std::shuffle(samples.begin(), samples.end(), random);

@@ -1,7 +1,10 @@
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pecs
+import pytest
 
 
 def test_noise_is_no_disk(pecs_program, tmp_path):
@@ -47,3 +50,40 @@ def test_the_real_recording(pecs_program, shared, tmp_path):
     assert abs(disk["speed_deg_s"]["value"] - 2098) < 5
     assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "found.png.run.json").read_text())["results"] == disk
+
+
+def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_path, monkeypatch):
+    """A recording drawn through the lens by bench/lab_views.py; aligned; rendered by Cycles: the same picture."""
+    pytest.importorskip("bpy")
+    monkeypatch.syspath_prepend(str(root / "bench"))
+    import lab_views as lab
+
+    size = (640, 360)
+    camera = lab.Camera("pecs_lab_15mm", 1.56, *size, 0.00972, stop_diameter_mm=1.0)
+    turn = lab.turn_of((92.0, 1.0, 3.0))
+    start, velocity = turn @ [20.0, -10.0, 1450.0], turn @ [-900.0, 0.0, 0.0]
+    board = lab.Board(turn, tuple(start), tuple(velocity), plate_mm=(419 - 4 * 41.7) / 2)
+    events = lab.record(board.light(camera), 0.04, 5e-4, *size, seed=1, white_a=1e-11)
+    pecs.write(tmp_path / "real.raw", events, *size)
+    result = pecs_program(
+        "align", "real.raw", "--scene", root / "scenes/board", "--pixel-pitch-um", 9.72, "--views", 4,
+        "-o", "aligned.json", "--picture", "overlay.png", cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    aligned = json.loads((tmp_path / "aligned.json").read_text())
+    assert abs(aligned["parameters"]["speed_m_per_s"] - 0.9) < 0.01
+    assert aligned["residual"]["rms_px"] < 0.3
+    assert (tmp_path / "overlay.png").read_bytes().startswith(b"\x89PNG")
+
+    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/board", "-o", tmp_path / "stack"]
+    command += ["--set", f"@{tmp_path}/aligned.json", "--frames", "1", "--bands", "1", "--width", "640", "--samples", "4"]
+    result = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    with pecs.StackReader(tmp_path / "stack") as reader:
+        picture = reader.read_frame(0).reshape(360, 640)
+    drawn = board.light(camera)(0.0)
+    y, x = np.round(board.seen(camera, 0.0).mean(axis=0)[::-1]).astype(int)
+    near = np.s_[y - 60 : y + 60, x - 60 : x + 60]  # within the plate
+    middle = (picture[near].min() + picture[near].max()) / 2
+    different = (picture[near] > middle) != (drawn[near] > (lab.BLACK + lab.WHITE) / 2)
+    assert different.mean() < 0.04, different.mean()  # edges off by half a pixel are 2 %

@@ -44,7 +44,7 @@ def _is_spectral(key: str) -> bool:
 
 
 def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
-    """overrides: "key=value" texts."""
+    """overrides: "key=value" texts, and "@FILE" for an aligned.json of `pecs align`."""
     path = folder / "scene.json"
     if not path.is_file():
         raise RenderError(NOT_FOUND, f"{path}: no such file; a scene is a folder with scene.json and scene.py")
@@ -57,14 +57,34 @@ def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
         raise bad_input(path, sorted(unknown)[0], "an unknown key", "one of camera, parameters")
     declared = description["parameters"]
     values = {key: declaration["value"] for key, declaration in declared.items()}
+    camera = dict(description["camera"])
     for text in overrides:
+        if text.startswith("@"):
+            aligned = _aligned(Path(text[1:]), folder.resolve().name, declared)
+            camera |= aligned["camera"]
+            values |= aligned["parameters"]
+            continue
         key, equals, value = text.partition("=")
         if not equals or key not in declared:
             raise RenderError(USAGE, f"--set {text}: got an unknown parameter, wanted one of {', '.join(declared)}")
         values[key] = _parsed(key, value)
     for key, value in values.items():
         _check(path, key, value, declared[key])
-    return SceneFile(folder, description["camera"], values)
+    return SceneFile(folder, camera, values)
+
+
+def _aligned(path: Path, scene: str, declared: dict[str, Any]) -> dict[str, Any]:
+    try:
+        aligned = json.loads(path.read_text())
+        name, parameters, rotation = aligned["scene"], aligned["parameters"], aligned["camera"]["rotation_deg"]
+    except (OSError, ValueError, KeyError) as e:
+        raise bad_input(path, "", f"{type(e).__name__}: {e}", "an aligned.json of pecs align") from None
+    if name != scene:
+        raise bad_input(path, "scene", name, scene)
+    for key in parameters:
+        if key not in declared:
+            raise bad_input(path, key, "an unknown parameter", f"one of {', '.join(declared)}")
+    return {"camera": {"rotation_deg": rotation}, "parameters": parameters}
 
 
 def _parsed(key: str, text: str) -> float | str:

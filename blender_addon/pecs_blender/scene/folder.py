@@ -13,7 +13,7 @@ from ..core.spectra import constant, illuminance_lux
 from . import build, cycles
 from .source import Source
 
-LOOK_ALONG_Y = (math.pi / 2, 0.0, 0.0)
+LOOK_ALONG_Y_DEG = (90.0, 0.0, 0.0)
 METER_LAMBDA_NM = (450.0, 550.0, 650.0)
 METER_REFLECTANCE = 0.5
 METER_SAMPLES = 4096
@@ -30,6 +30,8 @@ class FolderScene(Source):
         self.size = (1280, 720)
         self.bounces = {"max_bounces": self._parts.bounces, "diffuse_bounces": self._parts.bounces}
         self.record = {"name": scene_file.name, "parameters": scene_file.parameters}
+        if "rotation_deg" in scene_file.camera:
+            self.record["rotation_deg"] = scene_file.camera["rotation_deg"]
 
     def set_time(self, t_s: float) -> None:
         self._parts.pose(t_s)
@@ -42,7 +44,7 @@ class FolderScene(Source):
 
     def place(self, cameras) -> None:
         for camera in cameras:
-            camera.rotation_euler = LOOK_ALONG_Y
+            camera.rotation_euler = [math.radians(a) for a in self.lens.get("rotation_deg", LOOK_ALONG_Y_DEG)]
 
     def radiance_per_unit(self, spectral) -> float:
         """What gives the scene's illuminance: a small grey card at the target is rendered close up, so light from the
@@ -54,7 +56,7 @@ class FolderScene(Source):
         card = build.diffuse("light meter", constant(METER_REFLECTANCE))
         camera = cycles.orthographic_camera("light meter", size_m / 2)
         camera.location = (x, y - 0.05, z)
-        camera.rotation_euler = LOOK_ALONG_Y
+        camera.rotation_euler = [math.radians(a) for a in LOOK_ALONG_Y_DEG]
         h = size_m / 2
         corners = [(x + sx * h, y - gap_m, z + sz * h) for sx, sz in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])

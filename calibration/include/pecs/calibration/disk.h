@@ -5,6 +5,7 @@
 // its centre at (0.5, 0.5). In the turning frame the events of one polarity lie behind their edge; they start there, or
 // (slow pixels) end where the next edge arrives: one of the two is sharp, and is what is measured.
 #include <cstdint>
+#include <functional>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
@@ -32,8 +33,11 @@ struct Disk {
   std::vector<std::string> warnings;
 };
 
+// Where an event lies on the disk's plane, as a camera square to it would see it [px]; by default the picture is that.
+using PlaceOnPlane = std::function<cv::Point2d(const cv::Point2d& pixel)>;
+
 // Throws bad_input ("nothing found", with the reason and the best candidate) when no disk stands out.
-Disk find_disk(const Shown& shown, const std::string& file);
+Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& place = {});
 
 Json to_json(const Disk& disk);
 

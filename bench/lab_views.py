@@ -1,0 +1,171 @@
+"""What a camera with one of our lenses sees of a board or a disk, exactly: each pixel's ray meets the target's plane.
+For benches and tests of pecs align. Camera axes: x right, y down, z forward, origin at the entrance pupil; lengths in mm,
+light between 0 and 1. Edges are smooth over about a pixel, as behind a real lens and pixel.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pecs
+
+BLACK, WHITE, WALL = 0.07, 0.84, 0.3
+SOFT_PX = 1.2  # half width of an edge
+
+
+def rotation(x_deg: float, y_deg: float, z_deg: float) -> np.ndarray:
+    """Rz Ry Rx."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians([x_deg, y_deg, z_deg])), np.sin(np.radians([x_deg, y_deg, z_deg]))
+    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    return np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]) @ ry @ rx
+
+
+def turn_of(rotation_deg) -> np.ndarray:
+    """Camera axes from those of a camera that looks along the scenes' +y, of Blender's XYZ Euler rotation."""
+    world_from_blender = rotation(*rotation_deg)
+    camera_from_world = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    return (world_from_blender @ np.diag([1, -1, -1])).T @ camera_from_world.T
+
+
+class Camera:
+    """A lens of lens_data in front of width x height pixels. `shift_px`: where the axis meets them, off their middle."""
+
+    def __init__(self, lens: str, focus_m: float, width=1280, height=720, pitch_mm=0.00486, shift_px=(0.0, 0.0), **stop):
+        self.width, self.height, self.pitch_mm = width, height, pitch_mm
+        size = {"film_width_mm": width * pitch_mm * 1.3, "film_height_mm": height * pitch_mm * 1.3}
+        rows = pecs.Lens(lens).info(focus_m=focus_m, lambda_nm=550, field_rows=200, **size, **stop)["field"]
+        rows = [r for r in rows if r["angle_deg"] is not None]
+        self.r_mm, self.angle = np.array([r["r_mm"] for r in rows]), np.radians([r["angle_deg"] for r in rows])
+        self.axis_px = np.array([width / 2, height / 2]) + shift_px
+        self.focal_px = 1 / np.polyfit(self.r_mm[1:9] ** 2, np.tan(self.angle[1:9]) / self.r_mm[1:9], 1)[1] / pitch_mm
+
+    def rays(self) -> np.ndarray:
+        """[height, width, 3], z = 1."""
+        y, x = np.mgrid[0 : self.height, 0 : self.width] + 0.5
+        x, y = x - self.axis_px[0], y - self.axis_px[1]
+        r = np.maximum(np.hypot(x, y), 1e-9)
+        scale = np.tan(np.interp(r * self.pitch_mm, self.r_mm, self.angle)) / r
+        return np.stack([x * scale, y * scale, np.ones_like(x)], axis=-1)
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Of points [..., 3] in camera axes."""
+        points = np.asarray(points, float)
+        across = np.hypot(points[..., 0], points[..., 1])
+        r = np.interp(np.arctan2(across, points[..., 2]), self.angle, self.r_mm) / self.pitch_mm
+        return self.axis_px + points[..., :2] * (r / np.maximum(across, 1e-12))[..., None]
+
+
+@dataclass
+class Board:
+    """Squares, white at the top left, on a white plate; or dots (black on the white plate) at the squares' inner corners,
+    every second one if asymmetric. Axes: u right, v down, origin in the middle; moves as at_mm + velocity_mm_s t."""
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    at_mm: tuple = (0.0, 0.0, 1560.0)
+    velocity_mm_s: tuple = (-1000.0, 0.0, 0.0)
+    columns: int = 4
+    rows: int = 4
+    square_mm: float = 41.7
+    plate_mm: float = 40.0  # beyond the squares
+    dots: str = ""  # "symmetric", "asymmetric"
+
+    def corners(self) -> np.ndarray:
+        """Inner corners or dots [n, 3] on the board, row by row."""
+        v, u = np.mgrid[1 : self.rows, 1 : self.columns]
+        keep = (u + v) % 2 == 0 if self.dots == "asymmetric" else np.ones_like(u, bool)
+        u, v = u[keep] - self.columns / 2, v[keep] - self.rows / 2
+        return np.stack([u, v, 0 * u], axis=-1) * self.square_mm
+
+    def place(self, t_s: float) -> np.ndarray:
+        return np.asarray(self.at_mm, float) + np.asarray(self.velocity_mm_s, float) * t_s
+
+    def seen(self, camera: Camera, t_s: float) -> np.ndarray:
+        """Pixels [n, 2] of corners()."""
+        return camera.pixels(self.corners() @ self.rotation.T + self.place(t_s))
+
+    def light(self, camera: Camera):
+        """Returns light(t_s) -> [height, width] float32."""
+        rays = camera.rays()
+        normal = self.rotation[:, 2]
+        over = 1 / (rays @ normal)
+        a_u, a_v = (((rays @ self.rotation[:, k]) * over).astype(np.float32) for k in (0, 1))
+        half_u, half_v = self.columns * self.square_mm / 2, self.rows * self.square_mm / 2
+
+        def light(t_s: float) -> np.ndarray:
+            at = self.place(t_s)
+            depth = np.float32(normal @ at)
+            u, v = a_u * depth - np.float32(self.rotation[:, 0] @ at), a_v * depth - np.float32(self.rotation[:, 1] @ at)
+            soft = SOFT_PX * at[2] / camera.focal_px
+
+            def edge(distance):  # 0 outside, 1 inside
+                z = np.clip(distance / soft, -1, 1)
+                return 0.5 + 0.25 * z * (3 - z * z)
+
+            plate = edge(np.minimum(half_u + self.plate_mm - np.abs(u), half_v + self.plate_mm - np.abs(v)))
+            if self.dots:
+                black = np.zeros_like(u)
+                for cu, cv, _ in self.corners():
+                    black = np.maximum(black, edge(0.3 * self.square_mm - np.hypot(u - cu, v - cv)))
+            else:
+
+                def wave(x, half):  # +1 in the first square, -1 in the next
+                    part = np.mod(x + half, 2 * self.square_mm)
+                    distance = self.square_mm / 2 - np.abs(part - self.square_mm / 2)
+                    distance = np.where(part > 1.5 * self.square_mm, part - 2 * self.square_mm, distance)
+                    return 2 * edge(distance) - 1
+
+                inside = edge(np.minimum(half_u - np.abs(u), half_v - np.abs(v)))
+                black = inside * (0.5 - 0.5 * wave(u, half_u) * wave(v, half_v))
+            return (WALL + plate * (WHITE + (BLACK - WHITE) * black - WALL)).astype(np.float32)
+
+        return light
+
+
+def record(light, duration_s: float, step_s: float, width: int, height: int, seed: int, white_a: float = 3e-12):
+    """Events of the imx636 with its noise. `white_a`: photocurrent of light 1."""
+    times = np.arange(0, duration_s + step_s / 2, step_s)
+    with pecs.Sensor(width, height, seed=seed, photocurrent_a=white_a) as sensor:
+        parts = [sensor.push(light(t), t * 1e6) for t in times]
+        return np.concatenate([*parts, sensor.finish()])
+
+
+@dataclass
+class Disk:
+    """Sectors, black from angle 0 on, at_mm right, down and forward; turned counter-clockwise on screen by phase_deg + speed_deg_s t."""
+
+    at_mm: tuple = (160.1, 0.7, 1560.0)
+    radius_mm: float = 153.0
+    sectors: int = 4
+    speed_deg_s: float = 2160.0
+    phase_deg: float = 0.0
+    turn: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the camera; at_mm lies before the unturned one
+
+    def light(self, camera: Camera):
+        """Returns light(t_s) -> [height, width] float32."""
+        rays = camera.rays() @ self.turn
+        rays /= rays[..., 2:]
+        x = (rays[..., 0] * self.at_mm[2] - self.at_mm[0]).astype(np.float32)
+        y = (self.at_mm[1] - rays[..., 1] * self.at_mm[2]).astype(np.float32)
+        radius, angle = np.hypot(x, y), np.degrees(np.arctan2(y, x)).astype(np.float32)
+        soft = SOFT_PX * self.at_mm[2] / camera.focal_px
+        near = radius < self.radius_mm + soft
+        radius, angle, sector = radius[near], angle[near], 360.0 / self.sectors
+
+        def edge(distance):
+            z = np.clip(distance / soft, -1, 1)
+            return 0.5 + 0.25 * z * (3 - z * z)
+
+        rim = edge(self.radius_mm - radius)
+
+        def light(t_s: float) -> np.ndarray:
+            out = np.full(x.shape, WALL, np.float32)
+            part = np.mod(angle - np.float32((self.phase_deg + self.speed_deg_s * t_s) % 360), 2 * sector)
+            # To the nearest edge: positive in white, which lies between 1 and 2 sectors.
+            to_edge = np.abs(part - 1.5 * sector)
+            side = np.where(to_edge < sector / 2, 1, -1)
+            to_edge = np.minimum(np.abs(part - sector), np.minimum(part, 2 * sector - part))
+            distance = side * radius * np.sin(np.radians(np.minimum(to_edge, 90)))
+            out[near] = WALL + rim * (BLACK + (WHITE - BLACK) * edge(distance) - WALL)
+            return out
+
+        return light
