@@ -1,4 +1,5 @@
-"""What a camera with one of our lenses sees of a board or a disk, exactly: each pixel's ray meets the target's plane.
+"""What a camera with one of our lenses sees of a board or a disk: each pixel's ray meets the target's plane.
+
 For benches and tests of pecs align. Camera axes: x right, y down, z forward, origin at the entrance pupil; lengths in mm,
 light between 0 and 1. Edges are smooth over about a pixel, as behind a real lens and pixel.
 """
@@ -28,9 +29,11 @@ def turn_of(rotation_deg) -> np.ndarray:
 
 
 class Camera:
-    """A lens of lens_data in front of width x height pixels. `shift_px`: where the axis meets them, off their middle."""
+    """A lens of lens_data before width x height pixels. `shift_px`: where the axis meets them, off their middle."""
 
-    def __init__(self, lens: str, focus_m: float, width=1280, height=720, pitch_mm=0.00486, shift_px=(0.0, 0.0), **stop):
+    def __init__(
+        self, lens: str, focus_m: float, width=1280, height=720, pitch_mm=0.00486, shift_px=(0.0, 0.0), **stop
+    ):
         self.width, self.height, self.pitch_mm = width, height, pitch_mm
         size = {"film_width_mm": width * pitch_mm * 1.3, "film_height_mm": height * pitch_mm * 1.3}
         rows = pecs.Lens(lens).info(focus_m=focus_m, lambda_nm=550, field_rows=200, **size, **stop)["field"]
@@ -57,8 +60,8 @@ class Camera:
 
 @dataclass
 class Board:
-    """Squares, white at the top left, on a white plate; or dots (black on the white plate) at the squares' inner corners,
-    every second one if asymmetric. Axes: u right, v down, origin in the middle; moves as at_mm + velocity_mm_s t."""
+    """Squares, white at the top left, on a white plate; or black dots at the squares' inner corners, every second one
+    if asymmetric. Axes: u right, v down, origin in the middle; moves as at_mm + velocity_mm_s t."""
 
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     at_mm: tuple = (0.0, 0.0, 1560.0)
@@ -94,7 +97,10 @@ class Board:
         def light(t_s: float) -> np.ndarray:
             at = self.place(t_s)
             depth = np.float32(normal @ at)
-            u, v = a_u * depth - np.float32(self.rotation[:, 0] @ at), a_v * depth - np.float32(self.rotation[:, 1] @ at)
+            u, v = (
+                a_u * depth - np.float32(self.rotation[:, 0] @ at),
+                a_v * depth - np.float32(self.rotation[:, 1] @ at),
+            )
             soft = SOFT_PX * at[2] / camera.focal_px
 
             def edge(distance):  # 0 outside, 1 inside
@@ -131,7 +137,8 @@ def record(light, duration_s: float, step_s: float, width: int, height: int, see
 
 @dataclass
 class Disk:
-    """Sectors, black from angle 0 on, at_mm right, down and forward; turned counter-clockwise on screen by phase_deg + speed_deg_s t."""
+    """Sectors, black from angle 0 on, at_mm right, down and forward; turned counter-clockwise on
+    screen by phase_deg + speed_deg_s t."""
 
     at_mm: tuple = (160.1, 0.7, 1560.0)
     radius_mm: float = 153.0

@@ -128,7 +128,13 @@ def _add_render(commands) -> None:
         help="bands of a pass that lie closer on the film share their rays (at their mean wavelength); else every ray "
         "carries one band, which is noisier",
     )
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="a parameter of the scene folder; @FILE: those of an aligned.json")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a parameter of the scene folder; @FILE: those of an aligned.json",
+    )
     add("--scene-name", help="which scene of the .blend")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
     add("--threads", type=int, default=0, help="0: all cores; does not change the result")

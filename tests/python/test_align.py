@@ -76,7 +76,18 @@ def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_pat
     assert (tmp_path / "overlay.png").read_bytes().startswith(b"\x89PNG")
 
     command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/board", "-o", tmp_path / "stack"]
-    command += ["--set", f"@{tmp_path}/aligned.json", "--frames", "1", "--bands", "1", "--width", "640", "--samples", "4"]
+    command += [
+        "--set",
+        f"@{tmp_path}/aligned.json",
+        "--frames",
+        "1",
+        "--bands",
+        "1",
+        "--width",
+        "640",
+        "--samples",
+        "4",
+    ]
     result = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     with pecs.StackReader(tmp_path / "stack") as reader:
