@@ -11,39 +11,10 @@
 
 #include "pecs/sensor/random.h"
 #include "pixel_kernel.h"
+#include "pixel_math-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-using F = hn::ScalableTag<float>;
-using I32 = hn::RebindToSigned<F>;
-using U32 = hn::RebindToUnsigned<F>;
-using V = hn::Vec<F>;
-using VU = hn::Vec<U32>;
-using M = hn::Mask<F>;
-
-constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: less light than this is darkness
-
-// ln x for positive, finite, normal x: x = 2^e m with m in [sqrt(1/2), sqrt(2)), then the minimax polynomial of
-// Cephes' logf; relative error 1e-7.
-HWY_INLINE V ln(V x) {
-  const F f;
-  const I32 i;
-  const auto bits = hn::BitCast(i, x);
-  const auto e = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(i, 0x3f3504f3)));
-  const V m = hn::Sub(hn::BitCast(f, hn::Sub(bits, hn::ShiftLeft<23>(e))), hn::Set(f, 1.0f));
-  const V exponent = hn::ConvertTo(f, e);
-  const V z = hn::Mul(m, m);
-  V p = hn::Set(f, 7.0376836292e-2f);
-  for (const float c : {-1.1514610310e-1f, 1.1676998740e-1f, -1.2420140846e-1f, 1.4249322787e-1f, -1.6668057665e-1f,
-                        2.0000714765e-1f, -2.4999993993e-1f, 3.3333331174e-1f})
-    p = hn::MulAdd(p, m, hn::Set(f, c));
-  V y = hn::Mul(hn::Mul(p, m), z);
-  y = hn::MulAdd(exponent, hn::Set(f, -2.12194440e-4f), y);
-  y = hn::NegMulAdd(hn::Set(f, 0.5f), z, y);
-  return hn::MulAdd(exponent, hn::Set(f, 0.693359375f), hn::Add(m, y));
-}
 
 // (1 - e^-x) / x for x >= 0.
 HWY_INLINE V phi1(V x) {
@@ -117,26 +88,6 @@ HWY_INLINE V gaussian(VU r) {
   return hn::Mul(hn::Mul(p, x), hn::Set(f, 1.41421356f));
 }
 
-// Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
-HWY_INLINE V inner_slope(V s0, V s1, const IntervalTimes& t) {
-  const F f;
-  const V product = hn::Mul(s0, s1);
-  const V below = hn::MulAdd(hn::Set(f, t.weight_this), s1, hn::Mul(hn::Set(f, t.weight_next), s0));
-  const V slope = hn::Div(hn::Mul(hn::Set(f, t.weight_sum), product), below);
-  return hn::IfThenElseZero(hn::Gt(product, hn::Zero(f)), slope);
-}
-
-// Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.
-HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
-  const F f;
-  const V slope =
-      hn::Mul(hn::Set(f, 1 / (h0 + h1)), hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
-  const V most = hn::Mul(hn::Set(f, 3.0f), s0);
-  const M turns = hn::Lt(hn::Mul(s0, s1), hn::Zero(f));
-  const V limited = hn::IfThenElse(hn::And(turns, hn::Gt(hn::Abs(slope), hn::Abs(most))), most, slope);
-  return hn::IfThenElseZero(hn::Gt(hn::Mul(limited, s0), hn::Zero(f)), limited);
-}
-
 struct Vectors {
   V l0, l1, m0, reference, blind, w, noise;
 };
@@ -155,20 +106,8 @@ class Run {
     std::size_t interval = 0;
     for (std::size_t i = 0; i < a_.planes.size(); ++i) {
       const std::int64_t frame = a_.first_frame + static_cast<std::int64_t>(i);
-      const V value = hn::LoadU(f_, values + i * hn::Lanes(f_));
-      const bool same = hn::AllTrue(f_, hn::Eq(value, last_value_));
-      if constexpr (!kReceptor) {  // nothing moves: nothing happens
-        same_ = same ? same_ + 1 : 0;
-        if (a_.plain && same_ > 2) {
-          ++interval;
-          continue;
-        }
-      }
-      last_value_ = value;
-      V current = hn::MulAdd(value, hn::Set(f_, a_.gain_fa), hn::Set(f_, a_.dark_fa));
-      const M finite = hn::Lt(current, hn::Set(f_, 1e30f));  // false for NaN
-      current = hn::Max(current, hn::Set(f_, kFloor_fa));
-      const V l2 = hn::IfThenElse(finite, ln(current), frame == 0 ? hn::Set(f_, std::log(kFloor_fa)) : s_.l1);
+      const V value = hn::LoadU(f_, values + i * Block::kStride);
+      const V l2 = ln_current(a_, value, frame == 0 ? hn::Set(f_, std::log(kFloor_fa)) : s_.l1);
       if (frame == 0) {
         start(l2);
         if (a_.marks) mark_start();
@@ -176,7 +115,6 @@ class Run {
         s_.l0 = s_.l1;
         s_.l1 = l2;
       } else {
-        interval_ = interval;
         const IntervalTimes& t = a_.intervals[interval++];
         const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
         const V s1 = hn::Mul(hn::Sub(l2, s_.l1), hn::Set(f_, t.per_next));
@@ -187,14 +125,12 @@ class Run {
       }
     }
     if (a_.last && interval < a_.intervals.size()) {
-      interval_ = interval;
       const IntervalTimes& t = a_.intervals[interval];
       const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
       // No frame follows: the chord is the slope at the end.
       if (t.step == 0) s_.m0 = s0;
       step(t, s0);
     }
-    if constexpr (!kReceptor) solve_waiting();
     store();
   }
 
@@ -285,84 +221,12 @@ class Run {
 
   // V = ln I, monotone between frames: its end tells whether a threshold is crossed.
   void step_ideal(const IntervalTimes& t, V m0, V m1) {
-    if (a_.plain) return step_plain(m0, m1);
     const V leak = hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us);
     const V d1 = hn::Sub(s_.l1, s_.reference);
     M active = hn::Or(hn::Ge(hn::Add(d1, leak), on_), hn::Le(d1, off_));
     active = hn::Or(active, hn::Gt(s_.blind, hn::Zero(f_)));
     find(t, active, m0, m1, s_.w, s_.noise);
     s_.reference = hn::Sub(s_.reference, leak);
-  }
-
-  // Thresholds alone: the k-th event of an interval is where the monotone cubic has moved by k thresholds. Crossings of
-  // many lanes and intervals are collected and solved together.
-  void step_plain(V m0, V m1) {
-    const V d1 = hn::Sub(s_.l1, s_.reference);
-    const M rising = hn::Ge(d1, on_);
-    const M active = hn::Or(rising, hn::Le(d1, off_));
-    if (HWY_LIKELY(hn::AllFalse(f_, active))) return;
-    const V threshold = hn::IfThenElse(rising, on_, off_);
-    const V count = hn::IfThenElseZero(active, hn::Floor(hn::Div(d1, threshold)));
-
-    // From l0, and upwards for ON and OFF alike.
-    const V two = hn::Set(f_, 2.0f), three = hn::Set(f_, 3.0f);
-    const V up = hn::CopySign(hn::Set(f_, 1.0f), threshold);
-    const V rise = hn::Mul(up, hn::Sub(s_.l1, s_.l0)), slope0 = hn::Mul(up, m0), slope1 = hn::Mul(up, m1);
-    const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, slope0, slope1));
-    const V c3 = hn::NegMulAdd(two, rise, hn::Add(slope0, slope1));
-    const V start = hn::Mul(up, hn::Sub(s_.reference, s_.l0)), each = hn::Abs(threshold);
-    constexpr std::size_t kLanes = HWY_MAX_BYTES / sizeof(float);
-    HWY_ALIGN float counts[kLanes], starts[kLanes], eachs[kLanes], rises[kLanes], c1s[kLanes], c2s[kLanes], c3s[kLanes],
-        on[kLanes];
-    hn::Store(count, f_, counts);
-    hn::Store(start, f_, starts);
-    hn::Store(each, f_, eachs);
-    hn::Store(rise, f_, rises);
-    hn::Store(slope0, f_, c1s);
-    hn::Store(c2, f_, c2s);
-    hn::Store(c3, f_, c3s);
-    hn::Store(up, f_, on);
-    for (std::uint32_t lane = 0; lane < lanes_; ++lane)
-      for (float k = 1; k <= counts[lane]; ++k) {
-        if (waiting_ == kWaiting) solve_waiting();
-        level_[waiting_] = k * eachs[lane] + starts[lane];
-        rise_[waiting_] = rises[lane];
-        c1_[waiting_] = c1s[lane];
-        c2_[waiting_] = c2s[lane];
-        c3_[waiting_] = c3s[lane];
-        place_[waiting_] = (pixel_ + lane) << 1 | (on[lane] > 0 ? 1u : 0u);
-        in_[waiting_++] = static_cast<std::uint32_t>(interval_);
-      }
-    s_.reference = hn::MulAdd(count, threshold, s_.reference);
-  }
-
-  // c1 s + c2 s^2 + c3 s^3 = level in [0, 1], rising: Newton, kept in the bracket.
-  void solve_waiting() {
-    const V zero = hn::Zero(f_), one = hn::Set(f_, 1.0f), half = hn::Set(f_, 0.5f);
-    for (std::size_t i = 0; i < waiting_; i += hn::Lanes(f_)) {
-      const V c1 = hn::Load(f_, c1_ + i), c2 = hn::Load(f_, c2_ + i), c3 = hn::Load(f_, c3_ + i);
-      const V level = hn::Load(f_, level_ + i);
-      const V c2_2 = hn::Add(c2, c2), c3_3 = hn::Mul(hn::Set(f_, 3.0f), c3);
-      V a = zero, b = one;
-      V s = hn::Min(hn::Max(hn::Div(level, hn::Load(f_, rise_ + i)), zero), one);
-      for (int n = 0; n < 6; ++n) {
-        const V f = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
-        const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, c2_2), s, c1);
-        const M below = hn::Lt(f, zero);
-        a = hn::IfThenElse(below, s, a);
-        b = hn::IfThenElse(below, b, s);
-        const V next = hn::Sub(s, hn::Div(f, slope));
-        const M inside = hn::And(hn::Ge(next, a), hn::Le(next, b));
-        s = hn::IfThenElse(inside, next, hn::Mul(half, hn::Add(a, b)));
-      }
-      hn::Store(s, f_, level_ + i);
-    }
-    for (std::size_t i = 0; i < waiting_; ++i) {
-      const IntervalTimes& t = a_.intervals[in_[i]];
-      const double t_us = t.t0_us + static_cast<double>(level_[i] * t.h_us);
-      a_.events->push_back(static_cast<EventKey>(t_us + 0.5) << 27 | place_[i]);
-    }
-    waiting_ = 0;
   }
 
   // The photoreceptor over an interval whose light is given at its start, middle and end.
@@ -507,8 +371,6 @@ class Run {
   const U32 u_{};
   const KernelArguments& a_;
   const std::uint32_t pixel_, lanes_;
-  V last_value_ = hn::Set(f_, -1.0f);  // of the frame before; no light has it
-  int same_ = 0;                       // frames alike, one after another
   Vectors s_{};
   V on_{}, off_{};
   V v_{}, u_now_{}, i_now_{}, g_now_{};  // at the start of the interval
@@ -519,46 +381,26 @@ class Run {
   std::int64_t random_of_ = -1;
   Purpose random_for_ = Purpose::threshold;
   std::span<const BackgroundEvent> background_;
-  // Crossings that wait to be solved (step_plain): cubic from the interval's start, level, interval, place * 2 + on.
-  static constexpr std::size_t kWaiting = 256, kWaitingRoom = kReceptor ? 1 : kWaiting + HWY_MAX_BYTES / sizeof(float);
-  std::size_t interval_ = 0, waiting_ = 0;
-  HWY_ALIGN float level_[kWaitingRoom], c1_[kWaitingRoom], c2_[kWaitingRoom], c3_[kWaitingRoom], rise_[kWaitingRoom];
-  HWY_ALIGN std::uint32_t place_[kWaitingRoom], in_[kWaitingRoom];
 };
 
-// Frames lie far apart in memory: a block of pixels is gathered from all of them first, vector by vector.
 template <bool kReceptor>
 void run_all(const KernelArguments& a) {
-  constexpr std::uint32_t kGathered = 256;
-  const F f;
-  const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
-  const std::size_t planes = a.planes.size();
+  const auto lanes = static_cast<std::uint32_t>(hn::Lanes(F()));
   const auto end = a.first + a.count;
   auto background = a.background;
-  std::vector<float> gathered(planes * kGathered);
+  Block values(a);
   std::vector<BackgroundEvent> by_time;
-  for (std::uint32_t block = a.first; block < end; block += kGathered) {
-    const std::uint32_t block_end = std::min(end, block + kGathered);
-    for (std::size_t i = 0; i < planes; ++i) {
-      const float* plane = a.planes[i];
-      std::uint32_t pixel = block;
-      float* to = gathered.data() + i * lanes;
-      for (; pixel + lanes <= block_end; pixel += lanes, to += planes * lanes)
-        hn::StoreU(hn::LoadU(f, plane + pixel), f, to);
-      if (pixel < block_end) {  // the lanes beyond the range see light 1
-        std::fill_n(to, lanes, 1.0f);
-        std::copy_n(plane + pixel, block_end - pixel, to);
-      }
-    }
-    const float* values = gathered.data();
-    for (std::uint32_t pixel = block; pixel < block_end; pixel += lanes, values += planes * lanes) {
+  for (std::uint32_t block = a.first; block < end; block += Block::kPixels) {
+    const std::uint32_t block_end = std::min(end, block + Block::kPixels);
+    values.gather(block, block_end, a.planes.size());
+    for (std::uint32_t pixel = block; pixel < block_end; pixel += lanes) {
       std::size_t mine = 0;
       while (mine < background.size() && background[mine].pixel < pixel + lanes) ++mine;
       by_time.assign(background.begin(), background.begin() + static_cast<std::ptrdiff_t>(mine));
       background = background.subspan(mine);
       if (mine > 1) std::ranges::stable_sort(by_time, {}, &BackgroundEvent::t_us);
       Run<kReceptor> run(a, pixel, std::min(lanes, block_end - pixel));
-      run(values, by_time);
+      run(values.from(pixel - block), by_time);
     }
   }
 }

@@ -14,7 +14,6 @@ struct IntervalTimes {
 
 struct KernelArguments {
   PixelConstants constants;
-  bool plain;  // nothing but thresholds: no photoreceptor, refractory period, leak or background
   float dark_fa, gain_fa, noise_std;
   std::uint64_t seed;
   // Arrays start at pixel 0 and are padded by kMaxLanes.
@@ -35,5 +34,8 @@ struct KernelArguments {
 inline constexpr std::uint32_t kMaxLanes = 64;
 
 void run_kernel(const KernelArguments& arguments);
+// The same where there are thresholds alone: no photoreceptor, refractory period, leak, background or marks
+// (threshold_kernel.cpp).
+void run_threshold_kernel(const KernelArguments& arguments);
 
 }  // namespace pecs::sensor

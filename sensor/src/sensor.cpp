@@ -6,7 +6,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <iterator>
 #include <limits>
 #include <utility>
@@ -25,38 +28,47 @@ std::vector<EventKey>& EventOrder::tile(std::size_t index) {
 
 namespace {
 
-// Stable sort by time, digit by digit; then by pixel and polarity, which tiles bring in order but for few. Times lie
-// less than 2^bits us apart.
-void sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::int64_t first_us, int bits) {
-  constexpr int kDigitBits = 8;
+// Sorts keys whose times lie less than 2^bits us after first_us: stably by time, digit by digit, then those of one
+// time, which tiles bring in order but for few. The result lies in one of both.
+std::span<const EventKey> sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::int64_t first_us,
+                                    int bits) {
+  constexpr int kDigitBits = 11;
   if (scratch.size() < keys.size()) scratch.resize(keys.size());
+  std::array<std::uint32_t, (1 << kDigitBits) + 1> next;
   std::span<EventKey> from = keys, to = std::span(scratch).first(keys.size());
   for (int shift = 0; shift < bits; shift += kDigitBits) {
-    const auto digit = [&](EventKey key) { return (key_time_us(key) - first_us) >> shift & ((1 << kDigitBits) - 1); };
-    std::array<std::uint32_t, (1 << kDigitBits) + 1> next{};
-    for (const EventKey key : from) ++next[static_cast<std::size_t>(digit(key) + 1)];
-    for (std::size_t i = 1; i < next.size(); ++i) next[i] += next[i - 1];
-    for (const EventKey key : from) to[next[static_cast<std::size_t>(digit(key))]++] = key;
+    const std::size_t digits = std::size_t{1} << std::min(kDigitBits, bits - shift);
+    const auto digit = [&](EventKey key) {
+      return static_cast<std::size_t>(key_time_us(key) - first_us) >> shift & (digits - 1);
+    };
+    std::fill_n(next.begin(), digits + 1, 0u);
+    for (const EventKey key : from) ++next[digit(key) + 1];
+    for (std::size_t i = 1; i < digits; ++i) next[i] += next[i - 1];
+    for (const EventKey key : from) to[next[digit(key)]++] = key;
     std::swap(from, to);
   }
-  if (from.data() != keys.data()) std::ranges::copy(from, keys.begin());
-  for (auto a = keys.begin(); a != keys.end();) {
+  for (auto a = from.begin(); a != from.end();) {
     auto b = a + 1;
     bool in_order = true;
-    for (; b != keys.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
+    for (; b != from.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
     if (!in_order) std::sort(a, b);
     a = b;
   }
+  return from;
 }
 
 }  // namespace
 
 std::vector<Cause>* EventOrder::causes(std::size_t index) { return with_causes_ ? &causes_.at(index) : nullptr; }
 
-events::Event EventOrder::event_of(EventKey key, std::int64_t origin_us) const {
+void EventOrder::write(EventKey key, std::int64_t origin_us, events::Event& to) const {
   const std::uint32_t pixel = key_pixel(key);
-  return {key_time_us(key) - origin_us, static_cast<std::uint16_t>(pixel % width_),
-          static_cast<std::uint16_t>(pixel / width_), static_cast<std::uint8_t>(key_on(key))};
+  const auto y = static_cast<std::uint32_t>((pixel + 0.5) * per_width_);  // half a pixel from where it would round
+  static_assert(std::endian::native == std::endian::little && offsetof(events::Event, x) == 8 &&
+                offsetof(events::Event, y) == 10 && offsetof(events::Event, p) == 12);
+  const std::uint64_t place = std::uint64_t{key_on(key)} << 32 | y << 16 | (pixel - y * width_);
+  const std::array words{static_cast<std::uint64_t>(key_time_us(key) - origin_us), place};
+  std::memcpy(static_cast<void*>(&to), words.data(), sizeof words);  // member by member it takes several times as long
 }
 
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
@@ -116,13 +128,13 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
   const std::size_t before = out.size();
   if (out.capacity() < before + count) out.reserve(std::max(before + count, 2 * out.capacity()));
   out.resize(before + count);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 16), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 4), [&](const auto& range) {
     std::vector<EventKey> scratch;
     for (std::size_t slot = range.begin(); slot < range.end(); ++slot) {
       const auto keys = std::span(sorted_).subspan(slots[slot], slots[slot + 1] - slots[slot]);
-      sort_keys(keys, scratch, first_us + (static_cast<std::int64_t>(slot) << shift), shift);
       events::Event* to = out.data() + before + slots[slot];
-      for (const EventKey key : keys) *to++ = event_of(key, origin_us);
+      const std::int64_t slot_us = first_us + (static_cast<std::int64_t>(slot) << shift);
+      for (const EventKey key : sort_keys(keys, scratch, slot_us, shift)) write(key, origin_us, *to++);
     }
   });
 }
@@ -142,7 +154,7 @@ void EventOrder::take_with_causes(EventKey limit, std::int64_t origin_us, Labell
       held_with_causes_.emplace_back(key, cause);
       continue;
     }
-    out.events.push_back(event_of(key, origin_us));
+    write(key, origin_us, out.events.emplace_back());
     out.causes.push_back(cause);
   }
 }

@@ -16,7 +16,7 @@ class EventOrder {
  public:
   // `causes`: every event comes with its cause.
   explicit EventOrder(int width, bool causes = false)
-      : width_(static_cast<std::uint32_t>(width)), with_causes_(causes) {}
+      : width_(static_cast<std::uint32_t>(width)), per_width_(1.0 / width), with_causes_(causes) {}
   std::vector<EventKey>& tile(std::size_t index);  // to be filled; call for all tiles before any is filled in parallel
   std::vector<Cause>* causes(std::size_t index);   // of a tile's events, to be filled with them; null without
   // Moves the events before `until_us` to `out`, sorted, times less `origin_us`; keeps the others.
@@ -25,9 +25,10 @@ class EventOrder {
  private:
   void take_with_causes(EventKey limit, std::int64_t origin_us, LabelledEvents& out);
 
-  events::Event event_of(EventKey key, std::int64_t origin_us) const;
+  void write(EventKey key, std::int64_t origin_us, events::Event& to) const;
 
   std::uint32_t width_;
+  double per_width_;
   std::vector<std::vector<EventKey>> tiles_;
   std::vector<EventKey> held_, sorted_;
   bool with_causes_;
