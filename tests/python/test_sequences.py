@@ -67,7 +67,8 @@ def test_table_of_five_models(root, rendered, tmp_path):
     sys.path.insert(0, str(root / "scripts"))
     import table1
 
-    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", "esim")
+    info = json.loads((rendered / "R_360_L/stack/stack.json").read_text())
+    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", info, "esim", None)
     pecs.write(tmp_path / "real.raw", table1.on_the_sensor(first, 8), width=1280, height=720)
     command = [sys.executable, root / "scripts/table1.py", "-o", rendered, "--real", f"R_360_L={tmp_path}/real.raw"]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
