@@ -14,6 +14,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -43,10 +44,16 @@ std::string channel_name(double lambda_nm) {
   return "S0." + number + "nm";
 }
 
-// The wavelength in a channel name of the layout's emissive kind; nothing for other channels.
+// The wavelength in a channel name of the layout's emissive kind, S0.550nm, or of Mitsuba, whose names hold no point:
+// S0_550nm, band_550nm. Nothing for other channels.
 std::optional<double> channel_lambda_nm(std::string name) {
-  if (!name.starts_with("S0.") || !name.ends_with("nm")) return std::nullopt;
-  name = name.substr(3, name.size() - 5);
+  const std::size_t kind = name.find_first_of("._");
+  if (kind == std::string::npos || !name.ends_with("nm")) return std::nullopt;
+  const std::string prefix = name.substr(0, kind);
+  const bool word = name[kind] == '_' && !prefix.empty() &&
+                    std::ranges::all_of(prefix, [](unsigned char c) { return std::isalpha(c) != 0; });
+  if (prefix != "S0" && !word) return std::nullopt;
+  name = name.substr(kind + 1, name.size() - kind - 3);
   std::replace(name.begin(), name.end(), ',', '.');
   double value = 0;
   const auto [end, ec] = std::from_chars(name.data(), name.data() + name.size(), value);

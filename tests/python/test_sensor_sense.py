@@ -299,6 +299,35 @@ def test_exr_files_of_others(tmp_path, pecs_program, layout):
     assert done.returncode == 4 and "shot.9.exr" in done.stderr and not (tmp_path / "n.csv").exists()
 
 
+def test_a_spectral_film_of_mitsuba(tmp_path, pecs_program):
+    """Rendered by Mitsuba 3 itself: a lamp that brightens, seen directly, under bands of 20 nm."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_spectral")
+    folder = tmp_path / "s"
+    folder.mkdir()
+    lambda_nm = range(420, 681, 20)
+    bands = {
+        f"S0_{k}nm": {"type": "irregular", "wavelengths": f"{k - 10},{k},{k + 10}", "values": "0,1,0"}
+        for k in lambda_nm
+    }
+    film = {"type": "specfilm", "width": 8, "height": 6, "rfilter": {"type": "box"}, **bands}
+    for i in range(4):
+        radiance = {"type": "uniform", "value": 2.0**i}
+        sensor = {"type": "perspective", "film": film, "sampler": {"type": "independent", "sample_count": 256}}
+        lamp = {"type": "constant", "radiance": radiance}
+        scene = mi.load_dict({"type": "scene", "i": {"type": "direct"}, "s": sensor, "l": lamp})
+        mi.render(scene, seed=1)
+        scene.sensors()[0].film().bitmap().write(str(folder / f"{i}.exr"))
+    args = ["--fps", 100, "--fnumber", 4, "--chip", "ideal"]
+    sense(pecs_program, folder, "-o", tmp_path / "o.csv", *args)
+    assert json.loads((tmp_path / "o.csv.run.json").read_text())["config"]["input"] == "spectral EXR"
+    # Every pixel's light doubles thrice: ln 8 / .2 = 10.4 ON events each.
+    events = read_csv(tmp_path / "o.csv")
+    counts = np.zeros((6, 8), int)
+    np.add.at(counts, (events[:, 2].astype(int), events[:, 1].astype(int)), 1)
+    assert (events[:, 3] == 1).all() and (counts == 10).all()
+
+
 def to_srgb(v):
     return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
 
