@@ -2,8 +2,8 @@
 
     python bench/pixel_speed.py --esim CHECKOUT [--build build/release] [--passes 5]
 
-CHECKOUT: of github.com/uzh-rpg/rpg_vid2e (compiled here: g++, OpenCV, Eigen, Boost). Ours sorts its events and hands them on 64 frames at a
-time, as to a file; esim does not sort, and keeps them.
+CHECKOUT: of github.com/uzh-rpg/rpg_vid2e (compiled here: g++, OpenCV, Eigen, Boost). Ours sorts its
+events and hands them on 64 frames at a time, as to a file; esim does not sort, and keeps them.
 """
 
 import argparse

@@ -8,7 +8,8 @@
         events = sensor.finish()
 
 `photocurrent_a` is the photocurrent of a pixel of value 1 (255 in uint8, 65535 in uint16): it decides how fast the
-photoreceptor is. uint8 is taken as sRGB, everything else as linear light; `encoding` overrides.
+photoreceptor is. Frames may be NumPy arrays, or tensors of PyTorch and others on the CPU. uint8 is taken as sRGB,
+everything else as linear light; `encoding` overrides.
 """
 
 from __future__ import annotations
@@ -46,9 +47,16 @@ LABELS = ("signal", "leak", "noise", "hot")
 LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1"), ("label", "u1")])
 
 
+def _as_array(frames: ArrayLike) -> NDArray[Any]:
+    """NumPy's view of anything with the array interface, or of a tensor on the CPU with DLPack alone."""
+    if not hasattr(frames, "__array__") and hasattr(frames, "__dlpack__"):
+        return np.from_dlpack(frames)
+    return np.asarray(frames)
+
+
 def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
     """Linear light, 1 = full scale; contiguous float32 comes back as it is."""
-    frames = np.asarray(frames)
+    frames = _as_array(frames)
     if encoding not in (None, "linear", "srgb"):
         raise ValueError(f"encoding: got {encoding!r}, wanted 'linear' or 'srgb'")
     srgb = encoding == "srgb" or (encoding is None and frames.dtype == np.uint8)
@@ -151,7 +159,7 @@ def simulate(
     frames: ArrayLike, t_us: ArrayLike, chip: str | PathLike[str] = "imx636", **options: Any
 ) -> NDArray[np.void]:
     """All events of frames [T, H, W] at times `t_us` (us, rising); options as for `Sensor`."""
-    frames, times = np.asarray(frames), np.asarray(t_us, np.float64)
+    frames, times = _as_array(frames), np.asarray(t_us, np.float64)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
     step = max(1, _CHUNK_BYTES // (4 * frames[0].size))

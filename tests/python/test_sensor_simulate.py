@@ -1,9 +1,14 @@
 """pecs.simulate and pecs.Sensor: frames in memory."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pecs
 import pytest
 
+ROOT = Path(__file__).resolve().parents[2]
 H, W = 30, 40
 
 
@@ -52,6 +57,33 @@ def test_input_types():
         .astype(np.uint8),
     ):
         assert len(pecs.simulate(encoded, t, chip="ideal")) == pytest.approx(len(reference), rel=0.03)
+
+
+def test_tensors_by_dlpack():
+    frames, t_us = waves()
+    frames = frames.copy()
+
+    class Tensor:  # what a tensor library without NumPy's own interface shows
+        def __dlpack__(self, **options):
+            return frames.__dlpack__(**options)
+
+        def __dlpack_device__(self):
+            return frames.__dlpack_device__()
+
+    assert (pecs.simulate(Tensor(), t_us) == pecs.simulate(frames, t_us)).all()
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
+def test_examples(name, tmp_path):
+    done = subprocess.run([sys.executable, ROOT / "examples" / name], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    if name == "compare_models.py":
+        rows = {line.split()[0]: float(line.split()[3]) for line in done.stdout.splitlines()[1:]}
+        assert len(rows) == 5 and rows["pecs"] == min(rows.values())  # another seed is nearer than another model
+    else:
+        output = next(p for p in tmp_path.iterdir() if p.suffix in (".raw", ".npz"))
+        events = pecs.read(output)
+        assert len(events) > 10_000 and (np.diff(events["t"]) >= 0).all()
 
 
 def test_more_light_is_faster():
