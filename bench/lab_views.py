@@ -1,7 +1,7 @@
 """What a camera with one of our lenses sees of a board or a disk: each pixel's ray meets the target's plane.
 
-For benches and tests of pecs align. Camera axes: x right, y down, z forward, origin at the entrance pupil; lengths in mm,
-light between 0 and 1. Edges are smooth over about a pixel, as behind a real lens and pixel.
+For benches and tests of pecs align. Camera axes: x right, y down, z forward, origin at the entrance pupil; lengths in
+mm, light between 0 and 1. Edges are smooth over about a pixel, as behind a real lens and pixel.
 """
 
 from dataclasses import dataclass, field

@@ -27,7 +27,7 @@ int main(int argc, char** argv) {
     std::vector<double> table(72, 0.0);
     for (int i = 0; i < 72; ++i) table[i] = std::pow(10.0, i / 9 - 3) * (i % 9 + 1) >= number(13) ? 1.0 : 0.0;
     long int size = 1;
-  simulator.init_noise(table.data(), table.data(), size);
+    simulator.init_noise(table.data(), table.data(), size);
   } else {
     simulator.disableNoise();
   }
