@@ -11,15 +11,16 @@ namespace {
 
 // q(s) = level in [a, b], where q is monotone and crosses it: Newton, kept in the bracket.
 double solve(const Cubic& q, double level, double a, double b) {
-  const bool rising = q.at(b) > q.at(a);
-  double s = (a + b) / 2;
+  const double at_a = q.at(a), at_b = q.at(b);
+  const bool rising = at_b > at_a;
+  double s = a + (b - a) * std::clamp((level - at_a) / (at_b - at_a), 0.0, 1.0);
   for (int i = 0; i < 60 && b - a > 1e-12; ++i) {
     const double f = q.at(s) - level;
     ((f < 0) == rising ? a : b) = s;
     const double slope = q.c1 + s * (2 * q.c2 + s * 3 * q.c3);
     double next = s - f / slope;
     if (!(next > a && next < b)) next = (a + b) / 2;
-    if (std::abs(next - s) < 1e-10) return next;
+    if (std::abs(next - s) < 1e-5) return next;  // the next step would be some 1e-10
     s = next;
   }
   return s;

@@ -80,6 +80,7 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
   const EventKey limit = event_key(until_us, 0, false);
   struct Tile {
     EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
+    std::size_t count = 0;  // before `until_us`
     std::array<std::size_t, kSlots> next{};
   };
   std::vector<Tile> tiles(tiles_.size());
@@ -91,6 +92,7 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
       if (key < limit) {
         tile.least = std::min(tile.least, key);
         tile.most = std::max(tile.most, key);
+        ++tile.count;
       }
   });
   EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
@@ -119,9 +121,10 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
     for (const EventKey key : keys)
       if (key < limit) sorted_[tile.next[slot_of(key)]++] = key;
   });
-  for (auto& keys : tiles_) {
-    std::ranges::copy_if(keys, std::back_inserter(held_), [&](EventKey key) { return key >= limit; });
-    keys.clear();
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    if (tiles[i].count < tiles_[i].size())
+      std::ranges::copy_if(tiles_[i], std::back_inserter(held_), [&](EventKey key) { return key >= limit; });
+    tiles_[i].clear();
   }
   tiles_.pop_back();
 
