@@ -82,7 +82,7 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
 }
 
 void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count,
-                         std::vector<EventKey>& events, std::vector<Cause>* causes) {
+                         std::vector<EventKey>& events) {
   // Interval i lies between t_us[i] and t_us[i + 1]; it needs t_us[i + 2], or the end of the stream.
   const std::size_t times = batch.t_us.size();
   const std::size_t complete = times < 2 ? 0 : times - (batch.last ? 1 : 2);
@@ -120,7 +120,6 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
        count,
        noise,
        &events,
-       causes,
        marks_.empty() ? nullptr : marks_.data()});
 }
 

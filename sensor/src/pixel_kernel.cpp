@@ -357,7 +357,7 @@ class Run {
                       fblind[i],
                       own,
                       a_.marks ? a_.marks + pixel_ + i : nullptr};
-      find_events(a_.constants, p, *a_.events, a_.causes);
+      find_events(a_.constants, p, *a_.events);
       fref[i] = static_cast<float>(p.reference) + leak;  // the caller takes it off for all lanes
       fblind[i] = static_cast<float>(p.blind_us);
       fw1[i] = static_cast<float>(p.w1);

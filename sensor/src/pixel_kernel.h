@@ -27,8 +27,7 @@ struct KernelArguments {
   std::uint32_t first, count;
   std::span<const BackgroundEvent> background;  // by pixel; within these intervals
   std::vector<EventKey>* events;
-  std::vector<Cause>* causes;  // with `marks`, of each event; else null
-  ResetMark* marks;
+  ResetMark* marks;  // null: causes are not told
 };
 
 inline constexpr std::uint32_t kMaxLanes = 64;

@@ -10,6 +10,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "light_kernel.h"
@@ -276,6 +277,9 @@ struct Run {
     const auto from_us = static_cast<std::int64_t>(std::llround(origin_us));
     const std::int64_t to_us = from_us + static_cast<std::int64_t>(std::llround(duration_us));
 
+    if (static_cast<double>(to_us) > kMostTime_us)
+      throw bad_input(stack.name(), "loops", fmt::format("{} us", to_us), fmt::format("at most {} us", kMostTime_us));
+
     const std::size_t row_bytes = width * static_cast<std::size_t>(frames) * sizeof(float);
     int rows = static_cast<int>(std::min<std::size_t>(kLoopBytes / row_bytes, static_cast<std::size_t>(info.height)));
     if (rows == 0)
@@ -288,7 +292,6 @@ struct Run {
     Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet);
     std::vector<float> cache(row_bytes / sizeof(float) * static_cast<std::size_t>(rows));
     std::vector<std::vector<EventKey>> found;
-    std::vector<std::vector<Cause>> found_causes;
     for (int y = 0; y < info.height; y += rows) {
       const int end = std::min(info.height, y + rows);
       const std::size_t plane = width * static_cast<std::size_t>(end - y);
@@ -302,12 +305,10 @@ struct Run {
       const std::uint32_t first_block = first / PixelArray::kBlock,
                           blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
       found.resize(std::max<std::size_t>(found.size(), blocks));
-      found_causes.resize(found.size());
       tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
         const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
         const std::uint32_t b = std::min(last, (block + 1) * PixelArray::kBlock);
         std::vector<EventKey> all;
-        std::vector<Cause> causes;
         std::vector<double> recent;
         for (std::int64_t k = 0; k < total; k += 64) {
           FrameBatch batch{k, {}, recent, false};
@@ -318,23 +319,16 @@ struct Run {
             batch.t_us.push_back(static_cast<double>(i / frames) * period_us +
                                  static_cast<double>(info.times_ns[frame] - info.times_ns[0]) * 1e-3);
           }
-          pixels.advance(batch, a, b - a, all, options.labels ? &causes : nullptr);
+          pixels.advance(batch, a, b - a, all);
           recent.assign(batch.t_us.end() - 2, batch.t_us.end());
-          for (std::size_t i = 0; i < all.size(); ++i) {
-            if (key_time_us(all[i]) < from_us || key_time_us(all[i]) >= to_us) continue;
-            found[block].push_back(all[i]);
-            if (options.labels) found_causes[block].push_back(causes[i]);
-          }
+          std::ranges::copy_if(all, std::back_inserter(found[block]),
+                               [&](EventKey key) { return key_time_us(key) >= from_us && key_time_us(key) < to_us; });
           all.clear();
-          causes.clear();
         }
       });
       progress.at(static_cast<std::uint64_t>(end));
     }
-    for (std::size_t i = 0; i < found.size(); ++i) {
-      order.tile(i) = std::move(found[i]);
-      if (options.labels) *order.causes(i) = std::move(found_causes[i]);
-    }
+    for (std::size_t i = 0; i < found.size(); ++i) order.tile(i) = std::move(found[i]);
     LabelledEvents fired, sent;
     order.take(to_us, 0, fired);
     if (options.ideal_readout || is_ideal_readout(chip)) {

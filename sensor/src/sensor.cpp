@@ -19,10 +19,7 @@
 namespace pecs::sensor {
 
 std::vector<EventKey>& EventOrder::tile(std::size_t index) {
-  if (index >= tiles_.size()) {
-    tiles_.resize(index + 1);
-    if (with_causes_) causes_.resize(index + 1);
-  }
+  if (index >= tiles_.size()) tiles_.resize(index + 1);
   return tiles_[index];
 }
 
@@ -59,8 +56,6 @@ std::span<const EventKey> sort_keys(std::span<EventKey> keys, std::vector<EventK
 
 }  // namespace
 
-std::vector<Cause>* EventOrder::causes(std::size_t index) { return with_causes_ ? &causes_.at(index) : nullptr; }
-
 void EventOrder::write(EventKey key, std::int64_t origin_us, events::Event& to) const {
   const std::uint32_t pixel = key_pixel(key);
   const auto y = static_cast<std::uint32_t>((pixel + 0.5) * per_width_);  // half a pixel from where it would round
@@ -72,7 +67,6 @@ void EventOrder::write(EventKey key, std::int64_t origin_us, events::Event& to) 
 }
 
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
-  if (with_causes_) return take_with_causes(event_key(until_us, 0, false), origin_us, labelled);
   std::vector<events::Event>& out = labelled.events;
   constexpr std::size_t kSlots = 256;  // of time, that are sorted by themselves
   tiles_.push_back(std::move(held_));
@@ -131,35 +125,20 @@ void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEve
   const std::size_t before = out.size();
   if (out.capacity() < before + count) out.reserve(std::max(before + count, 2 * out.capacity()));
   out.resize(before + count);
+  if (with_causes_) labelled.causes.resize(before + count);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 4), [&](const auto& range) {
     std::vector<EventKey> scratch;
     for (std::size_t slot = range.begin(); slot < range.end(); ++slot) {
       const auto keys = std::span(sorted_).subspan(slots[slot], slots[slot + 1] - slots[slot]);
       events::Event* to = out.data() + before + slots[slot];
       const std::int64_t slot_us = first_us + (static_cast<std::int64_t>(slot) << shift);
-      for (const EventKey key : sort_keys(keys, scratch, slot_us, shift)) write(key, origin_us, *to++);
+      const auto in_order = sort_keys(keys, scratch, slot_us, shift);
+      for (const EventKey key : in_order) write(key, origin_us, *to++);
+      if (with_causes_)
+        std::ranges::transform(in_order, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + slots[slot]),
+                               key_cause);
     }
   });
-}
-
-// Rarely asked for: plainly.
-void EventOrder::take_with_causes(EventKey limit, std::int64_t origin_us, LabelledEvents& out) {
-  auto all = std::move(held_with_causes_);
-  held_with_causes_.clear();
-  for (std::size_t t = 0; t < tiles_.size(); ++t) {
-    for (std::size_t i = 0; i < tiles_[t].size(); ++i) all.emplace_back(tiles_[t][i], causes_[t][i]);
-    tiles_[t].clear();
-    causes_[t].clear();
-  }
-  std::ranges::sort(all);
-  for (const auto& [key, cause] : all) {
-    if (key >= limit) {
-      held_with_causes_.emplace_back(key, cause);
-      continue;
-    }
-    write(key, origin_us, out.events.emplace_back());
-    out.causes.push_back(cause);
-  }
 }
 
 Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model,
@@ -174,9 +153,10 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
 void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out) {
   FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
   for (const double t : t_us) {
-    if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > 1e11)
-      throw bad_input("frames", fmt::format("time of frame {}", frames_), fmt::format("{} us", t),
-                      batch.t_us.empty() ? "0 to 1e11" : fmt::format("more than {}", batch.t_us.back()));
+    if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > kMostTime_us)
+      throw bad_input(
+          "frames", fmt::format("time of frame {}", frames_), fmt::format("{} us", t),
+          batch.t_us.empty() ? fmt::format("0 to {}", kMostTime_us) : fmt::format("more than {}", batch.t_us.back()));
     batch.t_us.push_back(t);
     ++frames_;
   }
@@ -187,7 +167,7 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
   const std::size_t known = batch.t_us.size();
   recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),
                       batch.t_us.end());
-  const std::int64_t until_us = last         ? std::numeric_limits<std::int64_t>::max() >> 28
+  const std::int64_t until_us = last         ? std::int64_t{1} << (63 - kKeyTimeShift)
                                 : known >= 2 ? std::llround(recent_t_us_.front())
                                              : 0;
   if (!readout_) return order_.take(until_us, 0, out);

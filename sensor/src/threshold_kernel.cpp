@@ -118,7 +118,7 @@ class Crossings {
     for (std::size_t i = 0; i < waiting_; ++i) {
       const std::uint32_t k = in_[i];
       const auto us = static_cast<std::uint32_t>(s_[i] * a_.intervals[k].h_us + rounding_[k]);
-      to[i] = base_[k] + (EventKey{us} << 27) + place_[i];
+      to[i] = base_[k] + (EventKey{us} << kKeyTimeShift) + place_[i];
     }
     waiting_ = 0;
   }
@@ -141,7 +141,7 @@ HWY_INLINE void run_vector(const KernelArguments& a, std::uint32_t pixel, std::u
   const U32 u;
   const V zero = hn::Zero(f), two = hn::Set(f, 2.0f), three = hn::Set(f, 3.0f);
   const V on = hn::LoadU(f, a.threshold_on + pixel), off = hn::Neg(hn::LoadU(f, a.threshold_off + pixel));
-  const VU place = hn::ShiftLeft<1>(hn::Iota(u, pixel));
+  const VU place = hn::ShiftLeft<kKeyPixelShift>(hn::Iota(u, pixel));
   const M mine = hn::FirstN(f, lanes);
   V l0 = hn::LoadU(f, a.l0 + pixel), l1 = hn::LoadU(f, a.l1 + pixel), m0 = hn::LoadU(f, a.m0 + pixel);
   V reference = hn::LoadU(f, a.reference + pixel);
@@ -164,7 +164,7 @@ HWY_INLINE void run_vector(const KernelArguments& a, std::uint32_t pixel, std::u
     const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, c1, end));
     const V c3 = hn::NegMulAdd(two, rise, hn::Add(c1, end));
     const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
-    const VU where = hn::Or(place, hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1)));
+    const VU where = hn::Or(place, hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
     V k = hn::Set(f, 1.0f);
     for (M which = hn::Ge(count, k); !hn::AllFalse(f, which); which = hn::Ge(count, k)) {
       crossings.add(which, hn::MulAdd(k, each, start), rise, c1, c2, c3, where, interval);

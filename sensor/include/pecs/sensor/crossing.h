@@ -6,14 +6,22 @@
 
 namespace pecs::sensor {
 
-// An event in one number whose order is the stream's order: time in us, then pixel (y * width + x), then polarity.
+// Why an event came: of what moved V from the reference to the threshold, the largest part.
+enum class Cause : std::uint8_t { signal, leak, noise, hot };
+
+// An event in one number whose order is the stream's order: time in us (35 bits, 9 hours), then pixel (y * width + x,
+// 26 bits), then polarity, then cause (`signal` where nobody asks).
 using EventKey = std::uint64_t;
-inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on) {
-  return static_cast<std::uint64_t>(t_us) << 27 | std::uint64_t{pixel} << 1 | (on ? 1u : 0u);
+inline constexpr double kMostTime_us = 1.7e10;  // half of that: an event may follow the last frame
+inline constexpr int kKeyTimeShift = 29, kKeyPixelShift = 3, kKeyOnShift = 2;
+inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on, Cause cause = Cause::signal) {
+  return static_cast<std::uint64_t>(t_us) << kKeyTimeShift | std::uint64_t{pixel} << kKeyPixelShift |
+         std::uint64_t{on} << kKeyOnShift | static_cast<std::uint64_t>(cause);
 }
-inline std::int64_t key_time_us(EventKey key) { return static_cast<std::int64_t>(key >> 27); }
-inline std::uint32_t key_pixel(EventKey key) { return static_cast<std::uint32_t>(key >> 1) & 0x3ffffff; }
-inline bool key_on(EventKey key) { return key & 1; }
+inline std::int64_t key_time_us(EventKey key) { return static_cast<std::int64_t>(key >> kKeyTimeShift); }
+inline std::uint32_t key_pixel(EventKey key) { return static_cast<std::uint32_t>(key >> kKeyPixelShift) & 0x3ffffff; }
+inline bool key_on(EventKey key) { return key >> kKeyOnShift & 1; }
+inline Cause key_cause(EventKey key) { return static_cast<Cause>(key & 3); }
 
 // c0 + c1 s + c2 s^2 + c3 s^3 on [0, 1].
 struct Cubic {
@@ -28,9 +36,6 @@ struct Crossing {
 };
 // The first s >= from where the cubic is >= high (on) or <= low (off).
 Crossing first_crossing(const Cubic& q, double from, double low, double high);
-
-// Why an event came: of what moved V from the reference to the threshold, the largest part.
-enum class Cause : std::uint8_t { signal, leak, noise, hot };
 
 // An event that noise makes, whatever the light does.
 struct BackgroundEvent {
@@ -66,8 +71,7 @@ struct PixelConstants {
   double refractory_us = 0;
 };
 
-// Appends the interval's events, and to `causes` theirs when there are marks.
-void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events,
-                 std::vector<Cause>* causes = nullptr);
+// Appends the interval's events; with their causes when there is a mark.
+void find_events(const PixelConstants& constants, PixelInterval& pixel, std::vector<EventKey>& events);
 
 }  // namespace pecs::sensor

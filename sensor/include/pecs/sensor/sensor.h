@@ -14,17 +14,14 @@ namespace pecs::sensor {
 // Sorts events that come by tile into the stream's order: time, then pixel. The order does not depend on the tiles.
 class EventOrder {
  public:
-  // `causes`: every event comes with its cause.
+  // `causes`: events leave with their causes.
   explicit EventOrder(int width, bool causes = false)
       : width_(static_cast<std::uint32_t>(width)), per_width_(1.0 / width), with_causes_(causes) {}
   std::vector<EventKey>& tile(std::size_t index);  // to be filled; call for all tiles before any is filled in parallel
-  std::vector<Cause>* causes(std::size_t index);   // of a tile's events, to be filled with them; null without
   // Moves the events before `until_us` to `out`, sorted, times less `origin_us`; keeps the others.
   void take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& out);
 
  private:
-  void take_with_causes(EventKey limit, std::int64_t origin_us, LabelledEvents& out);
-
   void write(EventKey key, std::int64_t origin_us, events::Event& to) const;
 
   std::uint32_t width_;
@@ -32,8 +29,6 @@ class EventOrder {
   std::vector<std::vector<EventKey>> tiles_;
   std::vector<EventKey> held_, sorted_;
   bool with_causes_;
-  std::vector<std::vector<Cause>> causes_;
-  std::vector<std::pair<EventKey, Cause>> held_with_causes_;
 };
 
 struct SensorExtras {
