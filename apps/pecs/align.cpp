@@ -351,6 +351,7 @@ void add_align(CLI::App& app) {
   align->add_option("--views", a->search.views, "Instants at which a board is looked for")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
+  align->add_flag("--hold-camera", a->search.hold_camera, "The camera is turned as the scene (or --sim-of) says");
   align
       ->add_option("--clock", a->clock,
                    "file: the file's clock is the scene's; offset: find it instead of the start (phase); both: and its "

@@ -339,7 +339,9 @@ Found find_turning_disk(const Shown& shown, const LabScene& scene, const Optics&
                     fmt::format("{:.0f}, as the scene has", scene.values.at("sectors")));
   found.turn = turn_of(plane.pose.turn());
   found.right_mm = plane.pose.p[2], found.up_mm = plane.pose.p[3], found.distance_mm = plane.pose.p[4];
-  found.along = disk.on_edge_deg.value, found.rate = disk.speed_deg_s.value;
+  // A white sector's edge that leads when the disk turns counter-clockwise; the other way round it trails and darkens.
+  found.along = (disk.speed_deg_s.value > 0 ? disk.on_edge_deg : disk.off_edge_deg).value,
+  found.rate = disk.speed_deg_s.value;
   found.deviation = deviation;
   found.deviation["phase_deg"] =
       std::hypot(disk.on_edge_deg.deviation, disk.speed_deg_s.deviation * found.time_us * 1e-6);

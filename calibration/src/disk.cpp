@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <functional>
 #include <numbers>
 #include <opencv2/core/optim.hpp>
@@ -304,6 +305,33 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
   if (std::abs(change) > 0.02 * std::abs(fit[kSpeed]) && std::abs(change) > 10 * disk.speed_deg_s.deviation)
     disk.warnings.push_back(fmt::format("the speed changes: {:.1f} deg/s in the first half, {:.1f} deg/s in the second",
                                         first_half, second_half));
+
+  // Does it turn so throughout: polarities must add up in every quarter of the recording, at the same phase.
+  std::array<std::complex<double>, 4> sums{};
+  std::array<double, 4> counts{};
+  for (const Sample& s : samples) {
+    const auto quarter = static_cast<std::size_t>(std::clamp((s.t_s / span_s + 0.5) * 4, 0.0, 3.0));
+    counts[quarter] += 1;
+    sums[quarter] +=
+        (s.p ? 1.0 : -1.0) * std::polar(1.0, harmonic * kDegree * phase_deg(s, fit[kX], fit[kY], fit[kSpeed]));
+  }
+  const auto strongest =
+      *std::max_element(sums.begin(), sums.end(), [](auto a, auto b) { return std::abs(a) < std::abs(b); });
+  std::array<double, 4> parts;
+  double most = 0;
+  for (std::size_t q = 0; q < 4; ++q) {
+    parts[q] = std::real(sums[q] * std::conj(strongest)) / std::abs(strongest) / std::max(1.0, counts[q]);
+    most = std::max(most, parts[q]);
+  }
+  const double average = static_cast<double>(samples.size()) / 4;
+  for (std::size_t q = 0; q < 4; ++q)
+    if (parts[q] < 0.5 * most || counts[q] < 0.2 * average) {
+      disk.warnings.push_back(fmt::format(
+          "the disk does not turn so throughout: by quarters of the recording {:.0f} {:.0f} {:.0f} {:.0f} events, "
+          "coherence {:.2f} {:.2f} {:.2f} {:.2f}",
+          counts[0], counts[1], counts[2], counts[3], parts[0], parts[1], parts[2], parts[3]));
+      break;
+    }
 
   // Later events lie at smaller phases (counter-clockwise). Events that begin at their step begin at their own edge;
   // events that end there are ended by the edge of the other polarity.

@@ -98,7 +98,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   const cv::Size size(320, 180);
   scene.lens.pixel_pitch_um = 19.44;
   const Optics optics = optics_of(scene.lens, size);
-  const auto recorded = [&](double start_mm, double speed, double up_mm, double distance_mm) {
+  const auto recorded = [&](double start_mm, double speed, double up_mm, double distance_mm, bool turns_back = false) {
     sensor::Sensor sensor(sensor::load_chip("imx636"), 320, 180, 1, 10'000, {}, {.readout = true});  // 10 pA
     sensor::LabelledEvents out;
     std::vector<float> frame(320 * 180);
@@ -107,7 +107,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
       for (int x = 0; x < 320; ++x) mm.push_back(optics.normalised({x + 0.5, y + 0.5}) * distance_mm);
     const double square = 41.7, soft = 0.8 * distance_mm / optics.focal_px();
     for (int i = 0; i <= 160; ++i) {
-      const double at = start_mm - speed * i;  // 1 ms apart
+      const double at = start_mm - speed * (turns_back && i > 80 ? 160 - i : i);  // 1 ms apart
       for (std::size_t k = 0; k < mm.size(); ++k) {
         const double u = (mm[k].x - at) / square + 2, v = (mm[k].y + up_mm) / square + 2;
         const auto wave = [&](double w) {
@@ -122,14 +122,30 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
     }
     return shown_of({{320, 180, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
   };
-  const Found real =
-      find_in_recording(recorded(60, 0.8, 12, 1500), scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
+  const Shown recording = recorded(60, 0.8, 12, 1500);
+  const Found real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
   const Aligned first = align_scene(scene, real, Clock::file);
   const auto& a = first.scene.values;
   EXPECT_NEAR(a.at("speed_m_per_s"), 0.8, 0.004);
   EXPECT_NEAR(a.at("start_right_mm"), 60, 1.5);
   EXPECT_NEAR(a.at("board_distance_mm"), 1500, 10);
   EXPECT_LT(real.residual["rms_px"], 0.3);
+
+  // Never a silent wrong answer: another distance (or square) is warned of, other counts and turning back are refused.
+  LabScene nearer = scene;
+  nearer.values["board_distance_mm"] = 1300;
+  const Json warnings = align_scene(nearer, real, Clock::file).json["warnings"];
+  ASSERT_FALSE(warnings.empty());
+  EXPECT_NE(warnings.back().get<std::string>().find("a wrong square_mm (36.1"), std::string::npos) << warnings;
+  LabScene more = scene;
+  more.values["squares"] = 6;
+  EXPECT_THROW(find_in_recording(recording, more, optics, {.views = 3}, "x.raw"), Error);
+  try {
+    find_in_recording(recorded(60, 0.8, 12, 1500, true), scene, optics, {.views = 6}, "x.raw");
+    FAIL() << "a board that turns back";
+  } catch (const Error& e) {
+    EXPECT_NE(std::string(e.what()).find("does not slide uniformly"), std::string::npos) << e.what();
+  }
 
   // The simulation of another start, its errors included, gives the start again.
   LabScene other = scene;

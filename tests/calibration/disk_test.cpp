@@ -51,6 +51,7 @@ Shown recording(const Truth& truth, unsigned seed) {
 
 void expect_found(const Truth& truth, const Disk& disk) {
   EXPECT_EQ(disk.sectors, truth.sectors);
+  EXPECT_TRUE(disk.warnings.empty()) << disk.warnings[0];
   EXPECT_NEAR(disk.centre_x.value, truth.x, 0.5);
   EXPECT_NEAR(disk.centre_y.value, truth.y, 0.5);
   EXPECT_NEAR(disk.speed_deg_s.value, truth.speed_deg_s, 0.003 * std::abs(truth.speed_deg_s));
@@ -99,12 +100,33 @@ TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
   }
 }
 
+// Half way it stops, or turns back: then that is said, in whatever way.
+TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
+  const Shown turning = recording({}, 5);
+  for (const bool back : {false, true}) {
+    events::Stream stream{{320, 240, ""}, {}};
+    for (const auto& e : turning.events)
+      if (e.t_us < kSpan_us / 2) {
+        stream.events.push_back(e);
+        if (back) stream.events.push_back({kSpan_us - e.t_us, e.x, e.y, static_cast<std::uint8_t>(1 - e.p)});
+      }
+    for (const auto& e : tests::random_events(2000, 9, 320, 240, kSpan_us)) stream.events.push_back(e);
+    try {
+      const Disk d = find_disk(shown_of(std::move(stream), "x.raw", 0, INT64_MAX), "x.raw");
+      EXPECT_FALSE(d.warnings.empty()) << (back ? "turns back " : "stops ") << d.speed_deg_s.value;
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find("nothing found"), std::string::npos);
+    }
+  }
+}
+
 // facts.md: 2098 deg/s, centre (956.8, 360.9), ON edge 28.6 deg and OFF edge 119.2 deg at t = 32000 us.
 TEST(Disk, TheRealRecording) {
   PECS_NEEDS_SHARED("data/real/R_360_L.hdf5");
   const Disk d = find_disk(
       shown_of(events::read_all(tests::shared_dir() / "data/real/R_360_L.hdf5"), "R_360_L", 0, INT64_MAX), "R_360_L");
   EXPECT_EQ(d.sectors, 4);
+  EXPECT_TRUE(d.warnings.empty()) << d.warnings[0];
   EXPECT_NEAR(d.speed_deg_s.value, 2098, 5);
   EXPECT_NEAR(d.centre_x.value, 956.8, 1);
   EXPECT_NEAR(d.centre_y.value, 360.9, 1);

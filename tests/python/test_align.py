@@ -43,6 +43,18 @@ def test_intrinsics_say_what_is_missing(pecs_program, tmp_path):
     assert result.returncode == 4 and "b.raw: size: got 640 x 480 pixels, wanted 320 x 240" in result.stderr
 
 
+def test_align_needs_a_scene_that_fits(pecs_program, root, tmp_path):
+    events = np.zeros(5000, pecs.EVENT_DTYPE)
+    events["t"] = np.arange(5000)
+    pecs.write(tmp_path / "small.raw", events, 320, 240)
+    result = pecs_program("align", "small.raw", "--scene", root / "scenes/board", cwd=tmp_path)
+    assert result.returncode == 4 and "got 320 x 240 pixels, wanted 1280 x 720 of 4.86 um" in result.stderr
+    result = pecs_program("align", "small.raw", "--scene", root / "scenes/room", cwd=tmp_path)
+    assert result.returncode == 6 and "scenes/board" in result.stderr
+    result = pecs_program("align", "small.raw", cwd=tmp_path)
+    assert result.returncode == 2 and "--scene" in result.stderr
+
+
 def test_the_real_recording(pecs_program, shared, tmp_path):
     result = pecs_program("align", "detect", shared / "data/real/R_360_L.hdf5", "-o", tmp_path / "found.png", "--json")
     assert result.returncode == 0, result.stderr
