@@ -18,8 +18,8 @@ def test_imports_away_from_the_checkout(wheel, tmp_path):
     python = tmp_path / "v" / "bin" / "python"
     subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel], check=True)
     code = "import pecs; print(pecs.__version__, pecs.__file__); assert len(pecs.bands(n=6)) == 6"
-    elsewhere = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PECS_LIBRARY")}
-    result = subprocess.run([python, "-c", code], cwd=tmp_path, env=elsewhere, check=True, capture_output=True, text=True)
+    bare = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PECS_LIBRARY")}
+    result = subprocess.run([python, "-c", code], cwd=tmp_path, env=bare, check=True, capture_output=True, text=True)
     version, where = result.stdout.split()
     assert version == wheel.name.split("-")[1]
     assert str(tmp_path) in where
