@@ -29,6 +29,8 @@ if [ ${#missing[@]} -gt 0 ]; then
 else
   echo "all there"
 fi
+# Booting makes it; in a bare chroot, where nothing booted, Blender complains of its absence at every start.
+[ -e /etc/mtab ] || [ "$(id -u)" != 0 ] || ln -s ../proc/self/mounts /etc/mtab
 
 say "Python packages (.venv)"
 REQUIREMENTS=requirements/$([ "$WITH_TESTS" = ON ] && echo test || echo run).txt
