@@ -156,11 +156,7 @@ class Run {
     g_now_ = hn::Div(one, i_now_);
   }
   void store() {
-    // The lanes beyond the range belong to others.
-    const M mine = hn::FirstN(f_, lanes_);
-    const auto put = [&](V v, float* to) {
-      hn::StoreU(lanes_ == hn::Lanes(f_) ? v : hn::IfThenElse(mine, v, hn::LoadU(f_, to)), f_, to);
-    };
+    const auto put = [&](V v, float* to) { store_lanes(v, lanes_, to); };
     put(s_.l0, a_.l0 + pixel_);
     put(s_.l1, a_.l1 + pixel_);
     put(s_.m0, a_.m0 + pixel_);

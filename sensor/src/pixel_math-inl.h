@@ -75,6 +75,12 @@ HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
   return hn::IfThenElseZero(hn::Gt(hn::Mul(limited, s0), hn::Zero(f)), limited);
 }
 
+// Writes the first `lanes` of v; those beyond belong to others.
+HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
+  const F f;
+  hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(hn::FirstN(f, lanes), v, hn::LoadU(f, to)), f, to);
+}
+
 // Frames lie far apart in memory: a block of pixels is copied from all of them first.
 class Block {
  public:

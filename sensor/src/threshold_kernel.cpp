@@ -216,14 +216,10 @@ HWY_INLINE void run_vector(const KernelArguments& a, std::uint32_t pixel, std::u
       step(t, interval, s0, [&] { return s0; });
     }
   }
-  // The lanes beyond the range belong to others.
-  const auto put = [&](V v, float* to) {
-    hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(mine, v, hn::LoadU(f, to)), f, to);
-  };
-  put(l0, a.l0 + pixel);
-  put(l1, a.l1 + pixel);
-  put(m0, a.m0 + pixel);
-  put(reference, a.reference + pixel);
+  store_lanes(l0, lanes, a.l0 + pixel);
+  store_lanes(l1, lanes, a.l1 + pixel);
+  store_lanes(m0, lanes, a.m0 + pixel);
+  store_lanes(reference, lanes, a.reference + pixel);
 }
 
 // Planes after which the pixels [first, end) have stood still for so long that nothing can happen to them.
