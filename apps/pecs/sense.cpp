@@ -31,7 +31,7 @@ void add_sense(CLI::App& app) {
     bool json = false;
     std::vector<std::string> parameters;
     std::string readout = "chip", bands = "all";
-    std::optional<std::string> colour_space;
+    std::optional<std::string> colour_space, live_source;
     bool view = false;
     sensor::LiveOptions live;
     std::optional<std::filesystem::path> ocio_config;
@@ -39,9 +39,7 @@ void add_sense(CLI::App& app) {
   };
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
-  sub->add_option("stack", o->stack,
-                  "EXR stack, folder of EXR files or pictures, a video; with --view a video or camera[:N]")
-      ->required();
+  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
   sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its name");
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
@@ -92,6 +90,14 @@ void add_sense(CLI::App& app) {
       ->check(CLI::NonNegativeNumber);
   sub->add_option("--duration-us", o->duration_us, "length of the output, us; a periodic stack is looped for it")
       ->check(CLI::PositiveNumber);
+  sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
+      ->check(CLI::Validator(
+          [](std::string& text) {
+            const bool number = text.starts_with("camera:") && text.size() > 7 && text.size() < 11 &&
+                                text.find_first_not_of("0123456789", 7) == std::string::npos;
+            return number || text == "camera" || text == "video" ? "" : "wanted camera, camera:N or video";
+          },
+          "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
   sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
@@ -106,9 +112,17 @@ void add_sense(CLI::App& app) {
     for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
     if (o->bands != "all") o->monte_carlo_bands = std::stoi(o->bands.substr(3));
     const sensor::PictureOptions pictures{o->times, o->colour_space, o->ocio_config};
+    const bool camera = o->live_source && *o->live_source != "video";
+    if (o->live_source && !o->view)
+      throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o->live_source));
+    if (camera != o->stack.empty())
+      throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
+                                                        o->stack.string(), *o->live_source)
+                                          : "input: got nothing, wanted a stack, pictures or a video");
     sensor::SenseReport report;
     if (o->view) {
-      o->live.source = o->stack.string();
+      if (camera) o->live.camera = o->live_source->size() > 7 ? std::stoi(o->live_source->substr(7)) : 0;
+      o->live.file = o->stack;
       o->live.video = o->output.string() + ".mp4";
       report = sensor::sense_live(o->live, *o, pictures);
     } else {
@@ -116,7 +130,7 @@ void add_sense(CLI::App& app) {
       report = sensor::sense(*o);
     }
     std::vector<std::filesystem::path> inputs;
-    if (std::filesystem::exists(o->stack)) inputs.push_back(o->stack);
+    if (!camera) inputs.push_back(o->stack);
     write_run_record(o->output, {"sense", arguments(), report.config, inputs, report.results});
     const Json& r = report.results;
     if (o->json) {
@@ -127,7 +141,11 @@ void add_sense(CLI::App& app) {
                r["height"].get<int>());
     if (const auto dropped = r["dropped"].get<std::int64_t>())
       fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
-    if (o->view) return;
+    if (o->view) {
+      if (const auto shown = report.config["view"].get<std::string>(); shown != "window")
+        fmt::print(stderr, "pecs: no display: the events are shown in {}\n", shown);
+      return;
+    }
     const auto bad =
         r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
     if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o->stack.string(), bad);

@@ -11,7 +11,7 @@ def build(p):
     """p: resolved parameters of scene.json, spectra loaded. Returns SceneParts."""
     white = diffuse("white", p["white_reflectance"])
     black = diffuse("black", p["black_reflectance"])
-    lab_box(p["wall_reflectance"], p["lamp_spectrum"])
+    lab_box(p)
     distance_m, up_m = p["board_distance_mm"] * 1e-3, p["board_up_mm"] * 1e-3
     board = _board(int(p["squares"]), p["square_mm"] * 1e-3, p["plate_mm"] * 1e-3, white, black)
 

@@ -22,7 +22,7 @@ def build(p):
     if p["grey"]:
         spectra = [constant(round(float(s.value.mean()), 6)) for s in spectra]
     materials = [diffuse(patch, s) for patch, s in zip(PATCHES, spectra, strict=True)]
-    lab_box(p["wall_reflectance"], p["lamp_spectrum"])
+    lab_box(p)
     disk = sector_disk("disk", len(PATCHES), p["disk_radius_mm"] * 1e-3, materials)
     disk.location = (p["disk_right_mm"] * 1e-3, p["disk_distance_mm"] * 1e-3, 0.0)
     speed_rad_per_s = p["rpm"] * 2 * math.pi / 60

@@ -13,7 +13,7 @@ def build(p):
     """p: resolved parameters of scene.json, spectra loaded. Returns SceneParts."""
     white = diffuse("white", p["white_reflectance"])
     black = diffuse("black", p["black_reflectance"])
-    lab_box(p["wall_reflectance"], p["lamp_spectrum"])
+    lab_box(p)
     # Black begins at angle 0: turning counter-clockwise brings white behind its leading edge.
     disk = sector_disk("disk", int(p["sectors"]), p["disk_radius_mm"] * 1e-3, [black, white])
     centre = (p["disk_right_mm"] * 1e-3, p["disk_distance_mm"] * 1e-3, p["disk_up_mm"] * 1e-3)

@@ -361,12 +361,14 @@ void StackWriter::write_frame(std::int64_t index, std::span<const float> values)
 
 namespace {
 
-// Quadrature for bands that came without weights: the trapezoid rule.
-void trapezoid_weights(std::vector<Band>& bands) {
-  for (std::size_t i = 0; i < bands.size(); ++i) {
-    const double left = i ? bands[i].lambda_nm - bands[i - 1].lambda_nm : 0;
-    const double right = i + 1 < bands.size() ? bands[i + 1].lambda_nm - bands[i].lambda_nm : 0;
-    bands[i].weight_nm = bands.size() == 1 ? 1 : (left + right) / 2;
+// Weights of bands that came without: a band reaches halfway to its neighbours, an outer one as far to either side, as
+// in the layout of Fichet et al. (pbrt's values are means over such buckets).
+void bucket_weights(std::vector<Band>& bands) {
+  const std::size_t n = bands.size();
+  if (n < 2) return;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t left = i ? i - 1 : 0, right = std::min(i + 1, n - 1);
+    bands[i].weight_nm = (bands[right].lambda_nm - bands[left].lambda_nm) / static_cast<double>(right - left);
   }
 }
 
@@ -416,7 +418,7 @@ Foreign foreign_layout(const fs::path& path) {
       info.bands.push_back({lambda_nm, 1});
       f.channels.push_back(name);
     }
-    if (f.layout != "RGB EXR") trapezoid_weights(info.bands);
+    if (f.layout != "RGB EXR") bucket_weights(info.bands);
     return f;
   });
 }

@@ -254,12 +254,16 @@ def test_wrong_models_are_refused(tmp_path, pecs_program, args, words):
 # ---- inputs of other programs ---------------------------------------------------------------------------------------
 
 
-def write_exr(path, channels):
-    """Channels {name: [H, W]} by OpenImageIO."""
+def write_exr(path, channels, kind="float", corner=(0, 0), full=None, **attributes):
+    """Channels {name: [H, W]} by OpenImageIO, `corner` the first pixel of a picture of `full` size."""
     oiio = pytest.importorskip("OpenImageIO")
     values = np.stack(list(channels.values()), axis=-1).astype(np.float32)
-    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], "float")
+    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind)
     spec.channelnames = list(channels)
+    spec.x, spec.y = corner
+    spec.full_width, spec.full_height = full or (values.shape[1], values.shape[0])
+    for key, value in attributes.items():
+        spec.attribute(key, value)
     out = oiio.ImageOutput.create(str(path))
     assert out.open(str(path), spec) and out.write_image(values) and out.close()
 
@@ -297,6 +301,35 @@ def test_exr_files_of_others(tmp_path, pecs_program, layout):
     write_exr(folder / "shot.9.exr", {"Z": picture(0)})
     done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", *args, "--quiet")
     assert done.returncode == 4 and "shot.9.exr" in done.stderr and not (tmp_path / "n.csv").exists()
+
+
+def test_a_file_as_pbrts_spectral_film_writes_it(tmp_path, pecs_program, root):
+    """pbrt-v4, film.cpp, SpectralFilm::GetImage and Image::WriteEXR (5f7a606): half, R, G, B and the means over equal
+    buckets named by their middles with three decimals; the data window is that of a crop."""
+    folder = tmp_path / "s"
+    folder.mkdir()
+    buckets, low_nm, high_nm, radiance = 4, 400, 800, 0.25
+    middles = [low_nm + (i + 0.5) * (high_nm - low_nm) / buckets for i in range(buckets)]
+    names = ["R", "G", "B"] + [f"S0.{nm:.3f}nm".replace(".", ",").replace("S0,", "S0.") for nm in middles]
+    assert names[3] == "S0.450,000nm"
+    more = {"spectralLayoutVersion": "1.0", "emissiveUnits": "W.m^-2.sr^-1", "samplesPerPixel": 16}
+    for i in range(3):
+        light = {n: np.full((6, 8), radiance * 2.0**i if n[0] == "S" else 7.0) for n in names}
+        write_exr(folder / f"{i}.exr", light, "half", corner=(10, 5), full=(40, 20), **more)
+    done = sense(
+        pecs_program, folder, "-o", tmp_path / "o.csv", "--fps", 100, "--fnumber", 4, "--chip", "imx636",
+        "--no-noise", "--set", "corner_hz_per_a=0", "--set", "refractory_period_s=0", "--json",
+    )  # fmt: skip
+    assert json.loads((tmp_path / "o.csv.run.json").read_text())["config"]["input"] == "spectral EXR"
+    # i = e / (h c) A f q sum lambda QE pi L / (4 N^2) dlambda, every bucket 100 nm wide.
+    chip = json.loads((root / "sensor/chips/imx636.json").read_text())
+    v = {k: entry["value"] for k, entry in chip["values"].items()}
+    qe = np.interp(middles, chip["relative_qe"]["lambda_nm"], chip["relative_qe"]["value"])
+    watts = math.pi * radiance / (4 * 4**2) * 100 * v["pixel_pitch_m"] ** 2 * v["fill_factor"] * v["peak_qe"]
+    amperes = 1.602176634e-19 / (6.62607015e-34 * 299792458) * np.sum(np.array(middles) * 1e-9 * qe) * watts
+    results = json.loads(done.stdout)
+    assert results["photocurrent_a"]["median"] == pytest.approx(amperes, rel=1e-3)
+    assert results["width"] == 8 and results["events"] == 6 * 8 * math.floor(math.log(4) / v["contrast_threshold_on"])
 
 
 def test_a_spectral_film_of_mitsuba(tmp_path, pecs_program):
@@ -388,16 +421,20 @@ def test_video_and_colour_space(tmp_path, pecs_program):
         tmp_path / "live.csv",
         "--chip",
         "ideal",
+        "--source",
+        "video",
         "--view",
         "--picture-us",
         4000,
-        "--json",
     ]
-    done = pecs_program("sense", *live, env=env)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["events"] == result["events"] == len(read_csv(tmp_path / "live.csv"))
-    shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))
-    assert shown.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(N * 2000 / 4000, abs=2)
+    for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
+        done = pecs_program("sense", *live, env=env | display)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.strip() == f"pecs: no display: the events are shown in {tmp_path}/live.csv.mp4"
+        assert len(read_csv(tmp_path / "live.csv")) == result["events"]
+        shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))
+        assert shown.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(N * 2000 / 4000, abs=2)
+        (tmp_path / "live.csv.mp4").unlink()
     # An OpenColorIO config whose one space is the square of light: contrasts in ln double.
     (tmp_path / "c.ocio").write_text(
         "ocio_profile_version: 2\nroles: {scene_linear: lin, default: lin}\nfile_rules:\n"
@@ -414,6 +451,22 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     assert squared == pytest.approx(2 * plain, rel=0.05)
     done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", *args, "nope", "--quiet")
     assert done.returncode == 2 and "nope" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "words"),
+    [
+        (["--source", "camera:97", "--view", "--seconds", 1], 3, "camera 97: cannot be opened: no such camera"),
+        (["--source", "camera"], 2, "--source camera: got no --view"),
+        (["x.avi", "--source", "camera", "--view"], 2, "x.avi: got an input beside --source camera"),
+        (["--source", "video", "--view"], 2, "input: got nothing"),
+        (["no.avi", "--source", "video", "--view"], 3, "no.avi: cannot be opened: no such file"),
+    ],
+)
+def test_a_live_source_that_is_not_there(tmp_path, pecs_program, args, code, words):
+    done = pecs_program("sense", *args, "-o", tmp_path / "o.csv")
+    assert done.returncode == code and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_monte_carlo_bands(tmp_path, pecs_program):

@@ -72,10 +72,12 @@ def area_lamp(name: str, centre: Vec, size_m: tuple[float, float], spectrum: Spe
     return thing
 
 
-def lab_box(wall_reflectance: Spectrum, lamp_spectrum: Spectrum) -> None:
-    """The lab: a closed grey box with a long ceiling lamp; the camera at the origin looks along +y."""
-    box("room", ROOM_X_M, ROOM_Y_M, ROOM_Z_M, diffuse("walls", wall_reflectance))
-    area_lamp("ceiling lamp", (0.0, 0.9, ROOM_Z_M[1] - 0.01), size_m=(1.5, 0.12), spectrum=lamp_spectrum)
+def lab_box(p: dict) -> None:
+    """The lab, from a scene's parameters: a closed grey box with a long lamp that shines down; the camera at the origin
+    looks along +y."""
+    box("room", ROOM_X_M, ROOM_Y_M, ROOM_Z_M, diffuse("walls", p["wall_reflectance"]))
+    centre = tuple(p[key] * 1e-3 for key in ("lamp_right_mm", "lamp_distance_mm", "lamp_up_mm"))
+    area_lamp("lamp", centre, (p["lamp_length_mm"] * 1e-3, p["lamp_width_mm"] * 1e-3), p["lamp_spectrum"])
 
 
 def sector_disk(name: str, sectors: int, radius_m: float, materials: list) -> bpy.types.Object:

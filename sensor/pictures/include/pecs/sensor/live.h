@@ -9,14 +9,16 @@
 namespace pecs::sensor {
 
 struct LiveOptions {
-  std::string source;                // "camera", "camera:1", … or a video file
+  std::optional<int> camera;         // its number; else
+  std::filesystem::path file;        // a video
   std::optional<double> seconds;     // stop after so long
   std::int64_t picture_us = 33'333;  // events shown together
   std::filesystem::path video;       // written where there is no display
 };
 
 // `sense`: its output, chip, model, light, readout and seed. A camera's frames have the time of their arrival, a
-// video's frames the file's rate (or sense.times.fps). Stops at the end, after `seconds`, or with Escape in the window.
+// video's frames the file's rate (or times.fps). On screen a video is not faster than that. Stops at the end, after
+// `seconds` (needed for a camera without a display), or with Escape in the window.
 SenseReport sense_live(const LiveOptions& live, const SenseOptions& sense, const PictureOptions& pictures);
 
 }  // namespace pecs::sensor
