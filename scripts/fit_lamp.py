@@ -33,6 +33,23 @@ def illuminance(x_mm: np.ndarray, up_mm: np.ndarray, lamp: dict, walls: float) -
     return total / total.mean() + walls
 
 
+def fit(corner_hz, x_mm, up_mm, cos4, area, size: dict, walls: float) -> tuple[dict, float]:
+    """The lamp, and the RMS of what ln of the light misses; `area`: of the map's regions, relative."""
+    root = np.sqrt(area)
+
+    def lamp(v: np.ndarray) -> dict:
+        return dict(zip(("lamp_right_mm", "lamp_up_mm", "lamp_before_mm"), v.tolist(), strict=True)) | size
+
+    def misses(v: np.ndarray) -> np.ndarray:
+        ratio = np.log(illuminance(x_mm, up_mm, lamp(v), walls) * cos4 / corner_hz)
+        return ((ratio - np.average(ratio, weights=area)) * root).ravel()
+
+    starts = [(right, above, before) for right in (-300, 300) for above in (200, 500) for before in (200, 500)]
+    bounds = (-3000, up_mm.max() + 5, size["lamp_width_mm"]), (3000, 3000, 3000)  # above the disk and before it
+    best = min((least_squares(misses, s, bounds=bounds) for s in starts), key=lambda found: found.cost)
+    return lamp(best.x), float(np.sqrt(np.mean(best.fun**2)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording")
@@ -64,23 +81,14 @@ def main() -> None:
     x = p["disk_right_mm"] + radius_mm * np.cos(angle)
     up = p["disk_up_mm"] + radius_mm * np.sin(angle)
     cos4 = (1 + (x**2 + up**2) / p["disk_distance_mm"] ** 2) ** -2
-    area = np.broadcast_to(np.sqrt(radius_mm / radius_mm.mean()), corner_hz.shape)
+    area = np.broadcast_to(radius_mm / radius_mm.mean(), corner_hz.shape)
 
-    def lamp(v: np.ndarray) -> dict:
-        place = dict(zip(("lamp_right_mm", "lamp_up_mm", "lamp_before_mm"), v.tolist(), strict=True))
-        return place | {"lamp_length_mm": args.length_mm, "lamp_width_mm": args.width_mm}
-
-    def misses(v: np.ndarray) -> np.ndarray:
-        ratio = np.log(illuminance(x, up, lamp(v), args.walls) * cos4 / corner_hz)
-        return ((ratio - np.average(ratio, weights=area**2)) * area).ravel()
-
-    starts = [(right, above, before) for right in (-300, 300) for above in (200, 500) for before in (200, 500)]
-    bounds = (-3000, up.max() + 5, args.width_mm), (3000, 3000, 3000)  # above the disk and before it
-    best = min((least_squares(misses, s, bounds=bounds) for s in starts), key=lambda fit: fit.cost)
-    found = {key: round(value, 1) for key, value in lamp(best.x).items()}
+    size = {"lamp_length_mm": args.length_mm, "lamp_width_mm": args.width_mm}
+    found, rms = fit(corner_hz, x, up, cos4, area, size, args.walls)
+    found = {key: round(value, 1) for key, value in found.items()}
     found["lamp_distance_mm"] = round(p["disk_distance_mm"] - found.pop("lamp_before_mm"), 1)
     low, middle, high = np.percentile(corner_hz, (0, 50, 100)).tolist()
-    report = {"parameters": found, "rms_ln": float(np.sqrt(np.mean(best.fun**2)))}
+    report = {"parameters": found, "rms_ln": rms}
     report |= {"corner_hz": {"min": low, "median": middle, "max": high}}
     print(json.dumps(report, indent=1))
 

@@ -135,6 +135,13 @@ def build_esim(checkout: Path, driver: Path) -> None:
     subprocess.run([*command, *flags], check=True)
 
 
+def in_whole_us(run: tuple[np.ndarray, float]) -> tuple[np.ndarray, float]:
+    """As ours are: v2e's single-precision seconds fall to both sides of a bin's edge at 1000 us."""
+    events, seconds = run
+    events[:, 0] = np.round(events[:, 0])
+    return events, seconds
+
+
 def by_pixel(events: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Keys (pixel, polarity) and times, by key and time."""
     key = ((events[:, 2] * width + events[:, 1]) * 2 + events[:, 3]).astype(np.int64)
@@ -195,7 +202,7 @@ def main() -> None:
         for case in CASES:
             if not getattr(args, case.peer):
                 continue
-            theirs, seconds = peers.run(case)
+            theirs, seconds = in_whole_us(peers.run(case))
             e = pecs.simulate(frames, t_us, chip="ideal", model=case.peer, encoding="linear", **case.model)
             ours = np.stack([e["t"], e["x"], e["y"], e["p"]], axis=1).astype(np.float64)
             later = t_us[1] if case.peer == "esim" else 0  # esim's first interval is wrong (docs/models.md)
@@ -211,7 +218,7 @@ def main() -> None:
                 "peer_seconds": seconds,
             }
             if not case.deterministic:
-                again = peers.run(case, seed=2)[0]
+                again = in_whole_us(peers.run(case, seed=2))[0]
                 row["peer_again"] = {
                     "events_ratio": len(again) / len(theirs),
                     "interval_overlap": interval_overlap(again, theirs, width),

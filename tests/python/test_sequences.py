@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 PX_PER_MM = 82.6 / 41.7  # on the target, of 1280 pixels (scenes/board)
@@ -51,6 +52,34 @@ def rendered(root, tmp_path_factory):
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     return folder
+
+
+def test_the_lamp_stands_where_the_recordings_light_asks_for_it(rendered):
+    """The lamp hangs just above the disk: its white top has half the light of its bottom, as in R_360_L."""
+    from pecs.stack import StackReader
+
+    with StackReader(rendered / "R_360_L/stack") as reader:
+        light = reader.read_frame(0)[0]
+    centre, radius = (957 / 8, 361 / 8), 267 / 8  # of the outermost ring of scripts/fit_chip.py's map
+    at = {up: (slice(int(centre[1] - up * radius) - 2, int(centre[1] - up * radius) + 3)) for up in (1, -1)}
+    top, bottom = (light[at[up], int(centre[0]) - 3 : int(centre[0]) + 4].mean() for up in (1, -1))
+    assert 2.3 / 5.0 * 0.8 < top / bottom < 2.3 / 5.0 * 1.2
+
+
+def test_a_lamp_is_found_from_its_light(root, monkeypatch):
+    pytest.importorskip("scipy")
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    import fit_lamp
+
+    angle, radius = np.radians(np.arange(7.5, 360, 15))[:, None], np.array([45.0, 75, 105, 135])
+    x, up = 160 + radius * np.cos(angle), radius * np.sin(angle)
+    size = {"lamp_length_mm": 800, "lamp_width_mm": 100}
+    truth = {"lamp_right_mm": 120, "lamp_up_mm": 260, "lamp_before_mm": 310}
+    area = np.broadcast_to(radius, x.shape)
+    light = fit_lamp.illuminance(x, up, truth | size, 0.1) * np.exp(np.random.default_rng(1).normal(0, 0.01, x.shape))
+    found, rms = fit_lamp.fit(5 * light, x, up, 1.0, area, size, 0.1)
+    assert all(found[key] == pytest.approx(value, abs=15) for key, value in truth.items()) and rms < 0.2
+    assert found["lamp_length_mm"] == 800
 
 
 def test_one_command_gives_events(rendered):
