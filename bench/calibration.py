@@ -1,12 +1,16 @@
 """pecs align against the truth, as JSON: recordings simulated by our sensor (noise on) of boards and disks seen through
 three lenses; poses, speeds, phases and clocks drawn at random.
 
-    .venv/bin/python bench/calibration.py [board|disk|intrinsics ...] [--cases N] [--only I] [--real FILE] > out.json
+    .venv/bin/python bench/calibration.py [board|disk|intrinsics ...] [--cases N] [--only I] [--real FILE]
+                                          [--keep FOLDER] > out.json
 
 20 boards, 20 disks and 10 cameras make the 50 cases. Pictures of 640 x 360 pixels of 9.72 um: the film of 1280 x 720,
 four times as fast. Boards are aligned from the recording alone, but for the clock: it is found with the camera's turn
 held, corrected by a second simulation of the scene (other noise). Disks are aligned twice, the second time corrected by
 a simulation of the first result; `first_` tells the errors before that. Needs libpecs and the program.
+
+--keep holds the recordings, which are made once, and a line of JSON for each case: a cut run goes on where it stopped.
+Remove the lines to measure another build on the same recordings, the folder after changes of the sensor.
 """
 
 import argparse
@@ -70,7 +74,7 @@ def turn_error_deg(a, b) -> float:
     return float(np.degrees(np.arccos(np.clip((np.trace(turn_of(a).T @ turn_of(b)) - 1) / 2, -1, 1))))
 
 
-def board(index: int) -> dict:
+def board(index: int, keep: Path) -> dict:
     random = np.random.default_rng([1, index])
     lens = LENSES[index % 3]
     camera, rotation_deg = camera_of(lens), turned(random)
@@ -80,7 +84,7 @@ def board(index: int) -> dict:
     squares = 10
     square = px * SIZE[1] * random.uniform(0.7, 0.8) / squares
     speed = px * random.uniform(350, 700) * random.choice([-1, 1])  # to the left
-    duration_s, clock_us = 0.06, int(random.integers(-20_000, 20_000))
+    duration_s, clock_us = 160 * px / abs(speed), int(random.integers(-20_000, 20_000))
     # In the middle of the picture half way.
     middle = turn.T @ [0, 0, 1.0] * distance + np.append(random.uniform(-15, 15, 2) * px, 0)
     start = middle + np.array([speed * duration_s / 2, 0, 0])
@@ -93,33 +97,34 @@ def board(index: int) -> dict:
         "square_mm": square,
         "squares": squares,
     }
-    light, step_s = drawn.light(camera), 0.6 / (abs(speed) / px)
-    times = np.arange(0, duration_s, step_s)
-    sensors = [pecs.Sensor(*SIZE, seed=10 * index + k, photocurrent_a=WHITE_A) for k in (0, 1)]
-    parts = [[], []]
-    for t in times:
-        frame = light(t)
-        for sensor, out in zip(sensors, parts, strict=True):
-            out.append(sensor.push(frame, t * 1e6))
-    with tempfile.TemporaryDirectory() as folder:
-        folder = Path(folder)
-        for sensor, out, name, shift in zip(sensors, parts, ("real.npz", "sim.npz"), (clock_us, 0), strict=True):
+    real, sim = keep / f"board{index}_real.npz", keep / f"board{index}_sim.npz"
+    if not (real.exists() and sim.exists()):
+        light = drawn.light(camera)
+        sensors = [pecs.Sensor(*SIZE, seed=10 * index + k, photocurrent_a=WHITE_A) for k in (0, 1)]
+        parts = [[], []]
+        for t in np.arange(0, duration_s, 0.6 / (abs(speed) / px)):
+            frame = light(t)
+            for sensor, out in zip(sensors, parts, strict=True):
+                out.append(sensor.push(frame, t * 1e6))
+        for sensor, out, path, shift in zip(sensors, parts, (real, sim), (clock_us, 0), strict=True):
             events = np.concatenate([*out, sensor.finish()])
             events["t"] += shift
-            pecs.write(folder / name, events, *SIZE)
+            pecs.write(path, events, *SIZE)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
         # The scene's own values are off; those of truth.json hold for the clock.
         off = {k: v for k, v in truth.items() if k.startswith("square")} | {"board_distance_mm": lens[3]}
         scene = write_scene(folder, "board", lens, off)
-        common = ["real.npz", "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
+        common = [real, "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
         found = align(*common, "--views=16", cwd=folder)
         kept = {k: v for k, v in truth.items() if not k.startswith("square")}
         known = {"scene": "board", "camera": {"rotation_deg": list(rotation_deg)}, "parameters": kept}
         (folder / "truth.json").write_text(json.dumps({"pecs_aligned": 1, **known}))
         clock = align(
-            *common, "--sim=sim.npz", "--sim-of=truth.json", "--hold-camera", "--clock=offset", "--views=12", cwd=folder
+            *common, "--sim", sim, "--sim-of=truth.json", "--hold-camera", "--clock=offset", "--views=12", cwd=folder
         )
         counts = [f"--columns={squares - 1}", f"--rows={squares - 1}"]
-        corners = align("detect", "real.npz", "--target=checkerboard", *counts, "--json", cwd=folder)
+        corners = align("detect", real, "--target=checkerboard", *counts, "--json", cwd=folder)
     for result in (found, clock, corners):
         if "failed" in result:
             return {"lens": lens[0], **result}
@@ -138,7 +143,7 @@ def board(index: int) -> dict:
     }
 
 
-def disk(index: int) -> dict:
+def disk(index: int, keep: Path) -> dict:
     random = np.random.default_rng([2, index])
     lens = LENSES[index % 3]
     camera, rotation_deg = camera_of(lens), turned(random) * [1, 0, 1]
@@ -155,12 +160,14 @@ def disk(index: int) -> dict:
     def write(drawn, path, seed):
         pecs.write(path, record(drawn.light(camera), span_s, step_s, *SIZE, seed, white_a), *SIZE)
 
+    real = keep / f"disk{index}_real.npz"
+    if not real.exists():
+        write(truth, real, index)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        write(truth, folder / "real.npz", index)
         values = {"disk_radius_mm": radius, "sectors": sectors, "disk_distance_mm": lens[3]}
         scene = write_scene(folder, "rotating_disk", lens, values)
-        common = ["real.npz", "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
+        common = [real, "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
         first = align(*common, cwd=folder)
         if "failed" in first:
             return {"lens": lens[0], **first}
@@ -190,7 +197,7 @@ def disk(index: int) -> dict:
     return {"lens": lens[0], "sectors": sectors, "speed_deg_s": speed, "white_a": white_a, **errors(second), **before}
 
 
-def intrinsics(index: int) -> dict:
+def intrinsics(index: int, keep: Path) -> dict:
     """Sixteen short clips of a board that moves; the camera's axis is off the middle."""
     random = np.random.default_rng([3, index])
     lens = LENSES[index % 3]
@@ -198,7 +205,7 @@ def intrinsics(index: int) -> dict:
     camera = camera_of(lens, random.uniform(-6, 6, 2))
     step_s, worst = 5e-4, []
     with tempfile.TemporaryDirectory() as folder:
-        names = []
+        clips = []
         for view in range(16):
             columns, rows = 10, 8
             distance = lens[3] * random.uniform(0.75, 1.0)
@@ -214,12 +221,13 @@ def intrinsics(index: int) -> dict:
             middle_s = 0.01
             start = (*(at - np.array(v[:2]) * middle_s), distance)
             board = Board(turn, start, v, columns, rows, square)
-            events = record(board.light(camera), 2 * middle_s, step_s, width, height, 100 * index + view, WHITE_A)
-            names.append(f"view{view}.raw")
-            pecs.write(Path(folder) / names[-1], events, width, height)
+            clips.append(keep / f"intrinsics{index}_{view}.npz")
+            if not clips[-1].exists():
+                events = record(board.light(camera), 2 * middle_s, step_s, width, height, 100 * index + view, WHITE_A)
+                pecs.write(clips[-1], events, width, height)
             found = align(
                 "detect",
-                names[-1],
+                clips[-1],
                 "--target=checkerboard",
                 "--columns=9",
                 "--rows=7",
@@ -231,7 +239,7 @@ def intrinsics(index: int) -> dict:
                 seen = board.seen(camera, found["views"][0]["time_us"] * 1e-6)
                 worst.append(np.sqrt(np.mean((np.array(found["views"][0]["points"]) - seen) ** 2)))
         result = align(
-            "intrinsics", *names, "--columns=9", "--rows=7", "--views=1", f"--lens={lens[0]}", f"--focus-m={lens[1]}",
+            "intrinsics", *clips, "--columns=9", "--rows=7", "--views=1", f"--lens={lens[0]}", f"--focus-m={lens[1]}",
             "--pixel-pitch-um=9.72", "--json", *([f"--stop-diameter-mm={lens[2]}"] if lens[2] else []), cwd=folder,
         )  # fmt: skip
     if "failed" in result:
@@ -332,8 +340,12 @@ def main() -> None:
     parser.add_argument("kinds", nargs="*", default=list(kinds), help=", ".join(kinds))
     parser.add_argument("--cases", type=int)
     parser.add_argument("--only", type=int, help="one case")
+    parser.add_argument("--keep", type=Path, help="folder of recordings and results")
     parser.add_argument("--real", help="a recording of scenes/rotating_disk's disk (R_360_L)")
     a = parser.parse_args()
+    folder = tempfile.TemporaryDirectory()
+    keep = (a.keep or Path(folder.name)).resolve()
+    keep.mkdir(parents=True, exist_ok=True)
     report = {"limits": LIMITS, "white_photocurrent_a": WHITE_A}
     if a.real:
         report["real"] = real(a.real)
@@ -341,10 +353,14 @@ def main() -> None:
     for kind in a.kinds:
         function, count = kinds[kind]
         cases = [a.only] if a.only is not None else range(a.cases or count)
-        rows = []
-        for i in cases:
-            rows.append({"case": i, **function(i)})
+        lines = keep / f"{kind}.jsonl"
+        done = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+        rows = [row for row in done if row["case"] in cases]
+        for i in sorted(set(cases) - {row["case"] for row in rows}):
+            rows.append({"case": i, **function(i, keep)})
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+            with lines.open("a") as out:
+                out.write(json.dumps(rows[-1]) + "\n")
         worst = {}
         for key, limit in LIMITS.items():
             values = [abs(row[key]) for row in rows if key in row]

@@ -486,19 +486,32 @@ Aligned align_scene(const LabScene& scene, const Found& real, Clock clock) {
 
 Aligned align_scene(const LabScene& scene, const Found& real, const Found& sim, Clock clock) {
   const Line own = line_of(scene);
-  const double t_s = real.time_us * 1e-6, period = scene.is_board() ? 0 : 720 / scene.values.at("sectors");
-  // The simulation's own error at that time, and of its speed.
-  double error = sim.along + sim.rate * (t_s - sim.time_us * 1e-6) - (own.along + own.rate * t_s);
-  if (period > 0) error = std::remainder(error, period);
-  Line line{0, real.rate * (own.rate != 0 ? own.rate / sim.rate : 1)};
-  line.along = real.along - error - line.rate * t_s;
-  const cv::Matx33d turn =
-      matrix_of(real.turn) * matrix_of(sim.turn).t() * matrix_of(turn_from_blender(scene.rotation_deg));
   const auto& v = scene.values;
   const bool board = scene.is_board();
-  const cv::Vec3d place(board ? 0 : real.right_mm - sim.right_mm + v.at("disk_right_mm"),
-                        real.up_mm - sim.up_mm + v.at(board ? "board_up_mm" : "disk_up_mm"),
-                        real.distance_mm - sim.distance_mm + v.at(board ? "board_distance_mm" : "disk_distance_mm"));
+  const double t_s = real.time_us * 1e-6, sim_s = sim.time_us * 1e-6;
+  const double period = board ? 0 : 720 / v.at("sectors");
+  Line line{0, real.rate * (own.rate != 0 ? own.rate / sim.rate : 1)};
+  const cv::Matx33d own_turn = matrix_of(turn_from_blender(scene.rotation_deg));
+  const cv::Matx33d turn = matrix_of(real.turn) * matrix_of(sim.turn).t() * own_turn;
+  const double distance = real.distance_mm - sim.distance_mm + v.at(board ? "board_distance_mm" : "disk_distance_mm");
+
+  // The middle of the target is corrected where it is seen: turn and place exchange, each alone is known far worse.
+  const auto seen_at = [](const cv::Matx33d& r, double right, double up, double forward) {
+    const cv::Vec3d p = r * cv::Vec3d(right, -up, forward);
+    return p / p[2];
+  };
+  const double own_right = board ? own.along + own.rate * sim_s : v.at("disk_right_mm");
+  const cv::Vec3d at = turn.t() * (seen_at(matrix_of(real.turn), real.right_mm, real.up_mm, real.distance_mm) -
+                                   seen_at(matrix_of(sim.turn), sim.right_mm, sim.up_mm, sim.distance_mm) +
+                                   seen_at(own_turn, own_right, v.at(board ? "board_up_mm" : "disk_up_mm"),
+                                           v.at(board ? "board_distance_mm" : "disk_distance_mm")));
+  const cv::Vec3d place = cv::Vec3d(at[0], -at[1], at[2]) * (distance / at[2]);
+
+  // The simulation's own error of the angle, at the recording's middle.
+  const double error =
+      board ? real.along - place[0]
+            : std::remainder(sim.along + sim.rate * (t_s - sim_s) - (own.along + own.rate * t_s), period);
+  line.along = real.along - error - line.rate * t_s;
   return finished(scene, real, turn_of(turn), place, line, clock,
                   "measured, less what the same search finds wrong in the simulation");
 }

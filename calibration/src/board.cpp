@@ -78,7 +78,7 @@ double grid_error(const std::vector<cv::Point2d>& points, const BoardShape& shap
 void refine_corners(const cv::Mat& picture, std::vector<cv::Point2d>& points, int columns) {
   std::vector<cv::Point2f> p(points.begin(), points.end());
   for (auto& q : p) q -= cv::Point2f(0.5F, 0.5F);  // OpenCV's pixel centres are integers
-  const int half = std::clamp(static_cast<int>(0.2 * spacing_px(points, columns)), 2, 12);
+  const int half = std::clamp(static_cast<int>(0.4 * spacing_px(points, columns)), 2, 12);
   cv::cornerSubPix(picture, p, {half, half}, {-1, -1}, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 50, 1e-3});
   for (std::size_t i = 0; i < p.size(); ++i) points[i] = cv::Point2d(p[i].x + 0.5, p[i].y + 0.5);
 }

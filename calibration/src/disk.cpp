@@ -1,5 +1,7 @@
 #include "pecs/calibration/disk.h"
 
+#include <ceres/gradient_problem.h>
+#include <ceres/gradient_problem_solver.h>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
@@ -128,19 +130,69 @@ std::vector<Sample> near_steps(std::span<const Sample> samples, const Fit& fit, 
   return near;
 }
 
+// Minus the sharpness of both steps. Parameters: the fit's, in units of `unit` from `start`, so that all are of one
+// size.
+class Dullness : public ceres::FirstOrderFunction {
+ public:
+  Dullness(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
+           double width_deg, double span_s)
+      : near_(near),
+        start_(start),
+        steps_(steps),
+        period_deg_(period_deg),
+        width_deg_(width_deg),
+        unit_{width_deg, width_deg, width_deg / span_s, width_deg / 2, width_deg / 2} {}
+  int NumParameters() const override { return static_cast<int>(unit_.size()); }
+
+  Fit fit(const double* parameters) const {
+    Fit f = start_;
+    for (std::size_t k = 0; k < f.size(); ++k) f[k] += parameters[k] * unit_[k];
+    return f;
+  }
+
+  bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
+    const Fit f = fit(parameters);
+    double sum = 0;
+    Fit by{};
+    for (const Sample& s : near_) {
+      const int step = s.p ? kOnStep : kOffStep;
+      const double u = wrapped(phase_deg(s, f[kX], f[kY], f[kSpeed]) - f[step], period_deg_) / width_deg_;
+      if (std::abs(u) > 5) continue;
+      const double bell = steps_[s.p].sign * std::exp(-u * u / 2), slope = (1 - u * u) * bell / width_deg_;
+      sum -= u * bell;
+      const double dx = s.x - f[kX], dy = f[kY] - s.y, squared = (dx * dx + dy * dy) * kDegree;
+      by[kX] -= slope * dy / squared, by[kY] -= slope * dx / squared;
+      by[kSpeed] += slope * s.t_s, by[step] += slope;
+    }
+    const double scale = 1.0 / static_cast<double>(near_.size());
+    *cost = sum * scale;
+    if (gradient)
+      for (std::size_t k = 0; k < by.size(); ++k) gradient[k] = by[k] * unit_[k] * scale;
+    return true;
+  }
+
+ private:
+  std::span<const Sample> near_;
+  Fit start_;
+  std::array<Step, 2> steps_;
+  double period_deg_, width_deg_;
+  Fit unit_;
+};
+
 // Moves all five parameters to where the two steps are steepest.
 Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
               double width_deg, double span_s) {
-  const auto dullness = [&](const double* f) {
-    double sum = 0;
-    for (const Sample& s : near)
-      sum -=
-          steps[s.p].sign *
-          kernel(wrapped(phase_deg(s, f[kX], f[kY], f[kSpeed]) - f[s.p ? kOnStep : kOffStep], period_deg), width_deg);
-    return sum;
-  };
-  const std::array<double, 5> first = {width_deg, width_deg, width_deg / span_s, width_deg / 2, width_deg / 2};
-  return minimise<5>(dullness, start, first, 400, 1e-6 * static_cast<double>(near.size()));
+  auto* dullness = new Dullness(near, start, steps, period_deg, width_deg, span_s);
+  const ceres::GradientProblem problem(dullness);  // which owns it
+  std::array<double, 5> x{};
+  ceres::GradientProblemSolver::Options options;
+  options.logging_type = ceres::SILENT;
+  options.line_search_direction_type = ceres::BFGS;
+  options.max_num_iterations = 60;
+  options.function_tolerance = 1e-8;
+  ceres::GradientProblemSolver::Summary summary;
+  ceres::Solve(options, problem, x.data(), &summary);
+  return dullness->fit(x.data());
 }
 
 // ---- rim ------------------------------------------------------------------------------------------------------------
