@@ -121,7 +121,7 @@ def board(index: int, keep: Path) -> dict:
         known = {"scene": "board", "camera": {"rotation_deg": list(rotation_deg)}, "parameters": kept}
         (folder / "truth.json").write_text(json.dumps({"pecs_aligned": 1, **known}))
         clock = align(
-            *common, "--sim", sim, "--sim-of=truth.json", "--hold-camera", "--clock=offset", "--views=12", cwd=folder
+            *common, "--sim", sim, "--sim-of=truth.json", "--hold-camera", "--clock=offset", "--views=6", cwd=folder
         )
         counts = [f"--columns={squares - 1}", f"--rows={squares - 1}"]
         corners = align("detect", real, "--target=checkerboard", *counts, "--json", cwd=folder)

@@ -7,14 +7,18 @@
 #include <memory>
 
 #include "commands.h"
+#include "pecs/calibration/compare_picture.h"
+#include "pecs/calibration/disk.h"
 #include "pecs/events/format.h"
+#include "pecs/run_record.h"
+#include "picture_file.h"
 #include "units.h"
 
 namespace pecs::app {
 namespace {
 
 struct Arguments {
-  std::string real, sim;
+  std::string real, sim, disk, picture;
   double window_us = 0;
   std::string normalisation = "shared", origin = "first-event";
   std::uint64_t seed = 1;
@@ -54,6 +58,29 @@ void print_table(const calibration::Comparison& c) {
       fmt::format("earth mover's distance {} decades", or_none(c.interval_distance_decades)));
   fmt::print("{:<50}  correlation of the event maps: all {}, ON {}, OFF {}\n", "", or_none(c.map_correlation),
              or_none(c.on_map_correlation), or_none(c.off_map_correlation));
+  if (!c.delays) return;
+
+  const auto& e = *c.delays;
+  fmt::print("\n");
+  row("delay behind the edge", "real", "simulated", "(degrees; 10, 50, 90 %)");
+  const auto quantiles = [](const calibration::Delays& s, std::size_t p) -> std::string {
+    const auto& q = s.quantiles_deg[p];
+    return q ? fmt::format("{:.0f} {:.0f} {:.0f}", (*q)[0], (*q)[1], (*q)[2]) : "none";
+  };
+  for (const std::size_t p : {1, 0})
+    row(p ? "ON" : "OFF", quantiles(e.real, p), quantiles(e.sim, p),
+        fmt::format("overlap {}, earth mover's distance {} deg; events per edge {:.3f}, {:.3f}", or_none(e.overlap[p]),
+                    or_none(e.earth_mover_deg[p]), e.real.per_edge[p], e.sim.per_edge[p]));
+  row("sd of ON + next OFF", or_none(e.real.pair_sd_deg), or_none(e.sim.pair_sd_deg), "");
+}
+
+// "find", or a file that holds what `pecs align detect --json` printed.
+calibration::TurningDisk disk_of(const std::string& from, const events::Stream& real, const std::string& file) {
+  const Json detected =
+      from == "find"
+          ? calibration::to_json(calibration::find_disk(calibration::shown_of(real, file, 0, INT64_MAX), file))
+          : parse_json_file(from);
+  return calibration::turning_disk_from({detected, from == "find" ? file : from});
 }
 
 void run(const Arguments& a) {
@@ -63,8 +90,14 @@ void run(const Arguments& a) {
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
   events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
+  if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
   const auto comparison = calibration::compare(std::move(real), a.real, std::move(sim), a.sim, options);
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
+  if (!a.picture.empty()) {
+    write_picture(a.picture, calibration::compare_picture(comparison), 1520);
+    write_run_record(a.picture,
+                     {"compare", arguments(), Json::object(), {a.real, a.sim}, calibration::to_json(comparison)});
+  }
   if (a.json)
     fmt::print("{}\n", calibration::to_json(comparison).dump(2));
   else
@@ -91,6 +124,10 @@ void add_compare(CLI::App& app) {
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();
   command->add_option("--seed", a->seed, "Seed of the split-half floor")->capture_default_str();
+  command->add_option("--disk", a->disk,
+                      "Compare the delays behind a turning disk's edges: find (in REAL), or the file that `pecs align "
+                      "detect REAL --json` was written to");
+  command->add_option("-o,--picture", a->picture, "Rates and delays drawn (SVG, PNG or PDF)");
   command->add_flag("--json", a->json, "Machine-readable output");
   command->callback([a] { run(*a); });
 }

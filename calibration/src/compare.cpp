@@ -177,7 +177,7 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
                    const CompareOptions& options) {
   if (options.window_us && *options.window_us < 1)
     throw Error(ExitCode::usage, fmt::format("window: got {} us, wanted at least 1 us", *options.window_us));
-  if (options.normalisation == Normalisation::shared &&
+  if ((options.normalisation == Normalisation::shared || options.disk) &&
       (real.info.width != sim.info.width || real.info.height != sim.info.height))
     throw bad_input(sim_name, "sensor size", fmt::format("{}x{}", sim.info.width, sim.info.height),
                     fmt::format("{}x{} as in {} (pecs convert --decimate brings a recording to a smaller grid)",
@@ -231,6 +231,13 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
     c.interval_distance_decades = distance / kQuantiles;
   }
 
+  // How the events follow the edges of a disk; both streams are in time order by now.
+  if (options.disk) {
+    TurningDisk disk = *options.disk;
+    disk.time_us -= options.common_origin ? 0 : static_cast<double>(real_extent.first_us);
+    c.delays = compare_delays(real.events, sim.events, c.width, c.height, c.curve_us, disk);
+  }
+
   // What the reader of these numbers should know.
   for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
     if (s.on_fraction == 0 || s.on_fraction == 1)
@@ -264,6 +271,7 @@ Json to_json(const Comparison& c) {
   json["interval_distance_decades"] = json_of(c.interval_distance_decades);
   json["real"]["interval_median_us"] = json_of(c.real.interval_median_us);
   json["sim"]["interval_median_us"] = json_of(c.sim.interval_median_us);
+  json["delays"] = c.delays ? to_json(*c.delays) : Json(nullptr);
   json["warnings"] = c.warnings;
   return json;
 }

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "pack.h"
+#include "pecs/calibration/compare_picture.h"
 #include "pecs/calibration/pictures.h"
 #include "pecs/calibration/time_shift.h"
 #include "pecs/error.h"
@@ -125,28 +126,9 @@ std::string scores(const Comparison& shared, const Comparison& eq16, const Compa
          "half the number of events. No simulation needs to be better than that.</p>";
 }
 
-std::string rate_plot(const Comparison* c, const Loaded& only) {
-  std::vector<Series> series;
-  const auto add = [&](const StreamSummary& s, double span_us, const std::string& name, const std::string& style) {
-    for (const auto& [hz, polarity, p_style] : {std::tuple{&s.on_hz, " ON", "on "}, {&s.off_hz, " OFF", "off "}}) {
-      Series curve{name + polarity, p_style + style, {}, *hz};
-      const double own_us = static_cast<double>(s.events) / s.rate_hz * 1e6;  // the stream ends here
-      const auto bins = static_cast<double>(hz->size());
-      for (double i = 0; i < bins && i * span_us / bins < own_us; ++i)
-        curve.x.push_back((i + 0.5) * span_us * 1e-3 / bins);
-      curve.y.resize(curve.x.size());
-      series.push_back(curve);
-    }
-  };
-  if (c) {
-    add(c->real, static_cast<double>(c->curve_us), "real", "real");
-    add(c->sim, static_cast<double>(c->curve_us), "simulated", "sim");
-  } else {
-    // A stream alone: its own summary.
-    const Comparison own = compare(only.stream, "", only.stream, "", {.normalisation = Normalisation::eq16});
-    add(own.real, static_cast<double>(own.curve_us), "events", "real");
-  }
-  return line_plot(series, "time from the first event (ms)", "events per second");
+std::string rates(const Comparison* c, const Loaded& only) {
+  if (c) return rate_plot(*c);
+  return rate_plot(compare(only.stream, "", only.stream, "", {.normalisation = Normalisation::eq16}), true);
 }
 
 // Pictures at the same instants, and a player that runs through all of them.
@@ -369,7 +351,7 @@ Json write_report(const ReportInputs& inputs, const std::filesystem::path& outpu
     if (!sim) body += missing("No simulated events were given (--sim).");
   }
   body += "<h2>Scores</h2>" + (scored.empty() ? missing(both) : scored);
-  if (!streams.empty()) body += "<h2>Event rate over time</h2>" + rate_plot(shared ? &*shared : nullptr, *streams[0]);
+  if (!streams.empty()) body += "<h2>Event rate over time</h2>" + rates(shared ? &*shared : nullptr, *streams[0]);
   if (shared) {
     body += "<table><tr><th></th><th>real</th><th>simulated</th></tr>";
     const auto line = [&](const std::string& name, const std::string& a, const std::string& b) {

@@ -25,12 +25,14 @@ def distance(
     origin: str = "first-event",
     split_half: bool = True,
     seed: int = 1,
+    disk: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Compares two event streams; the dictionary that `pecs compare --json` prints ("chamfer", "gaussian", ...).
 
     Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height`. `window_us` counts from
     each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper".
-    `split_half`: score random halves of `real` against each other too. Raises PecsError when a stream is empty or an
+    `split_half`: score random halves of `real` against each other too. `disk`: what `pecs align detect --json` found
+    in `real`, to compare the delays behind its edges ("delays"). Raises PecsError when a stream is empty or an
     event lies outside the sensor.
     """
     real, sim = as_events(real), as_events(sim)
@@ -42,5 +44,6 @@ def distance(
         "origin": origin,
         "split_half": split_half,
         "seed": seed,
+        "disk": disk,
     }
     return _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)

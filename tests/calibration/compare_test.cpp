@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "calibration/random_events.h"
 #include "pecs/error.h"
@@ -133,6 +135,71 @@ TEST(Compare, MapsSeePositionAndIntervalsSeeTempo) {
   EXPECT_NEAR(*c.sim.interval_median_us / *c.real.interval_median_us, 2, 0.05);
   EXPECT_NEAR(*c.map_correlation, 1, 1e-9);
   EXPECT_FALSE(compare(stream_of({{5, 1, 1, 1}}), "r", stream_of(left), "s", {}).interval_distance_decades);
+}
+
+// A disk of four sectors, 2000 deg/s, one ON event and half an OFF event per pixel and edge, each `late_deg` and up to
+// 20 deg more behind its edge; the OFF event as much early as the ON event before it was late.
+Stream disk_events(double speed_deg_s, double late_deg, std::int64_t start_us = 0) {
+  constexpr double kSpan_us = 120'000, kDegree = 3.14159265358979 / 180;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::vector<Event> events;
+  for (int y = 0; y < 120; ++y)
+    for (int x = 0; x < 120; ++x) {
+      const double dx = x + 0.5 - 60, dy = 60 - (y + 0.5);
+      if (std::hypot(dx, dy) > 50) continue;
+      // The ON edge stands at 30 deg at t = 0 and passes here every 180 deg.
+      double first = (std::atan2(dy, dx) / kDegree - 30) * (speed_deg_s < 0 ? -1 : 1);
+      first -= 180 * std::floor(first / 180) + 180;
+      for (double edge = first; edge < 400; edge += 180) {
+        const double late = 20 * unit(random), speed = std::abs(speed_deg_s) * 1e-6;
+        const auto add = [&](double deg, int p) {
+          const double t = deg / speed;
+          if (t >= 0 && t < kSpan_us)
+            events.push_back({static_cast<std::int64_t>(t) + start_us, static_cast<std::uint16_t>(x),
+                              static_cast<std::uint16_t>(y), static_cast<std::uint8_t>(p)});
+        };
+        add(edge + late_deg + late, 1);
+        if (unit(random) < 0.5) add(edge + 90 + late_deg + 20 - late, 0);
+      }
+    }
+  std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
+  return stream_of(std::move(events), 120, 120);
+}
+
+TEST(Compare, DelaysBehindADisksEdges) {
+  for (const double speed : {2000.0, -2000.0}) {
+    const Stream real = disk_events(speed, 10, 5000), sim = disk_events(speed, 17);
+    CompareOptions options{.split_half = false};
+    const double at_us = 5000 + 20'000, turned = speed * 1e-6 * 20'000;
+    options.disk = TurningDisk{60, 60, 50, speed, 30 + turned, 30 + turned - (speed > 0 ? 90 : -90), at_us, 4};
+    const DelayComparison d = *compare(real, "r", sim, "s", options).delays;
+    for (const std::size_t p : {0, 1}) {
+      EXPECT_NEAR(*d.earth_mover_deg[p], 7, 0.2) << speed << p;
+      EXPECT_NEAR(*d.overlap[p], 13.0 / 20, 0.08);
+      EXPECT_NEAR((*d.real.quantiles_deg[p])[1], 20, 0.5);
+      EXPECT_NEAR((*d.sim.quantiles_deg[p])[2], 35, 0.5);
+      EXPECT_NEAR(d.real.per_edge[p], p ? 1 : 0.5, 0.03);
+    }
+    EXPECT_LT(*d.real.pair_sd_deg, 0.1);  // what one is late the next is early
+    const DelayComparison same = *compare(real, "r", real, "s", options).delays;
+    EXPECT_EQ(*same.earth_mover_deg[0], 0);
+    EXPECT_NEAR(*same.overlap[1], 1, 1e-12);
+  }
+  // One polarity alone: nothing is made up for the other.
+  Stream on = disk_events(2000, 10);
+  std::erase_if(on.events, [](const Event& e) { return !e.p; });
+  CompareOptions options;
+  options.disk = TurningDisk{60, 60, 50, 2000, 30, -60, 0, 4};
+  const auto c = compare(disk_events(2000, 10), "r", on, "s", options);
+  EXPECT_FALSE(c.delays->overlap[0]);
+  EXPECT_FALSE(c.delays->sim.pair_sd_deg);
+  EXPECT_TRUE(to_json(c)["delays"]["off"]["earth_mover_deg"].is_null());
+  EXPECT_NEAR(*c.delays->overlap[1], 1, 0.01);  // the first event is another
+  EXPECT_NE(error_of(disk_events(2000, 10), stream_of(random_events(10, 1)),
+                     {.normalisation = Normalisation::eq16, .disk = options.disk})
+                .find("sensor size"),
+            std::string::npos);
 }
 
 // facts.md: the published arithmetic gives 35.0816 (16.4662 + 18.6154) and 1.96512, Eq. 16 in float 23.849 and 1.974.

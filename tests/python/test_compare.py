@@ -51,6 +51,37 @@ def test_program_says_the_same(pecs_program, tmp_path):
     assert f"{ours['chamfer']:.4f}" in table and f"{ours['gaussian']:.5f}" in table
 
 
+def test_delays_behind_a_disk(pecs_program, tmp_path):
+    """Events 10 to 30 degrees behind the edges of four sectors; the simulation's come 5 degrees later."""
+    random = np.random.default_rng(1)
+    names, streams = ("real.npz", "sim.npz"), []
+    for late in (10, 15):
+        events = np.zeros(60_000, pecs.EVENT_DTYPE)
+        t, edge = random.integers(0, 60_000, len(events)), random.integers(0, 4, len(events))
+        angle = np.radians(90 * edge + 2000e-6 * t - late - 20 * random.random(len(events)) ** 2)
+        radius = 140 * np.sqrt(random.random(len(events)))
+        events["t"], events["p"] = t, edge % 2
+        events["x"], events["y"] = 160 + radius * np.cos(angle), 150 - radius * np.sin(angle)
+        streams.append(np.sort(events, order="t"))
+        pecs.write(tmp_path / names[len(streams) - 1], streams[-1], 320, 300)
+    (tmp_path / "disk.json").write_text(pecs_program("align", "detect", "real.npz", "--json", cwd=tmp_path).stdout)
+    result = pecs_program("compare", *names, "--disk", "disk.json", "-o", "delays.png", "--json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    theirs = json.loads(result.stdout)
+    for p in ("on", "off"):
+        assert theirs["delays"][p]["earth_mover_deg"] == pytest.approx(5, abs=0.5)
+        assert 0.3 < theirs["delays"][p]["overlap"] < 0.9
+    disk = json.loads((tmp_path / "disk.json").read_text())
+    assert pecs.distance(*streams, width=320, height=300, disk=disk) == theirs
+    assert (tmp_path / "delays.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads((tmp_path / "delays.png.run.json").read_text())["results"] == theirs
+    table = pecs_program("compare", *names, "--disk", "find", cwd=tmp_path)
+    assert "delay behind the edge" in table.stdout and "sd of ON + next OFF" in table.stdout
+    (tmp_path / "no.json").write_text('{"sectors": 4}')
+    result = pecs_program("compare", *names, "--disk", "no.json", cwd=tmp_path)
+    assert result.returncode == 4 and "no.json: centre_x" in result.stderr
+
+
 @pytest.mark.parametrize(
     "arguments, code, line",
     [

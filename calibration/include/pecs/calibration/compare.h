@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "pecs/calibration/delays.h"
 #include "pecs/calibration/metrics.h"
 #include "pecs/events/format.h"
 #include "pecs/strict_json.h"
@@ -15,10 +16,11 @@ namespace pecs::calibration {
 struct CompareOptions {
   Normalisation normalisation = Normalisation::shared;
   std::optional<std::int64_t> window_us = {};  // events at or after the origin, and less than this after it; empty: all
-  bool common_origin = false;  // false: time counts from each stream's first event; true: from t = 0 of both
-  bool split_half = true;      // score the floor too
-  std::uint64_t seed = 1;      // of the split into halves
-  int rate_bins = 100;         // of the rate curves
+  bool common_origin = false;            // false: time counts from each stream's first event; true: from t = 0 of both
+  bool split_half = true;                // score the floor too
+  std::uint64_t seed = 1;                // of the split into halves
+  int rate_bins = 100;                   // of the rate curves
+  std::optional<TurningDisk> disk = {};  // in the real recording, its clock: compare the delays behind its edges too
 };
 
 struct Interval {
@@ -47,11 +49,12 @@ struct Comparison {
   Interval chamfer_interval, gaussian_interval;  // 95 %, bootstrap over 20 equal parts of the time
   std::optional<double> map_correlation, on_map_correlation, off_map_correlation;  // Pearson, over blocks of width/40
   std::optional<double> interval_distance_decades;  // earth mover's distance of log10 of the inter-event intervals
+  std::optional<DelayComparison> delays;
   std::vector<std::string> warnings;
 };
 
 // `real_name` and `sim_name` stand in errors. Throws bad_input when a stream has no events in the window, or the
-// sensors differ in size under the shared normalisation.
+// sensors differ in size under the shared normalisation or for delays.
 Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
                    const CompareOptions& options);
 
