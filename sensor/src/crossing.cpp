@@ -60,7 +60,7 @@ Crossing first_crossing(const Cubic& q, double from, double low, double high) {
   return {2, false};
 }
 
-void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey>& events) {
+void find_events(const PixelConstants& k, PixelInterval& p, EventSlots& events) {
   const LogLight light{p.l0, p.l1, p.m0, p.m1};
   std::optional<Receptor> receptor;
   if (k.a_per_us > 0) receptor.emplace(light, k.a_per_us * p.h_us, p.w0);
@@ -109,8 +109,7 @@ void find_events(const PixelConstants& k, PixelInterval& p, std::vector<EventKey
       }
       if (next.s > 1) break;
       if (p.mark && !by_noise) why = cause(start + next.s * h, next.on);
-      events.push_back(
-          event_key(std::llround(p.t0_us + start + next.s * h), p.pixel, next.on, p.mark ? why : Cause::signal));
+      events.add(event_key(std::llround(p.t0_us + start + next.s * h), p.pixel, next.on, p.mark ? why : Cause::signal));
       // The reference is V when the refractory period ends.
       if (k.refractory_us > 0) {
         blind_until = start + next.s * h + k.refractory_us;

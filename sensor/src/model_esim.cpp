@@ -21,7 +21,7 @@ class Esim : public PixelModel {
         pixels_(s.pixels()) {}
 
   void advance(const FrameBatch& batch, EventOrder& order) override {
-    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
+    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
       for (std::size_t i = 0; i < batch.planes.size(); ++i) {
         const Picture picture(batch, i, grey_per_unit_);
         if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
@@ -45,7 +45,7 @@ class Esim : public PixelModel {
 
   float log_of(float grey) const { return std::log(grey / 255 + log_eps_); }
 
-  void step(Pixel& p, std::uint32_t pixel, const Picture& picture, const Interval& t, std::vector<EventKey>& events) {
+  void step(Pixel& p, std::uint32_t pixel, const Picture& picture, const Interval& t, EventSlots& events) {
     const float grey = picture.grey(pixel, p.grey);
     if (grey == p.grey) return;
     const float log = log_of(grey);
@@ -53,7 +53,7 @@ class Esim : public PixelModel {
     for (float next = p.reference + (on ? on_ : -off_); on ? next <= log : next >= log; next += on ? on_ : -off_) {
       const double t_us = t.t0_us + (t.t1_us - t.t0_us) * static_cast<double>(next - p.log) / (log - p.log);
       if (t_us - p.last_us >= refractory_us_) {
-        events.push_back(event_key(std::llround(t_us), pixel, on));
+        events.add(event_key(std::llround(t_us), pixel, on));
         p.last_us = t_us;
       }
       p.reference = next;

@@ -46,7 +46,7 @@ class Icns : public PixelModel {
   }
 
   void advance(const FrameBatch& batch, EventOrder& order) override {
-    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
+    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
       for (std::size_t i = 0; i < batch.planes.size(); ++i) {
         const Picture picture(batch, i, lux_per_unit_);
         if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
@@ -75,7 +75,7 @@ class Icns : public PixelModel {
     double noise_on_us = kNever, noise_off_us = kNever;
   };
 
-  void step(Pixel& p, std::uint32_t pixel, const Interval& t, std::vector<EventKey>& events) {
+  void step(Pixel& p, std::uint32_t pixel, const Interval& t, EventSlots& events) {
     const double light = std::log(1.0 + p.lux), tau = tau_us_ * 1e3 / (p.lux + 1);
     double from_us = t.t0_us;
     // A refractory period that ends within the frame: the reference is the voltage then.
@@ -91,7 +91,7 @@ class Icns : public PixelModel {
     for (const bool on : {true, false}) {
       double& next = on ? p.noise_on_us : p.noise_off_us;
       if (!(next < t.t1_us)) continue;
-      events.push_back(event_key(static_cast<std::int64_t>(next), pixel, on));
+      events.add(event_key(static_cast<std::int64_t>(next), pixel, on));
       from_us = next;
       next += on ? period_on_us_ : period_off_us_;
       p.v = p.reference = light;
@@ -107,7 +107,7 @@ class Icns : public PixelModel {
       const double threshold_noise_us = mismatch_ * (on ? on_ : off_) * tau / (light - p.v);
       delay_us += std::hypot(jitter_us_, threshold_noise_us) * gaussian(r[0]);
       delay_us = std::floor(std::clamp(delay_us, 0.0, 1e4));  // whole us
-      events.push_back(event_key(static_cast<std::int64_t>(from_us + delay_us), pixel, on));
+      events.add(event_key(static_cast<std::int64_t>(from_us + delay_us), pixel, on));
       double& threshold = on ? p.on : p.off;
       threshold = std::max(0.0, (on ? on_ : off_) * (1 + mismatch_ * gaussian(r[1])));
       p.blind_until_us = from_us + std::max(delay_us + refractory_us_, 1.0);

@@ -64,14 +64,14 @@ class V2e : public PixelModel {
       const Interval t = interval_before(batch, i);
       const double dt_s = (t.t1_us - t.t0_us) * 1e-6;
       std::atomic<int> most{0};
-      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>&) {
+      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots&) {
         int busiest = 0;
         for (std::size_t k = first; k < end; ++k) busiest = std::max(busiest, count(k, picture, dt_s, t.step));
         for (int seen = most; busiest > seen && !most.compare_exchange_weak(seen, busiest);) {
         }
       });
       const int steps = std::max(1, most.load());
-      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
+      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
         for (std::size_t k = first; k < end; ++k) emit(k, t, steps, events);
       });
     }
@@ -129,7 +129,7 @@ class V2e : public PixelModel {
     return std::abs(p.events);
   }
 
-  void emit(std::size_t k, const Interval& t, int steps, std::vector<EventKey>& events) {
+  void emit(std::size_t k, const Interval& t, int steps, EventSlots& events) {
     Pixel& p = pixels_[k];
     const auto pixel = static_cast<std::uint32_t>(k);
     const bool on = p.events > 0;
@@ -141,7 +141,7 @@ class V2e : public PixelModel {
         if (t_us * 1e-6 - p.last_s <= s_.refractory_s) continue;
         p.last_s = t_us * 1e-6;
       }
-      events.push_back(event_key(std::llround(t_us), pixel, on));
+      events.add(event_key(std::llround(t_us), pixel, on));
       ++fired;
     }
     const float moved = static_cast<float>(fired) * static_cast<float>(on ? p.on : p.off);
@@ -153,7 +153,7 @@ class V2e : public PixelModel {
       const double u = uniform(random4(s_.seed, pixel, t.step, Purpose::model)[1]);
       const bool noise_on = u > 1 - half * s_.on / p.on, noise_off = u < half * s_.off / p.off;
       if (noise_on || noise_off) {
-        events.push_back(event_key(std::llround(t.t1_us), pixel, noise_on));
+        events.add(event_key(std::llround(t.t1_us), pixel, noise_on));
         p.memory = p.v;
       }
     }

@@ -33,7 +33,7 @@ class Voltmeter : public PixelModel {
         residual_(s.pixels()) {}
 
   void advance(const FrameBatch& batch, EventOrder& order) override {
-    for_tiles(grey_.size(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
+    for_tiles(grey_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
       for (std::size_t i = 0; i < batch.planes.size(); ++i) {
         const Picture picture(batch, i, grey_per_unit_);
         if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
@@ -51,7 +51,7 @@ class Voltmeter : public PixelModel {
   }
 
  private:
-  void step(std::uint32_t pixel, float grey, const Interval& t, std::vector<EventKey>& events) {
+  void step(std::uint32_t pixel, float grey, const Interval& t, EventSlots& events) {
     const double mean = (static_cast<double>(grey) + grey_[pixel]) / 2,
                  change = static_cast<double>(grey) - grey_[pixel];
     const double mu = k1_ * change / (t.t1_us - t.t0_us) / (mean + k2_) + k4_ + k5_ * mean;  // Eq. 10
@@ -69,7 +69,7 @@ class Voltmeter : public PixelModel {
       }
       at_us += dt_us;
       residual = 0;
-      events.push_back(event_key(std::llround(at_us), pixel, on));
+      events.add(event_key(std::llround(at_us), pixel, on));
     }
     residual_[pixel] = residual;
   }

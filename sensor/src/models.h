@@ -1,6 +1,7 @@
 #pragma once
 // What the other simulators' models share (pixel_model.h).
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <cmath>
 
@@ -56,13 +57,17 @@ inline Interval interval_before(const FrameBatch& batch, std::size_t index) {
 
 inline constexpr std::size_t kTile = 8192;  // pixels
 
-// work(first pixel, end, events of the tile) for tiles of pixels in parallel.
+// work(first pixel, end, events) for tiles of pixels in parallel; tiles that follow each other share a part of the
+// order.
 template <class Work>
 void for_tiles(std::size_t pixels, EventOrder& order, const Work& work) {
   const std::size_t tiles = (pixels + kTile - 1) / kTile;
-  order.tile(tiles - 1);
-  tbb::parallel_for(std::size_t{0}, tiles,
-                    [&](std::size_t i) { work(i * kTile, std::min(pixels, (i + 1) * kTile), order.tile(i)); });
+  const std::size_t parts = std::min(tiles, 4 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()));
+  order.part(parts - 1);
+  tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
+    for (std::size_t i = part * tiles / parts; i < (part + 1) * tiles / parts; ++i)
+      work(i * kTile, std::min(pixels, (i + 1) * kTile), order.part(part));
+  });
 }
 
 }  // namespace pecs::sensor

@@ -81,8 +81,7 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
   pixels_ = static_cast<std::uint32_t>(n);
 }
 
-void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count,
-                         std::vector<EventKey>& events) {
+void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events) {
   // Interval i lies between t_us[i] and t_us[i + 1]; it needs t_us[i + 2], or the end of the stream.
   const std::size_t times = batch.t_us.size();
   const std::size_t complete = times < 2 ? 0 : times - (batch.last ? 1 : 2);

@@ -26,7 +26,7 @@ struct KernelArguments {
   bool last;                                 // the last of `intervals` has no frame after it
   std::uint32_t first, count;
   std::span<const BackgroundEvent> background;  // by pixel; within these intervals
-  std::vector<EventKey>* events;
+  EventSlots* events;
   ResetMark* marks;  // null: causes are not told
 };
 

@@ -14,7 +14,7 @@ class PecsModel : public PixelModel {
   PecsModel(const ModelSetup& s, double gain_fa, bool causes)
       : pixels_(s.chip, s.width, s.height, s.seed, gain_fa, causes) {}
   void advance(const FrameBatch& batch, EventOrder& order) override {
-    for_tiles(pixels_.pixels(), order, [&](std::size_t first, std::size_t end, std::vector<EventKey>& events) {
+    for_tiles(pixels_.pixels(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
       pixels_.advance(batch, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(end - first), events);
     });
   }

@@ -308,7 +308,7 @@ struct Run {
       tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
         const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
         const std::uint32_t b = std::min(last, (block + 1) * PixelArray::kBlock);
-        std::vector<EventKey> all;
+        EventSlots all;
         std::vector<double> recent;
         for (std::int64_t k = 0; k < total; k += 64) {
           FrameBatch batch{k, {}, recent, false};
@@ -321,14 +321,20 @@ struct Run {
           }
           pixels.advance(batch, a, b - a, all);
           recent.assign(batch.t_us.end() - 2, batch.t_us.end());
-          std::ranges::copy_if(all, std::back_inserter(found[block]),
+          std::ranges::copy_if(all[0], std::back_inserter(found[block]),
                                [&](EventKey key) { return key_time_us(key) >= from_us && key_time_us(key) < to_us; });
-          all.clear();
+          all[0].clear();
         }
       });
       progress.at(static_cast<std::uint64_t>(end));
     }
-    for (std::size_t i = 0; i < found.size(); ++i) order.tile(i) = std::move(found[i]);
+    std::vector<double> slots_us;
+    for (int i = 0; i < 256; ++i) slots_us.push_back(origin_us + duration_us * i / 256);
+    order.begin(slots_us);
+    for (auto& keys : found) {
+      for (const EventKey key : keys) order.part(0).add(key);
+      keys = {};
+    }
     LabelledEvents fired, sent;
     order.take(to_us, 0, fired);
     if (options.ideal_readout || is_ideal_readout(chip)) {

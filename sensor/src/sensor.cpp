@@ -10,135 +10,131 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
-#include <iterator>
-#include <limits>
+#include <numeric>
 #include <utility>
 
 #include "pecs/error.h"
 
 namespace pecs::sensor {
 
-std::vector<EventKey>& EventOrder::tile(std::size_t index) {
-  if (index >= tiles_.size()) tiles_.resize(index + 1);
-  return tiles_[index];
+void EventOrder::begin(std::span<const double> t_us) {
+  edges_.clear();
+  for (const double t : t_us) {
+    const EventKey edge = event_key(std::llround(t), 0, false);
+    if (edges_.empty() || edge > edges_.back()) edges_.push_back(edge);
+  }
+  for (EventSlots& part : parts_) part.begin(edges_);
+  for (const EventKey key : held_) part(0).add(key);
+  held_.clear();
+}
+
+EventSlots& EventOrder::part(std::size_t index) {
+  while (parts_.size() <= index) parts_.emplace_back().begin(edges_);
+  return parts_[index];
 }
 
 namespace {
 
-// Sorts keys whose times lie less than 2^bits us after first_us: stably by time, digit by digit, then those of one
-// time, which tiles bring in order but for few. The result lies in one of both.
-std::span<const EventKey> sort_keys(std::span<EventKey> keys, std::vector<EventKey>& scratch, std::int64_t first_us,
-                                    int bits) {
-  constexpr int kDigitBits = 11;
-  if (scratch.size() < keys.size()) scratch.resize(keys.size());
-  std::array<std::uint32_t, (1 << kDigitBits) + 1> next;
-  std::span<EventKey> from = keys, to = std::span(scratch).first(keys.size());
-  for (int shift = 0; shift < bits; shift += kDigitBits) {
-    const std::size_t digits = std::size_t{1} << std::min(kDigitBits, bits - shift);
-    const auto digit = [&](EventKey key) {
-      return static_cast<std::size_t>(key_time_us(key) - first_us) >> shift & (digits - 1);
-    };
-    std::fill_n(next.begin(), digits + 1, 0u);
-    for (const EventKey key : from) ++next[digit(key) + 1];
-    for (std::size_t i = 1; i < digits; ++i) next[i] += next[i - 1];
-    for (const EventKey key : from) to[next[digit(key)]++] = key;
-    std::swap(from, to);
+// Events of keys. A copy of it in a loop stays in registers.
+class Unpack {
+ public:
+  Unpack(int width, std::int64_t origin_us)
+      : width_(static_cast<std::uint32_t>(width)), per_width_((kOne + width_ - 1) / width_), origin_us_(origin_us) {}
+  void operator()(EventKey key, events::Event& to) const {
+    const std::uint32_t pixel = key_pixel(key);
+    const auto y = static_cast<std::uint32_t>(pixel * per_width_ >> kShift);
+    static_assert(std::endian::native == std::endian::little && offsetof(events::Event, x) == 8 &&
+                  offsetof(events::Event, y) == 10 && offsetof(events::Event, p) == 12);
+    const std::uint64_t place = std::uint64_t{key_on(key)} << 32 | y << 16 | (pixel - y * width_);
+    const std::array words{static_cast<std::uint64_t>(key_time_us(key) - origin_us_), place};
+    std::memcpy(static_cast<void*>(&to), words.data(),
+                sizeof words);  // member by member it takes several times as long
   }
-  for (auto a = from.begin(); a != from.end();) {
-    auto b = a + 1;
-    bool in_order = true;
-    for (; b != from.end() && key_time_us(*b) == key_time_us(*a); ++b) in_order &= *(b - 1) <= *b;
-    if (!in_order) std::sort(a, b);
-    a = b;
+
+ private:
+  // pixel / width = pixel * per_width >> 40 is exact for pixel * width < 2^40.
+  static constexpr int kShift = 40;
+  static constexpr std::uint64_t kOne = std::uint64_t{1} << kShift;
+  std::uint32_t width_;
+  std::uint64_t per_width_;
+  std::int64_t origin_us_;
+};
+
+// Sorts keys of a time: into runs of about as many us as there are keys, and those by insertion. `place`: scratch.
+void sort_keys(std::span<const std::span<const EventKey>> parts, std::int64_t begin_us, std::int64_t end_us,
+               std::span<EventKey> sorted, std::vector<std::uint32_t>& place) {
+  const std::int64_t most_runs = std::clamp<std::int64_t>(2 * std::ssize(sorted), 1, 1 << 14);
+  int shift = 0;
+  while ((end_us - begin_us) >> shift >= most_runs) ++shift;
+  const std::int64_t last = (end_us - begin_us) >> shift;
+  const auto run_of = [&](EventKey key) {
+    return static_cast<std::size_t>(std::clamp((key_time_us(key) - begin_us) >> shift, std::int64_t{0}, last));
+  };
+  place.assign(static_cast<std::size_t>(last) + 2, 0);
+  for (const auto keys : parts)
+    for (const EventKey key : keys) ++place[run_of(key) + 1];
+  std::partial_sum(place.begin(), place.end(), place.begin());
+  for (const auto keys : parts)
+    for (const EventKey key : keys) sorted[place[run_of(key)]++] = key;
+
+  std::size_t moves = 0;
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    const EventKey key = sorted[i];
+    std::size_t to = i;
+    for (; to > 0 && sorted[to - 1] > key; --to) sorted[to] = sorted[to - 1];
+    sorted[to] = key;
+    moves += i - to;
+    if (moves > 16 * sorted.size()) {  // not nearly in order
+      std::ranges::sort(sorted);
+      return;
+    }
   }
-  return from;
 }
 
 }  // namespace
 
-void EventOrder::write(EventKey key, std::int64_t origin_us, events::Event& to) const {
-  const std::uint32_t pixel = key_pixel(key);
-  const auto y = static_cast<std::uint32_t>((pixel + 0.5) * per_width_);  // half a pixel from where it would round
-  static_assert(std::endian::native == std::endian::little && offsetof(events::Event, x) == 8 &&
-                offsetof(events::Event, y) == 10 && offsetof(events::Event, p) == 12);
-  const std::uint64_t place = std::uint64_t{key_on(key)} << 32 | y << 16 | (pixel - y * width_);
-  const std::array words{static_cast<std::uint64_t>(key_time_us(key) - origin_us), place};
-  std::memcpy(static_cast<void*>(&to), words.data(), sizeof words);  // member by member it takes several times as long
-}
-
 void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
-  std::vector<events::Event>& out = labelled.events;
-  constexpr std::size_t kSlots = 256;  // of time, that are sorted by themselves
-  tiles_.push_back(std::move(held_));
-  held_.clear();
   const EventKey limit = event_key(until_us, 0, false);
-  struct Tile {
-    EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
-    std::size_t count = 0;  // before `until_us`
-    std::array<std::size_t, kSlots> next{};
-  };
-  std::vector<Tile> tiles(tiles_.size());
-  const auto over_tiles = [&](auto&& work) {
-    tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) { work(tiles[i], tiles_[i]); });
-  };
-  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
-    for (const EventKey key : keys)
-      if (key < limit) {
-        tile.least = std::min(tile.least, key);
-        tile.most = std::max(tile.most, key);
-        ++tile.count;
+  const std::size_t slots = parts_.empty() ? 0 : parts_.front().size();
+  std::vector<std::size_t> ends(slots + 1, 0);
+  for (EventSlots& part : parts_)
+    for (std::size_t slot = 0; slot < slots; ++slot) {
+      std::vector<EventKey>& keys = part[slot];
+      if (slot + 1 >= edges_.size() || edges_[slot + 1] > limit) {
+        const auto later = std::ranges::stable_partition(keys, [&](EventKey key) { return key < limit; });
+        held_.insert(held_.end(), later.begin(), later.end());
+        keys.erase(later.begin(), later.end());
       }
-  });
-  EventKey least = std::numeric_limits<EventKey>::max(), most = 0;
-  for (const Tile& tile : tiles) {
-    least = std::min(least, tile.least);
-    most = std::max(most, tile.most);
-  }
-  const std::int64_t first_us = key_time_us(least);
-  int shift = 0;
-  while (least <= most && (key_time_us(most) - first_us) >> shift >= static_cast<std::int64_t>(kSlots)) ++shift;
-  const auto slot_of = [&](EventKey key) { return static_cast<std::size_t>((key_time_us(key) - first_us) >> shift); };
+      ends[slot + 1] += keys.size();
+    }
+  std::partial_sum(ends.begin(), ends.end(), ends.begin());
 
-  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
-    for (const EventKey key : keys)
-      if (key < limit) ++tile.next[slot_of(key)];
-  });
-  std::array<std::size_t, kSlots + 1> slots{};
-  std::size_t count = 0;
-  for (std::size_t slot = 0; slot < kSlots; ++slot) {
-    slots[slot] = count;
-    for (Tile& tile : tiles) count += std::exchange(tile.next[slot], count);
-  }
-  slots[kSlots] = count;
-  sorted_.resize(count);
-  over_tiles([&](Tile& tile, const std::vector<EventKey>& keys) {
-    for (const EventKey key : keys)
-      if (key < limit) sorted_[tile.next[slot_of(key)]++] = key;
-  });
-  for (std::size_t i = 0; i < tiles.size(); ++i) {
-    if (tiles[i].count < tiles_[i].size())
-      std::ranges::copy_if(tiles_[i], std::back_inserter(held_), [&](EventKey key) { return key >= limit; });
-    tiles_[i].clear();
-  }
-  tiles_.pop_back();
-
+  std::vector<events::Event>& out = labelled.events;
   const std::size_t before = out.size();
-  if (out.capacity() < before + count) out.reserve(std::max(before + count, 2 * out.capacity()));
-  out.resize(before + count);
-  if (with_causes_) labelled.causes.resize(before + count);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kSlots, 4), [&](const auto& range) {
-    std::vector<EventKey> scratch;
+  if (out.capacity() < before + ends[slots]) out.reserve(std::max(before + ends[slots], 2 * out.capacity()));
+  out.resize(before + ends[slots]);
+  if (with_causes_) labelled.causes.resize(out.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, slots), [&](const auto& range) {
+    std::vector<EventKey> sorted;
+    std::vector<std::uint32_t> place;
+    std::vector<std::span<const EventKey>> keys;
     for (std::size_t slot = range.begin(); slot < range.end(); ++slot) {
-      const auto keys = std::span(sorted_).subspan(slots[slot], slots[slot + 1] - slots[slot]);
-      events::Event* to = out.data() + before + slots[slot];
-      const std::int64_t slot_us = first_us + (static_cast<std::int64_t>(slot) << shift);
-      const auto in_order = sort_keys(keys, scratch, slot_us, shift);
-      for (const EventKey key : in_order) write(key, origin_us, *to++);
+      keys.clear();
+      for (EventSlots& part : parts_) keys.emplace_back(part[slot]);
+      sorted.resize(ends[slot + 1] - ends[slot]);
+      if (sorted.empty()) continue;
+      const std::int64_t begin_us = key_time_us(edges_[slot]);
+      const std::int64_t end_us = slot + 1 < slots ? key_time_us(edges_[slot + 1]) : begin_us + 1000;
+      sort_keys(keys, begin_us, end_us, sorted, place);
+      events::Event* to = out.data() + before + ends[slot];
+      const Unpack unpack(width_, origin_us);
+      for (const EventKey key : sorted) unpack(key, *to++);
       if (with_causes_)
-        std::ranges::transform(in_order, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + slots[slot]),
+        std::ranges::transform(sorted, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + ends[slot]),
                                key_cause);
     }
   });
+  for (EventSlots& part : parts_) part.begin(edges_);
 }
 
 Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model,
@@ -161,6 +157,7 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
     ++frames_;
   }
 
+  order_.begin(batch.t_us);
   model_->advance(batch, order_);
 
   // Events of the intervals to come round to the end of these at the earliest.

@@ -3,11 +3,12 @@
 #define HWY_TARGET_INCLUDE "threshold_kernel.cpp"
 #include <hwy/foreach_target.h>
 // then
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <memory>
 
 #include "pixel_kernel.h"
 #include "pixel_math-inl.h"
@@ -59,20 +60,21 @@ class Compress {
   std::size_t count_ = 0;
 };
 
-// Crossings of many pixels and intervals, solved together.
+// Crossings of many pixels in one interval, solved together.
 class Crossings {
  public:
-  explicit Crossings(const KernelArguments& a) : a_(a) {
-    for (const IntervalTimes& t : a.intervals) {
-      const double whole = std::floor(t.t0_us);
-      base_.push_back(event_key(static_cast<std::int64_t>(whole), 0, false));
-      rounding_.push_back(static_cast<float>(t.t0_us - whole) + 0.5f);
-    }
+  explicit Crossings(EventSlots& events) : events_(events) {}
+
+  // solve() before the next interval.
+  void begin(const IntervalTimes& t) {
+    const double whole = std::floor(t.t0_us);
+    base_ = event_key(static_cast<std::int64_t>(whole), 0, false);
+    h_us_ = t.h_us;
+    rounding_us_ = static_cast<float>(t.t0_us - whole) + 0.5f;
   }
 
   // Where `which`: rising c1 s + c2 s^2 + c3 s^3 = level for s in [0, 1], `rise` being the cubic's value at 1.
-  HWY_INLINE void add(M which, V level, V rise, V c1, V c2, V c3, VU place, std::size_t interval) {
-    const U32 u;
+  HWY_INLINE void add(M which, V level, V rise, V c1, V c2, V c3, VU place) {
     if (HWY_UNLIKELY(waiting_ > kRoom)) solve();
     const V guess = hn::Div(level, rise);
     const Compress compress(which);
@@ -82,169 +84,247 @@ class Crossings {
     compress.store(c2, c2_ + waiting_);
     compress.store(c3, c3_ + waiting_);
     compress.store(place, place_ + waiting_);
-    hn::StoreU(hn::Set(u, static_cast<std::uint32_t>(interval)), u, in_ + waiting_);
     waiting_ += compress.count();
   }
 
-  // Newton's steps, kept in the bracket; a lane stops by itself when a step was so short that the next would be
-  // nothing.
   void solve() {
     const F f;
-    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f), half = hn::Set(f, 0.5f), near = hn::Set(f, 1e-3f);
-    for (std::size_t i = 0; i < waiting_; i += hn::Lanes(f)) {
-      const V c1 = hn::Load(f, c1_ + i), c2 = hn::Load(f, c2_ + i), c3 = hn::Load(f, c3_ + i);
-      const V level = hn::Load(f, level_ + i);
-      const V c2_2 = hn::Add(c2, c2), c3_3 = hn::Mul(hn::Set(f, 3.0f), c3);
-      V a = zero, b = one;
-      V s = hn::Min(hn::Max(hn::Load(f, s_ + i), zero), one);
-      M done = hn::Lt(one, zero);
-      for (int n = 0; n < 8 && !hn::AllTrue(f, done); ++n) {
-        const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
-        const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, c2_2), s, c1);
-        const M below = hn::Lt(off, zero);
-        a = hn::IfThenElse(below, s, a);
-        b = hn::IfThenElse(below, b, s);
-        const V newton = hn::Sub(s, hn::Div(off, slope));
-        const M inside = hn::And(hn::Ge(newton, a), hn::Le(newton, b));
-        const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, newton, hn::Mul(half, hn::Add(a, b))));
-        done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), near)));
-        s = next;
+    const V rounding = hn::Set(f, rounding_us_), h = hn::Set(f, h_us_);
+    constexpr std::size_t kTogether = 2;  // the steps of one wait for each other
+    for (std::size_t i = 0; i < waiting_; i += kTogether * hn::Lanes(f)) {
+      Halley vectors[kTogether];
+      for (std::size_t k = 0; k < kTogether; ++k) {
+        const std::size_t at = i + k * hn::Lanes(f);
+        vectors[k].start(hn::Load(f, s_ + at), hn::Load(f, level_ + at), hn::Load(f, c1_ + at), hn::Load(f, c2_ + at),
+                         hn::Load(f, c3_ + at));
       }
-      hn::Store(s, f, s_ + i);
+      for (int n = 0; n < 8; ++n) {
+        for (Halley& v : vectors) v.step();
+        if (n > 0 && hn::AllTrue(f, hn::And(vectors[0].done, vectors[1].done))) break;
+      }
+      for (std::size_t k = 0; k < kTogether; ++k)
+        hn::Store(hn::ConvertTo(I32(), hn::MulAdd(vectors[k].s, h, rounding)), I32(), us_ + i + k * hn::Lanes(f));
     }
-    const std::size_t before = a_.events->size();
-    a_.events->resize(before + waiting_);
-    EventKey* to = a_.events->data() + before;
-    for (std::size_t i = 0; i < waiting_; ++i) {
-      const std::uint32_t k = in_[i];
-      const auto us = static_cast<std::uint32_t>(s_[i] * a_.intervals[k].h_us + rounding_[k]);
-      to[i] = base_[k] + (EventKey{us} << kKeyTimeShift) + place_[i];
-    }
+    for (std::size_t i = 0; i < waiting_; ++i)
+      keys_[i] = base_ + (static_cast<EventKey>(us_[i]) << kKeyTimeShift) + place_[i];
+    events_.add(std::span<const EventKey>(keys_, waiting_));
     waiting_ = 0;
   }
 
  private:
+  // Halley's steps, kept in the bracket; a lane stops by itself when a step was so short that the next would be
+  // nothing.
+  struct Halley {
+    V s, level, c1, c2, c3, a, b;
+    M done;
+    HWY_INLINE void start(V guess, V level_now, V c1_now, V c2_now, V c3_now) {
+      const F f;
+      level = level_now, c1 = c1_now, c2 = c2_now, c3 = c3_now;
+      a = hn::Zero(f), b = hn::Set(f, 1.0f);
+      s = hn::Min(hn::Max(guess, a), b);
+      done = hn::Lt(b, a);
+    }
+    HWY_INLINE void step() {
+      const F f;
+      const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
+      const V c3_3 = hn::Mul(hn::Set(f, 3.0f), c3);
+      const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, hn::Add(c2, c2)), s, c1), bend = hn::MulAdd(c3_3, s, c2);  // half
+      const M below = hn::Lt(off, hn::Zero(f));
+      a = hn::IfThenElse(below, s, a);
+      b = hn::IfThenElse(below, b, s);
+      const V halley = hn::Sub(s, hn::Div(hn::Mul(off, slope), hn::NegMulAdd(off, bend, hn::Mul(slope, slope))));
+      const M inside = hn::And(hn::Ge(halley, a), hn::Le(halley, b));
+      const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(a, b));
+      const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, halley, middle));
+      done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 1e-2f))));
+      s = next;
+    }
+  };
+
   static constexpr std::size_t kRoom = 512;
-  const KernelArguments& a_;
-  std::vector<EventKey> base_;   // of an interval: its first whole us
-  std::vector<float> rounding_;  // the rest [us], and a half
+  EventSlots& events_;
+  EventKey base_ = 0;                 // the interval's first whole us
+  float h_us_ = 0, rounding_us_ = 0;  // the rest, and a half
   std::size_t waiting_ = 0;
-  HWY_ALIGN float level_[kRoom + 2 * kLanes], s_[kRoom + 2 * kLanes], c1_[kRoom + 2 * kLanes], c2_[kRoom + 2 * kLanes],
-      c3_[kRoom + 2 * kLanes];
-  HWY_ALIGN std::uint32_t place_[kRoom + 2 * kLanes], in_[kRoom + 2 * kLanes];
+  HWY_ALIGN float level_[kRoom + 3 * kLanes], s_[kRoom + 3 * kLanes], c1_[kRoom + 3 * kLanes], c2_[kRoom + 3 * kLanes],
+      c3_[kRoom + 3 * kLanes];
+  HWY_ALIGN std::uint32_t place_[kRoom + 3 * kLanes];
+  HWY_ALIGN std::int32_t us_[kRoom + 3 * kLanes];
+  EventKey keys_[kRoom + 3 * kLanes];
 };
 
-// One vector of pixels through the planes; values: rows of Block. From plane `live` on they stay as they are.
-HWY_INLINE void run_vector(const KernelArguments& a, std::uint32_t pixel, std::uint32_t lanes, const float* values,
-                           std::size_t live, Crossings& crossings) {
-  const F f;
-  const U32 u;
-  const V zero = hn::Zero(f), two = hn::Set(f, 2.0f), three = hn::Set(f, 3.0f);
-  const V on = hn::LoadU(f, a.threshold_on + pixel), off = hn::Neg(hn::LoadU(f, a.threshold_off + pixel));
-  const VU place = hn::ShiftLeft<kKeyPixelShift>(hn::Iota(u, pixel));
-  const M mine = hn::FirstN(f, lanes);
-  V l0 = hn::LoadU(f, a.l0 + pixel), l1 = hn::LoadU(f, a.l1 + pixel), m0 = hn::LoadU(f, a.m0 + pixel);
-  V reference = hn::LoadU(f, a.reference + pixel);
+// A block of pixels, frame by frame: what a pixel needs of the last frames stays in the first cache.
+class ThresholdBlock {
+ public:
+  static constexpr std::uint32_t kPixels = 1024;
 
-  // Slopes are needed where there are events: m0 is that at l0, or follows from the slope before and s0.
-  V slope_before = zero;
-  const IntervalTimes* before = nullptr;  // null: m0 holds
-  const auto step = [&](const IntervalTimes& t, std::size_t interval, V s0, auto&& slope_at_end) {
+  explicit ThresholdBlock(const KernelArguments& a) : a_(a), crossings_(*a.events) {}
+
+  void run(std::uint32_t first, std::uint32_t end) {
+    const F f;
+    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
+    first_ = first;
+    count_ = end - first;
+    std::copy_n(a_.l0 + first, count_, row(-2));
+    std::copy_n(a_.l1 + first, count_, row(-1));
+    std::fill_n(same_, kPixels, std::int8_t{-1});
+    std::size_t interval = 0;
+    const float* before = nullptr;
+    const auto planes = static_cast<int>(a_.planes.size());
+    int i = 0;
+    for (; i < planes; ++i) {
+      const float* now = values(i);
+      const std::int64_t frame = a_.first_frame + i;
+      if (frame > 1) {
+        const IntervalTimes& t = a_.intervals[interval];
+        crossings_.begin(t);
+        // Lists instead of branches: whether light changes, and whether that makes events, cannot be guessed.
+        const std::size_t moving = list_moving(now, before ? before : now, i);
+        std::size_t active = 0;
+        for (std::size_t k = 0; k < moving; ++k) {
+          const std::uint32_t p = moving_[k];
+          const V l1 = hn::LoadU(f, row(i - 1) + p);
+          hn::StoreU(ln_current(a_, hn::LoadU(f, now + p), l1), f, row(i) + p);
+          active_[active] = p;
+          active += !hn::AllFalse(f, crossing(p, l1));
+        }
+        for (std::size_t k = 0; k < active; ++k)
+          step(t, interval, active_[k], i, [&](std::uint32_t p, V l1, V s0) {
+            return inner_slope(s0, per(l1, hn::LoadU(f, row(i) + p), t.per_next), t);
+          });
+        crossings_.solve();
+        ++interval;
+      } else {
+        for (std::uint32_t p = 0; p < count_; p += lanes) {
+          const V dark = hn::Set(f, std::log(kFloor_fa));
+          const V l = ln_current(a_, hn::LoadU(f, now + p), frame == 0 ? dark : hn::LoadU(f, row(i - 1) + p));
+          hn::StoreU(l, f, row(i) + p);
+        }
+        if (frame == 0) std::copy_n(row(i), count_, a_.reference + first);
+      }
+      before = now;
+    }
+
+    if (interval > 0) {
+      const IntervalTimes& t = a_.intervals[interval - 1];
+      for (std::uint32_t p = 0; p < count_; p += lanes) {
+        const V l0 = hn::LoadU(f, row(i - 2) + p);
+        const V s0 = per(hn::LoadU(f, row(i - 3) + p), l0, t.per_h);
+        const V s1 = per(l0, hn::LoadU(f, row(i - 1) + p), t.per_next);
+        store_lanes(inner_slope(s0, s1, t), std::min(lanes, count_ - p), a_.m0 + first + p);
+      }
+    }
+    if (a_.last && interval < a_.intervals.size()) {
+      // No frame follows: the chord is the slope at the end.
+      const IntervalTimes& t = a_.intervals[interval];
+      crossings_.begin(t);
+      for (std::uint32_t p = 0; p < count_; p += lanes)
+        step(t, t.step == 0 ? kChord : 0, p, i, [](std::uint32_t, V, V s0) { return s0; });
+      crossings_.solve();
+    }
+    std::copy_n(row(i - 2), count_, a_.l0 + first);
+    std::copy_n(row(i - 1), count_, a_.l1 + first);
+  }
+
+ private:
+  static constexpr std::size_t kWidth = kPixels + kMaxLanes, kChord = ~std::size_t{0};
+
+  static HWY_INLINE V per(V from, V to, float per_us) { return hn::Mul(hn::Sub(to, from), hn::Set(F(), per_us)); }
+  float* row(int i) { return l_[static_cast<unsigned>(i) & 3]; }  // ln I at plane i, as far as three back
+  // Whole vectors of a plane; lanes beyond the block see light 1.
+  const float* values(int i) {
+    const float* plane = a_.planes[static_cast<std::size_t>(i)] + first_;
+    if (count_ % hn::Lanes(F()) == 0) return plane;
+    float* copy = ragged_[i & 1];
+    std::fill_n(std::copy_n(plane, count_, copy), kMaxLanes, 1.0f);
+    return copy;
+  }
+
+  // Slope at the start of an interval. It is asked for where there are events.
+  V slope_at_start(const IntervalTimes& t, std::size_t interval, std::uint32_t p, int i, V l0, V l1, V s0) {
+    const F f;
+    if (interval == kChord) return s0;
+    if (t.step == 0) return end_slope(s0, per(l1, hn::LoadU(f, row(i) + p), t.per_next), t.h_us, 1 / t.per_next);
+    if (interval == 0) return hn::LoadU(f, a_.m0 + first_ + p);
+    const IntervalTimes& before = a_.intervals[interval - 1];
+    return inner_slope(per(hn::LoadU(f, row(i - 3) + p), l0, before.per_h), s0, before);
+  }
+
+  // Vectors of pixels whose light changed lately. Where four frames are alike, nothing moves until the next that
+  // differs.
+  std::size_t list_moving(const float* now, const float* before, int i) {
+    const float* next =
+        i + 1 < static_cast<int>(a_.planes.size()) ? a_.planes[static_cast<std::size_t>(i) + 1] + first_ : now;
+    const F f;
+    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
+    std::size_t moving = 0;
+    for (std::uint32_t p = 0; p < count_; p += lanes) {
+      hwy::Prefetch(next + p);
+      const bool alike = hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before + p)));
+      hn::StoreU(hn::LoadU(f, row(i - 1) + p), f, row(i) + p);
+      std::int8_t& same = same_[p / lanes];
+      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
+      moving_[moving] = p;
+      moving += same < 3;
+    }
+    return moving;
+  }
+
+  HWY_INLINE M crossing(std::uint32_t p, V l1) const {
+    const F f;
+    const V moved = hn::Sub(l1, hn::LoadU(f, a_.reference + first_ + p));
+    return hn::Or(hn::Ge(moved, hn::LoadU(f, a_.threshold_on + first_ + p)),
+                  hn::Le(moved, hn::Neg(hn::LoadU(f, a_.threshold_off + first_ + p))));
+  }
+
+  // The interval between planes i - 2 and i - 1.
+  template <class SlopeAtEnd>
+  HWY_INLINE void step(const IntervalTimes& t, std::size_t interval, std::uint32_t p, int i,
+                       const SlopeAtEnd& slope_at_end) {
+    const F f;
+    const U32 u;
+    const std::uint32_t pixel = first_ + p;
+    V reference = hn::LoadU(f, a_.reference + pixel);
+    const V l1 = hn::LoadU(f, row(i - 1) + p);
+    const V on = hn::LoadU(f, a_.threshold_on + pixel), off = hn::Neg(hn::LoadU(f, a_.threshold_off + pixel));
     const V moved = hn::Sub(l1, reference);
-    const M rising = hn::Ge(moved, on);
-    const M active = hn::And(mine, hn::Or(rising, hn::Le(moved, off)));
-    if (HWY_LIKELY(hn::AllFalse(f, active))) return;
+    const M rising = hn::Ge(moved, on), active = hn::And(crossing(p, l1), hn::FirstN(f, count_ - p));
     // The k-th event is where the monotone cubic has moved by k thresholds; from l0, and upwards for ON and OFF alike.
+    const V l0 = hn::LoadU(f, row(i - 2) + p), s0 = per(l0, l1, t.per_h);
     const V threshold = hn::IfThenElse(rising, on, off);
     const V count = hn::IfThenElseZero(active, hn::Floor(hn::Div(moved, threshold)));
     const V h = hn::Set(f, t.h_us), up = hn::CopySign(hn::Set(f, 1.0f), threshold), up_h = hn::Mul(up, h);
+    const V two = hn::Set(f, 2.0f), three = hn::Set(f, 3.0f);
     const V rise = hn::Mul(up, hn::Sub(l1, l0));
-    const V c1 = hn::Mul(up_h, before ? inner_slope(slope_before, s0, *before) : m0);
-    const V end = hn::Mul(up_h, slope_at_end());
+    const V c1 = hn::Mul(up_h, slope_at_start(t, interval, p, i, l0, l1, s0));
+    const V end = hn::Mul(up_h, slope_at_end(p, l1, s0));
     const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, c1, end));
     const V c3 = hn::NegMulAdd(two, rise, hn::Add(c1, end));
     const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
-    const VU where = hn::Or(place, hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
+    const VU place = hn::Or(hn::ShiftLeft<kKeyPixelShift>(hn::Iota(u, pixel)),
+                            hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
     V k = hn::Set(f, 1.0f);
     for (M which = hn::Ge(count, k); !hn::AllFalse(f, which); which = hn::Ge(count, k)) {
-      crossings.add(which, hn::MulAdd(k, each, start), rise, c1, c2, c3, where, interval);
+      crossings_.add(which, hn::MulAdd(k, each, start), rise, c1, c2, c3, place);
       k = hn::Add(k, hn::Set(f, 1.0f));
     }
     reference = hn::MulAdd(count, threshold, reference);
-  };
-
-  V last = hn::Set(f, -1.0f);  // no light has it
-  int same = 0;
-  std::size_t interval = 0;
-  for (std::size_t i = 0; i < live; ++i) {
-    const std::int64_t frame = a.first_frame + static_cast<std::int64_t>(i);
-    const V value = hn::LoadU(f, values + i * Block::kStride);
-    // Four frames alike, and nothing moves until the next that differs.
-    same = hn::AllTrue(f, hn::Eq(value, last)) ? same + 1 : 0;
-    if (same > 2 && frame > 2) {
-      ++interval;
-      continue;
-    }
-    last = value;
-    const V l2 = ln_current(a, value, frame == 0 ? hn::Set(f, std::log(kFloor_fa)) : l1);
-    if (frame == 0) {
-      l1 = reference = l2;
-      m0 = zero;
-    } else if (frame > 1) {
-      const IntervalTimes& t = a.intervals[interval];
-      const V s0 = hn::Mul(hn::Sub(l1, l0), hn::Set(f, t.per_h));
-      const V s1 = hn::Mul(hn::Sub(l2, l1), hn::Set(f, t.per_next));
-      if (frame == 2) m0 = end_slope(s0, s1, t.h_us, 1 / t.per_next);
-      step(t, interval, s0, [&] { return inner_slope(s0, s1, t); });
-      slope_before = s0;
-      before = &t;
-      ++interval;
-    }
-    l0 = l1;
-    l1 = l2;
+    store_lanes(reference, std::min(static_cast<std::uint32_t>(hn::Lanes(f)), count_ - p), a_.reference + pixel);
   }
-  if (live < a.planes.size()) {  // still to the end
-    m0 = zero;
-  } else {
-    if (before) m0 = inner_slope(slope_before, hn::Mul(hn::Sub(l1, l0), hn::Set(f, before->per_next)), *before);
-    before = nullptr;
-    if (a.last && interval < a.intervals.size()) {
-      // No frame follows: the chord is the slope at the end.
-      const IntervalTimes& t = a.intervals[interval];
-      const V s0 = hn::Mul(hn::Sub(l1, l0), hn::Set(f, t.per_h));
-      if (t.step == 0) m0 = s0;
-      step(t, interval, s0, [&] { return s0; });
-    }
-  }
-  store_lanes(l0, lanes, a.l0 + pixel);
-  store_lanes(l1, lanes, a.l1 + pixel);
-  store_lanes(m0, lanes, a.m0 + pixel);
-  store_lanes(reference, lanes, a.reference + pixel);
-}
 
-// Planes after which the pixels [first, end) have stood still for so long that nothing can happen to them.
-std::size_t live_planes(const KernelArguments& a, std::uint32_t first, std::uint32_t end) {
-  const auto same = [&](std::size_t i) {
-    return std::memcmp(a.planes[i] + first, a.planes[i - 1] + first, (end - first) * sizeof(float)) == 0;
-  };
-  std::size_t last_change = a.planes.empty() ? 0 : a.planes.size() - 1;
-  while (last_change > 0 && same(last_change)) --last_change;
-  return std::min(a.planes.size(), last_change + 4);
-}
+  const KernelArguments& a_;
+  Crossings crossings_;
+  std::uint32_t first_ = 0, count_ = 0;
+  std::int8_t same_[kPixels];  // of a vector: frames that are as the one before, up to 3
+  std::uint32_t moving_[kPixels + 1], active_[kPixels + 1];
+  float l_[4][kWidth], ragged_[2][kWidth];
+};
 
 void RunThresholdKernel(const KernelArguments& a) {
-  const auto lanes = static_cast<std::uint32_t>(hn::Lanes(F()));
-  const auto end = a.first + a.count;
-  Block values(a);
-  Crossings crossings(a);
-  for (std::uint32_t block = a.first; block < end; block += Block::kPixels) {
-    const std::uint32_t block_end = std::min(end, block + Block::kPixels);
-    const std::size_t live = live_planes(a, block, block_end);
-    values.gather(block, block_end, live);
-    for (std::uint32_t pixel = block; pixel < block_end; pixel += lanes)
-      run_vector(a, pixel, std::min(lanes, block_end - pixel), values.from(pixel - block), live, crossings);
-  }
-  crossings.solve();
+  const auto block = std::make_unique<ThresholdBlock>(a);
+  const std::uint32_t end = a.first + a.count;
+  for (std::uint32_t first = a.first; first < end; first += ThresholdBlock::kPixels)
+    block->run(first, std::min(end, first + ThresholdBlock::kPixels));
 }
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

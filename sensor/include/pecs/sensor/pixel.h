@@ -34,7 +34,7 @@ class PixelArray {
   // Works through the batch for pixels [first, first + count) and appends their events: by pixel, then time. Every
   // batch must be given to every pixel once. Ranges worked on at the same time begin at multiples of kBlock.
   static constexpr std::uint32_t kBlock = 1024;
-  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, std::vector<EventKey>& events);
+  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events);
 
  private:
   std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,

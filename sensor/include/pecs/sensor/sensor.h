@@ -11,24 +11,25 @@
 
 namespace pecs::sensor {
 
-// Sorts events that come by tile into the stream's order: time, then pixel. The order does not depend on the tiles.
+// Sorts the events of a batch into the stream's order: time, then pixel. The order does not depend on how they came.
 class EventOrder {
  public:
   // `causes`: events leave with their causes.
-  explicit EventOrder(int width, bool causes = false)
-      : width_(static_cast<std::uint32_t>(width)), per_width_(1.0 / width), with_causes_(causes) {}
-  std::vector<EventKey>& tile(std::size_t index);  // to be filled; call for all tiles before any is filled in parallel
-  // Moves the events before `until_us` to `out`, sorted, times less `origin_us`; keeps the others.
+  explicit EventOrder(int width, bool causes = false) : width_(width), with_causes_(causes) {}
+  // Events to come lie between these times; the better they are spread over them, the faster.
+  void begin(std::span<const double> t_us);
+  // To be filled; call for all before any is filled in parallel. Sorting is fastest when higher indices have higher
+  // pixels.
+  EventSlots& part(std::size_t index);
+  // Appends the events before `until_us` to `out`, sorted, times less `origin_us`; keeps the others.
   void take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& out);
 
  private:
-  void write(EventKey key, std::int64_t origin_us, events::Event& to) const;
-
-  std::uint32_t width_;
-  double per_width_;
-  std::vector<std::vector<EventKey>> tiles_;
-  std::vector<EventKey> held_, sorted_;
+  int width_;
   bool with_causes_;
+  std::vector<EventKey> edges_;  // of the slots
+  std::vector<EventSlots> parts_;
+  std::vector<EventKey> held_;
 };
 
 struct SensorExtras {
