@@ -65,7 +65,7 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
 
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height), padded = n + kMaxLanes;
   for (auto* v : {&threshold_on_, &threshold_off_}) v->assign(padded, 1.0f);
-  for (auto* v : {&l0_, &l1_, &m0_, &reference_, &blind_us_}) v->assign(padded, 0.0f);
+  for (auto* v : {&light0_, &light1_, &m0_, &reference_, &blind_us_}) v->assign(padded, 0.0f);
   if (constants_.a_per_us > 0)
     for (auto* v : {&w_, &noise_}) v->assign(padded, 1.0f);
   for (std::size_t i = 0; i < n; ++i) {
@@ -103,8 +103,8 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
        seed_,
        threshold_on_.data(),
        threshold_off_.data(),
-       l0_.data(),
-       l1_.data(),
+       light0_.data(),
+       light1_.data(),
        m0_.data(),
        reference_.data(),
        blind_us_.data(),

@@ -3,11 +3,14 @@
 #define HWY_TARGET_INCLUDE "pixel_kernel.cpp"
 #include <hwy/foreach_target.h>
 // then
+#include <hwy/cache_control.h>
 #include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <vector>
 
 #include "pecs/sensor/random.h"
 #include "pixel_kernel.h"
@@ -88,316 +91,687 @@ HWY_INLINE V gaussian(VU r) {
   return hn::Mul(hn::Mul(p, x), hn::Set(f, 1.41421356f));
 }
 
-struct Vectors {
-  V l0, l1, m0, reference, blind, w, noise;
+// A step of the photoreceptor over exposure x with g the cubic from g0 to g1 of slopes d0 and d1 per exposure
+// (photoreceptor.h).
+HWY_INLINE V receptor_step(V w, V g0, V g1, V d0, V d1, V x) {
+  const F f;
+  const V one = hn::Set(f, 1.0f);
+  // j_n: integral of e^-(x-y) (y/x)^n. j_n = 1 - n j_(n-1) / x; up from e^-x, or down from the series of j_3.
+  V series = hn::Set(f, -6.0f / 39916800);
+  for (const float c : {6.0f / 3628800, -6.0f / 362880, 6.0f / 40320, -6.0f / 5040, 6.0f / 720, -6.0f / 120, 6.0f / 24})
+    series = hn::MulAdd(series, x, hn::Set(f, c));
+  V j3 = hn::Mul(x, series);
+  V j2 = hn::Mul(hn::Mul(x, hn::Set(f, 1.0f / 3)), hn::Sub(one, j3));
+  V j1 = hn::Mul(hn::Mul(x, hn::Set(f, 0.5f)), hn::Sub(one, j2));
+  V j0 = hn::Mul(x, hn::Sub(one, j1));
+  const M large = hn::Gt(x, one);
+  if (!hn::AllFalse(f, large)) {
+    const V per_x = hn::Div(one, x);
+    j0 = hn::IfThenElse(large, hn::Sub(one, hn::Exp(f, hn::Neg(x))), j0);
+    j1 = hn::IfThenElse(large, hn::NegMulAdd(per_x, j0, one), j1);
+    j2 = hn::IfThenElse(large, hn::NegMulAdd(hn::Add(per_x, per_x), j1, one), j2);
+    j3 = hn::IfThenElse(large, hn::NegMulAdd(hn::Mul(hn::Set(f, 3.0f), per_x), j2, one), j3);
+  }
+  const V rise = hn::Sub(g1, g0), both = hn::Add(d0, d1);
+  const V bend2 = hn::Sub(hn::Mul(hn::Set(f, 3.0f), rise), hn::Add(d0, both));
+  const V bend3 = hn::Sub(both, hn::Add(rise, rise));
+  return hn::MulAdd(bend3, j3, hn::MulAdd(bend2, j2, hn::MulAdd(d0, j1, hn::MulAdd(j0, hn::Sub(g0, w), w))));
+}
+
+// c0 + c1 s + c2 s^2 + c3 s^3 in each lane.
+struct Cubics {
+  V c0, c1, c2, c3;
+  V at(V s) const { return hn::MulAdd(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s, c0); }
+  V slope(V s) const {
+    const F f;
+    return hn::MulAdd(hn::MulAdd(hn::Mul(hn::Set(f, 3.0f), c3), s, hn::Add(c2, c2)), s, c1);
+  }
+  V bend(V s) const { return hn::MulAdd(hn::Mul(hn::Set(F(), 6.0f), c3), s, hn::Add(c2, c2)); }
 };
 
-template <bool kReceptor>
-class Run {
- public:
-  Run(const KernelArguments& a, std::uint32_t pixel, std::uint32_t lanes) : a_(a), pixel_(pixel), lanes_(lanes) {}
+// By values and slopes at 0 and 1.
+HWY_INLINE Cubics hermite(V v0, V v1, V m0, V m1) {
+  const V rise = hn::Sub(v1, v0), both = hn::Add(m0, m1);
+  return {v0, m0, hn::Sub(hn::Mul(hn::Set(F(), 3.0f), rise), hn::Add(m0, both)), hn::Sub(both, hn::Add(rise, rise))};
+}
+HWY_INLINE Cubics choose(M which, const Cubics& a, const Cubics& b) {
+  return {hn::IfThenElse(which, a.c0, b.c0), hn::IfThenElse(which, a.c1, b.c1), hn::IfThenElse(which, a.c2, b.c2),
+          hn::IfThenElse(which, a.c3, b.c3)};
+}
 
-  // All planes of the batch for one vector of pixels; values: one vector per plane. background: by time.
-  void operator()(const float* values, std::span<const BackgroundEvent> background) {
-    on_ = hn::LoadU(f_, a_.threshold_on + pixel_);
-    off_ = hn::Neg(hn::LoadU(f_, a_.threshold_off + pixel_));
+struct Crossings {
+  V at;  // > 1: none
+  M on;
+};
+
+// The first s >= from where a cubic is >= high (on) or <= low.
+HWY_INLINE Crossings first_crossing(const Cubics& q, V from, V low, V high) {
+  const F f;
+  const V one = hn::Set(f, 1.0f);
+  // Monotone pieces end where 3 c3 s^2 + 2 c2 s + c1 = 0.
+  const V root2 = hn::NegMulAdd(hn::Mul(hn::Set(f, 3.0f), q.c3), q.c1, hn::Mul(q.c2, q.c2));
+  const V sum = hn::Neg(hn::Add(q.c2, hn::CopySign(hn::Sqrt(root2), q.c2)));
+  const V r0 = hn::Div(sum, hn::Mul(hn::Set(f, 3.0f), q.c3)), r1 = hn::Div(q.c1, sum);
+  const M swap = hn::Gt(r0, r1);
+  const V first = hn::IfThenElse(swap, r1, r0), second = hn::IfThenElse(swap, r0, r1);
+  const auto inside = [&](V s, V after) { return hn::And(hn::Gt(s, after), hn::Lt(s, one)); };  // false for NaN
+  const V e0 = hn::IfThenElse(inside(first, from), first, from);
+  const V e1 = hn::IfThenElse(inside(second, e0), second, e0);
+  const V q_from = q.at(from), q0 = q.at(e0), q1 = q.at(e1), q2 = q.at(one);
+  const auto outside = [&](V v) { return hn::Or(hn::Ge(v, high), hn::Le(v, low)); };
+  const M at_once = outside(q_from), in0 = outside(q0), in1 = outside(q1), in2 = outside(q2);
+
+  const V a = hn::IfThenElse(in0, from, hn::IfThenElse(in1, e0, e1));
+  const V b = hn::IfThenElse(in0, e0, hn::IfThenElse(in1, e1, one));
+  const V qa = hn::IfThenElse(in0, q_from, hn::IfThenElse(in1, q0, q1));
+  const V qb = hn::IfThenElse(at_once, q_from, hn::IfThenElse(in0, q0, hn::IfThenElse(in1, q1, q2)));
+  const M found = hn::Or(hn::Or(at_once, in0), hn::Or(in1, in2)), on = hn::Ge(qb, high);
+  const V level = hn::IfThenElse(on, high, low), up = hn::IfThenElse(on, one, hn::Neg(one));
+  const V guess = hn::MulAdd(hn::Sub(b, a), hn::Div(hn::Sub(level, qa), hn::Sub(qb, qa)), a);
+  Halley solve(guess, hn::Mul(up, hn::Sub(level, q.c0)), hn::Mul(up, q.c1), hn::Mul(up, q.c2), hn::Mul(up, q.c3), a, b);
+  solve.done = hn::Or(at_once, hn::Not(found));
+  for (int n = 0; n < 12 && !hn::AllTrue(f, solve.done); ++n) solve.step();
+  return {hn::IfThenElse(at_once, from, hn::IfThenElse(found, solve.s, hn::Set(f, 2.0f))), on};
+}
+
+// What the photoreceptor does within an interval, in steps of its own choice (photoreceptor.h: Receptor, whose double
+// precision the tests compare with).
+struct Receptors {
+  Cubics light;  // ln I
+  V a_h, steepest, steepest_bend;
+  V s, w, i, slope, v;
+
+  struct Step {
+    V s0, s1;
+    Cubics v;  // within the step
+  };
+  struct Motion {
+    V follows, relaxes;
+  };
+  Motion motion() const {
+    const F f;
+    const V x = hn::Mul(a_h, i), per_x = hn::Div(hn::Set(f, 1.0f), x);
+    const V second = hn::Mul(hn::MulSub(slope, slope, light.bend(s)), hn::Mul(per_x, per_x));
+    const V follows = hn::MulAdd(slope, per_x, hn::IfThenElseZero(hn::Gt(x, hn::Add(steepest, steepest)), second));
+    const V one = hn::Set(f, 1.0f);
+    return {follows, hn::Sub(hn::Sub(one, hn::Div(one, hn::Mul(w, i))), follows)};
+  }
+  V slope_of_v(const Motion& m, V ds) const {
+    const V x = hn::Mul(hn::Mul(a_h, i), ds);
+    return hn::MulAdd(x, m.follows, hn::Mul(hn::Min(x, hn::Set(F(), 3.0f)), m.relaxes));
+  }
+  V wanted(const Motion& m) const {
+    const F f;
+    const V one = hn::Set(f, 1.0f), tolerance = hn::Set(f, 2e-4f);
+    const V x = hn::Mul(a_h, hn::Max(i, hn::Div(one, w))), x_1 = hn::Add(one, x);
+    const V r = hn::Add(hn::Abs(m.relaxes), hn::IfThenElseZero(hn::Le(x, hn::Add(steepest, steepest)),
+                                                               hn::Div(steepest_bend, hn::Mul(x_1, x_1))));
+    const V relaxation = hn::Div(hn::Sqrt(hn::Sqrt(hn::Div(hn::Set(f, 384 * 2e-4f), r))), x);
+    const V slow = hn::Div(hn::Set(f, 0.5f), steepest);
+    return hn::Min(hn::Min(one, slow), hn::IfThenElse(hn::Lt(r, tolerance), one, relaxation));
+  }
+  // One step where `which`.
+  Step next(M which) {
+    const F f;
+    const V one = hn::Set(f, 1.0f), rest = hn::Sub(one, s);
+    const Motion before = motion();
+    const V steps = hn::Min(hn::Ceil(hn::Div(rest, wanted(before))), hn::Set(f, 1e4f));
+    const V ds = hn::Div(rest, steps), s1 = hn::IfThenElse(hn::Le(steps, one), one, hn::Add(s, ds));
+    const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(s, s1));
+    const V i1 = hn::Exp(f, light.at(s1)), im = hn::Exp(f, light.at(middle)), slope1 = light.slope(s1);
+    const V x = hn::Mul(hn::Mul(hn::Mul(a_h, ds), hn::Set(f, 1.0f / 6)),  // Simpson
+                        hn::MulAdd(hn::Set(f, 4.0f), im, hn::Add(i, i1)));
+    const V g0 = hn::Div(one, i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, a_h);
+    const auto slope_of_g = [&](V l, V g) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(g, g), per_a_h))); };
+    const V m0 = slope_of_v(before, ds), v0 = v, s0 = s;
+    w = hn::IfThenElse(
+        which, sensor::HWY_NAMESPACE::receptor_step(w, g0, g1, slope_of_g(slope, g0), slope_of_g(slope1, g1), x), w);
+    s = hn::IfThenElse(which, s1, s);
+    i = hn::IfThenElse(which, i1, i);
+    slope = hn::IfThenElse(which, slope1, slope);
+    v = hn::IfThenElse(which, hn::Neg(ln(w)), v);
+    return {s0, s1, hermite(v0, v, m0, slope_of_v(motion(), ds))};
+  }
+};
+
+// A block of pixels, frame by frame. First what all pixels have to do, vector by vector; then the exact work, for those
+// that may fire. Pictures stand still in most places: what follows from light that stays is kept.
+template <bool kReceptor>
+class PixelBlock {
+ public:
+  static constexpr std::uint32_t kPixels = 256;
+
+  explicit PixelBlock(const KernelArguments& a) : a_(a) {}
+
+  // background: of these pixels, by time.
+  void run(std::uint32_t first, std::uint32_t end, std::span<const BackgroundEvent> background) {
+    first_ = first;
+    count_ = end - first;
+    vectors_end_ = (count_ + lanes() - 1) / lanes() * lanes();
     background_ = background;
     load();
     std::size_t interval = 0;
+    const float* before = nullptr;
     for (std::size_t i = 0; i < a_.planes.size(); ++i) {
       const std::int64_t frame = a_.first_frame + static_cast<std::int64_t>(i);
-      const V value = hn::LoadU(f_, values + i * Block::kStride);
-      const V l2 = ln_current(a_, value, frame == 0 ? hn::Set(f_, std::log(kFloor_fa)) : s_.l1);
-      if (frame == 0) {
-        start(l2);
-        if (a_.marks) mark_start();
-      } else if (frame == 1) {
-        s_.l0 = s_.l1;
-        s_.l1 = l2;
-      } else {
+      const float* now = values(i);
+      take_light(now, before ? before : now, i, frame == 0);
+      if (frame == 0) start();
+      if (frame > 1) {
         const IntervalTimes& t = a_.intervals[interval++];
-        const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
-        const V s1 = hn::Mul(hn::Sub(l2, s_.l1), hn::Set(f_, t.per_next));
-        if (frame == 2) s_.m0 = end_slope(s0, s1, t.h_us, 1 / t.per_next);
-        step(t, inner_slope(s0, s1, t));
-        s_.l0 = s_.l1;
-        s_.l1 = l2;
+        list_moving(t);
+        for (std::size_t k = 0; k < moving_count_; ++k) {
+          const std::uint32_t p = moving_[k];
+          const V l0 = at(l_[0], p), l1 = at(l_[1], p), l2 = at(l_[2], p);
+          const V s0 = per(l0, l1, t.per_h), s1 = per(l1, l2, t.per_next);
+          if (frame == 2) put(end_slope(s0, s1, t.h_us, 1 / t.per_next), m_[0], p);
+          put(inner_slope(s0, s1, t), m_[1], p);
+        }
+        step(t);
       }
+      for (float** row : {l_, i_, g_}) {
+        float* oldest = row[0];
+        row[0] = row[1], row[1] = row[2], row[2] = oldest;
+      }
+      before = now;
     }
     if (a_.last && interval < a_.intervals.size()) {
       const IntervalTimes& t = a_.intervals[interval];
-      const V s0 = hn::Mul(hn::Sub(s_.l1, s_.l0), hn::Set(f_, t.per_h));
-      // No frame follows: the chord is the slope at the end.
-      if (t.step == 0) s_.m0 = s0;
-      step(t, s0);
+      moving_count_ = 0;
+      for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+        moving_[moving_count_++] = p;
+        // No frame follows: the chord is the slope at the end.
+        const V s0 = per(at(l_[0], p), at(l_[1], p), t.per_h);
+        if (t.step == 0) put(s0, m_[0], p);
+        put(s0, m_[1], p);
+      }
+      step(t);
     }
     store();
   }
 
  private:
+  static constexpr float kNone = 2;  // no time within an interval
+
+  static std::uint32_t lanes() { return static_cast<std::uint32_t>(hn::Lanes(F())); }
+  static HWY_INLINE V at(const float* row, std::uint32_t p) { return hn::Load(F(), row + p); }
+  static HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + p); }
+  static HWY_INLINE V per(V from, V to, float per_us) { return hn::Mul(hn::Sub(to, from), hn::Set(F(), per_us)); }
+  static HWY_INLINE V inverse(V v) { return hn::Div(hn::Set(F(), 1.0f), v); }
+  float leak(const IntervalTimes& t) const { return static_cast<float>(a_.constants.leak_per_us) * t.h_us; }
+  float a_h(const IntervalTimes& t) const { return static_cast<float>(a_.constants.a_per_us) * t.h_us; }
+
   void load() {
-    s_.l0 = hn::LoadU(f_, a_.l0 + pixel_);
-    s_.l1 = hn::LoadU(f_, a_.l1 + pixel_);
-    s_.m0 = hn::LoadU(f_, a_.m0 + pixel_);
-    s_.reference = hn::LoadU(f_, a_.reference + pixel_);
-    s_.blind = hn::LoadU(f_, a_.blind_us + pixel_);
+    const auto take = [&](const float* from, float* row, float beyond) {
+      std::fill_n(std::copy_n(from + first_, count_, row), vectors_end_ - count_, beyond);
+    };
+    take(a_.light0, i_[0], 1);
+    take(a_.light1, i_[1], 1);
+    take(a_.m0, m_[0], 0);
+    take(a_.reference, reference_, 0);
+    take(a_.blind_us, blind_us_, 0);
+    take(a_.threshold_on, on_, 1);
+    take(a_.threshold_off, off_, 1);
     if constexpr (kReceptor) {
-      s_.w = hn::LoadU(f_, a_.w + pixel_);
-      s_.noise = hn::LoadU(f_, a_.noise + pixel_);
-      at_state();
+      take(a_.w, w_[0], 1);
+      take(a_.noise, noise_[0], 0);
+    } else {
+      for (float* row : noise_) std::fill_n(row, kPixels, 0.0f);
     }
+    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+      for (int k = 0; k < 2; ++k) follow_light(k, p);
+      if constexpr (kReceptor) follow_w(0, p);
+    }
+    std::fill_n(same_, kPixels, std::int8_t{-1});
+    std::fill_n(kept_, kPixels, false);
+    std::fill_n(background_s_, kPixels, kNone);
+    kept_h_us_ = 0;
+    random_of_ = -1;
   }
-  // What follows from w and ln I.
-  void at_state() {
-    const V one = hn::Set(f_, 1.0f);
-    v_ = hn::Neg(ln(s_.w));
-    u_now_ = hn::Div(one, s_.w);
-    i_now_ = hn::Exp(f_, s_.l0);
-    g_now_ = hn::Div(one, i_now_);
+  void follow_light(int k, std::uint32_t p) {
+    const V i = at(i_[k], p);
+    put(ln(i), l_[k], p);
+    put(inverse(i), g_[k], p);
+  }
+  void follow_w(int k, std::uint32_t p) {
+    const V w = at(w_[k], p);
+    put(hn::Neg(ln(w)), v_[k], p);
+    put(inverse(w), u_[k], p);
   }
   void store() {
-    const auto put = [&](V v, float* to) { store_lanes(v, lanes_, to); };
-    put(s_.l0, a_.l0 + pixel_);
-    put(s_.l1, a_.l1 + pixel_);
-    put(s_.m0, a_.m0 + pixel_);
-    put(s_.reference, a_.reference + pixel_);
-    put(s_.blind, a_.blind_us + pixel_);
+    const auto give = [&](const float* row, float* to) { std::copy_n(row, count_, to + first_); };
+    give(i_[0], a_.light0);
+    give(i_[1], a_.light1);
+    give(m_[0], a_.m0);
+    give(reference_, a_.reference);
+    give(blind_us_, a_.blind_us);
     if constexpr (kReceptor) {
-      put(s_.w, a_.w + pixel_);
-      put(s_.noise, a_.noise + pixel_);
+      give(w_[0], a_.w);
+      give(noise_[0], a_.noise);
     }
   }
 
-  // The first frame: everything at rest.
-  void start(V l) {
-    s_.l0 = s_.l1 = l;
-    s_.m0 = s_.blind = hn::Zero(f_);
-    s_.reference = l;
-    if constexpr (kReceptor) {
-      s_.w = hn::Div(hn::Set(f_, 1.0f), hn::Exp(f_, l));
-      s_.noise = hn::Zero(f_);
-      at_state();
-      if (a_.noise_std > 0) s_.noise = hn::Mul(hn::Set(f_, a_.noise_std), gaussian_of(0, Purpose::noise_start));
-      s_.reference = hn::Add(v_, s_.noise);
+  // Whole vectors of a plane; lanes beyond the block see light 1.
+  const float* values(std::size_t i) {
+    const float* plane = a_.planes[i] + first_;
+    if (count_ == vectors_end_) return plane;
+    float* copy = ragged_[i & 1];
+    std::fill_n(std::copy_n(plane, count_, copy), vectors_end_ - count_, 1.0f);
+    return copy;
+  }
+
+  // Light of the newest frame, where it differs from the one before.
+  void take_light(const float* now, const float* before, std::size_t plane, bool first) {
+    const F f;
+    const float* next = plane + 1 < a_.planes.size() ? a_.planes[plane + 1] + first_ : now;
+    std::size_t changed = 0;
+    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+      hwy::Prefetch(next + p);
+      const bool alike = hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before + p)));
+      std::int8_t& same = same_[p / lanes()];
+      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
+      for (float** row : {l_, i_, g_}) put(at(row[1], p), row[2], p);
+      moving_[changed] = p;
+      changed += !alike || now == before;
+    }
+    for (std::size_t k = 0; k < changed; ++k) {
+      const std::uint32_t p = moving_[k];
+      const V current = hn::MulAdd(hn::LoadU(f, now + p), hn::Set(f, a_.gain_fa), hn::Set(f, a_.dark_fa));
+      const V held = first ? hn::Set(f, kFloor_fa) : at(i_[1], p);
+      const M finite = hn::Lt(current, hn::Set(f, 1e30f));  // false for NaN
+      put(hn::IfThenElse(finite, hn::Max(current, hn::Set(f, kFloor_fa)), held), i_[2], p);
+      follow_light(2, p);
     }
   }
 
-  void mark_start() {
-    HWY_ALIGN float noise[HWY_MAX_BYTES / sizeof(float)];
-    hn::Store(kReceptor ? s_.noise : hn::Zero(f_), f_, noise);
-    for (std::uint32_t i = 0; i < lanes_; ++i) a_.marks[pixel_ + i] = {a_.start_us, noise[i]};
-  }
-
-  // Four steps share one call of Philox.
-  V gaussian_of(std::int64_t step, Purpose purpose) {
-    const std::int64_t four = step >> 2;
-    if (four != random_of_ || purpose != random_for_) {
-      const auto s = static_cast<std::uint64_t>(four);
-      random_[0] = hn::Iota(u_, pixel_);
-      random_[1] = hn::Set(u_, static_cast<std::uint32_t>(s));
-      random_[2] = hn::Set(u_, static_cast<std::uint32_t>(s >> 32));
-      random_[3] = hn::Set(u_, static_cast<std::uint32_t>(purpose));
-      philox(random_, a_.seed);
-      random_of_ = four;
-      random_for_ = purpose;
+  // The first frame, in the newest rows: everything at rest.
+  void start() {
+    const F f;
+    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+      put(hn::Zero(f), m_[0], p);
+      put(hn::Zero(f), blind_us_, p);
+      put(at(l_[2], p), reference_, p);
+      if constexpr (kReceptor) {
+        put(at(g_[2], p), w_[0], p);
+        follow_w(0, p);
+        V noise = hn::Zero(f);
+        if (a_.noise_std > 0) noise = hn::Mul(hn::Set(f, a_.noise_std), gaussian(draw(p, 0, Purpose::noise_start)[0]));
+        put(noise, noise_[0], p);
+        put(hn::Add(at(v_[0], p), noise), reference_, p);
+      }
     }
-    return gaussian(random_[step & 3]);
+    if (a_.marks)
+      for (std::uint32_t p = 0; p < count_; ++p) a_.marks[first_ + p] = {a_.start_us, noise_[0][p]};
   }
 
-  // The interval between frames of ln I = l0 and l1, with slopes m0 and m1 per us.
-  void step(const IntervalTimes& t, V m1) {
-    const V h = hn::Set(f_, t.h_us);
-    if constexpr (kReceptor) {
-      step_receptor(t, hn::Mul(s_.m0, h), hn::Mul(m1, h));
-    } else {
-      step_ideal(t, hn::Mul(s_.m0, h), hn::Mul(m1, h));
-    }
-    s_.m0 = m1;
-  }
-
-  // V = ln I, monotone between frames: its end tells whether a threshold is crossed.
-  void step_ideal(const IntervalTimes& t, V m0, V m1) {
-    const V leak = hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us);
-    const V d1 = hn::Sub(s_.l1, s_.reference);
-    M active = hn::Or(hn::Ge(hn::Add(d1, leak), on_), hn::Le(d1, off_));
-    active = hn::Or(active, hn::Gt(s_.blind, hn::Zero(f_)));
-    find(t, active, m0, m1, s_.w, s_.noise);
-    s_.reference = hn::Sub(s_.reference, leak);
-  }
-
-  // The photoreceptor over an interval whose light is given at its start, middle and end.
-  struct Response {
-    V w1, v1, u1, i1, g1;
-    V x, decay;  // exposure and e^-X
+  struct Four {
+    VU r[4];
+    VU operator[](int k) const { return r[k]; }
   };
-  Response respond(V m0, V m1, V a_h) const {
-    const V one = hn::Set(f_, 1.0f), zero = hn::Zero(f_);
-    // ln I at the middle of the cubic, and I at middle and end.
-    const V lm = hn::MulAdd(hn::Sub(m0, m1), hn::Set(f_, 0.125f), hn::Mul(hn::Set(f_, 0.5f), hn::Add(s_.l0, s_.l1)));
-    const V im = hn::Exp(f_, lm), i1 = hn::Exp(f_, s_.l1);
-    const V gm = hn::Div(one, im), g1 = hn::Div(one, i1);
-    // Two half steps.
-    const V d = hn::Mul(a_h, hn::Set(f_, 1.0f / 24));
-    const V x0 =
-        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i_now_, hn::Mul(hn::Set(f_, 8.0f), im)), i1)));
-    const V x1 =
-        hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(hn::Set(f_, 5.0f), i1, hn::Mul(hn::Set(f_, 8.0f), im)), i_now_)));
+  // Four steps share one call of Philox.
+  Four draw(std::uint32_t p, std::int64_t four, Purpose purpose) const {
+    const U32 u;
+    const auto s = static_cast<std::uint64_t>(four);
+    Four out{{iota(first_ + p), hn::Set(u, static_cast<std::uint32_t>(s)),
+              hn::Set(u, static_cast<std::uint32_t>(s >> 32)), hn::Set(u, static_cast<std::uint32_t>(purpose))}};
+    philox(out.r, a_.seed);
+    return out;
+  }
+  // Gaussian deviates of a step.
+  const float* draws(std::int64_t step) {
+    if (step >> 2 != random_of_) {
+      random_of_ = step >> 2;
+      for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+        const Four four = draw(p, random_of_, Purpose::noise);
+        for (int k = 0; k < 4; ++k) put(gaussian(four[k]), random_[k], p);
+      }
+    }
+    return random_[step & 3];
+  }
+
+  // Vectors in which something moves; in the others the photoreceptor ends as it began.
+  void list_moving(const IntervalTimes& t) {
+    const F f;
+    moving_count_ = 0;
+    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+      const std::size_t vector = p / lanes();
+      bool still = same_[vector] > 2;
+      if constexpr (kReceptor) still = still && hn::AllTrue(f, hn::Eq(at(w_[0], p), at(g_[0], p)));
+      moving_[moving_count_] = p;
+      moving_count_ += !(still && kept_[vector] && kept_h_us_ == t.h_us);
+      kept_[vector] = still;
+      put(at(m_[0], p), m_[1], p);
+      if constexpr (kReceptor) {
+        put(at(w_[0], p), w_[1], p);
+        put(at(v_[0], p), v_[1], p);
+        put(at(u_[0], p), u_[1], p);
+      }
+    }
+    kept_h_us_ = t.h_us;
+  }
+
+  // The photoreceptor over the interval, given its light at start, middle and end: two half steps.
+  HWY_INLINE void respond(const IntervalTimes& t, std::uint32_t p) {
+    const F f;
+    const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), h = hn::Set(f, t.h_us);
+    const V i0 = at(i_[0], p), i1 = at(i_[1], p), g0 = at(g_[0], p), g1 = at(g_[1], p), w0 = at(w_[0], p);
+    const V bow = hn::Mul(hn::Mul(hn::Sub(at(m_[0], p), at(m_[1], p)), h), hn::Set(f, 0.125f));
+    const V l0 = at(l_[0], p), lm = hn::MulAdd(hn::Set(f, 0.5f), hn::Add(l0, at(l_[1], p)), bow);
+    const V im = hn::Mul(i0, hn::Exp(f, hn::Sub(lm, l0)));  // in still light exactly i0
+    const V gm = hn::Div(one, im);
+    const V d = hn::Set(f, a_h(t) / 24), im8 = hn::Mul(hn::Set(f, 8.0f), im), five = hn::Set(f, 5.0f);
+    const V x0 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(five, i0, im8), i1)));
+    const V x1 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(five, i1, im8), i0)));
     V e0, e1;
-    const V wm = receptor_step(s_.w, g_now_, gm, x0, e0);
-    const V w1 = receptor_step(wm, gm, g1, x1, e1);
-    return {w1, hn::Neg(ln(w1)), hn::Div(one, w1), i1, g1, hn::Add(x0, x1), hn::Mul(e0, e1)};
+    const V wm = receptor_step(w0, g0, gm, x0, e0), w1 = receptor_step(wm, gm, g1, x1, e1);
+    put(w1, w_[1], p);
+    follow_w(1, p);
+    // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
+    // the correlation over the step is e^-X u1/u0.
+    const V rho = hn::Min(one, hn::Mul(hn::Mul(e0, e1), hn::Div(w0, w1)));
+    put(rho, rho_, p);
+    put(hn::Mul(hn::Set(f, a_.noise_std), hn::Sqrt(hn::Mul(hn::Sub(one, rho), hn::Add(one, rho)))), sigma_, p);
   }
 
-  void step_receptor(const IntervalTimes& t, V m0, V m1) {
-    const V a_h = hn::Set(f_, static_cast<float>(a_.constants.a_per_us) * t.h_us);
-    const V one = hn::Set(f_, 1.0f);
-    // Fixed seeds repeat still parts of a picture exactly: there everything but the noise is as one interval before.
-    const V zero = hn::Zero(f_);
-    const M still =
-        hn::And(hn::And(hn::Eq(s_.l0, s_.l1), hn::Eq(s_.w, g_now_)), hn::And(hn::Eq(m0, zero), hn::Eq(m1, zero)));
-    const bool all_still = hn::AllTrue(f_, still);
-    if (!all_still || still_h_us_ != t.h_us) {
-      r_ = respond(m0, m1, a_h);
-      // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so
-      // the correlation over the step is e^-X u1/u0.
-      rho_ = hn::Min(one, hn::Mul(r_.decay, hn::Div(s_.w, r_.w1)));
-      sigma_ = hn::Mul(hn::Set(f_, a_.noise_std), hn::Sqrt(hn::Mul(hn::Sub(one, rho_), hn::Add(one, rho_))));
-      still_h_us_ = all_still ? t.h_us : 0;
+  // The interval between the frames of rows 0 and 1, with slopes m_ per us.
+  void step(const IntervalTimes& t) {
+    const F f;
+    if constexpr (kReceptor)
+      for (std::size_t k = 0; k < moving_count_; ++k) respond(t, moving_[k]);
+    const float* random = kReceptor && a_.noise_std > 0 ? draws(t.step) : nullptr;
+    const float* v0_row = kReceptor ? v_[0] : l_[0];
+    const float* v1_row = kReceptor ? v_[1] : l_[1];
+    const V rate = hn::Set(f, a_h(t)), leaks = hn::Set(f, leak(t)), third = hn::Set(f, 1.0f / 3);
+    jobs_count_ = 0;
+    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
+      const V n0 = at(noise_[0], p), reference = at(reference_, p);
+      const V n1 = random ? hn::MulAdd(at(sigma_, p), at(random, p), hn::Mul(at(rho_, p), n0)) : n0;
+      put(n1, noise_[1], p);
+      const V drift = hn::Add(hn::Sub(n1, n0), leaks);
+      const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), reference);
+      const V d1 = hn::Add(hn::Sub(hn::Add(at(v1_row, p), n0), reference), drift);
+      V high = hn::Max(d0, d1), low = hn::Min(d0, d1);
+      M active = hn::Gt(at(blind_us_, p), hn::Zero(f));
+      if constexpr (kReceptor) {
+        // V lies within the hull of its Bezier points.
+        const V i0 = at(i_[0], p), i1 = at(i_[1], p);
+        const V b0 = hn::MulAdd(third, hn::MulAdd(rate, hn::Sub(i0, at(u_[0], p)), drift), d0);
+        const V b1 = hn::NegMulAdd(third, hn::MulAdd(rate, hn::Sub(i1, at(u_[1], p)), drift), d1);
+        high = hn::Max(high, hn::Max(b0, b1));
+        low = hn::Min(low, hn::Min(b0, b1));
+        // Fast light needs shorter steps than two.
+        const V dl = hn::Sub(at(l_[1], p), at(l_[0], p));
+        const V x = hn::Min(hn::Set(f, 1.0f), hn::Mul(hn::Mul(rate, hn::Set(f, 0.5f)), hn::Add(i0, i1)));
+        active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f)));
+      }
+      active = hn::Or(active, hn::Or(hn::Ge(high, at(on_, p)), hn::Le(low, hn::Neg(at(off_, p)))));
+      const Compress compress(hn::And(active, hn::FirstN(f, std::min(lanes(), count_ - p))));
+      compress.store(iota(p), jobs_ + jobs_count_);
+      jobs_count_ += compress.count();
     }
-    V w1 = r_.w1, v1 = r_.v1, u1 = r_.u1;
-    V n1 = s_.noise;
-    if (a_.noise_std > 0) n1 = hn::MulAdd(sigma_, gaussian_of(t.step, Purpose::noise), hn::Mul(rho_, s_.noise));
-
-    // V over the interval lies within the hull of its Bezier points.
-    const V drift = hn::Add(hn::Sub(n1, s_.noise), hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
-    const V d0 = hn::Sub(hn::Add(v_, s_.noise), s_.reference);
-    const V d1 = hn::Add(hn::Sub(hn::Add(v1, s_.noise), s_.reference), drift);
-    const V third = hn::Set(f_, 1.0f / 3);
-    const V slope0 = hn::MulAdd(a_h, hn::Sub(i_now_, u_now_), drift);
-    const V slope1 = hn::MulAdd(a_h, hn::Sub(r_.i1, u1), drift);
-    const V b0 = hn::MulAdd(third, slope0, d0), b1 = hn::NegMulAdd(third, slope1, d1);
-    const V high = hn::Max(hn::Max(d0, d1), hn::Max(b0, b1)), low = hn::Min(hn::Min(d0, d1), hn::Min(b0, b1));
-    M active = hn::Or(hn::Ge(high, on_), hn::Le(low, off_));
-    active = hn::Or(active, hn::Gt(s_.blind, zero));
-    // Fast light needs shorter steps than two.
-    const V dl = hn::Sub(s_.l1, s_.l0);
-    active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), hn::Min(one, r_.x)), hn::Set(f_, 0.02f)));
-
-    if (find(t, active, m0, m1, w1, n1)) {
-      v1 = hn::Neg(ln(w1));
-      u1 = hn::Div(one, w1);
-    }
-    s_.reference = hn::Sub(s_.reference, hn::Set(f_, static_cast<float>(a_.constants.leak_per_us) * t.h_us));
-    v_ = v1;
-    u_now_ = u1;
-    i_now_ = r_.i1;
-    g_now_ = r_.g1;
-    s_.w = w1;
-    s_.noise = n1;
+    take_background(t);
+    for (std::size_t k = 0; k < jobs_count_; k += lanes()) find_events(t, k);
+    for (const BackgroundEvent& e : due_) background_s_[e.pixel - first_] = kNone;
+    if (a_.constants.leak_per_us > 0)
+      for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) put(hn::Sub(at(reference_, p), leaks), reference_, p);
+    for (float** row : {m_, w_, v_, u_, noise_}) std::swap(row[0], row[1]);
   }
 
-  // Exact work for the lanes that may have events; false when there are none.
-  bool find(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
-    const bool noise_now = !background_.empty() && background_.front().t_us < t.t1_us;
-    if (HWY_LIKELY(!noise_now && hn::AllFalse(f_, active))) return false;
-    find_slowly(t, active, m0, m1, w1, n1);
-    return true;
-  }
-
-  HWY_NOINLINE void find_slowly(const IntervalTimes& t, M active, V m0, V m1, V& w1, V& n1) {
-    constexpr std::size_t kLanes = HWY_MAX_BYTES / sizeof(float);
-    HWY_ALIGN float flag[kLanes], fl0[kLanes], fl1[kLanes], fm0[kLanes], fm1[kLanes], fw0[kLanes], fw1[kLanes],
-        fn0[kLanes], fn1[kLanes], fon[kLanes], foff[kLanes], fref[kLanes], fblind[kLanes];
-    hn::Store(hn::IfThenElseZero(active, hn::Set(f_, 1.0f)), f_, flag);
-    hn::Store(s_.l0, f_, fl0);
-    hn::Store(s_.l1, f_, fl1);
-    hn::Store(m0, f_, fm0);
-    hn::Store(m1, f_, fm1);
-    hn::Store(on_, f_, fon);
-    hn::Store(off_, f_, foff);
-    hn::Store(s_.reference, f_, fref);
-    hn::Store(s_.blind, f_, fblind);
-    for (std::size_t i = 0; i < kLanes; ++i) fw0[i] = fw1[i] = fn0[i] = fn1[i] = 0;
-    if constexpr (kReceptor) {
-      hn::Store(s_.w, f_, fw0);
-      hn::Store(w1, f_, fw1);
-      hn::Store(s_.noise, f_, fn0);
-      hn::Store(n1, f_, fn1);
-    }
-    // Background events of this interval: time order, all lanes mixed.
+  // Background events of this interval: each pixel's first into background_s_.
+  void take_background(const IntervalTimes& t) {
     std::size_t due = 0;
-    while (due < background_.size() && background_[due].t_us < t.t1_us) flag[background_[due++].pixel - pixel_] = 1;
-    const auto now = background_.first(due);
+    while (due < background_.size() && background_[due].t_us < t.t1_us) ++due;
+    due_ = background_.first(due);
     background_ = background_.subspan(due);
-    std::vector<BackgroundEvent> own;
-    const float leak = static_cast<float>(a_.constants.leak_per_us) * t.h_us;
-    for (std::uint32_t i = 0; i < lanes_; ++i) {
-      if (flag[i] == 0) continue;
-      own.clear();
-      for (const BackgroundEvent& e : now)
-        if (e.pixel == pixel_ + i) own.push_back(e);
-      PixelInterval p{t.t0_us,
-                      t.t1_us - t.t0_us,
-                      pixel_ + i,
-                      fl0[i],
-                      fl1[i],
-                      fm0[i],
-                      fm1[i],
-                      fw0[i],
-                      fw1[i],
-                      fn0[i],
-                      fn1[i],
-                      fon[i],
-                      -foff[i],
-                      fref[i],
-                      fblind[i],
-                      own,
-                      a_.marks ? a_.marks + pixel_ + i : nullptr};
-      find_events(a_.constants, p, *a_.events);
-      fref[i] = static_cast<float>(p.reference) + leak;  // the caller takes it off for all lanes
-      fblind[i] = static_cast<float>(p.blind_us);
-      fw1[i] = static_cast<float>(p.w1);
+    for (const BackgroundEvent& e : due_) {
+      const std::uint32_t p = e.pixel - first_;
+      if (background_s_[p] < kNone) continue;
+      background_s_[p] = in_interval(e, t);
+      if (std::find(jobs_, jobs_ + jobs_count_, p) == jobs_ + jobs_count_) jobs_[jobs_count_++] = p;
     }
-    s_.reference = hn::Load(f_, fref);
-    s_.blind = hn::Load(f_, fblind);
-    if constexpr (kReceptor) w1 = hn::Load(f_, fw1);
+  }
+  static float in_interval(const BackgroundEvent& e, const IntervalTimes& t) {
+    return std::clamp(static_cast<float>((e.t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
   }
 
-  const F f_{};
-  const U32 u_{};
+  // Several pixels over the interval, exactly. Times are s in [0, 1] within it, or z within a step of the
+  // photoreceptor.
+  HWY_NOINLINE void find_events(const IntervalTimes& t, std::size_t job) {
+    const F f;
+    const I32 i32;
+    const auto n = std::min<std::size_t>(lanes(), jobs_count_ - job);
+    for (std::size_t k = n; k < lanes(); ++k) jobs_[job + k] = jobs_[job];  // not live
+    const auto index = hn::BitCast(i32, hn::LoadU(U32(), jobs_ + job));
+    const auto gather = [&](const float* row) { return hn::GatherIndex(f, row, index); };
+    const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), h = hn::Set(f, t.h_us);
+    const V per_h = hn::Set(f, t.per_h),
+            refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), per_h);
+    const V n0 = gather(noise_[0]);
+    const V drift = hn::Add(hn::Sub(gather(noise_[1]), n0), hn::Set(f, leak(t)));
+    const V on = gather(on_), off = gather(off_);
+    V reference = gather(reference_), blind = hn::Mul(gather(blind_us_), per_h);
+    Receptors receptors;
+    receptors.light = hermite(gather(l_[0]), gather(l_[1]), hn::Mul(gather(m_[0]), h), hn::Mul(gather(m_[1]), h));
+    receptors.s = zero;
+    if constexpr (kReceptor) {
+      const Cubics& l = receptors.light;
+      const V m0 = hn::Abs(l.c1), m1 = hn::Abs(l.slope(one)), dl = hn::Abs(hn::Sub(l.at(one), l.c0));
+      receptors.a_h = hn::Set(f, a_h(t));
+      receptors.steepest =
+          hn::Max(hn::MulAdd(hn::Set(f, 1.5f), dl, hn::Mul(hn::Set(f, 0.25f), hn::Add(m0, m1))), hn::Max(m0, m1));
+      receptors.steepest_bend = hn::Max(hn::Abs(l.bend(zero)), hn::Abs(l.bend(one)));
+      receptors.w = gather(w_[0]);
+      receptors.i = gather(i_[0]);
+      receptors.slope = l.c1;
+      receptors.v = gather(v_[0]);
+    }
+    V background = gather(background_s_);
+    const bool any_background = !hn::AllFalse(f, hn::Lt(background, hn::Set(f, kNone)));
+
+    V s0 = zero, s1 = one, z = zero;
+    Cubics q = receptors.light;  // V with noise and leak, over the step
+    const auto place = [&](V step_z) { return hn::MulAdd(hn::Sub(s1, s0), step_z, s0); };
+    M live = hn::FirstN(f, n), ready = live;  // ready: for a step
+    while (true) {
+      live = hn::AndNot(hn::And(ready, hn::Ge(receptors.s, one)), live);
+      ready = hn::And(ready, live);
+      if (hn::AllFalse(f, live)) break;
+      if (!hn::AllFalse(f, ready)) {
+        Cubics v = receptors.light;
+        V begin = zero, end = one;
+        if constexpr (kReceptor) {
+          const Receptors::Step step = receptors.next(ready);
+          begin = step.s0, end = step.s1, v = step.v;
+        } else {
+          receptors.s = hn::IfThenElse(ready, one, receptors.s);
+        }
+        v.c0 = hn::Add(v.c0, hn::MulAdd(drift, begin, n0));
+        v.c1 = hn::MulAdd(drift, hn::Sub(end, begin), v.c1);
+        q = choose(ready, v, q);
+        s0 = hn::IfThenElse(ready, begin, s0);
+        s1 = hn::IfThenElse(ready, end, s1);
+        z = hn::IfThenElse(ready, zero, z);
+        const M blinded = hn::And(ready, hn::Gt(blind, zero)), sleeps = hn::And(blinded, hn::Ge(blind, s1));
+        const M wakes = hn::AndNot(sleeps, blinded);
+        if (!hn::AllFalse(f, wakes)) {
+          z = hn::IfThenElse(wakes, hn::Max(zero, hn::Div(hn::Sub(blind, s0), hn::Sub(s1, s0))), z);
+          reference = hn::IfThenElse(wakes, q.at(z), reference);
+          blind = hn::IfThenZeroElse(wakes, blind);
+          mark(t, job, wakes, place(z));
+        }
+        ready = sleeps;
+      }
+      const M seeking = hn::AndNot(ready, live);
+      Crossings next = first_crossing(q, z, hn::Sub(reference, off), hn::Add(reference, on));
+      M by_noise = hn::Lt(one, zero), on_now = next.on;
+      if (any_background)
+        next.at = background_first(t, job, seeking, place(z), s0, s1, next.at, background, by_noise, on_now);
+      const M fires = hn::And(seeking, hn::Le(next.at, one));
+      ready = hn::Or(ready, hn::AndNot(fires, seeking));
+      if (hn::AllFalse(f, fires)) continue;
+      const V s = place(next.at);
+      emit(t, job, fires, by_noise, on_now, s);
+      // The reference is V when the refractory period ends.
+      const V until = hn::Add(s, refractory);
+      const M sleeps = hn::And(fires, hn::And(hn::Gt(refractory, zero), hn::Ge(until, s1))),
+              resets = hn::AndNot(sleeps, fires);
+      const V after = hn::IfThenElse(hn::Gt(refractory, zero), hn::Div(hn::Sub(until, s0), hn::Sub(s1, s0)), next.at);
+      blind = hn::IfThenElse(sleeps, until, blind);
+      ready = hn::Or(ready, sleeps);
+      z = hn::IfThenElse(resets, after, z);
+      reference = hn::IfThenElse(resets, q.at(z), reference);
+      mark(t, job, resets, place(z));
+    }
+    const V left = hn::Mul(hn::Sub(blind, one), h);
+    blind = hn::IfThenElseZero(hn::Gt(blind, zero), hn::Max(left, hn::Set(f, 1e-6f)));
+    HWY_ALIGN float out[kReceptor ? 4 : 2][kLanes];
+    hn::Store(reference, f, out[0]);
+    hn::Store(blind, f, out[1]);
+    if constexpr (kReceptor) {
+      hn::Store(receptors.w, f, out[2]);
+      hn::Store(receptors.v, f, out[3]);
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::uint32_t p = jobs_[job + k];
+      reference_[p] = out[0][k];
+      blind_us_[p] = out[1][k];
+      if constexpr (kReceptor) {
+        w_[1][p] = out[2][k];
+        v_[1][p] = out[3][k];
+        u_[1][p] = 1 / out[2][k];
+      }
+    }
+  }
+
+  template <class Work>  // for each lane of the mask
+  static void each(M which, const Work& work) {
+    HWY_ALIGN float flag[kLanes];
+    hn::Store(hn::IfThenElseZero(which, hn::Set(F(), 1.0f)), F(), flag);
+    for (std::size_t k = 0; k < hn::Lanes(F()); ++k)
+      if (flag[k] != 0) work(k);
+  }
+
+  // A pixel's noise at s; the drift of the leak is told by the time.
+  float noise_at(std::uint32_t p, float s) const { return noise_[0][p] + (noise_[1][p] - noise_[0][p]) * s; }
+
+  void mark(const IntervalTimes& t, std::size_t job, M which, V s) {
+    if (!a_.marks) return;
+    HWY_ALIGN float at_s[kLanes];
+    hn::Store(s, F(), at_s);
+    each(which, [&](std::size_t k) {
+      const std::uint32_t p = jobs_[job + k];
+      a_.marks[first_ + p] = {t.t0_us + double{at_s[k]} * t.h_us, noise_at(p, at_s[k])};
+    });
+  }
+
+  Cause cause(const IntervalTimes& t, std::uint32_t p, float s, bool on) const {
+    const ResetMark& mark = a_.marks[first_ + p];
+    const double sign = on ? 1 : -1;
+    const double noise = sign * (noise_at(p, s) - mark.noise);
+    const double leaked = sign * a_.constants.leak_per_us * (t.t0_us + double{s} * t.h_us - mark.t_us);
+    const double signal = (on ? on_[p] : off_[p]) - noise - leaked;
+    return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
+  }
+
+  void emit(const IntervalTimes& t, std::size_t job, M fires, M by_noise, M on, V s) {
+    const F f;
+    const double whole = std::floor(t.t0_us);
+    HWY_ALIGN float at_s[kLanes], kind[kLanes];
+    HWY_ALIGN std::int32_t us[kLanes];
+    hn::Store(s, f, at_s);
+    hn::Store(hn::Add(hn::IfThenElseZero(on, hn::Set(f, 1.0f)), hn::IfThenElseZero(by_noise, hn::Set(f, 2.0f))), f,
+              kind);
+    const V rounding = hn::Set(f, static_cast<float>(t.t0_us - whole) + 0.5f);
+    hn::Store(hn::ConvertTo(I32(), hn::MulAdd(s, hn::Set(f, t.h_us), rounding)), I32(), us);
+    each(fires, [&](std::size_t k) {
+      const std::uint32_t p = jobs_[job + k];
+      const bool is_on = kind[k] == 1 || kind[k] == 3;
+      Cause why = Cause::signal;
+      if (a_.marks) why = kind[k] >= 2 ? background_cause_[p] : cause(t, p, at_s[k], is_on);
+      a_.events->add(event_key(static_cast<std::int64_t>(whole) + us[k], first_ + p, is_on, why));
+    });
+  }
+
+  // Where a background event comes before the crossing `next`, its place instead. Those before `now` are over.
+  V background_first(const IntervalTimes& t, std::size_t job, M seeking, V now, V s0, V s1, V next, V& background,
+                     M& by_noise, M& on) {
+    const F f;
+    HWY_ALIGN float now_s[kLanes], begin[kLanes], end[kLanes], at_z[kLanes], pending[kLanes], noise[kLanes] = {},
+                                                                                              is_on[kLanes] = {};
+    hn::Store(now, f, now_s);
+    hn::Store(s0, f, begin);
+    hn::Store(s1, f, end);
+    hn::Store(next, f, at_z);
+    hn::Store(background, f, pending);
+    each(seeking, [&](std::size_t k) {
+      const std::uint32_t p = jobs_[job + k];
+      const auto following = [&](const BackgroundEvent* after) {
+        for (const BackgroundEvent* e = after; e != due_.data() + due_.size(); ++e)
+          if (e->pixel == first_ + p) return e;
+        return due_.data() + due_.size();
+      };
+      const BackgroundEvent* none = due_.data() + due_.size();
+      if (pending[k] >= kNone) return;
+      const BackgroundEvent* e = following(due_.data());
+      while (e != none && in_interval(*e, t) < pending[k]) e = following(e + 1);
+      while (e != none && in_interval(*e, t) < now_s[k]) e = following(e + 1);
+      pending[k] = e == none ? kNone : in_interval(*e, t);
+      const float z = (pending[k] - begin[k]) / (end[k] - begin[k]);
+      if (pending[k] >= end[k] || z >= at_z[k]) return;
+      at_z[k] = std::max(z, 0.0f);
+      noise[k] = 1;
+      is_on[k] = e->on;
+      background_cause_[p] = e->cause;
+      e = following(e + 1);
+      pending[k] = e == none ? kNone : in_interval(*e, t);
+    });
+    background = hn::Load(f, pending);
+    const V flag = hn::Load(f, noise), on_flag = hn::Load(f, is_on);
+    by_noise = hn::Gt(flag, hn::Zero(f));
+    on = hn::Or(hn::And(by_noise, hn::Gt(on_flag, hn::Zero(f))), hn::AndNot(by_noise, on));
+    return hn::Load(f, at_z);
+  }
+
   const KernelArguments& a_;
-  const std::uint32_t pixel_, lanes_;
-  Vectors s_{};
-  V on_{}, off_{};
-  V v_{}, u_now_{}, i_now_{}, g_now_{};  // at the start of the interval
-  Response r_{};
-  V rho_{}, sigma_{};     // of the noise over the interval
-  float still_h_us_ = 0;  // > 0: r_, rho_ and sigma_ hold for all lanes while still, in intervals of this length
-  VU random_[4]{};
+  std::uint32_t first_ = 0, count_ = 0, vectors_end_ = 0;
+  std::span<const BackgroundEvent> background_, due_;  // to come; of this interval
   std::int64_t random_of_ = -1;
-  Purpose random_for_ = Purpose::threshold;
-  std::span<const BackgroundEvent> background_;
+  float kept_h_us_ = 0;
+  std::size_t moving_count_ = 0, jobs_count_ = 0;
+
+  // Rows of a value per pixel. Of frames: the interval's start and end and the frame after it; of the rest: start, end.
+  static constexpr std::size_t kRows = 9 + 10;
+  HWY_ALIGN float rows_[kRows][kPixels];
+  float* l_[3] = {rows_[0], rows_[1], rows_[2]};  // ln I
+  float* i_[3] = {rows_[3], rows_[4], rows_[5]};  // photo- plus dark current I [fA]
+  float* g_[3] = {rows_[6], rows_[7], rows_[8]};  // 1/I
+  float* m_[2] = {rows_[9], rows_[10]};           // slope of ln I [1/us]
+  float* w_[2] = {rows_[11], rows_[12]};          // photoreceptor: 1/u
+  float* v_[2] = {rows_[13], rows_[14]};          // ln u
+  float* u_[2] = {rows_[15], rows_[16]};
+  float* noise_[2] = {rows_[17], rows_[18]};
+  HWY_ALIGN float reference_[kPixels], blind_us_[kPixels], on_[kPixels], off_[kPixels], rho_[kPixels], sigma_[kPixels],
+      background_s_[kPixels], random_[4][kPixels], ragged_[2][kPixels];
+  std::int8_t same_[kPixels];  // of a vector: frames that are as the one before, up to 3
+  bool kept_[kPixels];         // of a vector: rho_ and sigma_ are of this light
+  Cause background_cause_[kPixels];
+  std::uint32_t moving_[kPixels + 1], jobs_[kPixels + 2 * kLanes];
 };
 
 template <bool kReceptor>
 void run_all(const KernelArguments& a) {
-  const auto lanes = static_cast<std::uint32_t>(hn::Lanes(F()));
-  const auto end = a.first + a.count;
+  using Block = PixelBlock<kReceptor>;
+  const auto block = std::make_unique<Block>(a);
+  const std::uint32_t end = a.first + a.count;
   auto background = a.background;
-  Block values(a);
   std::vector<BackgroundEvent> by_time;
-  for (std::uint32_t block = a.first; block < end; block += Block::kPixels) {
-    const std::uint32_t block_end = std::min(end, block + Block::kPixels);
-    values.gather(block, block_end, a.planes.size());
-    for (std::uint32_t pixel = block; pixel < block_end; pixel += lanes) {
-      std::size_t mine = 0;
-      while (mine < background.size() && background[mine].pixel < pixel + lanes) ++mine;
-      by_time.assign(background.begin(), background.begin() + static_cast<std::ptrdiff_t>(mine));
-      background = background.subspan(mine);
-      if (mine > 1) std::ranges::stable_sort(by_time, {}, &BackgroundEvent::t_us);
-      Run<kReceptor> run(a, pixel, std::min(lanes, block_end - pixel));
-      run(values.from(pixel - block), by_time);
-    }
+  for (std::uint32_t first = a.first; first < end; first += Block::kPixels) {
+    const std::uint32_t block_end = std::min(end, first + Block::kPixels);
+    const auto mine = std::ranges::lower_bound(background, block_end, {}, &BackgroundEvent::pixel);
+    by_time.assign(background.begin(), mine);
+    background = {mine, background.end()};
+    std::ranges::stable_sort(by_time, {}, &BackgroundEvent::t_us);
+    block->run(first, block_end, by_time);
   }
 }
 

@@ -18,7 +18,8 @@ struct KernelArguments {
   std::uint64_t seed;
   // Arrays start at pixel 0 and are padded by kMaxLanes.
   const float *threshold_on, *threshold_off;
-  float *l0, *l1, *m0, *reference, *blind_us, *w, *noise;
+  float *light0, *light1;  // of the last two frames, as the kernel keeps it: I [fA] or ln I
+  float *m0, *reference, *blind_us, *w, *noise;
   std::span<const float* const> planes;
   std::int64_t first_frame;
   double start_us;                           // time of the batch's first known frame

@@ -9,8 +9,6 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
-#include <cstring>
-#include <vector>
 
 #include "pixel_kernel.h"
 
@@ -26,6 +24,9 @@ using VU = hn::Vec<U32>;
 using M = hn::Mask<F>;
 
 constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: less light than this is darkness
+
+// first, first + 1, … (Highway's own, of a variable, is written lane by lane).
+HWY_INLINE VU iota(std::uint32_t first) { return hn::Add(hn::Iota(U32(), 0), hn::Set(U32(), first)); }
 
 // ln x for positive, finite, normal x: x = 2^e m with m in [sqrt(1/2), sqrt(2)), then the minimax polynomial of
 // Cephes' logf; relative error 1e-7.
@@ -81,27 +82,81 @@ HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
   hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(hn::FirstN(f, lanes), v, hn::LoadU(f, to)), f, to);
 }
 
-// Frames lie far apart in memory: a block of pixels is copied from all of them first.
-class Block {
- public:
-  static constexpr std::uint32_t kPixels = 512;
-  static constexpr std::size_t kStride = kPixels + kMaxLanes;  // not a power of two: rows share few cache sets
+constexpr std::size_t kLanes = hn::MaxLanes(F());
 
-  explicit Block(const KernelArguments& a) : a_(a), values_(a.planes.size() * kStride) {}
-  // Pixels [first, end) of the first planes; lanes beyond them see light 1.
-  void gather(std::uint32_t first, std::uint32_t end, std::size_t planes) {
-    const std::size_t count = end - first;
-    for (std::size_t i = 0; i < planes; ++i) {
-      float* to = values_.data() + i * kStride;
-      std::memcpy(to, a_.planes[i] + first, count * sizeof(float));
-      std::fill_n(to + count, kMaxLanes, 1.0f);
+struct CompressTable {
+  std::uint8_t counts[256] = {}, lanes[256][8] = {};
+  constexpr CompressTable() {
+    for (std::size_t bits = 0; bits < 256; ++bits)
+      for (std::uint8_t lane = 0; lane < 8; ++lane)
+        if (bits >> lane & 1) lanes[bits][counts[bits]++] = lane;
+  }
+};
+constexpr CompressTable kTable;
+
+// Moves chosen lanes to the front, for several vectors with one choice. Highway's own copies its tables at every call
+// where there is no instruction for it.
+class Compress {
+ public:
+  explicit Compress(M which) : which_(which) {
+    if constexpr (kByTable) {
+      std::uint8_t bits[8] = {};
+      hn::StoreMaskBits(F(), which, bits);
+      count_ = kTable.counts[bits[0]];
+      const hn::Rebind<std::uint8_t, F> u8;
+      indices_ = hn::IndicesFromVec(F(), hn::PromoteTo(U32(), hn::LoadU(u8, kTable.lanes[bits[0]])));
+    } else {
+      count_ = hn::CountTrue(F(), which);
     }
   }
-  const float* from(std::uint32_t offset) const { return values_.data() + offset; }  // rows kStride apart
+  std::size_t count() const { return count_; }
+  template <class Vector, class T>
+  HWY_INLINE void store(Vector v, T* to) const {
+    const hn::ScalableTag<T> d;
+    if constexpr (kByTable)
+      hn::StoreU(hn::BitCast(d, hn::TableLookupLanes(hn::BitCast(F(), v), indices_)), d, to);
+    else
+      hn::CompressStore(v, hn::RebindMask(d, which_), d, to);
+  }
 
  private:
-  const KernelArguments& a_;
-  std::vector<float> values_;
+  static constexpr bool kByTable = kLanes <= 8;
+  M which_;
+  decltype(hn::IndicesFromVec(F(), hn::Zero(U32()))) indices_{};
+  std::size_t count_ = 0;
+};
+
+// Where c1 s + c2 s^2 + c3 s^3, rising from a to b, is `level`: Halley's steps, kept in the bracket. A lane stops by
+// itself when a step was so short that the next would be nothing.
+struct Halley {
+  V s, level, c1, c2, c3, a, b;
+  M done;
+
+  HWY_INLINE Halley() = default;
+  HWY_INLINE Halley(V guess, V level_now, V c1_now, V c2_now, V c3_now, V from, V to)
+      : s(hn::Min(hn::Max(guess, from), to)),
+        level(level_now),
+        c1(c1_now),
+        c2(c2_now),
+        c3(c3_now),
+        a(from),
+        b(to),
+        done(hn::Lt(to, from)) {}
+  HWY_INLINE void step() {
+    const F f;
+    const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
+    const V c3_3 = hn::Mul(hn::Set(f, 3.0f), c3), half_bend = hn::MulAdd(c3_3, s, c2);
+    const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, hn::Add(c2, c2)), s, c1);
+    const M below = hn::Lt(off, hn::Zero(f));
+    a = hn::IfThenElse(below, s, a);
+    b = hn::IfThenElse(below, b, s);
+    const V halley = hn::Sub(s, hn::Div(hn::Mul(off, slope), hn::NegMulAdd(off, half_bend, hn::Mul(slope, slope))));
+    const M inside = hn::And(hn::Ge(halley, a), hn::Le(halley, b));
+    const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(a, b));
+    const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, halley, middle));
+    done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 3e-3f))));
+    s = next;
+  }
 };
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

@@ -16,50 +16,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
 
-constexpr std::size_t kLanes = hn::MaxLanes(F());
-
-struct CompressTable {
-  std::uint8_t counts[256] = {}, lanes[256][8] = {};
-  constexpr CompressTable() {
-    for (std::size_t bits = 0; bits < 256; ++bits)
-      for (std::uint8_t lane = 0; lane < 8; ++lane)
-        if (bits >> lane & 1) lanes[bits][counts[bits]++] = lane;
-  }
-};
-constexpr CompressTable kTable;
-
-// Moves chosen lanes to the front, for several vectors with one choice. Highway's own copies its tables at every call
-// where there is no instruction for it.
-class Compress {
- public:
-  explicit Compress(M which) : which_(which) {
-    if constexpr (kByTable) {
-      std::uint8_t bits[8] = {};
-      hn::StoreMaskBits(F(), which, bits);
-      count_ = kTable.counts[bits[0]];
-      const hn::Rebind<std::uint8_t, F> u8;
-      indices_ = hn::IndicesFromVec(F(), hn::PromoteTo(U32(), hn::LoadU(u8, kTable.lanes[bits[0]])));
-    } else {
-      count_ = hn::CountTrue(F(), which);
-    }
-  }
-  std::size_t count() const { return count_; }
-  template <class Vector, class T>
-  HWY_INLINE void store(Vector v, T* to) const {
-    const hn::ScalableTag<T> d;
-    if constexpr (kByTable)
-      hn::StoreU(hn::BitCast(d, hn::TableLookupLanes(hn::BitCast(F(), v), indices_)), d, to);
-    else
-      hn::CompressStore(v, hn::RebindMask(d, which_), d, to);
-  }
-
- private:
-  static constexpr bool kByTable = kLanes <= 8;
-  M which_;
-  decltype(hn::IndicesFromVec(F(), hn::Zero(U32()))) indices_{};
-  std::size_t count_ = 0;
-};
-
 // Crossings of many pixels in one interval, solved together.
 class Crossings {
  public:
@@ -95,8 +51,8 @@ class Crossings {
       Halley vectors[kTogether];
       for (std::size_t k = 0; k < kTogether; ++k) {
         const std::size_t at = i + k * hn::Lanes(f);
-        vectors[k].start(hn::Load(f, s_ + at), hn::Load(f, level_ + at), hn::Load(f, c1_ + at), hn::Load(f, c2_ + at),
-                         hn::Load(f, c3_ + at));
+        vectors[k] = Halley(hn::Load(f, s_ + at), hn::Load(f, level_ + at), hn::Load(f, c1_ + at),
+                            hn::Load(f, c2_ + at), hn::Load(f, c3_ + at), hn::Zero(f), hn::Set(f, 1.0f));
       }
       for (int n = 0; n < 8; ++n) {
         for (Halley& v : vectors) v.step();
@@ -112,35 +68,6 @@ class Crossings {
   }
 
  private:
-  // Halley's steps, kept in the bracket; a lane stops by itself when a step was so short that the next would be
-  // nothing.
-  struct Halley {
-    V s, level, c1, c2, c3, a, b;
-    M done;
-    HWY_INLINE void start(V guess, V level_now, V c1_now, V c2_now, V c3_now) {
-      const F f;
-      level = level_now, c1 = c1_now, c2 = c2_now, c3 = c3_now;
-      a = hn::Zero(f), b = hn::Set(f, 1.0f);
-      s = hn::Min(hn::Max(guess, a), b);
-      done = hn::Lt(b, a);
-    }
-    HWY_INLINE void step() {
-      const F f;
-      const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
-      const V c3_3 = hn::Mul(hn::Set(f, 3.0f), c3);
-      const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, hn::Add(c2, c2)), s, c1), bend = hn::MulAdd(c3_3, s, c2);  // half
-      const M below = hn::Lt(off, hn::Zero(f));
-      a = hn::IfThenElse(below, s, a);
-      b = hn::IfThenElse(below, b, s);
-      const V halley = hn::Sub(s, hn::Div(hn::Mul(off, slope), hn::NegMulAdd(off, bend, hn::Mul(slope, slope))));
-      const M inside = hn::And(hn::Ge(halley, a), hn::Le(halley, b));
-      const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(a, b));
-      const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, halley, middle));
-      done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 1e-2f))));
-      s = next;
-    }
-  };
-
   static constexpr std::size_t kRoom = 512;
   EventSlots& events_;
   EventKey base_ = 0;                 // the interval's first whole us
@@ -165,8 +92,8 @@ class ThresholdBlock {
     const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
     first_ = first;
     count_ = end - first;
-    std::copy_n(a_.l0 + first, count_, row(-2));
-    std::copy_n(a_.l1 + first, count_, row(-1));
+    std::copy_n(a_.light0 + first, count_, row(-2));
+    std::copy_n(a_.light1 + first, count_, row(-1));
     std::fill_n(same_, kPixels, std::int8_t{-1});
     std::size_t interval = 0;
     const float* before = nullptr;
@@ -222,8 +149,8 @@ class ThresholdBlock {
         step(t, t.step == 0 ? kChord : 0, p, i, [](std::uint32_t, V, V s0) { return s0; });
       crossings_.solve();
     }
-    std::copy_n(row(i - 2), count_, a_.l0 + first);
-    std::copy_n(row(i - 1), count_, a_.l1 + first);
+    std::copy_n(row(i - 2), count_, a_.light0 + first);
+    std::copy_n(row(i - 1), count_, a_.light1 + first);
   }
 
  private:
@@ -301,7 +228,7 @@ class ThresholdBlock {
     const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, c1, end));
     const V c3 = hn::NegMulAdd(two, rise, hn::Add(c1, end));
     const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
-    const VU place = hn::Or(hn::ShiftLeft<kKeyPixelShift>(hn::Iota(u, pixel)),
+    const VU place = hn::Or(hn::ShiftLeft<kKeyPixelShift>(iota(pixel)),
                             hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
     V k = hn::Set(f, 1.0f);
     for (M which = hn::Ge(count, k); !hn::AllFalse(f, which); which = hn::Ge(count, k)) {

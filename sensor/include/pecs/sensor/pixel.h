@@ -45,7 +45,8 @@ class PixelArray {
   std::uint64_t seed_;
   std::uint32_t pixels_ = 0;
   std::vector<float> threshold_on_, threshold_off_;
-  std::vector<float> l0_, l1_, m0_;  // ln I at the last two frames, slope [1/us] at the earlier one
+  std::vector<float> light0_, light1_,
+      m0_;  // of the last two frames (pixel_kernel.h); slope of ln I [1/us] at the earlier one
   std::vector<float> reference_, blind_us_;
   std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
   std::vector<std::uint32_t> hot_;  // hot pixels, rising
