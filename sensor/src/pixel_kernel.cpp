@@ -31,14 +31,6 @@ HWY_INLINE V phi1(V x) {
   return hn::IfThenElse(small, series, exact);
 }
 
-// photoreceptor.h: receptor_step; also gives e^-x.
-HWY_INLINE V receptor_step(V w, V g0, V g1, V x, V& e) {
-  const V one = hn::Set(F(), 1.0f);
-  const V phi = phi1(x);
-  e = hn::NegMulAdd(x, phi, one);
-  return hn::MulAdd(hn::Sub(g1, g0), hn::Sub(one, phi), hn::MulAdd(e, hn::Sub(w, g0), g0));
-}
-
 // High and low halves of the products of 32-bit lanes.
 HWY_INLINE void multiply(VU a, VU b, VU& high, VU& low) {
   const U32 u;
@@ -91,8 +83,15 @@ HWY_INLINE V gaussian(VU r) {
   return hn::Mul(hn::Mul(p, x), hn::Set(f, 1.41421356f));
 }
 
-// A step of the photoreceptor over exposure x with g the cubic from g0 to g1 of slopes d0 and d1 per exposure
-// (photoreceptor.h).
+// The charge-type (logistic) photoreceptor (docs/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi * corner per
+// ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its corner,
+// a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
+//
+// In w = 1/u it is linear: dw/dx = 1/I - w, with dx = a I dt. So over a step of exposure x
+//   w1 = e^-x w0 + integral over [0, x] of e^-(x-y) g(y) dy,  g = 1/I,
+// and with g a polynomial the integral has a closed form: exact for constant light, and stable for any x.
+
+// g: the cubic from g0 to g1 that has slopes d0 and d1 per step at its ends, over x.
 HWY_INLINE V receptor_step(V w, V g0, V g1, V d0, V d1, V x) {
   const F f;
   const V one = hn::Set(f, 1.0f);
@@ -116,6 +115,14 @@ HWY_INLINE V receptor_step(V w, V g0, V g1, V d0, V d1, V x) {
   const V bend2 = hn::Sub(hn::Mul(hn::Set(f, 3.0f), rise), hn::Add(d0, both));
   const V bend3 = hn::Sub(both, hn::Add(rise, rise));
   return hn::MulAdd(bend3, j3, hn::MulAdd(bend2, j2, hn::MulAdd(d0, j1, hn::MulAdd(j0, hn::Sub(g0, w), w))));
+}
+
+// The same where g is straight; also gives e^-x.
+HWY_INLINE V straight_step(V w, V g0, V g1, V x, V& e) {
+  const V one = hn::Set(F(), 1.0f);
+  const V phi = phi1(x);
+  e = hn::NegMulAdd(x, phi, one);
+  return hn::MulAdd(hn::Sub(g1, g0), hn::Sub(one, phi), hn::MulAdd(e, hn::Sub(w, g0), g0));
 }
 
 // c0 + c1 s + c2 s^2 + c3 s^3 in each lane.
@@ -174,8 +181,8 @@ HWY_INLINE Crossings first_crossing(const Cubics& q, V from, V low, V high) {
   return {hn::IfThenElse(at_once, from, hn::IfThenElse(found, solve.s, hn::Set(f, 2.0f))), on};
 }
 
-// What the photoreceptor does within an interval, in steps of its own choice (photoreceptor.h: Receptor, whose double
-// precision the tests compare with).
+// The photoreceptor within an interval, in steps of its own choice: one in steady light, more where it must relax. The
+// error of V is about 2e-4.
 struct Receptors {
   Cubics light;  // ln I
   V a_h, steepest, steepest_bend;
@@ -185,6 +192,8 @@ struct Receptors {
     V s0, s1;
     Cubics v;  // within the step
   };
+  // (dV/ds) / (a_h I) = 1 - u / I: of V that follows the light, and of what relaxes towards that. In fast light
+  // dV/ds = l' + (l'^2 - l'') / (a_h I) to second order in 1 / (a_h I).
   struct Motion {
     V follows, relaxes;
   };
@@ -196,10 +205,13 @@ struct Receptors {
     const V one = hn::Set(f, 1.0f);
     return {follows, hn::Sub(hn::Sub(one, hn::Div(one, hn::Mul(w, i))), follows)};
   }
+  // dV/ds times ds; a relaxation that is over within the step counts as one of three time constants.
   V slope_of_v(const Motion& m, V ds) const {
     const V x = hn::Mul(hn::Mul(a_h, i), ds);
     return hn::MulAdd(x, m.follows, hn::Mul(hn::Min(x, hn::Set(F(), 3.0f)), m.relaxes));
   }
+  // Length of the next step. The error of a cubic through a relaxation of amplitude r is r (ds / time constant)^4 /
+  // 384; r: what relaxes now and, in slow light, what the light's bend adds within the step.
   V wanted(const Motion& m) const {
     const F f;
     const V one = hn::Set(f, 1.0f), tolerance = hn::Set(f, 2e-4f);
@@ -224,8 +236,7 @@ struct Receptors {
     const V g0 = hn::Div(one, i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, a_h);
     const auto slope_of_g = [&](V l, V g) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(g, g), per_a_h))); };
     const V m0 = slope_of_v(before, ds), v0 = v, s0 = s;
-    w = hn::IfThenElse(
-        which, sensor::HWY_NAMESPACE::receptor_step(w, g0, g1, slope_of_g(slope, g0), slope_of_g(slope1, g1), x), w);
+    w = hn::IfThenElse(which, receptor_step(w, g0, g1, slope_of_g(slope, g0), slope_of_g(slope1, g1), x), w);
     s = hn::IfThenElse(which, s1, s);
     i = hn::IfThenElse(which, i1, i);
     slope = hn::IfThenElse(which, slope1, slope);
@@ -463,7 +474,7 @@ class PixelBlock {
     const V x0 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(five, i0, im8), i1)));
     const V x1 = hn::Max(zero, hn::Mul(d, hn::Sub(hn::MulAdd(five, i1, im8), i0)));
     V e0, e1;
-    const V wm = receptor_step(w0, g0, gm, x0, e0), w1 = receptor_step(wm, gm, g1, x1, e1);
+    const V wm = straight_step(w0, g0, gm, x0, e0), w1 = straight_step(wm, gm, g1, x1, e1);
     put(w1, w_[1], p);
     follow_w(1, p);
     // Noise: an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0), so

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "pecs/sensor/chip.h"
-#include "pecs/sensor/crossing.h"
+#include "pecs/sensor/event_key.h"
 
 namespace pecs::sensor {
 
@@ -24,6 +24,26 @@ struct FrameBatch {
 
 // Throws bad_input unless both sides are 1 to kMaxSide.
 void check_size(int width, int height);
+
+// An event that noise makes, whatever the light does.
+struct BackgroundEvent {
+  double t_us;
+  std::uint32_t pixel;
+  bool on;
+  Cause cause = Cause::noise;
+};
+
+// What a pixel's last reset found, to tell causes.
+struct ResetMark {
+  double t_us = 0;
+  float noise = 0;
+};
+
+struct PixelConstants {
+  double a_per_us = 0;  // 2 pi * corner per fA and us; 0: V = ln I
+  double leak_per_us = 0;
+  double refractory_us = 0;
+};
 
 class PixelArray {
  public:

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "pecs/sensor/chip.h"
-#include "pecs/sensor/crossing.h"
+#include "pecs/sensor/event_key.h"
 #include "pecs/sensor/pixel.h"
 
 namespace pecs::sensor {

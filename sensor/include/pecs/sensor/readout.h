@@ -10,7 +10,7 @@
 
 #include "pecs/events/event.h"
 #include "pecs/sensor/chip.h"
-#include "pecs/sensor/crossing.h"
+#include "pecs/sensor/event_key.h"
 
 namespace pecs::sensor {
 

@@ -1,5 +1,5 @@
 #pragma once
-// Threshold crossings of one pixel within one frame interval.
+// Events on their way from a pixel to the stream.
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -64,56 +64,5 @@ class EventSlots {
   std::vector<std::vector<EventKey>> slots_;
   std::size_t at_ = 0;
 };
-
-// c0 + c1 s + c2 s^2 + c3 s^3 on [0, 1].
-struct Cubic {
-  double c0, c1, c2, c3;
-  double at(double s) const { return c0 + s * (c1 + s * (c2 + s * c3)); }
-};
-Cubic hermite(double v0, double v1, double m0, double m1);
-
-struct Crossing {
-  double s;  // > 1: none
-  bool on;
-};
-// The first s >= from where the cubic is >= high (on) or <= low (off).
-Crossing first_crossing(const Cubic& q, double from, double low, double high);
-
-// An event that noise makes, whatever the light does.
-struct BackgroundEvent {
-  double t_us;
-  std::uint32_t pixel;
-  bool on;
-  Cause cause = Cause::noise;
-};
-
-// What a pixel's last reset found, to tell causes.
-struct ResetMark {
-  double t_us = 0;
-  float noise = 0;
-};
-
-// One pixel over one interval. V is the photoreceptor's output (ln), n its noise (linear in between).
-struct PixelInterval {
-  double t0_us, h_us;
-  std::uint32_t pixel;
-  double l0, l1, m0, m1;  // ln of photo- plus dark current [fA]; slopes per interval
-  double w0, w1;          // photoreceptor state 1/u [1/fA]; w1 is written when a > 0
-  double n0, n1;          // noise at the ends
-  double threshold_on, threshold_off;
-  double reference;                             // in and out: V at the last reset
-  double blind_us;                              // in and out: time left until the reference is taken
-  std::span<const BackgroundEvent> background;  // within the interval, in time order
-  ResetMark* mark = nullptr;                    // in and out; null: causes are not told
-};
-
-struct PixelConstants {
-  double a_per_us = 0;  // 2 pi * corner per fA and us; 0: V = ln I
-  double leak_per_us = 0;
-  double refractory_us = 0;
-};
-
-// Adds the interval's events; with their causes when there is a mark.
-void find_events(const PixelConstants& constants, PixelInterval& pixel, EventSlots& events);
 
 }  // namespace pecs::sensor

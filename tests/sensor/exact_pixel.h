@@ -1,4 +1,7 @@
 #pragma once
+// A pixel in double precision, one at a time: what the kernels do in vectors of floats (sensor/src/pixel_kernel.cpp) is
+// compared with it.
+//
 // The charge-type (logistic) photoreceptor (docs/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi * corner per
 // ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its corner,
 // a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
@@ -8,6 +11,8 @@
 // and with g a polynomial in x the integral has a closed form: exact for constant light, and stable for any X.
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <vector>
 
 namespace pecs::sensor {
 
@@ -109,6 +114,120 @@ class Receptor {
 
   LogLight light_;
   double a_h_, steepest_, steepest_bend_, w_, i_, slope_, v_, s_ = 0;
+};
+
+// c0 + c1 s + c2 s^2 + c3 s^3 on [0, 1].
+struct Cubic {
+  double c0, c1, c2, c3;
+  double at(double s) const { return c0 + s * (c1 + s * (c2 + s * c3)); }
+};
+
+struct Crossing {
+  double s;  // > 1: none
+  bool on;
+};
+// q(s) = level in [a, b], where q is monotone and crosses it: Newton, kept in the bracket.
+inline double solve(const Cubic& q, double level, double a, double b) {
+  const double at_a = q.at(a), at_b = q.at(b);
+  const bool rising = at_b > at_a;
+  double s = a + (b - a) * std::clamp((level - at_a) / (at_b - at_a), 0.0, 1.0);
+  for (int i = 0; i < 60 && b - a > 1e-12; ++i) {
+    const double f = q.at(s) - level;
+    ((f < 0) == rising ? a : b) = s;
+    const double slope = q.c1 + s * (2 * q.c2 + s * 3 * q.c3);
+    double next = s - f / slope;
+    if (!(next > a && next < b)) next = (a + b) / 2;
+    if (std::abs(next - s) < 1e-5) return next;  // the next step would be some 1e-10
+    s = next;
+  }
+  return s;
+}
+
+inline Cubic hermite(double v0, double v1, double m0, double m1) {
+  return {v0, m0, 3 * (v1 - v0) - 2 * m0 - m1, 2 * (v0 - v1) + m0 + m1};
+}
+
+// The first s >= from where the cubic is >= high (on) or <= low (off).
+inline Crossing first_crossing(const Cubic& q, double from, double low, double high) {
+  const double start = q.at(from);
+  if (start >= high) return {from, true};
+  if (start <= low) return {from, false};
+
+  // Monotone pieces end where 3 c3 s^2 + 2 c2 s + c1 = 0.
+  double ends[3];
+  int pieces = 0;
+  const double root2 = q.c2 * q.c2 - 3 * q.c3 * q.c1;
+  if (root2 > 0) {
+    const double t = -(q.c2 + std::copysign(std::sqrt(root2), q.c2));
+    double r0 = q.c3 != 0 ? t / (3 * q.c3) : 2, r1 = t != 0 ? q.c1 / t : 2;
+    if (r0 > r1) std::swap(r0, r1);
+    for (const double r : {r0, r1})
+      if (r > from && r < 1) ends[pieces++] = r;
+  }
+  ends[pieces++] = 1;
+
+  double a = from;
+  for (int i = 0; i < pieces; ++i) {
+    const double end = q.at(ends[i]);
+    if (end >= high) return {solve(q, high, a, ends[i]), true};
+    if (end <= low) return {solve(q, low, a, ends[i]), false};
+    a = ends[i];
+  }
+  return {2, false};
+}
+
+// One pixel. V is the photoreceptor's output (ln). No noise.
+struct ExactPixel {
+  double a_per_us, leak_per_us, refractory_us, threshold_on, threshold_off;
+  double w = 0;          // photoreceptor state 1/u
+  double reference = 0;  // V at the last reset
+  double blind_us = 0;   // time left until the reference is taken
+
+  struct Fired {
+    double t_us;
+    bool on;
+  };
+
+  // The interval from t0_us; light: slopes per interval.
+  void step(double t0_us, double h_us, const LogLight& light, std::vector<Fired>& events) {
+    std::optional<Receptor> receptor;
+    if (a_per_us > 0) receptor.emplace(light, a_per_us * h_us, w);
+    const double drift = leak_per_us * h_us;
+    double blind_until = blind_us;
+    for (double from = 0; from < 1;) {
+      const Receptor::Step r =
+          receptor ? receptor->next() : Receptor::Step{0, 1, light.l0, light.l1, light.m0, light.m1};
+      from = r.s1;
+      const double n0 = drift * r.s0, n1 = drift * r.s1;
+      const Cubic q = hermite(r.v0 + n0, r.v1 + n1, r.m0 + n1 - n0, r.m1 + n1 - n0);
+      const double start = r.s0 * h_us, end = r.s1 * h_us, h = end - start;
+      double s = 0;
+      if (blind_us > 0) {
+        if (blind_until >= end) continue;
+        s = std::max(0.0, (blind_until - start) / h);
+        reference = q.at(s);
+        blind_us = 0;
+      }
+      while (true) {
+        const Crossing next = first_crossing(q, s, reference - threshold_off, reference + threshold_on);
+        if (next.s > 1) break;
+        events.push_back({t0_us + start + next.s * h, next.on});
+        s = next.s;
+        if (refractory_us > 0) {
+          blind_until = start + next.s * h + refractory_us;
+          if (blind_until >= end) {
+            blind_us = blind_until;
+            break;
+          }
+          s = (blind_until - start) / h;
+        }
+        reference = q.at(s);
+      }
+    }
+    if (blind_us > 0) blind_us = std::max(blind_until - h_us, 1e-6);
+    reference -= drift;
+    if (receptor) w = receptor->w();
+  }
 };
 
 }  // namespace pecs::sensor

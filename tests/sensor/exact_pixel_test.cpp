@@ -1,0 +1,177 @@
+// The pixel in double precision against closed forms and Runge-Kutta, and the sensor against it.
+#include "exact_pixel.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "clip.h"
+#include "pecs/sensor/random.h"
+
+namespace pecs::sensor {
+
+TEST(Crossing, FirstOfSeveral) {
+  const Cubic q{0, 3, -9, 6};  // rises to 0.289 at 0.211, falls to -0.289 at 0.789, ends at 0
+  const Crossing up = first_crossing(q, 0, -0.2, 0.2);
+  EXPECT_TRUE(up.on);
+  EXPECT_NEAR(q.at(up.s), 0.2, 1e-9);
+  EXPECT_LT(up.s, 0.211);
+  const Crossing down = first_crossing(q, 0, -0.2, 0.3);
+  EXPECT_FALSE(down.on);
+  EXPECT_NEAR(q.at(down.s), -0.2, 1e-9);
+  EXPECT_GT(first_crossing(q, 0, -0.3, 0.3).s, 1);
+  EXPECT_GT(first_crossing(q, down.s + 1e-3, -0.3, 0.2).s, 1);
+}
+
+TEST(Crossing, EveryShapeAgainstADenseSearch) {
+  int crossings = 0;
+  for (double m0 = -4; m0 <= 4; m0 += 0.5)
+    for (double m1 = -4; m1 <= 4; m1 += 0.5)
+      for (double v1 = -1; v1 <= 1; v1 += 0.25) {
+        const Cubic q = hermite(0, v1, m0, m1);
+        double dense = 2;
+        for (int i = 0; i <= 20000 && dense > 1; ++i)
+          if (std::abs(q.at(i / 20000.0)) >= 0.3) dense = i / 20000.0;
+        const Crossing found = first_crossing(q, 0, -0.3, 0.3);
+        if (dense <= 1) {
+          ++crossings;
+          ASSERT_NEAR(found.s, dense, 6e-5) << m0 << ' ' << m1 << ' ' << v1;
+        } else if (found.s <= 1) {  // touched between two samples
+          ASSERT_NEAR(std::abs(q.at(found.s)), 0.3, 1e-6);
+        }
+      }
+  EXPECT_GT(crossings, 1000);
+}
+
+TEST(Photoreceptor, ConstantLightIsTheLogisticCurve) {
+  for (const double x : {1e-6, 0.01, 0.3, 3.0, 40.0}) {
+    const double light = 2.5, u0 = 0.2;
+    const double u1 = light * u0 * std::exp(x) / (light + u0 * (std::exp(x) - 1));  // docs/sensor.md, x = a I dt
+    EXPECT_NEAR(1 / receptor_step(1 / u0, 1 / light, 1 / light, 0, 0, x), u1, 1e-12 * light);
+  }
+}
+
+// V all along the interval, in light that bends, rises and falls, at speeds from slow to stiff.
+TEST(Photoreceptor, VaryingLightAgainstRungeKutta) {
+  for (const LogLight light : {LogLight{0.0, 1.5, 0.3, 2.0}, {0, -1.5, 0, 0}, {0, 0.2, 0.5, -0.1}, {0, 2.3, 0, 6}})
+    for (const double a : {0.01, 0.3, 1.0, 5.0, 20.0, 200.0}) {
+      const int n = 100000;
+      double v = a < 3 ? -0.7 : light.l0 - light.m0 / a;
+      Receptor receptor(light, a, std::exp(-v));
+      auto step = receptor.next();
+      double worst = 0;
+      int steps = 1;
+      const auto slope = [&](double s, double at) { return a * (std::exp(light.at(s)) - std::exp(at)); };
+      for (int i = 0; i < n; ++i) {
+        const double s = static_cast<double>(i) / n, h = 1.0 / n;
+        if (s >= step.s1) {
+          step = receptor.next();
+          ++steps;
+        }
+        const double ds = step.s1 - step.s0;
+        worst = std::max(worst, std::abs(hermite(step.v0, step.v1, step.m0, step.m1).at((s - step.s0) / ds) - v));
+        const double k1 = slope(s, v), k2 = slope(s + h / 2, v + h / 2 * k1), k3 = slope(s + h / 2, v + h / 2 * k2);
+        v += h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(s + h, v + h * k3));
+      }
+      EXPECT_LT(worst, 1e-3) << light.l1 << " a " << a << " in " << steps << " steps";
+      EXPECT_NEAR(-std::log(receptor.w()), v, 1e-3);
+      EXPECT_LT(steps, 20) << a;
+    }
+}
+
+namespace {
+
+// ln I as the monotone cubic between frames (Fritsch & Butland): slopes per us at the frames.
+std::vector<double> slopes(const std::vector<double>& l, const std::vector<double>& t_us) {
+  const std::size_t n = l.size();
+  const auto h = [&](std::size_t i) { return t_us[i + 1] - t_us[i]; };
+  const auto chord = [&](std::size_t i) { return (l[i + 1] - l[i]) / h(i); };
+  std::vector<double> m(n, 0.0);
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    const double s0 = chord(i - 1), s1 = chord(i), h0 = h(i - 1), h1 = h(i);
+    if (s0 * s1 > 0) m[i] = 3 * (h0 + h1) / ((2 * h1 + h0) / s0 + (h1 + 2 * h0) / s1);
+  }
+  const double s0 = chord(0), s1 = chord(1), first = ((2 * h(0) + h(1)) * s0 - h(0) * s1) / (h(0) + h(1));
+  if (first * s0 > 0) m[0] = s0 * s1 < 0 && std::abs(first) > 3 * std::abs(s0) ? 3 * s0 : first;
+  m[n - 1] = chord(n - 2);
+  return m;
+}
+
+}  // namespace
+
+// Light that rests, jumps and drifts at random, in dim and bright places, frames at uneven times.
+TEST(Pixel, AgainstDoublePrecision) {
+  const int pixels = 200, frames = 40;
+  for (const std::vector<std::string>& changes :
+       {std::vector<std::string>{},
+        {"refractory_period_s=0.0004"},
+        {"leak_rate_hz=20"},
+        {"corner_hz_per_a=0", "refractory_period_s=0.0002", "leak_rate_hz=10"}}) {
+    Chip chip = without_noise(load_chip("imx636"));
+    for (const std::string& change : changes) {
+      const double value = std::stod(change.substr(change.find('=') + 1));
+      if (change.starts_with("refractory")) chip.refractory_period_s = value;
+      if (change.starts_with("leak")) chip.leak_rate_hz = value;
+      if (change.starts_with("corner")) chip.corner_hz_per_a = value;
+    }
+    Clip clip{pixels, 1, {}, {}};
+    for (int i = 0; i < frames; ++i) {
+      const auto random = [&](int x, int word) {
+        const Random4 r = random4(7, static_cast<std::uint32_t>(x), i, Purpose::model);
+        return uniform(r[static_cast<std::size_t>(word)]);
+      };
+      clip.t_us.push_back(i == 0 ? 0.25 : clip.t_us.back() + 200 + 2800 * random(0, 3));
+      auto& frame = clip.frames.emplace_back();
+      for (int x = 0; x < pixels; ++x) {
+        const double base = 0.3 * std::pow(1e5, x / static_cast<double>(pixels));
+        const double before = i == 0 ? base : clip.frames[static_cast<std::size_t>(i) - 1][static_cast<std::size_t>(x)];
+        const bool rests = i > 0 && random(x / 16, 0) < 0.4;
+        const double moved = std::clamp(
+            before * std::exp(0.7 * gaussian(random4(9, static_cast<std::uint32_t>(x), i, Purpose::model)[0])),
+            base / 9, base * 9);
+        frame.push_back(static_cast<float>(rests ? before : moved));
+      }
+    }
+    std::size_t disputed = 0;
+    std::vector<double> errors_us;
+    Sensor sensor(chip, pixels, 1, 1, 1.0);
+    std::vector<std::vector<events::Event>> found(pixels);
+    for (const events::Event& e : run_clip(sensor, clip, 9, 2)) found[e.x].push_back(e);
+
+    for (std::size_t x = 0; x < found.size(); ++x) {
+      std::vector<double> l;
+      for (const auto& frame : clip.frames) l.push_back(std::log(double{frame[x]} + chip.dark_current_a * 1e15));
+      const std::vector<double> m = slopes(l, clip.t_us);
+      ExactPixel pixel{2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21,
+                       chip.leak_rate_hz * chip.contrast_threshold_on * 1e-6, chip.refractory_period_s * 1e6,
+                       chip.contrast_threshold_on, chip.contrast_threshold_off};
+      pixel.w = std::exp(-l[0]);
+      pixel.reference = l[0];
+      std::vector<ExactPixel::Fired> expected;
+      for (std::size_t i = 0; i + 1 < l.size(); ++i) {
+        const double h = clip.t_us[i + 1] - clip.t_us[i];
+        pixel.step(clip.t_us[i], h, {l[i], l[i + 1], m[i] * h, m[i + 1] * h}, expected);
+      }
+      // A light that only just touches a threshold may be told either way; from there on the two differ.
+      bool same = expected.size() == found[x].size();
+      for (std::size_t k = 0; same && k < expected.size(); ++k) same = expected[k].on == (found[x][k].p == 1);
+      disputed += !same;
+      if (same)
+        for (std::size_t k = 0; k < expected.size(); ++k)
+          errors_us.push_back(std::abs(static_cast<double>(found[x][k].t_us) - expected[k].t_us));
+    }
+    SCOPED_TRACE(testing::PrintToString(changes));
+    ASSERT_GT(errors_us.size(), 2500u);
+    EXPECT_LE(disputed, 2u);
+    std::ranges::sort(errors_us);
+    const auto quantile = [&](double q) {
+      return errors_us[static_cast<std::size_t>(q * static_cast<double>(errors_us.size()))];
+    };
+    EXPECT_LT(quantile(0.5), 0.35);  // 0.25 is that of whole us
+    EXPECT_LT(quantile(0.9), 3);     // flat crossings see 2e-4 of V, and a refractory period hands errors on
+    if (chip.corner_hz_per_a == 0) EXPECT_LT(quantile(0.99), 0.6);
+  }
+}
+
+}  // namespace pecs::sensor
