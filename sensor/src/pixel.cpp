@@ -15,6 +15,7 @@ namespace pecs::sensor {
 namespace {
 
 constexpr double kMinThreshold = 0.1;           // of the nominal one: mismatch leaves no pixel without
+constexpr double kMostInterval_us = 1e9;        // the kernels' times within an interval are 32 bits
 constexpr double kBackgroundWindow_us = 65536;  // background events are drawn for a block of pixels and this time
 
 // Poisson deviate by inversion in chunks small enough for exp(-mean); `next` gives uniforms in (0, 1).
@@ -30,6 +31,9 @@ int poisson(double mean, Next&& next) {
 
 IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step) {
   const double h0 = t_us[i + 1] - t_us[i], h1 = i + 2 < t_us.size() ? t_us[i + 2] - t_us[i + 1] : h0;
+  if (h0 > kMostInterval_us)
+    throw bad_input("frames", fmt::format("time after {} us", t_us[i]), fmt::format("{} us", h0),
+                    fmt::format("at most {} us between frames", kMostInterval_us));
   return {t_us[i],
           t_us[i + 1],
           static_cast<float>(h0),

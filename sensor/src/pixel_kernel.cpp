@@ -146,13 +146,13 @@ HWY_INLINE Cubics choose(M which, const Cubics& a, const Cubics& b) {
           hn::IfThenElse(which, a.c3, b.c3)};
 }
 
-struct Crossings {
+struct FirstCrossing {
   V at;  // > 1: none
   M on;
 };
 
 // The first s >= from where a cubic is >= high (on) or <= low.
-HWY_INLINE Crossings first_crossing(const Cubics& q, V from, V low, V high) {
+HWY_INLINE FirstCrossing first_crossing(const Cubics& q, V from, V low, V high) {
   const F f;
   const V one = hn::Set(f, 1.0f);
   // Monotone pieces end where 3 c3 s^2 + 2 c2 s + c1 = 0.
@@ -613,7 +613,7 @@ class PixelBlock {
         ready = sleeps;
       }
       const M seeking = hn::AndNot(ready, live);
-      Crossings next = first_crossing(q, z, hn::Sub(reference, off), hn::Add(reference, on));
+      FirstCrossing next = first_crossing(q, z, hn::Sub(reference, off), hn::Add(reference, on));
       M by_noise = hn::Lt(one, zero), on_now = next.on;
       if (any_background)
         next.at = background_first(t, job, seeking, place(z), s0, s1, next.at, background, by_noise, on_now);

@@ -46,7 +46,12 @@ class Crossings {
   void solve() {
     const F f;
     const V rounding = hn::Set(f, rounding_us_), h = hn::Set(f, h_us_);
-    constexpr std::size_t kTogether = 2;  // the steps of one wait for each other
+    constexpr std::size_t kTogether = 2;           // the steps of one wait for each other
+    for (std::size_t k = 0; k < kTogether; ++k) {  // lanes to spare are done at once
+      const std::size_t at = waiting_ + k * hn::Lanes(f);
+      for (float* row : {level_, s_, c1_}) hn::StoreU(hn::Set(f, 1.0f), f, row + at);
+      for (float* row : {c2_, c3_}) hn::StoreU(hn::Zero(f), f, row + at);
+    }
     for (std::size_t i = 0; i < waiting_; i += kTogether * hn::Lanes(f)) {
       Halley vectors[kTogether];
       for (std::size_t k = 0; k < kTogether; ++k) {

@@ -230,6 +230,8 @@ TEST(Pixel, TimesMustRise) {
   Clip clip = make_clip(4, 4, 3, 1000, bars);
   clip.t_us[2] = 500;
   EXPECT_THROW(run(load_chip("ideal"), clip), Error);
+  clip.t_us = {0, 1000, 2e9};
+  EXPECT_THROW(run(load_chip("ideal"), clip), Error);
 }
 
 }  // namespace pecs::sensor
