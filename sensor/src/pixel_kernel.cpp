@@ -186,12 +186,8 @@ HWY_INLINE FirstCrossing first_crossing(const Cubics& q, V from, V low, V high) 
 struct Receptors {
   Cubics light;  // ln I
   V a_h, steepest, steepest_bend;
-  V s, w, i, slope, v;
+  V s, w, i, slope;
 
-  struct Step {
-    V s0, s1;
-    Cubics v;  // within the step
-  };
   // (dV/ds) / (a_h I) = 1 - u / I: of V that follows the light, and of what relaxes towards that. In fast light
   // dV/ds = l' + (l'^2 - l'') / (a_h I) to second order in 1 / (a_h I).
   struct Motion {
@@ -221,27 +217,6 @@ struct Receptors {
     const V relaxation = hn::Div(hn::Sqrt(hn::Sqrt(hn::Div(hn::Set(f, 384 * 2e-4f), r))), x);
     const V slow = hn::Div(hn::Set(f, 0.5f), steepest);
     return hn::Min(hn::Min(one, slow), hn::IfThenElse(hn::Lt(r, tolerance), one, relaxation));
-  }
-  // One step where `which`.
-  Step next(M which) {
-    const F f;
-    const V one = hn::Set(f, 1.0f), rest = hn::Sub(one, s);
-    const Motion before = motion();
-    const V steps = hn::Min(hn::Ceil(hn::Div(rest, wanted(before))), hn::Set(f, 1e4f));
-    const V ds = hn::Div(rest, steps), s1 = hn::IfThenElse(hn::Le(steps, one), one, hn::Add(s, ds));
-    const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(s, s1));
-    const V i1 = hn::Exp(f, light.at(s1)), im = hn::Exp(f, light.at(middle)), slope1 = light.slope(s1);
-    const V x = hn::Mul(hn::Mul(hn::Mul(a_h, ds), hn::Set(f, 1.0f / 6)),  // Simpson
-                        hn::MulAdd(hn::Set(f, 4.0f), im, hn::Add(i, i1)));
-    const V g0 = hn::Div(one, i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, a_h);
-    const auto slope_of_g = [&](V l, V g) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(g, g), per_a_h))); };
-    const V m0 = slope_of_v(before, ds), v0 = v, s0 = s;
-    w = hn::IfThenElse(which, receptor_step(w, g0, g1, slope_of_g(slope, g0), slope_of_g(slope1, g1), x), w);
-    s = hn::IfThenElse(which, s1, s);
-    i = hn::IfThenElse(which, i1, i);
-    slope = hn::IfThenElse(which, slope1, slope);
-    v = hn::IfThenElse(which, hn::Neg(ln(w)), v);
-    return {s0, s1, hermite(v0, v, m0, slope_of_v(motion(), ds))};
   }
 };
 
@@ -521,7 +496,7 @@ class PixelBlock {
       jobs_count_ += compress.count();
     }
     take_background(t);
-    for (std::size_t k = 0; k < jobs_count_; k += lanes()) find_events(t, k);
+    if (jobs_count_ > 0) find_events(t);
     for (const BackgroundEvent& e : due_) background_s_[e.pixel - first_] = kNone;
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) put(hn::Sub(at(reference_, p), leaks), reference_, p);
@@ -545,111 +520,213 @@ class PixelBlock {
     return std::clamp(static_cast<float>((e.t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
   }
 
-  // Several pixels over the interval, exactly. Times are s in [0, 1] within it, or z within a step of the
+  // A vector of pixels that may fire. Times are s in [0, 1] within the interval, or z within a step of the
   // photoreceptor.
-  HWY_NOINLINE void find_events(const IntervalTimes& t, std::size_t job) {
+  struct Group {
+    HWY_ALIGN float live[kLanes], ready[kLanes];  // 1 or 0; ready: for a step
+    HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], n0[kLanes], drift[kLanes],
+        background[kLanes];
+    HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_bend[kLanes];
+    HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // the photoreceptor's
+    HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the step to take
+    HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes], z[kLanes];            // of the step taken: V, noise and leak
+    HWY_ALIGN float next[kLanes], next_on[kLanes];                              // crossing
+    const std::uint32_t* pixels;
+    std::size_t count;
+    bool any_background;
+  };
+  static HWY_INLINE V get(const float* row) { return hn::Load(F(), row); }
+  static HWY_INLINE void set(float* row, V v) { hn::Store(v, F(), row); }
+  static HWY_INLINE M holds(const float* row) { return hn::Gt(get(row), hn::Zero(F())); }
+  static HWY_INLINE void set(float* row, M m) { set(row, hn::IfThenElseZero(m, hn::Set(F(), 1.0f))); }
+  static HWY_INLINE Cubics cubics(const float (*rows)[kLanes]) {
+    return {get(rows[0]), get(rows[1]), get(rows[2]), get(rows[3])};
+  }
+  static HWY_INLINE void set(float (*rows)[kLanes], const Cubics& c) {
+    set(rows[0], c.c0), set(rows[1], c.c1), set(rows[2], c.c2), set(rows[3], c.c3);
+  }
+  HWY_INLINE Receptors receptors(const IntervalTimes& t, const Group& g) const {
+    return {cubics(g.light), hn::Set(F(), a_h(t)), get(g.steepest), get(g.steepest_bend), get(g.s), get(g.w),
+            get(g.i),        get(g.slope)};
+  }
+
+  // The exact work. Every stage goes over all groups: what one waits for, the next fills.
+  HWY_NOINLINE void find_events(const IntervalTimes& t) {
+    const std::size_t groups = (jobs_count_ + lanes() - 1) / lanes();
+    std::size_t left = 0;
+    for (std::size_t k = 0; k < groups; ++k) {
+      begin(t, groups_[k], k * lanes());
+      at_work_[left++] = &groups_[k];
+    }
+    while (left > 0) {
+      const std::span<Group* const> work(at_work_, left);
+      if constexpr (kReceptor) {
+        for (Group* g : work) choose_step(t, *g);
+        for (Group* g : work) take_step(t, *g);
+      }
+      for (Group* g : work) end_step(t, *g);
+      for (Group* g : work) find_crossing(*g);
+      left = 0;
+      for (Group* g : work)
+        if (fire(t, *g)) at_work_[left++] = g;
+    }
+    for (std::size_t k = 0; k < groups; ++k) end(t, groups_[k]);
+    hand_on(t);
+  }
+
+  void begin(const IntervalTimes& t, Group& g, std::size_t job) {
     const F f;
-    const I32 i32;
-    const auto n = std::min<std::size_t>(lanes(), jobs_count_ - job);
-    for (std::size_t k = n; k < lanes(); ++k) jobs_[job + k] = jobs_[job];  // not live
-    const auto index = hn::BitCast(i32, hn::LoadU(U32(), jobs_ + job));
+    g.pixels = jobs_ + job;
+    g.count = std::min<std::size_t>(lanes(), jobs_count_ - job);
+    for (std::size_t k = g.count; k < lanes(); ++k) jobs_[job + k] = jobs_[job];  // not live
+    const auto index = hn::BitCast(I32(), hn::LoadU(U32(), g.pixels));
     const auto gather = [&](const float* row) { return hn::GatherIndex(f, row, index); };
     const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), h = hn::Set(f, t.h_us);
-    const V per_h = hn::Set(f, t.per_h),
-            refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), per_h);
+    set(g.live, hn::FirstN(f, g.count));
+    set(g.ready, hn::FirstN(f, g.count));
+    set(g.on, gather(on_));
+    set(g.off, gather(off_));
+    set(g.reference, gather(reference_));
+    set(g.blind, hn::Mul(gather(blind_us_), hn::Set(f, t.per_h)));
     const V n0 = gather(noise_[0]);
-    const V drift = hn::Add(hn::Sub(gather(noise_[1]), n0), hn::Set(f, leak(t)));
-    const V on = gather(on_), off = gather(off_);
-    V reference = gather(reference_), blind = hn::Mul(gather(blind_us_), per_h);
-    Receptors receptors;
-    receptors.light = hermite(gather(l_[0]), gather(l_[1]), hn::Mul(gather(m_[0]), h), hn::Mul(gather(m_[1]), h));
-    receptors.s = zero;
+    set(g.n0, n0);
+    set(g.drift, hn::Add(hn::Sub(gather(noise_[1]), n0), hn::Set(f, leak(t))));
+    const V background = gather(background_s_);
+    set(g.background, background);
+    g.any_background = !hn::AllFalse(f, hn::Lt(background, hn::Set(f, kNone)));
+    const Cubics l = hermite(gather(l_[0]), gather(l_[1]), hn::Mul(gather(m_[0]), h), hn::Mul(gather(m_[1]), h));
+    set(g.light, l);
+    set(g.q, l);
+    set(g.s, zero);
+    set(g.s0, zero);
+    set(g.s1, one);
+    set(g.z, zero);
     if constexpr (kReceptor) {
-      const Cubics& l = receptors.light;
       const V m0 = hn::Abs(l.c1), m1 = hn::Abs(l.slope(one)), dl = hn::Abs(hn::Sub(l.at(one), l.c0));
-      receptors.a_h = hn::Set(f, a_h(t));
-      receptors.steepest =
-          hn::Max(hn::MulAdd(hn::Set(f, 1.5f), dl, hn::Mul(hn::Set(f, 0.25f), hn::Add(m0, m1))), hn::Max(m0, m1));
-      receptors.steepest_bend = hn::Max(hn::Abs(l.bend(zero)), hn::Abs(l.bend(one)));
-      receptors.w = gather(w_[0]);
-      receptors.i = gather(i_[0]);
-      receptors.slope = l.c1;
-      receptors.v = gather(v_[0]);
+      set(g.steepest,
+          hn::Max(hn::MulAdd(hn::Set(f, 1.5f), dl, hn::Mul(hn::Set(f, 0.25f), hn::Add(m0, m1))), hn::Max(m0, m1)));
+      set(g.steepest_bend, hn::Max(hn::Abs(l.bend(zero)), hn::Abs(l.bend(one))));
+      set(g.w, gather(w_[0]));
+      set(g.i, gather(i_[0]));
+      set(g.slope, l.c1);
+      set(g.v, gather(v_[0]));
     }
-    V background = gather(background_s_);
-    const bool any_background = !hn::AllFalse(f, hn::Lt(background, hn::Set(f, kNone)));
+  }
 
-    V s0 = zero, s1 = one, z = zero;
-    Cubics q = receptors.light;  // V with noise and leak, over the step
-    const auto place = [&](V step_z) { return hn::MulAdd(hn::Sub(s1, s0), step_z, s0); };
-    M live = hn::FirstN(f, n), ready = live;  // ready: for a step
-    while (true) {
-      live = hn::AndNot(hn::And(ready, hn::Ge(receptors.s, one)), live);
-      ready = hn::And(ready, live);
-      if (hn::AllFalse(f, live)) break;
-      if (!hn::AllFalse(f, ready)) {
-        Cubics v = receptors.light;
-        V begin = zero, end = one;
-        if constexpr (kReceptor) {
-          const Receptors::Step step = receptors.next(ready);
-          begin = step.s0, end = step.s1, v = step.v;
-        } else {
-          receptors.s = hn::IfThenElse(ready, one, receptors.s);
-        }
-        v.c0 = hn::Add(v.c0, hn::MulAdd(drift, begin, n0));
-        v.c1 = hn::MulAdd(drift, hn::Sub(end, begin), v.c1);
-        q = choose(ready, v, q);
-        s0 = hn::IfThenElse(ready, begin, s0);
-        s1 = hn::IfThenElse(ready, end, s1);
-        z = hn::IfThenElse(ready, zero, z);
-        const M blinded = hn::And(ready, hn::Gt(blind, zero)), sleeps = hn::And(blinded, hn::Ge(blind, s1));
-        const M wakes = hn::AndNot(sleeps, blinded);
-        if (!hn::AllFalse(f, wakes)) {
-          z = hn::IfThenElse(wakes, hn::Max(zero, hn::Div(hn::Sub(blind, s0), hn::Sub(s1, s0))), z);
-          reference = hn::IfThenElse(wakes, q.at(z), reference);
-          blind = hn::IfThenZeroElse(wakes, blind);
-          mark(t, job, wakes, place(z));
-        }
-        ready = sleeps;
-      }
-      const M seeking = hn::AndNot(ready, live);
-      FirstCrossing next = first_crossing(q, z, hn::Sub(reference, off), hn::Add(reference, on));
-      M by_noise = hn::Lt(one, zero), on_now = next.on;
-      if (any_background)
-        next.at = background_first(t, job, seeking, place(z), s0, s1, next.at, background, by_noise, on_now);
-      const M fires = hn::And(seeking, hn::Le(next.at, one));
-      ready = hn::Or(ready, hn::AndNot(fires, seeking));
-      if (hn::AllFalse(f, fires)) continue;
-      const V s = place(next.at);
-      emit(t, job, fires, by_noise, on_now, s);
-      // The reference is V when the refractory period ends.
-      const V until = hn::Add(s, refractory);
-      const M sleeps = hn::And(fires, hn::And(hn::Gt(refractory, zero), hn::Ge(until, s1))),
-              resets = hn::AndNot(sleeps, fires);
-      const V after = hn::IfThenElse(hn::Gt(refractory, zero), hn::Div(hn::Sub(until, s0), hn::Sub(s1, s0)), next.at);
-      blind = hn::IfThenElse(sleeps, until, blind);
-      ready = hn::Or(ready, sleeps);
-      z = hn::IfThenElse(resets, after, z);
-      reference = hn::IfThenElse(resets, q.at(z), reference);
-      mark(t, job, resets, place(z));
-    }
-    const V left = hn::Mul(hn::Sub(blind, one), h);
-    blind = hn::IfThenElseZero(hn::Gt(blind, zero), hn::Max(left, hn::Set(f, 1e-6f)));
-    HWY_ALIGN float out[kReceptor ? 4 : 2][kLanes];
-    hn::Store(reference, f, out[0]);
-    hn::Store(blind, f, out[1]);
+  HWY_INLINE void choose_step(const IntervalTimes& t, Group& g) {
+    const F f;
+    const Receptors r = receptors(t, g);
+    const V one = hn::Set(f, 1.0f), rest = hn::Sub(one, r.s);
+    const Receptors::Motion motion = r.motion();
+    const V steps = hn::Min(hn::Ceil(hn::Div(rest, r.wanted(motion))), hn::Set(f, 1e4f)), ds = hn::Div(rest, steps);
+    set(g.ds, ds);
+    set(g.s_next, hn::IfThenElse(hn::Le(steps, one), one, hn::Add(r.s, ds)));
+    set(g.m0, r.slope_of_v(motion, ds));
+  }
+
+  HWY_INLINE void take_step(const IntervalTimes& t, Group& g) {
+    const F f;
+    const Receptors r = receptors(t, g);
+    const M ready = holds(g.ready);
+    const V one = hn::Set(f, 1.0f), s1 = get(g.s_next), middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(r.s, s1));
+    const V i1 = hn::Exp(f, r.light.at(s1)), im = hn::Exp(f, r.light.at(middle)), slope1 = r.light.slope(s1);
+    const V x = hn::Mul(hn::Mul(hn::Mul(r.a_h, get(g.ds)), hn::Set(f, 1.0f / 6)),  // Simpson
+                        hn::MulAdd(hn::Set(f, 4.0f), im, hn::Add(r.i, i1)));
+    const V g0 = hn::Div(one, r.i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, r.a_h);
+    const auto slope_of_g = [&](V l, V v) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(v, v), per_a_h))); };
+    const V w1 = receptor_step(r.w, g0, g1, slope_of_g(r.slope, g0), slope_of_g(slope1, g1), x);
+    set(g.w, hn::IfThenElse(ready, w1, r.w));
+    set(g.i, hn::IfThenElse(ready, i1, r.i));
+    set(g.slope, hn::IfThenElse(ready, slope1, r.slope));
+  }
+
+  HWY_INLINE void end_step(const IntervalTimes& t, Group& g) {
+    const F f;
+    const M ready = holds(g.ready);
+    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f), begin = kReceptor ? get(g.s) : zero;
+    const V end = kReceptor ? get(g.s_next) : one;
+    Cubics v = cubics(g.light);
+    set(g.s, hn::IfThenElse(ready, end, get(g.s)));
     if constexpr (kReceptor) {
-      hn::Store(receptors.w, f, out[2]);
-      hn::Store(receptors.v, f, out[3]);
+      const Receptors r = receptors(t, g);
+      const V v1 = hn::IfThenElse(ready, hn::Neg(ln(r.w)), get(g.v));
+      v = hermite(get(g.v), v1, get(g.m0), r.slope_of_v(r.motion(), get(g.ds)));
+      set(g.v, v1);
     }
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::uint32_t p = jobs_[job + k];
-      reference_[p] = out[0][k];
-      blind_us_[p] = out[1][k];
+    const V drift = get(g.drift);
+    v.c0 = hn::Add(v.c0, hn::MulAdd(drift, begin, get(g.n0)));
+    v.c1 = hn::MulAdd(drift, hn::Sub(end, begin), v.c1);
+    const Cubics q = choose(ready, v, cubics(g.q));
+    const V s0 = hn::IfThenElse(ready, begin, get(g.s0)), s1 = hn::IfThenElse(ready, end, get(g.s1));
+    V z = hn::IfThenElse(ready, zero, get(g.z));
+    const V blind = get(g.blind);
+    const M blinded = hn::And(ready, hn::Gt(blind, zero)), sleeps = hn::And(blinded, hn::Ge(blind, s1));
+    const M wakes = hn::AndNot(sleeps, blinded);
+    if (!hn::AllFalse(f, wakes)) {
+      z = hn::IfThenElse(wakes, hn::Max(zero, hn::Div(hn::Sub(blind, s0), hn::Sub(s1, s0))), z);
+      set(g.reference, hn::IfThenElse(wakes, q.at(z), get(g.reference)));
+      set(g.blind, hn::IfThenZeroElse(wakes, blind));
+      mark(t, g, wakes, hn::MulAdd(hn::Sub(s1, s0), z, s0));
+    }
+    set(g.q, q);
+    set(g.s0, s0);
+    set(g.s1, s1);
+    set(g.z, z);
+    set(g.ready, sleeps);
+  }
+
+  HWY_INLINE void find_crossing(Group& g) {
+    const V reference = get(g.reference);
+    const FirstCrossing next =
+        first_crossing(cubics(g.q), get(g.z), hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
+    set(g.next, next.at);
+    set(g.next_on, next.on);
+  }
+
+  // The crossings found are events. False when the interval is over for all.
+  HWY_INLINE bool fire(const IntervalTimes& t, Group& g) {
+    const F f;
+    const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), s0 = get(g.s0), s1 = get(g.s1), ds = hn::Sub(s1, s0);
+    const M seeking = hn::AndNot(holds(g.ready), holds(g.live));
+    M by_noise = hn::Lt(one, zero);
+    if (g.any_background) by_noise = background_first(t, g, seeking);
+    const V at_z = get(g.next);
+    const M fires = hn::And(seeking, hn::Le(at_z, one));
+    M ready = hn::Or(holds(g.ready), hn::AndNot(fires, seeking));
+    if (!hn::AllFalse(f, fires)) {
+      const V s = hn::MulAdd(ds, at_z, s0);
+      emit(t, g, fires, by_noise, s);
+      // The reference is V when the refractory period ends.
+      const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
+      const V until = hn::Add(s, refractory);
+      const M rests = hn::Gt(refractory, zero), sleeps = hn::And(fires, hn::And(rests, hn::Ge(until, s1)));
+      const M resets = hn::AndNot(sleeps, fires);
+      const V after = hn::IfThenElse(rests, hn::Div(hn::Sub(until, s0), ds), at_z);
+      const V z = hn::IfThenElse(resets, after, get(g.z));
+      set(g.blind, hn::IfThenElse(sleeps, until, get(g.blind)));
+      set(g.reference, hn::IfThenElse(resets, cubics(g.q).at(z), get(g.reference)));
+      set(g.z, z);
+      ready = hn::Or(ready, sleeps);
+      mark(t, g, resets, hn::MulAdd(ds, z, s0));
+    }
+    const M live = hn::AndNot(hn::And(ready, hn::Ge(get(g.s), one)), holds(g.live));
+    set(g.live, live);
+    set(g.ready, hn::And(ready, live));
+    return !hn::AllFalse(f, live);
+  }
+
+  void end(const IntervalTimes& t, Group& g) {
+    const F f;
+    const V blind = get(g.blind), left = hn::Mul(hn::Sub(blind, hn::Set(f, 1.0f)), hn::Set(f, t.h_us));
+    set(g.blind, hn::IfThenElseZero(hn::Gt(blind, hn::Zero(f)), hn::Max(left, hn::Set(f, 1e-6f))));
+    for (std::size_t k = 0; k < g.count; ++k) {
+      const std::uint32_t p = g.pixels[k];
+      reference_[p] = g.reference[k];
+      blind_us_[p] = g.blind[k];
       if constexpr (kReceptor) {
-        w_[1][p] = out[2][k];
-        v_[1][p] = out[3][k];
-        u_[1][p] = 1 / out[2][k];
+        w_[1][p] = g.w[k];
+        v_[1][p] = g.v[k];
+        u_[1][p] = 1 / g.w[k];
       }
     }
   }
@@ -665,12 +742,12 @@ class PixelBlock {
   // A pixel's noise at s; the drift of the leak is told by the time.
   float noise_at(std::uint32_t p, float s) const { return noise_[0][p] + (noise_[1][p] - noise_[0][p]) * s; }
 
-  void mark(const IntervalTimes& t, std::size_t job, M which, V s) {
+  void mark(const IntervalTimes& t, const Group& g, M which, V s) {
     if (!a_.marks) return;
     HWY_ALIGN float at_s[kLanes];
     hn::Store(s, F(), at_s);
     each(which, [&](std::size_t k) {
-      const std::uint32_t p = jobs_[job + k];
+      const std::uint32_t p = g.pixels[k];
       a_.marks[first_ + p] = {t.t0_us + double{at_s[k]} * t.h_us, noise_at(p, at_s[k])};
     });
   }
@@ -684,63 +761,57 @@ class PixelBlock {
     return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
   }
 
-  void emit(const IntervalTimes& t, std::size_t job, M fires, M by_noise, M on, V s) {
-    const F f;
-    const double whole = std::floor(t.t0_us);
-    HWY_ALIGN float at_s[kLanes], kind[kLanes];
-    HWY_ALIGN std::int32_t us[kLanes];
-    hn::Store(s, f, at_s);
-    hn::Store(hn::Add(hn::IfThenElseZero(on, hn::Set(f, 1.0f)), hn::IfThenElseZero(by_noise, hn::Set(f, 2.0f))), f,
-              kind);
-    const V rounding = hn::Set(f, static_cast<float>(t.t0_us - whole) + 0.5f);
-    hn::Store(hn::ConvertTo(I32(), hn::MulAdd(s, hn::Set(f, t.h_us), rounding)), I32(), us);
-    each(fires, [&](std::size_t k) {
-      const std::uint32_t p = jobs_[job + k];
-      const bool is_on = kind[k] == 1 || kind[k] == 3;
-      Cause why = Cause::signal;
-      if (a_.marks) why = kind[k] >= 2 ? background_cause_[p] : cause(t, p, at_s[k], is_on);
-      a_.events->add(event_key(static_cast<std::int64_t>(whole) + us[k], first_ + p, is_on, why));
-    });
+  HWY_INLINE void emit(const IntervalTimes& t, const Group& g, M fires, M by_noise, V s) {
+    const U32 u;
+    const Compress compress(fires);
+    const VU on = hn::IfThenElseZero(hn::RebindMask(u, holds(g.next_on)), hn::Set(u, 1u << kKeyOnShift));
+    const VU pixels = hn::Add(hn::LoadU(u, g.pixels), hn::Set(u, first_));
+    compress.store(Clock(t).us(s), us_ + fired_);
+    compress.store(hn::Or(hn::ShiftLeft<kKeyPixelShift>(pixels), on), place_ + fired_);
+    if (a_.marks) {
+      HWY_ALIGN float at_s[kLanes], noise[kLanes];
+      set(at_s, s);
+      set(noise, by_noise);
+      std::uint32_t* place = place_ + fired_;
+      each(fires, [&](std::size_t k) {
+        const std::uint32_t p = g.pixels[k];
+        const Cause why = noise[k] > 0 ? background_cause_[p] : cause(t, p, at_s[k], g.next_on[k] > 0);
+        *place++ |= static_cast<std::uint32_t>(why);
+      });
+    }
+    fired_ += compress.count();
+    if (fired_ > kRoom) hand_on(t);
+  }
+  void hand_on(const IntervalTimes& t) {
+    Clock(t).add(us_, place_, fired_, *a_.events);
+    fired_ = 0;
   }
 
-  // Where a background event comes before the crossing `next`, its place instead. Those before `now` are over.
-  V background_first(const IntervalTimes& t, std::size_t job, M seeking, V now, V s0, V s1, V next, V& background,
-                     M& by_noise, M& on) {
+  // Where a background event comes before the crossing found, it takes its place. Those that were before are over.
+  M background_first(const IntervalTimes& t, Group& g, M seeking) {
     const F f;
-    HWY_ALIGN float now_s[kLanes], begin[kLanes], end[kLanes], at_z[kLanes], pending[kLanes], noise[kLanes] = {},
-                                                                                              is_on[kLanes] = {};
-    hn::Store(now, f, now_s);
-    hn::Store(s0, f, begin);
-    hn::Store(s1, f, end);
-    hn::Store(next, f, at_z);
-    hn::Store(background, f, pending);
+    HWY_ALIGN float noise[kLanes] = {};
+    const BackgroundEvent* const none = due_.data() + due_.size();
     each(seeking, [&](std::size_t k) {
-      const std::uint32_t p = jobs_[job + k];
-      const auto following = [&](const BackgroundEvent* after) {
-        for (const BackgroundEvent* e = after; e != due_.data() + due_.size(); ++e)
-          if (e->pixel == first_ + p) return e;
-        return due_.data() + due_.size();
+      if (g.background[k] >= kNone) return;
+      const std::uint32_t p = g.pixels[k];
+      const auto after = [&](const BackgroundEvent* e, float s) {  // the first at s or later
+        while (e != none && (e->pixel != first_ + p || in_interval(*e, t) < s)) ++e;
+        return e;
       };
-      const BackgroundEvent* none = due_.data() + due_.size();
-      if (pending[k] >= kNone) return;
-      const BackgroundEvent* e = following(due_.data());
-      while (e != none && in_interval(*e, t) < pending[k]) e = following(e + 1);
-      while (e != none && in_interval(*e, t) < now_s[k]) e = following(e + 1);
-      pending[k] = e == none ? kNone : in_interval(*e, t);
-      const float z = (pending[k] - begin[k]) / (end[k] - begin[k]);
-      if (pending[k] >= end[k] || z >= at_z[k]) return;
-      at_z[k] = std::max(z, 0.0f);
+      const auto time_of = [&](const BackgroundEvent* e) { return e == none ? kNone : in_interval(*e, t); };
+      const float length = g.s1[k] - g.s0[k], now = g.s0[k] + length * g.z[k];
+      const BackgroundEvent* e = after(due_.data(), std::max(g.background[k], now));
+      g.background[k] = time_of(e);
+      const float z = (g.background[k] - g.s0[k]) / length;
+      if (g.background[k] >= g.s1[k] || z >= g.next[k]) return;
+      g.next[k] = std::max(z, 0.0f);
+      g.next_on[k] = e->on;
       noise[k] = 1;
-      is_on[k] = e->on;
       background_cause_[p] = e->cause;
-      e = following(e + 1);
-      pending[k] = e == none ? kNone : in_interval(*e, t);
+      g.background[k] = time_of(after(e + 1, 0));
     });
-    background = hn::Load(f, pending);
-    const V flag = hn::Load(f, noise), on_flag = hn::Load(f, is_on);
-    by_noise = hn::Gt(flag, hn::Zero(f));
-    on = hn::Or(hn::And(by_noise, hn::Gt(on_flag, hn::Zero(f))), hn::AndNot(by_noise, on));
-    return hn::Load(f, at_z);
+    return hn::Gt(hn::Load(f, noise), hn::Zero(f));
   }
 
   const KernelArguments& a_;
@@ -767,6 +838,11 @@ class PixelBlock {
   bool kept_[kPixels];         // of a vector: rho_ and sigma_ are of this light
   Cause background_cause_[kPixels];
   std::uint32_t moving_[kPixels + 1], jobs_[kPixels + 2 * kLanes];
+  std::size_t fired_ = 0;  // events to hand on
+  std::int32_t us_[kRoom + 2 * kLanes];
+  std::uint32_t place_[kRoom + 2 * kLanes];
+  Group groups_[kPixels / kLanes + 1];
+  Group* at_work_[kPixels / kLanes + 1];
 };
 
 template <bool kReceptor>

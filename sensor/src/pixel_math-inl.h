@@ -9,6 +9,7 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "pixel_kernel.h"
 
@@ -157,6 +158,34 @@ struct Halley {
     done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 3e-3f))));
     s = next;
   }
+};
+
+constexpr std::size_t kRoom = 512;  // for events that wait; never more than this and two vectors
+
+// Event times of an interval.
+class Clock {
+ public:
+  Clock() = default;
+  explicit Clock(const IntervalTimes& t) : h_us_(t.h_us) {
+    const double whole = std::floor(t.t0_us);
+    base_ = event_key(static_cast<std::int64_t>(whole), 0, false);
+    rounding_us_ = static_cast<float>(t.t0_us - whole) + 0.5f;
+  }
+  // Whole us since that of the interval's start; s: in [0, 1].
+  HWY_INLINE hn::Vec<I32> us(V s) const {
+    return hn::ConvertTo(I32(), hn::MulAdd(s, hn::Set(F(), h_us_), hn::Set(F(), rounding_us_)));
+  }
+  // place: a key's lower bits.
+  void add(const std::int32_t* us, const std::uint32_t* place, std::size_t count, EventSlots& events) const {
+    EventKey keys[kRoom + 2 * kLanes];
+    for (std::size_t i = 0; i < count; ++i)
+      keys[i] = base_ + (static_cast<EventKey>(us[i]) << kKeyTimeShift) + place[i];
+    events.add(std::span<const EventKey>(keys, count));
+  }
+
+ private:
+  EventKey base_ = 0;
+  float h_us_ = 0, rounding_us_ = 0;
 };
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

@@ -22,12 +22,7 @@ class Crossings {
   explicit Crossings(EventSlots& events) : events_(events) {}
 
   // solve() before the next interval.
-  void begin(const IntervalTimes& t) {
-    const double whole = std::floor(t.t0_us);
-    base_ = event_key(static_cast<std::int64_t>(whole), 0, false);
-    h_us_ = t.h_us;
-    rounding_us_ = static_cast<float>(t.t0_us - whole) + 0.5f;
-  }
+  void begin(const IntervalTimes& t) { clock_ = Clock(t); }
 
   // Where `which`: rising c1 s + c2 s^2 + c3 s^3 = level for s in [0, 1], `rise` being the cubic's value at 1.
   HWY_INLINE void add(M which, V level, V rise, V c1, V c2, V c3, VU place) {
@@ -45,7 +40,6 @@ class Crossings {
 
   void solve() {
     const F f;
-    const V rounding = hn::Set(f, rounding_us_), h = hn::Set(f, h_us_);
     constexpr std::size_t kTogether = 2;           // the steps of one wait for each other
     for (std::size_t k = 0; k < kTogether; ++k) {  // lanes to spare are done at once
       const std::size_t at = waiting_ + k * hn::Lanes(f);
@@ -63,26 +57,20 @@ class Crossings {
         for (Halley& v : vectors) v.step();
         if (n > 0 && hn::AllTrue(f, hn::And(vectors[0].done, vectors[1].done))) break;
       }
-      for (std::size_t k = 0; k < kTogether; ++k)
-        hn::Store(hn::ConvertTo(I32(), hn::MulAdd(vectors[k].s, h, rounding)), I32(), us_ + i + k * hn::Lanes(f));
+      for (std::size_t k = 0; k < kTogether; ++k) hn::Store(clock_.us(vectors[k].s), I32(), us_ + i + k * hn::Lanes(f));
     }
-    for (std::size_t i = 0; i < waiting_; ++i)
-      keys_[i] = base_ + (static_cast<EventKey>(us_[i]) << kKeyTimeShift) + place_[i];
-    events_.add(std::span<const EventKey>(keys_, waiting_));
+    clock_.add(us_, place_, waiting_, events_);
     waiting_ = 0;
   }
 
  private:
-  static constexpr std::size_t kRoom = 512;
   EventSlots& events_;
-  EventKey base_ = 0;                 // the interval's first whole us
-  float h_us_ = 0, rounding_us_ = 0;  // the rest, and a half
+  Clock clock_;
   std::size_t waiting_ = 0;
   HWY_ALIGN float level_[kRoom + 3 * kLanes], s_[kRoom + 3 * kLanes], c1_[kRoom + 3 * kLanes], c2_[kRoom + 3 * kLanes],
       c3_[kRoom + 3 * kLanes];
   HWY_ALIGN std::uint32_t place_[kRoom + 3 * kLanes];
   HWY_ALIGN std::int32_t us_[kRoom + 3 * kLanes];
-  EventKey keys_[kRoom + 3 * kLanes];
 };
 
 // A block of pixels, frame by frame: what a pixel needs of the last frames stays in the first cache.
