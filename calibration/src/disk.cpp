@@ -195,6 +195,46 @@ Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<S
   return dullness->fit(x.data());
 }
 
+// ---- edges of fast pixels -------------------------------------------------------------------------------------------
+
+// Fast pixels answer an edge with a short burst that begins as soon as the blurred edge touches them: ahead of its
+// middle by a number of pixels, so by an angle that falls as 1 / radius. Returns where bursts would begin far out,
+// degrees behind the step, and its deviation.
+Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, double period_deg) {
+  constexpr std::size_t kRings = 8;
+  constexpr double kBegin = 0.05;  // part of a burst: early, yet no stray event
+  const double direction = fit[kSpeed] > 0 ? 1 : -1;
+  std::vector<std::pair<double, double>> events;  // radius, delay
+  for (const Sample& s : samples) {
+    const double r = std::hypot(s.x - fit[kX], s.y - fit[kY]);
+    const double late =
+        -direction * wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]) - fit[p ? kOnStep : kOffStep], period_deg);
+    if (s.p == p && r > kLeastRadius_px && std::abs(late) < period_deg / 16) events.emplace_back(r, late);
+  }
+  std::sort(events.begin(), events.end());
+  // A line through the rings' 1 / radius and beginnings; the innermost ring is too blurred.
+  std::array<double, kRings> inverse{}, begin{};
+  double mean = 0, mean_begin = 0, squares = 0, slope = 0, left = 0;
+  for (std::size_t k = 1; k < kRings; ++k) {
+    const std::span ring(events.data() + events.size() * k / kRings, events.data() + events.size() * (k + 1) / kRings);
+    for (const auto& e : ring) inverse[k] += 1 / e.first / static_cast<double>(ring.size());
+    const auto at = ring.begin() + static_cast<std::ptrdiff_t>(kBegin * static_cast<double>(ring.size()));
+    std::nth_element(ring.begin(), at, ring.end(), [](const auto& u, const auto& v) { return u.second < v.second; });
+    begin[k] = at->second;
+    mean += inverse[k] / (kRings - 1), mean_begin += begin[k] / (kRings - 1);
+  }
+  for (std::size_t k = 1; k < kRings; ++k) {
+    squares += (inverse[k] - mean) * (inverse[k] - mean);
+    slope += (inverse[k] - mean) * (begin[k] - mean_begin);
+  }
+  slope /= squares;
+  for (std::size_t k = 1; k < kRings; ++k) {
+    const double off = begin[k] - mean_begin - slope * (inverse[k] - mean);
+    left += off * off / (kRings - 3);
+  }
+  return {mean_begin - slope * mean, std::sqrt(left * (1.0 / (kRings - 1) + mean * mean / squares))};
+}
+
 // ---- rim ------------------------------------------------------------------------------------------------------------
 
 void find_rim(std::span<const Sample> samples, Disk& disk) {
@@ -395,6 +435,11 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
   const auto edge = [&](int step, double shift_deg) {
     Measured m = measured(step);
     m.value += shift_deg;
+    if (step == kOnStep ? disk.on_starts_sharply : disk.off_starts_sharply) {
+      const Measured begin = burst_begins(samples, fit, step == kOnStep, period_deg);
+      m.value -= direction * begin.value;
+      m.deviation = std::hypot(m.deviation, begin.deviation);
+    }
     m.value -= period_deg * std::floor(m.value / period_deg);
     return m;
   };
