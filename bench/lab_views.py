@@ -146,6 +146,7 @@ class Disk:
     speed_deg_s: float = 2160.0
     phase_deg: float = 0.0
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the camera; at_mm lies before the unturned one
+    black: float = BLACK
 
     def light(self, camera: Camera):
         """Returns light(t_s) -> [height, width] float32."""
@@ -172,7 +173,7 @@ class Disk:
             side = np.where(to_edge < sector / 2, 1, -1)
             to_edge = np.minimum(np.abs(part - sector), np.minimum(part, 2 * sector - part))
             distance = side * radius * np.sin(np.radians(np.minimum(to_edge, 90)))
-            out[near] = WALL + rim * (BLACK + (WHITE - BLACK) * edge(distance) - WALL)
+            out[near] = WALL + rim * (self.black + (WHITE - self.black) * edge(distance) - WALL)
             return out
 
         return light

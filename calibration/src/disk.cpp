@@ -237,7 +237,8 @@ Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, do
 
 // ---- rim ------------------------------------------------------------------------------------------------------------
 
-void find_rim(std::span<const Sample> samples, Disk& disk) {
+// `picture`: outline of what the camera sees; events that stop there end no disk.
+void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, Disk& disk) {
   constexpr int kWedges = 90, kPerPixel = 4, kReach = 6 * kPerPixel;  // compares 6 px inside with 6 px outside
   constexpr double kLeastContrast = 4.5;                              // standard deviations; chance reaches about 4
   const auto farthest = std::max_element(samples.begin(), samples.end(), [&](const Sample& a, const Sample& b) {
@@ -259,19 +260,22 @@ void find_rim(std::span<const Sample> samples, Disk& disk) {
   for (int w = 0; w < kWedges; ++w) {
     auto& sum = events[w];
     for (int i = 1; i < bins; ++i) sum[i] += sum[i - 1];
+    const double angle = ((w + 0.5) / kWedges - 0.5) * 2 * std::numbers::pi;
+    const auto place = [&](double radius) {
+      return cv::Point2f(static_cast<float>(disk.centre_x.value + radius * std::cos(angle)),
+                         static_cast<float>(disk.centre_y.value + radius * std::sin(angle)));
+    };
+    int end = bins;
+    while (end > 0 && cv::pointPolygonTest(picture, place(static_cast<double>(end) / kPerPixel), false) < 0) --end;
     double best = kLeastContrast;
     int rim = 0;
-    for (int i = kReach + 2; i + kReach < bins; ++i) {
+    for (int i = kReach + 2; i + kReach < end; ++i) {
       const double r = static_cast<double>(i + 1) / kPerPixel, half = 0.5 * kReach / kPerPixel;
       const double inside = sum[i] - sum[i - kReach], outside = (sum[i + kReach] - sum[i]) * (r - half) / (r + half);
       const double contrast = (inside - outside) / std::sqrt(inside + outside + 1);
       if (contrast > best) best = contrast, rim = i + 1;
     }
-    if (rim == 0) continue;
-    const double angle = ((w + 0.5) / kWedges - 0.5) * 2 * std::numbers::pi,
-                 radius = static_cast<double>(rim) / kPerPixel;
-    points.emplace_back(static_cast<float>(disk.centre_x.value + radius * std::cos(angle)),
-                        static_cast<float>(disk.centre_y.value + radius * std::sin(angle)));
+    if (rim > 0) points.push_back(place(static_cast<double>(rim) / kPerPixel));
   }
 
   // An ellipse through them, again and again without outliers.
@@ -449,7 +453,16 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
     disk.warnings.push_back(fmt::format("only the {} edge is sharp; the other one is taken from equal sectors",
                                         both_at_off ? "OFF" : "ON"));
 
-  find_rim(samples, disk);
+  std::vector<cv::Point2f> picture;
+  const auto width = static_cast<double>(shown.width), height = static_cast<double>(shown.height);
+  const std::array<cv::Point2d, 5> corners = {{{0, 0}, {width, 0}, {width, height}, {0, height}, {0, 0}}};
+  constexpr int kParts = 16;
+  for (std::size_t i = 0; i < 4; ++i)
+    for (int k = 0; k < kParts; ++k) {
+      const cv::Point2d at = corners[i] + (corners[i + 1] - corners[i]) * k / kParts;
+      picture.emplace_back(place ? place(at) : at);
+    }
+  find_rim(samples, picture, disk);
   return disk;
 }
 

@@ -98,7 +98,8 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   const cv::Size size(320, 180);
   scene.lens.pixel_pitch_um = 19.44;
   const Optics optics = optics_of(scene.lens, size);
-  const auto recorded = [&](double start_mm, double speed, double up_mm, double distance_mm, bool turns_back = false) {
+  const auto recorded = [&](double start_mm, double speed, double up_mm, double distance_mm, int stops_ms = 160,
+                            bool turns_back = false) {
     sensor::Sensor sensor(sensor::load_chip("imx636"), 320, 180, 1, 10'000, {}, {.readout = true});  // 10 pA
     sensor::LabelledEvents out;
     std::vector<float> frame(320 * 180);
@@ -107,7 +108,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
       for (int x = 0; x < 320; ++x) mm.push_back(optics.normalised({x + 0.5, y + 0.5}) * distance_mm);
     const double square = 41.7, soft = 0.8 * distance_mm / optics.focal_px();
     for (int i = 0; i <= 160; ++i) {
-      const double at = start_mm - speed * (turns_back && i > 80 ? 160 - i : i);  // 1 ms apart
+      const double at = start_mm - speed * (i < stops_ms ? i : turns_back ? 2 * stops_ms - i : stops_ms);  // 1 ms apart
       for (std::size_t k = 0; k < mm.size(); ++k) {
         const double u = (mm[k].x - at) / square + 2, v = (mm[k].y + up_mm) / square + 2;
         const auto wave = [&](double w) {
@@ -141,11 +142,20 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   more.values["squares"] = 6;
   EXPECT_THROW(find_in_recording(recording, more, optics, {.views = 3}, "x.raw"), Error);
   try {
-    find_in_recording(recorded(60, 0.8, 12, 1500, true), scene, optics, {.views = 6}, "x.raw");
+    find_in_recording(recorded(60, 0.8, 12, 1500, 80, true), scene, optics, {.views = 6}, "x.raw");
     FAIL() << "a board that turns back";
   } catch (const Error& e) {
     EXPECT_NE(std::string(e.what()).find("does not slide uniformly"), std::string::npos) << e.what();
   }
+
+  // One that stops, and one that is partly out of view at first: measured where it can be, and the rest named.
+  for (const Shown& part : {recorded(60, 0.8, 12, 1500, 100), recorded(300, 0.8, 12, 1500)}) {
+    const Found found = find_in_recording(part, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
+    EXPECT_NEAR(found.rate, -800, 8);
+    ASSERT_FALSE(found.warnings.empty());
+    EXPECT_NE(found.warnings[0].find("no board at t = "), std::string::npos) << found.warnings[0];
+  }
+  EXPECT_THROW(find_in_recording(recorded(430, 0.8, 12, 1500), scene, optics, {.views = 6}, "x.raw"), Error);
 
   // The simulation of another start, its errors included, gives the start again.
   LabScene other = scene;

@@ -55,6 +55,73 @@ def test_align_needs_a_scene_that_fits(pecs_program, root, tmp_path):
     assert result.returncode == 2 and "--scene" in result.stderr
 
 
+def disk_events(random, count=40_000, centre=(160, 120), radius=100, span_us=60_000):
+    """Of a disk of four sectors on 320 x 240 pixels, -2000 deg/s, shortly behind their edges."""
+    events = np.zeros(count, pecs.EVENT_DTYPE)
+    t, edge = np.sort(random.integers(0, span_us, count)), random.integers(0, 4, count)
+    angle = np.radians(90 * edge - 2000e-6 * t + 3 * random.random(count))
+    radius = radius * np.sqrt(random.random(count))
+    x, y = centre[0] + radius * np.cos(angle), centre[1] - radius * np.sin(angle)
+    seen = (x >= 0) & (x < 320) & (y >= 0) & (y < 240)
+    events["t"], events["p"], events["x"], events["y"] = t, edge % 2, np.where(seen, x, 0), np.where(seen, y, 0)
+    return events[seen]
+
+
+def detected(pecs_program, folder, events):
+    pecs.write(folder / "disk.npz", events, 320, 240)
+    return pecs_program("align", "detect", "disk.npz", "--json", cwd=folder)
+
+
+def test_a_clock_that_wraps_changes_nothing(pecs_program, tmp_path):
+    events = disk_events(np.random.default_rng(1))
+    plain = json.loads(detected(pecs_program, tmp_path, events).stdout)
+    events["t"] = (events["t"] + 2**24 - 30_000) % 2**24
+    rows = "".join(f"{e['t']},{e['x']},{e['y']},{e['p']}\n" for e in events)
+    (tmp_path / "wraps.csv").write_text("t_us,x,y,p\n" + rows)
+    wraps = pecs_program("align", "detect", "wraps.csv", "--json", cwd=tmp_path)
+    assert wraps.returncode == 0, wraps.stderr
+    assert "the clock starts again after 16777216 us" in wraps.stderr
+    found = json.loads(wraps.stdout)
+    assert found["speed_deg_s"]["value"] == pytest.approx(plain["speed_deg_s"]["value"], rel=1e-3)
+    assert abs(found["speed_deg_s"]["value"] + 2000) < 5
+
+
+def test_a_disk_partly_out_of_view(pecs_program, tmp_path):
+    events = disk_events(np.random.default_rng(1), centre=(250, 120))  # a sixth of it is outside
+    result = detected(pecs_program, tmp_path, events)
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert abs(found["centre_x"]["value"] - 250) < 0.3 and abs(found["speed_deg_s"]["value"] + 2000) < 10
+    assert abs(found["rim"]["axis_a_px"] / 2 - 100) < 1
+
+
+def test_two_seconds_of_noise_align_nothing(pecs_program, root, tmp_path):
+    random = np.random.default_rng(1)
+    events = np.zeros(100_000, pecs.EVENT_DTYPE)
+    for key, end in (("x", 320), ("y", 240), ("p", 2), ("t", 2_000_000)):
+        events[key] = random.integers(0, end, len(events))
+    pecs.write(tmp_path / "noise.npz", np.sort(events, order="t"), 320, 240)
+    for scene in ("board", "rotating_disk"):
+        result = pecs_program(
+            "align", "noise.npz", "--scene", root / "scenes" / scene, "--pixel-pitch-um", 19.44, "-o", "a.json",
+            cwd=tmp_path,
+        )  # fmt: skip
+        assert result.returncode == 4 and "nothing found" in result.stderr, result.stderr
+        assert len(result.stderr.splitlines()) == 1 and not (tmp_path / "a.json").exists()
+
+
+def test_a_simulation_of_another_size_is_refused(pecs_program, root, tmp_path):
+    events = disk_events(np.random.default_rng(1))
+    pecs.write(tmp_path / "real.npz", events, 320, 240)
+    pecs.write(tmp_path / "sim.npz", events, 640, 480)
+    result = pecs_program(
+        "align", "real.npz", "--scene", root / "scenes/rotating_disk", "--pixel-pitch-um", 19.44, "--sim", "sim.npz",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 4, result.stderr
+    assert "sim.npz: size: got 640 x 480 pixels, wanted 320 x 240, as real.npz" in result.stderr
+
+
 def test_the_real_recording(pecs_program, shared, tmp_path):
     result = pecs_program("align", "detect", shared / "data/real/R_360_L.hdf5", "-o", tmp_path / "found.png", "--json")
     assert result.returncode == 0, result.stderr
