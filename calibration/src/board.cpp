@@ -30,12 +30,16 @@ cv::Mat grey(const cv::Mat& picture, double part = 0.02) {
   return out;
 }
 
+// Of neighbours, along the rows or along the columns, whichever is less: a tilted board is narrow one way.
 double spacing_px(const std::vector<cv::Point2d>& points, int columns) {
-  double sum = 0;
-  int n = 0;
-  for (std::size_t i = 1; i < points.size(); ++i)
-    if (i % static_cast<std::size_t>(columns) != 0) sum += cv::norm(points[i] - points[i - 1]), ++n;
-  return n ? sum / n : 0;
+  const auto width = static_cast<std::size_t>(columns);
+  double along = 0, across = 0;
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    if (i % width != 0) along += cv::norm(points[i] - points[i - 1]);
+    if (i >= width) across += cv::norm(points[i] - points[i - width]);
+  }
+  const std::size_t rows = points.size() / width;
+  return std::min(along / static_cast<double>(rows * (width - 1)), across / static_cast<double>((rows - 1) * width));
 }
 
 // A grid of found points, row by row from any corner and of either handedness, as it reads upright: rows x columns of
