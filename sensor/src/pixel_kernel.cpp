@@ -31,13 +31,14 @@ HWY_INLINE V phi1(V x) {
   return hn::IfThenElse(small, series, exact);
 }
 
-// High and low halves of the products of 32-bit lanes.
-HWY_INLINE void multiply(VU a, VU b, VU& high, VU& low) {
+// High and low halves of the products of 32-bit lanes with a number.
+HWY_INLINE void multiply(VU a, std::uint32_t by, VU& high, VU& low) {
   const U32 u;
-  const auto even = hn::MulEven(a, b);
-  const auto odd = hn::MulEven(hn::ShiftRightLanes<1>(u, a), hn::ShiftRightLanes<1>(u, b));
-  high = hn::OddEven(hn::BitCast(u, odd), hn::ShiftRightLanes<1>(u, hn::BitCast(u, even)));
-  low = hn::Mul(a, b);
+  const hn::RepartitionToWide<U32> wide;
+  const VU b = hn::Set(u, by);
+  const auto even = hn::MulEven(a, b), odd = hn::MulEven(hn::BitCast(u, hn::ShiftRight<32>(hn::BitCast(wide, a))), b);
+  high = hn::OddEven(hn::BitCast(u, odd), hn::BitCast(u, hn::ShiftRight<32>(even)));
+  low = hn::OddEven(hn::BitCast(u, hn::ShiftLeft<32>(odd)), hn::BitCast(u, even));
 }
 
 // random.h: random4 for a run of pixels.
@@ -46,8 +47,8 @@ HWY_INLINE void philox(VU c[4], std::uint64_t key) {
   auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);
   for (int round = 0; round < 7; ++round) {
     VU ah, al, bh, bl;
-    multiply(c[0], hn::Set(u, 0xD2511F53u), ah, al);
-    multiply(c[2], hn::Set(u, 0xCD9E8D57u), bh, bl);
+    multiply(c[0], 0xD2511F53u, ah, al);
+    multiply(c[2], 0xCD9E8D57u, bh, bl);
     c[0] = hn::Xor(hn::Xor(bh, c[1]), hn::Set(u, k0));
     c[2] = hn::Xor(hn::Xor(ah, c[3]), hn::Set(u, k1));
     c[1] = bl;
