@@ -31,7 +31,7 @@ std::string delay_plot(const DelayComparison& c) {
     for (const std::size_t p : {1, 0}) {
       Series curve{name + std::string(p ? " ON" : " OFF"), std::string(p ? "on " : "off ") + style, {}, {}};
       for (std::size_t i = 0; i < d->histogram[p].size(); ++i) {
-        curve.x.push_back((static_cast<double>(i) + 0.5) * c.bin_deg);
+        curve.x.push_back(c.first_deg + (static_cast<double>(i) + 0.5) * c.bin_deg);
         curve.y.push_back(d->histogram[p][i] / c.bin_deg);
       }
       series.push_back(curve);

@@ -16,7 +16,8 @@ namespace {
 using events::Event;
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr int kBins = 90, kShown = 50;         // of a period; of the histogram: later is the next edge's
+constexpr int kBins = 90, kBefore = 5,
+              kShown = 55;  // of a period; before the edge; of the histogram: later is the next edge's
 constexpr double kInner = 0.2, kOuter = 0.98;  // radii that count: near the centre edges are slow
 constexpr int kAround = 24, kAlong = 4;        // regions
 constexpr int kFine = 8;                       // parts of a bin, for the exposures
@@ -26,6 +27,7 @@ class Frame {  // that turns with the disk
  public:
   explicit Frame(const TurningDisk& d) : d_(d), period_deg_(720.0 / d.sectors) {}
   double period_deg() const { return period_deg_; }
+  double bin(double delay_deg) const { return std::max(0.0, delay_deg / period_deg_ * kBins + kBefore); }
 
   // How far the edge of polarity p is past a pixel. Empty outside the ring.
   std::optional<double> delay_deg(int x, int y, double t_us, int p) const {
@@ -33,7 +35,7 @@ class Frame {  // that turns with the disk
     if (r < kInner * d_.radius_px || r >= kOuter * d_.radius_px) return {};
     const double edge = (p ? d_.on_edge_deg : d_.off_edge_deg) + d_.speed_deg_s * 1e-6 * (t_us - d_.time_us);
     const double past = (edge - std::atan2(dy, dx) / kDegree) * (d_.speed_deg_s < 0 ? -1 : 1);
-    return past - period_deg_ * std::floor(past / period_deg_);
+    return past - period_deg_ * std::floor(past / period_deg_ + static_cast<double>(kBefore) / kBins);
   }
   int region(int x, int y) const {
     const double dx = x + 0.5 - d_.centre_x, dy = d_.centre_y - (y + 0.5);
@@ -55,7 +57,7 @@ std::vector<double> exposures(const Frame& frame, double turned_deg, int width, 
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
       if (const auto d = frame.delay_deg(x, y, 0, p))
-        start[std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(*d / frame.period_deg() * kSteps))] += 1;
+        start[std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(frame.bin(*d) * kFine))] += 1;
   const auto steps = std::llround(turned_deg / frame.period_deg() * kSteps);
   const double whole = static_cast<double>(steps / kSteps) * std::accumulate(start.begin(), start.end(), 0.0) / kFine;
   for (int i = 0; i < kSteps; ++i) {
@@ -75,7 +77,7 @@ Delays measure(std::span<const Event> events, const Frame& frame, int width, int
   for (const Event& e : events) {
     const auto delay = frame.delay_deg(e.x, e.y, static_cast<double>(e.t_us), e.p);
     if (!delay) continue;
-    const auto bin = static_cast<std::size_t>(*delay / bin_deg);
+    const auto bin = static_cast<std::size_t>(frame.bin(*delay));
     const bool counts = bin < kShown;
     if (counts && seen[e.p][bin] > 0) m.histogram[e.p][bin] += 1 / seen[e.p][bin];
 
@@ -97,7 +99,7 @@ Delays measure(std::span<const Event> events, const Frame& frame, int width, int
       double left = std::array{0.1, 0.5, 0.9}[k] * m.per_edge[p];
       std::size_t i = 0;
       while (i + 1 < kShown && left > h[i]) left -= h[i++];
-      q[k] = (static_cast<double>(i) + left / std::max(h[i], 1e-300)) * bin_deg;
+      q[k] = (static_cast<double>(i) - kBefore + left / std::max(h[i], 1e-300)) * bin_deg;
     }
   }
   double n = 0, squares = 0;
@@ -130,6 +132,7 @@ DelayComparison compare_delays(std::span<const Event> real, std::span<const Even
   c.disk = disk;
   const Frame frame(disk);
   c.bin_deg = frame.period_deg() / kBins;
+  c.first_deg = -kBefore * c.bin_deg;
   const double turned_deg = std::abs(disk.speed_deg_s) * 1e-6 * static_cast<double>(end_us);
   const std::array seen = {exposures(frame, turned_deg, width, height, 0),
                            exposures(frame, turned_deg, width, height, 1)};
@@ -152,7 +155,7 @@ DelayComparison compare_delays(std::span<const Event> real, std::span<const Even
 Json to_json(const DelayComparison& c) {
   const auto or_null = [](const auto& value) { return value ? Json(*value) : Json(nullptr); };
   std::vector<double> edges;
-  for (int i = 0; i <= kShown; ++i) edges.push_back(i * c.bin_deg);
+  for (int i = 0; i <= kShown; ++i) edges.push_back(c.first_deg + i * c.bin_deg);
   const TurningDisk& d = c.disk;
   Json json = {{"disk",
                 {{"centre_x", d.centre_x},

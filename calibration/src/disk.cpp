@@ -211,6 +211,7 @@ Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, do
         -direction * wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]) - fit[p ? kOnStep : kOffStep], period_deg);
     if (s.p == p && r > kLeastRadius_px && std::abs(late) < period_deg / 16) events.emplace_back(r, late);
   }
+  if (events.size() < 100 * kRings) return {};
   std::sort(events.begin(), events.end());
   // A line through the rings' 1 / radius and beginnings; the innermost ring is too blurred.
   std::array<double, kRings> inverse{}, begin{};

@@ -1,8 +1,9 @@
 #pragma once
 // How long after a turning disk's edges their events come: what tells pixel models apart when rates and maps do not.
 //
-// The delay of an event is the angle by which the last edge of its polarity (ON: brightening) is past the pixel,
-// [0, 720 / sectors). The edges are the real disk's for both streams, so that a simulation out of step shows it.
+// The delay of an event is the angle by which the last edge of its polarity (ON: brightening) is past the pixel, or up
+// to 1/18 of the period (720 / sectors) ahead: an edge is blurred. The edges are the real disk's for both streams, so
+// that a simulation out of step shows it.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -24,7 +25,7 @@ TurningDisk turning_disk_from(JsonObject detected);
 
 struct Delays {
   using ByPolarity = std::array<std::vector<double>, 2>;  // index 0: OFF
-  ByPolarity histogram;              // events per pixel and passing edge, per bin; up to 5/9 of the period
+  ByPolarity histogram;              // events per pixel and passing edge, per bin; from -1/18 to 5/9 of the period
   std::array<double, 2> per_edge{};  // their sums
   std::optional<std::array<double, 3>> quantiles_deg[2];  // 10, 50, 90 % of the histogram
   // Standard deviation of an ON event's delay plus that of the OFF event that follows it in the pixel, within regions
@@ -33,8 +34,8 @@ struct Delays {
 };
 
 struct DelayComparison {
-  TurningDisk disk;  // time_us: from the window's origin
-  double bin_deg = 0;
+  TurningDisk disk;                   // time_us: from the window's origin
+  double first_deg = 0, bin_deg = 0;  // of the histograms: where they begin, width of a bin
   Delays real, sim;
   std::array<std::optional<double>, 2> overlap;          // common area of the histograms, each of area 1
   std::array<std::optional<double>, 2> earth_mover_deg;  // between them
