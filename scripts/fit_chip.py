@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 
+SIZE = (1280, 720)
 REGIONS = (24, 4)  # around, along the radius
 BINS_DEG = np.arange(0, 101, 2.0)
 CYCLES = 11  # half turns before anything counts
@@ -289,6 +290,17 @@ def detect(program: str, recording: str) -> Disk:
     )
 
 
+def examine(program: str, recording: str) -> tuple[Disk, np.ndarray, float, np.ndarray, Measures]:
+    """The disk, the events and their duration [us], both from the first event on; exposures; what is told of it."""
+    disk, events = detect(program, recording), pecs.read(recording)
+    turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
+    disk = replace(disk, on_deg=disk.on_deg + turned_deg, off_deg=disk.off_deg + turned_deg)
+    events["t"] -= events["t"][0]
+    duration_us = float(events["t"][-1]) + 1
+    seen = exposures(disk, *SIZE, duration_us)
+    return disk, events, duration_us, seen, measure(events, disk, *SIZE, duration_us, seen)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording")
@@ -302,15 +314,8 @@ def main() -> None:
     parser.add_argument("--simulation", type=Path, help="the simulated events")
     args = parser.parse_args()
 
-    disk = detect(args.program, args.recording)
-    events = pecs.read(args.recording)
-    turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
-    disk = replace(disk, on_deg=disk.on_deg + turned_deg, off_deg=disk.off_deg + turned_deg)
-    events["t"] -= events["t"][0]
-    width, height = 1280, 720
-    duration_us = float(events["t"][-1]) + 1
-    seen = exposures(disk, width, height, duration_us)
-    real = measure(events, disk, width, height, duration_us, seen)
+    width, height = SIZE
+    disk, events, duration_us, seen, real = examine(args.program, args.recording)
     overrides, contrast = {}, args.contrast
     if args.fit:
         overrides, contrast = fit(args.chip, real, disk, seen, contrast, args.rounds)

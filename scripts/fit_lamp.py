@@ -10,12 +10,10 @@ Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import fit_chip
 import numpy as np
-import pecs
 from scipy.optimize import least_squares
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -62,14 +60,7 @@ def main() -> None:
     parser.add_argument("--contrast", type=float, default=12.0, help="white / black of the disk")
     args = parser.parse_args()
 
-    disk = fit_chip.detect(args.program, args.recording)
-    events = pecs.read(args.recording)
-    turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
-    disk = replace(disk, on_deg=disk.on_deg + turned_deg, off_deg=disk.off_deg + turned_deg)
-    events["t"] -= events["t"][0]
-    duration_us = float(events["t"][-1]) + 1
-    seen = fit_chip.exposures(disk, 1280, 720, duration_us)
-    real = fit_chip.measure(events, disk, 1280, 720, duration_us, seen)
+    disk, _, _, seen, real = fit_chip.examine(args.program, args.recording)
     table = fit_chip.tabulate(args.chip, {}, args.contrast, disk)
     corner_hz = fit_chip.light_map(table, real.region_events, seen).reshape(fit_chip.REGIONS)
 
