@@ -64,6 +64,29 @@ Spectrum read_qe(JsonObject o) {
   return s;
 }
 
+// {"pecs_noise_table": 1, "source": …, "on_hz": […], "off_hz": […], "width": W, "height": H}, the last two or neither.
+std::shared_ptr<const NoiseTable> read_noise_table(const std::filesystem::path& path) {
+  const Json json = parse_json_file(path, std::size_t{256} << 20);
+  JsonObject o(json, path.string());
+  o.integer("pecs_noise_table", 1, 1);
+  o.text("source");
+  NoiseTable t;
+  t.file = path.string();
+  t.width = static_cast<int>(o.integer_or("width", 0, 1, 8192));
+  t.height = static_cast<int>(o.integer_or("height", 0, 1, 8192));
+  for (const auto& [key, rates] : {std::pair("on_hz", &t.on_hz), std::pair("off_hz", &t.off_hz)}) {
+    const std::vector<double> hz = o.numbers(key, {0, 1e4});
+    rates->assign(hz.begin(), hz.end());
+  }
+  o.done();
+  const auto pixels = static_cast<std::size_t>(t.width) * static_cast<std::size_t>(t.height);
+  if ((t.width == 0) != (t.height == 0)) o.fail(t.width ? "height" : "width", "nothing", "both or neither");
+  if (t.on_hz.empty() || t.on_hz.size() != t.off_hz.size() || (pixels && pixels != t.on_hz.size()))
+    o.fail("on_hz", fmt::format("{} and {} rates", t.on_hz.size(), t.off_hz.size()),
+           pixels ? fmt::format("{} each", pixels) : "as many, at least 1");
+  return std::make_shared<const NoiseTable>(std::move(t));
+}
+
 }  // namespace
 
 Chip load_chip(const std::string& name, const std::vector<std::string>& overrides) {
@@ -89,6 +112,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     ranges[v.key] = {range[0], range[1]};
   }
   values.done();
+  if (o.has("noise_table")) chip.noise_table = read_noise_table(path.parent_path() / o.text("noise_table"));
   o.done();
 
   for (const std::string& text : overrides) {
@@ -113,12 +137,14 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
 Chip without_noise(Chip chip) {
   chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch =
       chip.hot_pixel_fraction = 0;
+  chip.noise_table = nullptr;
   return chip;
 }
 
 Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
+  if (chip.noise_table) out["noise_table"] = chip.noise_table->file;
   return out;
 }
 

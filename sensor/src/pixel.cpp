@@ -56,11 +56,15 @@ PixelArray::PixelArray(const Chip& chip, int width, int height, std::uint64_t se
     : dark_fa_(chip.dark_current_a * 1e15),
       gain_fa_(gain_fa),
       noise_std_(chip.noise_std),
-      background_on_hz_(chip.background_on_hz),
-      background_off_hz_(chip.background_off_hz),
+      background_on_hz_(chip.noise_table ? 0 : chip.background_on_hz),
+      background_off_hz_(chip.noise_table ? 0 : chip.background_off_hz),
       hot_hz_(chip.hot_pixel_hz),
-      seed_(seed) {
+      seed_(seed),
+      table_(chip.noise_table) {
   check_size(width, height);
+  if (table_ && table_->width && (table_->width != width || table_->height != height))
+    throw bad_input(table_->file, "size", fmt::format("{}x{}", table_->width, table_->height),
+                    fmt::format("{}x{} as the frames", width, height));
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
   constants_.a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-15 * 1e-6;
@@ -95,10 +99,9 @@ void PixelArray::advance(const FrameBatch& batch, std::uint32_t first, std::uint
     intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i)));
 
   std::vector<BackgroundEvent> noise;
-  if (complete && (background_on_hz_ + background_off_hz_ > 0 || !hot_.empty()))
-    noise = background(batch.t_us[0], batch.t_us[complete], first, count);
+  if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], first, count);
   const bool plain = constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-                     background_on_hz_ + background_off_hz_ == 0 && hot_.empty() && marks_.empty();
+                     !has_background() && marks_.empty();
   const auto run = plain ? run_threshold_kernel : run_kernel;
   run({constants_,
        static_cast<float>(dark_fa_),
@@ -150,16 +153,26 @@ std::vector<BackgroundEvent> PixelArray::background(double begin_us, double end_
           events.push_back({t_us, pixel, on});
       }
     }
-  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < first + count; ++hot)
+  const auto of_one = [&](std::uint32_t pixel, double on_hz, double off_hz, Purpose purpose, Cause cause) {
     for (std::int64_t window = first_window; static_cast<double>(window) * kBackgroundWindow_us < end_us; ++window) {
       std::int64_t draw = 0;
-      const auto next = [&] { return uniform(random4(seed_, *hot, window << 24 | draw++, Purpose::hot)[0]); };
-      const int n = poisson(hot_hz_ * kBackgroundWindow_us * 1e-6, next);
+      const auto next = [&] { return uniform(random4(seed_, pixel, window << 24 | draw++, purpose)[0]); };
+      const int n = poisson((on_hz + off_hz) * kBackgroundWindow_us * 1e-6, next);
       for (int i = 0; i < n; ++i) {
         const double t_us = (static_cast<double>(window) + next()) * kBackgroundWindow_us;
-        if (t_us >= begin_us && t_us < end_us) events.push_back({t_us, *hot, true, Cause::hot});
+        const bool on = off_hz == 0 || next() * (on_hz + off_hz) < on_hz;
+        if (t_us >= begin_us && t_us < end_us) events.push_back({t_us, pixel, on, cause});
       }
     }
+  };
+  for (std::uint32_t pixel = first; table_ && pixel < first + count; ++pixel) {
+    const double drawn = uniform(random4(seed_, pixel, 0, Purpose::threshold)[3]);
+    const std::size_t i =
+        table_->width ? pixel : static_cast<std::size_t>(drawn * static_cast<double>(table_->on_hz.size()));
+    of_one(pixel, table_->on_hz[i], table_->off_hz[i], Purpose::background, Cause::noise);
+  }
+  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < first + count; ++hot)
+    of_one(*hot, hot_hz_, 0, Purpose::hot, Cause::hot);
   std::ranges::stable_sort(events, {}, &BackgroundEvent::pixel);
   return events;
 }

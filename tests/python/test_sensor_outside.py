@@ -35,6 +35,69 @@ def test_small_signal_corner_follows_the_light():
         assert counts[1] / counts[0] == pytest.approx(1 / np.sqrt(2), rel=0.04), photocurrent
 
 
+@pytest.fixture
+def with_table(root, tmp_path):
+    """A chip without other noise and with a table of `on_hz`, `off_hz`."""
+
+    def write(**table):
+        chip = json.loads((root / "sensor/chips/imx636.json").read_text())
+        for key in ("noise_std", "leak_rate_hz", "refractory_period_s"):
+            chip["values"][key]["value"] = 0
+        text = {"pecs_noise_table": 1, "source": "made up"} | table
+        (tmp_path / "rates.json").write_text(json.dumps({k: v for k, v in text.items() if v is not None}))
+        (tmp_path / "chip.json").write_text(json.dumps(chip | {"noise_table": "rates.json"}))
+        return str(tmp_path / "chip.json")
+
+    return write
+
+
+def test_a_noise_table_gives_every_pixel_its_rates(with_table):
+    on, off = np.zeros((3, 40)), np.zeros((3, 40))
+    on[0], off[1], on[2], off[2] = 20, 35, 5, 10
+    table = {"width": 40, "height": 3, "on_hz": on.ravel().tolist(), "off_hz": off.ravel().tolist()}
+    still, t_us = np.full((11, 3, 40), 0.5, np.float32), np.arange(11) * 5e5
+    chip = with_table(**table)
+    e = pecs.simulate(still, t_us, chip=chip, readout="ideal")
+    for row in range(3):
+        for p, hz in ((1, on[row, 0]), (0, off[row, 0])):
+            expected = hz * 40 * 5
+            assert abs(np.sum((e["y"] == row) & (e["p"] == p)) - expected) <= 4 * np.sqrt(expected)
+    counts = np.bincount(e["x"][e["y"] == 1], minlength=40)
+    assert 0.5 < counts.var(ddof=1) / counts.mean() < 1.7  # Poisson
+    assert len(pecs.simulate(still, t_us, chip=chip, noise=False)) == 0
+    two = pecs.Sensor(40, 3, chip, readout="ideal")  # however the frames are given
+    parts = [two.push(still[:4], t_us[:4]), two.push(still[4:], t_us[4:]), two.finish()]
+    assert np.array_equal(np.concatenate(parts), e)
+
+
+def test_a_sample_of_noise_rates_is_drawn_from(with_table):
+    """Of a table without size every pixel draws one entry: here half of the pixels are silent."""
+    chip = with_table(on_hz=[0, 40], off_hz=[0, 0])
+    e = pecs.simulate(np.full((11, 40, 50), 0.5, np.float32), np.arange(11) * 1e5, chip=chip, readout="ideal")
+    silent = 2000 - len(np.unique(e["y"].astype(int) * 50 + e["x"]))
+    assert abs(silent - 1000) < 4 * np.sqrt(500) and (e["p"] == 1).all()
+    assert len(e) / (2000 - silent) == pytest.approx(40, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"on_hz": [1, 2], "off_hz": [1]}, "2 and 1 rates"),
+        ({"on_hz": [], "off_hz": []}, "0 and 0 rates"),
+        ({"on_hz": [-1], "off_hz": [0]}, "on_hz[0]"),
+        ({"on_hz": [1], "off_hz": [0], "width": 1}, "height"),
+        ({"on_hz": [1], "off_hz": [0], "width": 2, "height": 2}, "4 each"),
+        ({"on_hz": [1], "off_hz": [0], "width": 1, "height": 1}, "1x1, wanted 4x4"),
+        ({"on_hz": [1], "off_hz": [0], "speed": 1}, "speed"),
+        ({"on_hz": [1], "off_hz": [0], "source": None}, "source"),
+    ],
+)
+def test_a_bad_noise_table_is_named(with_table, table, words):
+    with pytest.raises(pecs.PecsError) as error:
+        pecs.simulate(np.ones((3, 4, 4), np.float32), np.arange(3) * 1e3, chip=with_table(**table))
+    assert "rates.json" in str(error.value) and words in str(error.value)
+
+
 @pytest.mark.parametrize("chip", ["imx636", "gen3_vga", "davis346"])
 def test_background_and_leak_rates(chip):
     """Within 2 % of the profile's, intervals exponential."""

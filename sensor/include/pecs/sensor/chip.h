@@ -1,5 +1,6 @@
 #pragma once
 // A chip profile (sensor/chips/*.json, docs/sensor.md): every value with unit, range and source.
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -7,6 +8,13 @@
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {
+
+// Measured rates of noise events [Hz], in place of one rate for all pixels.
+struct NoiseTable {
+  std::string file;
+  int width = 0, height = 0;         // of the sensor, row by row; 0: a sample, of which every pixel draws one
+  std::vector<float> on_hz, off_hz;  // of one pixel each
+};
 
 struct Chip {
   std::string name, description;
@@ -27,6 +35,7 @@ struct Chip {
   double refractory_period_s = 0;
   double leak_rate_hz = 0;                             // ON events of a still pixel, from the drift of its reference
   double background_on_hz = 0, background_off_hz = 0;  // Poisson events of a still pixel
+  std::shared_ptr<const NoiseTable> noise_table;       // their rates pixel by pixel, where measured
   double hot_pixel_fraction = 0, hot_pixel_hz = 0;     // pixels that fire ON at random, whatever they see
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit

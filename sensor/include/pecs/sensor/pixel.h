@@ -57,6 +57,7 @@ class PixelArray {
   void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events);
 
  private:
+  bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
   std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
                                           std::uint32_t count) const;
 
@@ -70,7 +71,8 @@ class PixelArray {
   std::vector<float> reference_, blind_us_;
   std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
   std::vector<std::uint32_t> hot_;  // hot pixels, rising
-  std::vector<ResetMark> marks_;    // empty when causes are not told
+  std::shared_ptr<const NoiseTable> table_;
+  std::vector<ResetMark> marks_;  // empty when causes are not told
 };
 
 }  // namespace pecs::sensor
