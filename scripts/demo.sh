@@ -15,12 +15,15 @@ OUT=out/demo
 mkdir -p "$OUT"
 
 # A quarter of the sensor's resolution, so that two cores render half a turn in minutes: each pixel is a full pixel of the
-# chip, on a grid four times coarser; the recording is thinned to the same grid. Speed and phase are those measured in
-# R_360_L; the light is what the fitted photoreceptor corner (4.6 Hz on white) asks for.
+# chip, on a grid four times coarser; the recording is thinned to the same grid. The parameters are those of R_360_L.
+settings=$("$PY" -c 'import json, sys
+for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--set={key}={value}")' \
+  scenes/rotating_disk/sequences/R_360_L.json)
+# shellcheck disable=SC2086
 stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
   $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2800 --frames period \
   --width 320 --height 180 --samples 4 --colour-tolerance-px 0.2 \
-  --set rpm=349.67 --set phase_deg=141.5 --set illuminance_lux=140
+  $settings
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)
 start_us=0
