@@ -2,6 +2,7 @@
 #include "exact_pixel.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <cmath>
 #include <numbers>
@@ -98,10 +99,8 @@ std::vector<double> slopes(const std::vector<double>& l, const std::vector<doubl
   return m;
 }
 
-}  // namespace
-
 // Light that rests, jumps and drifts at random, in dim and bright places, frames at uneven times.
-TEST(Pixel, AgainstDoublePrecision) {
+void compare_with_double_precision() {
   const int pixels = 200, frames = 40;
   for (const std::vector<std::string>& changes :
        {std::vector<std::string>{},
@@ -174,6 +173,22 @@ TEST(Pixel, AgainstDoublePrecision) {
       EXPECT_LT(quantile(0.99), 1);
     }
   }
+}
+
+}  // namespace
+
+// On every set of instructions that this machine has (Highway).
+TEST(Pixel, AgainstDoublePrecision) {
+  const std::int64_t all = hwy::SupportedTargets();
+  for (std::int64_t left = all; left != 0; left &= left - 1) {
+    const std::int64_t target = left & -left;
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(target);
+    SCOPED_TRACE(hwy::TargetName(target));
+    compare_with_double_precision();
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(all);
 }
 
 }  // namespace pecs::sensor
