@@ -3,7 +3,6 @@
 #define HWY_TARGET_INCLUDE "pixel_kernel.cpp"
 #include <hwy/foreach_target.h>
 // then
-#include <hwy/cache_control.h>
 #include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
@@ -228,7 +227,7 @@ class PixelBlock {
  public:
   static constexpr std::uint32_t kPixels = 256;
 
-  explicit PixelBlock(const KernelArguments& a) : a_(a) {}
+  explicit PixelBlock(const KernelArguments& a) : a_(a), planes_(a) {}
 
   // background: of these pixels, by time.
   void run(std::uint32_t first, std::uint32_t end, std::span<const BackgroundEvent> background) {
@@ -237,12 +236,11 @@ class PixelBlock {
     vectors_end_ = (count_ + lanes() - 1) / lanes() * lanes();
     background_ = background;
     load();
+    planes_.begin(first, count_);
     std::size_t interval = 0;
-    const float* before = nullptr;
     for (std::size_t i = 0; i < a_.planes.size(); ++i) {
       const std::int64_t frame = a_.first_frame + static_cast<std::int64_t>(i);
-      const float* now = values(i);
-      take_light(now, before ? before : now, i, frame == 0);
+      take_light(frame == 0);
       if (frame == 0) start();
       if (frame > 1) {
         const IntervalTimes& t = a_.intervals[interval++];
@@ -260,7 +258,6 @@ class PixelBlock {
         float* oldest = row[0];
         row[0] = row[1], row[1] = row[2], row[2] = oldest;
       }
-      before = now;
     }
     if (a_.last && interval < a_.intervals.size()) {
       const IntervalTimes& t = a_.intervals[interval];
@@ -309,7 +306,6 @@ class PixelBlock {
       for (int k = 0; k < 2; ++k) follow_light(k, p);
       if constexpr (kReceptor) follow_w(0, p);
     }
-    std::fill_n(same_, kPixels, std::int8_t{-1});
     std::fill_n(kept_, kPixels, false);
     std::fill_n(background_s_, kPixels, kNone);
     kept_h_us_ = 0;
@@ -338,35 +334,20 @@ class PixelBlock {
     }
   }
 
-  // Whole vectors of a plane; lanes beyond the block see light 1.
-  const float* values(std::size_t i) {
-    const float* plane = a_.planes[i] + first_;
-    if (count_ == vectors_end_) return plane;
-    float* copy = ragged_[i & 1];
-    std::fill_n(std::copy_n(plane, count_, copy), vectors_end_ - count_, 1.0f);
-    return copy;
-  }
-
-  // Light of the newest frame, where it differs from the one before.
-  void take_light(const float* now, const float* before, std::size_t plane, bool first) {
+  // Light of the next frame, where it differs from the one before.
+  void take_light(bool first) {
     const F f;
-    const float* next = plane + 1 < a_.planes.size() ? a_.planes[plane + 1] + first_ : now;
     std::size_t changed = 0;
-    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-      hwy::Prefetch(next + p);
-      const bool alike = hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before + p)));
-      std::int8_t& same = same_[p / lanes()];
-      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
+    const float* now = planes_.next([&](std::uint32_t p, int same) {
       for (float** row : {l_, i_, g_}) put(at(row[1], p), row[2], p);
       moving_[changed] = p;
-      changed += !alike || now == before;
-    }
+      changed += same == 0;
+    });
     for (std::size_t k = 0; k < changed; ++k) {
       const std::uint32_t p = moving_[k];
-      const V current = hn::MulAdd(hn::LoadU(f, now + p), hn::Set(f, a_.gain_fa), hn::Set(f, a_.dark_fa));
-      const V held = first ? hn::Set(f, kFloor_fa) : at(i_[1], p);
-      const M finite = hn::Lt(current, hn::Set(f, 1e30f));  // false for NaN
-      put(hn::IfThenElse(finite, hn::Max(current, hn::Set(f, kFloor_fa)), held), i_[2], p);
+      V current;
+      const M lit = current_of(a_, hn::LoadU(f, now + p), current);
+      put(hn::IfThenElse(lit, current, first ? hn::Set(f, kFloor_fa) : at(i_[1], p)), i_[2], p);
       follow_light(2, p);
     }
   }
@@ -422,7 +403,7 @@ class PixelBlock {
     moving_count_ = 0;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
       const std::size_t vector = p / lanes();
-      bool still = same_[vector] > 2;
+      bool still = planes_.same(p) > 2;
       if constexpr (kReceptor) still = still && hn::AllTrue(f, hn::Eq(at(w_[0], p), at(g_[0], p)));
       moving_[moving_count_] = p;
       moving_count_ += !(still && kept_[vector] && kept_h_us_ == t.h_us);
@@ -553,6 +534,7 @@ class PixelBlock {
 
   // The exact work. Every stage goes over all groups: what one waits for, the next fills.
   HWY_NOINLINE void find_events(const IntervalTimes& t) {
+    clock_ = Clock(t);
     const std::size_t groups = (jobs_count_ + lanes() - 1) / lanes();
     std::size_t left = 0;
     for (std::size_t k = 0; k < groups; ++k) {
@@ -572,7 +554,7 @@ class PixelBlock {
         if (fire(t, *g)) at_work_[left++] = g;
     }
     for (std::size_t k = 0; k < groups; ++k) end(t, groups_[k]);
-    hand_on(t);
+    hand_on();
   }
 
   void begin(const IntervalTimes& t, Group& g, std::size_t job) {
@@ -767,7 +749,7 @@ class PixelBlock {
     const Compress compress(fires);
     const VU on = hn::IfThenElseZero(hn::RebindMask(u, holds(g.next_on)), hn::Set(u, 1u << kKeyOnShift));
     const VU pixels = hn::Add(hn::LoadU(u, g.pixels), hn::Set(u, first_));
-    compress.store(Clock(t).us(s), us_ + fired_);
+    compress.store(clock_.us(s), us_ + fired_);
     compress.store(hn::Or(hn::ShiftLeft<kKeyPixelShift>(pixels), on), place_ + fired_);
     if (a_.marks) {
       HWY_ALIGN float at_s[kLanes], noise[kLanes];
@@ -781,10 +763,10 @@ class PixelBlock {
       });
     }
     fired_ += compress.count();
-    if (fired_ > kRoom) hand_on(t);
+    if (fired_ > kRoom) hand_on();
   }
-  void hand_on(const IntervalTimes& t) {
-    Clock(t).add(us_, place_, fired_, *a_.events);
+  void hand_on() {
+    clock_.add(us_, place_, fired_, *a_.events);
     fired_ = 0;
   }
 
@@ -816,6 +798,7 @@ class PixelBlock {
   }
 
   const KernelArguments& a_;
+  Planes<kPixels> planes_;
   std::uint32_t first_ = 0, count_ = 0, vectors_end_ = 0;
   std::span<const BackgroundEvent> background_, due_;  // to come; of this interval
   std::int64_t random_of_ = -1;
@@ -834,11 +817,11 @@ class PixelBlock {
   float* u_[2] = {rows_[15], rows_[16]};
   float* noise_[2] = {rows_[17], rows_[18]};
   HWY_ALIGN float reference_[kPixels], blind_us_[kPixels], on_[kPixels], off_[kPixels], rho_[kPixels], sigma_[kPixels],
-      background_s_[kPixels], random_[4][kPixels], ragged_[2][kPixels];
-  std::int8_t same_[kPixels];  // of a vector: frames that are as the one before, up to 3
-  bool kept_[kPixels];         // of a vector: rho_ and sigma_ are of this light
+      background_s_[kPixels], random_[4][kPixels];
+  bool kept_[kPixels];  // of a vector: rho_ and sigma_ are of this light
   Cause background_cause_[kPixels];
   std::uint32_t moving_[kPixels + 1], jobs_[kPixels + 2 * kLanes];
+  Clock clock_;            // of the interval
   std::size_t fired_ = 0;  // events to hand on
   std::int32_t us_[kRoom + 2 * kLanes];
   std::uint32_t place_[kRoom + 2 * kLanes];

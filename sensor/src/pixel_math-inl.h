@@ -6,6 +6,7 @@
 #define PECS_PIXEL_MATH_INL_H_
 #endif
 
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
@@ -49,12 +50,12 @@ HWY_INLINE V ln(V x) {
   return hn::MulAdd(exponent, hn::Set(f, 0.693359375f), hn::Add(m, y));
 }
 
-// ln of the photocurrent [fA] of a plane's values; `before` where that is not finite.
-HWY_INLINE V ln_current(const KernelArguments& a, V value, V before) {
+// Photo- plus dark current [fA] of a plane's values; false where that is not finite.
+HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   const F f;
-  const V current = hn::MulAdd(value, hn::Set(f, a.gain_fa), hn::Set(f, a.dark_fa));
-  const M finite = hn::Lt(current, hn::Set(f, 1e30f));  // false for NaN
-  return hn::IfThenElse(finite, ln(hn::Max(current, hn::Set(f, kFloor_fa))), before);
+  const V sum = hn::MulAdd(value, hn::Set(f, a.gain_fa), hn::Set(f, a.dark_fa));
+  current = hn::Max(sum, hn::Set(f, kFloor_fa));
+  return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
 }
 
 // Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
@@ -84,6 +85,52 @@ HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
 }
 
 constexpr std::size_t kLanes = hn::MaxLanes(F());
+
+// A block of pixels, plane by plane.
+template <std::uint32_t kPixels>
+class Planes {
+ public:
+  explicit Planes(const KernelArguments& a) : a_(a) {}
+  void begin(std::uint32_t first, std::uint32_t count) {
+    first_ = first;
+    count_ = count;
+    index_ = 0;
+    before_ = nullptr;
+  }
+  // The next plane, whole vectors: lanes beyond the block see light 1. visit(p, same) for the vector at every p; same:
+  // how many planes in a row have been as the one before, up to 3.
+  template <class Visit>
+  HWY_INLINE const float* next(const Visit& visit) {
+    const F f;
+    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
+    const float* now = a_.planes[index_] + first_;
+    const float* ahead = index_ + 1 < a_.planes.size() ? a_.planes[index_ + 1] + first_ : now;
+    if (count_ % lanes != 0) {
+      float* copy = ragged_[index_ & 1];
+      std::fill_n(std::copy_n(now, count_, copy), lanes - count_ % lanes, 1.0f);
+      now = copy;
+    }
+    for (std::uint32_t p = 0; p < count_; p += lanes) {
+      hwy::Prefetch(ahead + p);
+      const bool alike = before_ && hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before_ + p)));
+      std::int8_t& same = same_[p / lanes];
+      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
+      visit(p, same);
+    }
+    before_ = now;
+    ++index_;
+    return now;
+  }
+  int same(std::uint32_t p) const { return same_[p / hn::Lanes(F())]; }
+
+ private:
+  const KernelArguments& a_;
+  std::uint32_t first_ = 0, count_ = 0;
+  std::size_t index_ = 0;
+  const float* before_ = nullptr;
+  std::int8_t same_[kPixels] = {};
+  float ragged_[2][kPixels];
+};
 
 struct CompressTable {
   std::uint8_t counts[256] = {}, lanes[256][8] = {};

@@ -3,7 +3,6 @@
 #define HWY_TARGET_INCLUDE "threshold_kernel.cpp"
 #include <hwy/foreach_target.h>
 // then
-#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
@@ -78,7 +77,7 @@ class ThresholdBlock {
  public:
   static constexpr std::uint32_t kPixels = 1024;
 
-  explicit ThresholdBlock(const KernelArguments& a) : a_(a), crossings_(*a.events) {}
+  explicit ThresholdBlock(const KernelArguments& a) : a_(a), planes_(a), crossings_(*a.events) {}
 
   void run(std::uint32_t first, std::uint32_t end) {
     const F f;
@@ -87,19 +86,23 @@ class ThresholdBlock {
     count_ = end - first;
     std::copy_n(a_.light0 + first, count_, row(-2));
     std::copy_n(a_.light1 + first, count_, row(-1));
-    std::fill_n(same_, kPixels, std::int8_t{-1});
+    planes_.begin(first, count_);
     std::size_t interval = 0;
-    const float* before = nullptr;
     const auto planes = static_cast<int>(a_.planes.size());
     int i = 0;
     for (; i < planes; ++i) {
-      const float* now = values(i);
       const std::int64_t frame = a_.first_frame + i;
       if (frame > 1) {
         const IntervalTimes& t = a_.intervals[interval];
         crossings_.begin(t);
         // Lists instead of branches: whether light changes, and whether that makes events, cannot be guessed.
-        const std::size_t moving = list_moving(now, before ? before : now, i);
+        // Where four frames are alike, nothing moves until the next that differs.
+        std::size_t moving = 0;
+        const float* now = planes_.next([&](std::uint32_t p, int same) {
+          hn::StoreU(hn::LoadU(f, row(i - 1) + p), f, row(i) + p);
+          moving_[moving] = p;
+          moving += same < 3;
+        });
         std::size_t active = 0;
         for (std::size_t k = 0; k < moving; ++k) {
           const std::uint32_t p = moving_[k];
@@ -115,6 +118,7 @@ class ThresholdBlock {
         crossings_.solve();
         ++interval;
       } else {
+        const float* now = planes_.next([](std::uint32_t, int) {});
         for (std::uint32_t p = 0; p < count_; p += lanes) {
           const V dark = hn::Set(f, std::log(kFloor_fa));
           const V l = ln_current(a_, hn::LoadU(f, now + p), frame == 0 ? dark : hn::LoadU(f, row(i - 1) + p));
@@ -122,7 +126,6 @@ class ThresholdBlock {
         }
         if (frame == 0) std::copy_n(row(i), count_, a_.reference + first);
       }
-      before = now;
     }
 
     if (interval > 0) {
@@ -151,13 +154,10 @@ class ThresholdBlock {
 
   static HWY_INLINE V per(V from, V to, float per_us) { return hn::Mul(hn::Sub(to, from), hn::Set(F(), per_us)); }
   float* row(int i) { return l_[static_cast<unsigned>(i) & 3]; }  // ln I at plane i, as far as three back
-  // Whole vectors of a plane; lanes beyond the block see light 1.
-  const float* values(int i) {
-    const float* plane = a_.planes[static_cast<std::size_t>(i)] + first_;
-    if (count_ % hn::Lanes(F()) == 0) return plane;
-    float* copy = ragged_[i & 1];
-    std::fill_n(std::copy_n(plane, count_, copy), kMaxLanes, 1.0f);
-    return copy;
+  static HWY_INLINE V ln_current(const KernelArguments& a, V value, V before) {
+    V current;
+    const M lit = current_of(a, value, current);
+    return hn::IfThenElse(lit, ln(current), before);
   }
 
   // Slope at the start of an interval. It is asked for where there are events.
@@ -168,26 +168,6 @@ class ThresholdBlock {
     if (interval == 0) return hn::LoadU(f, a_.m0 + first_ + p);
     const IntervalTimes& before = a_.intervals[interval - 1];
     return inner_slope(per(hn::LoadU(f, row(i - 3) + p), l0, before.per_h), s0, before);
-  }
-
-  // Vectors of pixels whose light changed lately. Where four frames are alike, nothing moves until the next that
-  // differs.
-  std::size_t list_moving(const float* now, const float* before, int i) {
-    const float* next =
-        i + 1 < static_cast<int>(a_.planes.size()) ? a_.planes[static_cast<std::size_t>(i) + 1] + first_ : now;
-    const F f;
-    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
-    std::size_t moving = 0;
-    for (std::uint32_t p = 0; p < count_; p += lanes) {
-      hwy::Prefetch(next + p);
-      const bool alike = hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before + p)));
-      hn::StoreU(hn::LoadU(f, row(i - 1) + p), f, row(i) + p);
-      std::int8_t& same = same_[p / lanes];
-      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
-      moving_[moving] = p;
-      moving += same < 3;
-    }
-    return moving;
   }
 
   HWY_INLINE M crossing(std::uint32_t p, V l1) const {
@@ -233,11 +213,11 @@ class ThresholdBlock {
   }
 
   const KernelArguments& a_;
+  Planes<kPixels> planes_;
   Crossings crossings_;
   std::uint32_t first_ = 0, count_ = 0;
-  std::int8_t same_[kPixels];  // of a vector: frames that are as the one before, up to 3
   std::uint32_t moving_[kPixels + 1], active_[kPixels + 1];
-  float l_[4][kWidth], ragged_[2][kWidth];
+  float l_[4][kWidth];
 };
 
 void RunThresholdKernel(const KernelArguments& a) {
