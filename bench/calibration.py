@@ -21,11 +21,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pecs
+from pecs_lab.lab_views import Board, Camera, Disk, record, rotation, turn_of
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "python"))
-import pecs  # noqa: E402
-from lab_views import Board, Camera, Disk, record, rotation, turn_of  # noqa: E402
 
 PROGRAM = ROOT / "build/release/bin/pecs"
 # Name, focus, stop [mm], distance of the targets [mm], square of the board [mm]

@@ -17,10 +17,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pecs
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "python"))
-import pecs  # noqa: E402
 
 FULL_FRAME = {  # of those shipped, the lenses that light 36 x 24 mm; the others are used with 6.2208 x 3.4992 mm
     "angenieux_100mm_f1p1",

@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-
-import scenes
+from pecs_lab import scenes
 
 THRESHOLD = 0.2
 GROUP_US = 1e8  # longer than any sequence: keeps pixels and polarities apart on one axis
@@ -77,7 +76,7 @@ def score(events: np.ndarray, true: np.ndarray, smooth: np.ndarray, frame_us: fl
 
 
 def esim(checkout: Path, frames: np.ndarray, t_us: np.ndarray) -> np.ndarray:
-    sys.path.insert(0, str(ROOT / "scripts" / "peers"))
+    sys.path.insert(0, str(ROOT / "studies" / "peers"))
     from compare import build_esim
 
     with tempfile.TemporaryDirectory() as folder:

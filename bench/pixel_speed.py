@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--build", type=Path, default=ROOT / "build/release")
     parser.add_argument("--passes", type=int, default=5)
     args = parser.parse_args()
-    sys.path.insert(0, str(ROOT / "scripts" / "peers"))
+    sys.path.insert(0, str(ROOT / "studies" / "peers"))
     from compare import build_esim
 
     def ours(sequence: str, *more: object) -> dict:

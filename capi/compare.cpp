@@ -1,4 +1,4 @@
-#include "pecs/calibration/compare.h"
+#include "pecs/metrics/compare.h"
 
 #include <fmt/format.h>
 
@@ -28,17 +28,17 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     pecs::JsonObject object(json, "options");
     const auto width = static_cast<int>(object.integer("width", 1, 65536));
     const auto height = static_cast<int>(object.integer("height", 1, 65536));
-    pecs::calibration::CompareOptions options;
-    options.normalisation = pecs::calibration::normalisation_from(object.text_or("normalisation", "shared"));
+    pecs::metrics::CompareOptions options;
+    options.normalisation = pecs::metrics::normalisation_from(object.text_or("normalisation", "shared"));
     if (object.has("window_us")) options.window_us = object.integer("window_us", 1, std::int64_t{1} << 52);
     if (object.has("origin")) options.common_origin = object.one_of("origin", {"first-event", "zero"}) == "zero";
     options.split_half = object.boolean_or("split_half", true);
     options.seed = static_cast<std::uint64_t>(object.integer_or("seed", 1, 0, std::int64_t{1} << 62));
-    if (object.has("disk")) options.disk = pecs::calibration::turning_disk_from(object.object("disk"));
+    if (object.has("disk")) options.disk = pecs::metrics::turning_disk_from(object.object("disk"));
     object.done();
 
-    const auto comparison = pecs::calibration::compare(stream_of(real, real_count, width, height, "real"), "real",
-                                                       stream_of(sim, sim_count, width, height, "sim"), "sim", options);
-    return pecs::capi::hand_over(pecs::calibration::to_json(comparison).dump());
+    const auto comparison = pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
+                                                   stream_of(sim, sim_count, width, height, "sim"), "sim", options);
+    return pecs::capi::hand_over(pecs::metrics::to_json(comparison).dump());
   });
 }

@@ -88,7 +88,7 @@ PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error
 PECS_API int pecs_stack_read_frame(const pecs_stack_reader* stack, int64_t index, float* values, pecs_error* error);
 PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
-/* ---- event files (sensor/formats) ----------------------------------------------------------------------------- */
+/* ---- event files (sensor/events) ----------------------------------------------------------------------------- */
 
 /* docs/event_file.md: t in integer microseconds, x right, y down, p 1 = brighter. */
 typedef struct pecs_event {

@@ -32,11 +32,11 @@ void write_png(const std::string& path, const cv::Mat& picture) {
 
 void warn(const std::string& line) { fmt::print(stderr, "pecs: warning: {}\n", line); }
 
-Shown recording(const std::string& path) {
+events::Recording read_recording(const std::string& path) {
   std::string note;
   auto stream = with_steady_clock(events::read_all(path), path, note);
   if (!note.empty()) warn(path + ": " + note);
-  return shown_of(std::move(stream), path, 0, INT64_MAX);
+  return events::recording_of(std::move(stream), path, 0, INT64_MAX);
 }
 
 // ---- what a board looks like ----------------------------------------------------------------------------------------
@@ -68,9 +68,10 @@ BoardShape shape_of(const BoardArguments& a) {
   return {pattern, a.columns, a.rows, a.spacing_mm};
 }
 
-BoardSearch search_boards(const BoardArguments& a, const Shown& shown, const std::string& file, Blinking& blinking) {
-  return a.blinking ? find_blinking_boards(shown, shape_of(a), a.views, file, blinking)
-                    : find_boards(shown, shape_of(a), a.views, file);
+BoardSearch search_boards(const BoardArguments& a, const events::Recording& recording, const std::string& file,
+                          Blinking& blinking) {
+  return a.blinking ? find_blinking_boards(recording, shape_of(a), a.views, file, blinking)
+                    : find_boards(recording, shape_of(a), a.views, file);
 }
 
 // ---- detect ---------------------------------------------------------------------------------------------------------
@@ -108,19 +109,19 @@ void detect(const DetectArguments& a) {
   if (is_disk && (a.board.columns || a.board.rows || a.board.blinking))
     throw Error(ExitCode::usage, "--target disk: takes no --columns, --rows and --blinking");
   if (!is_disk) shape_of(a.board);  // wrong usage before long reading
-  const Shown shown = recording(a.events);
+  const events::Recording recording = read_recording(a.events);
   Json json;
   cv::Mat picture;
   if (is_disk) {
-    const Disk disk = find_disk(shown, a.events);
+    const Disk disk = find_disk(recording, a.events);
     json = to_json(disk);
-    picture = disk_picture(shown, disk, kLight);
+    picture = disk_picture(recording, disk, view::kLight);
     for (const auto& warning : disk.warnings) warn(warning);
     if (!a.json) say(disk);
   } else {
     const BoardShape shape = shape_of(a.board);
     Blinking blinking;
-    const BoardSearch search = search_boards(a.board, shown, a.events, blinking);
+    const BoardSearch search = search_boards(a.board, recording, a.events, blinking);
     json = to_json(search, shape);
     if (a.board.blinking) json["frequency_hz"] = blinking.frequency_hz;
     picture = board_picture(search, shape);
@@ -179,11 +180,11 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
         g.views.push_back(std::move(points));
       continue;
     }
-    const Shown shown = recording(input);
-    one_size({shown.width, shown.height}, input);
+    const events::Recording recording = read_recording(input);
+    one_size({recording.width, recording.height}, input);
     Blinking blinking;
     try {
-      BoardSearch search = search_boards(a.board, shown, input, blinking);
+      BoardSearch search = search_boards(a.board, recording, input, blinking);
       for (auto& view : search.views) g.views.push_back(std::move(view.points));
       for (const auto& line : search.missed) g.missed.push_back(input + ": " + line);
     } catch (const Error& e) {
@@ -288,16 +289,16 @@ void align_recording(const AlignArguments& a) {
   const LabScene original = load_lab_scene(a.scene);
   LabScene scene = original;
   if (!a.sim_of.empty()) apply_aligned(scene, a.sim_of);
-  const Shown real = recording(a.real);
+  const events::Recording real = read_recording(a.real);
   const Optics optics = optics_for(a, scene, {real.width, real.height});
   const Found found = find_in_recording(real, scene, optics, a.search, a.real);
   const Clock clock = a.clock == "file" ? Clock::file : a.clock == "offset" ? Clock::offset : Clock::offset_and_rate;
-  std::optional<Shown> sim;
+  std::optional<events::Recording> sim;
   Aligned aligned;
   if (a.sim.empty()) {
     aligned = align_scene(scene, found, clock);
   } else {
-    sim = recording(a.sim);
+    sim = read_recording(a.sim);
     if (sim->width != real.width || sim->height != real.height)
       throw bad_input(a.sim, "size", fmt::format("{} x {} pixels", sim->width, sim->height),
                       fmt::format("{} x {}, as {}", real.width, real.height, a.real));

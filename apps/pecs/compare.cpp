@@ -1,5 +1,5 @@
 // pecs compare REAL SIM: scores of a simulation against a recording.
-#include "pecs/calibration/compare.h"
+#include "pecs/metrics/compare.h"
 
 #include <fmt/format.h>
 
@@ -7,10 +7,10 @@
 #include <memory>
 
 #include "commands.h"
-#include "pecs/calibration/compare_picture.h"
 #include "pecs/calibration/disk.h"
 #include "pecs/events/format.h"
 #include "pecs/run_record.h"
+#include "pecs/view/compare_plot.h"
 #include "picture_file.h"
 #include "units.h"
 
@@ -27,7 +27,7 @@ struct Arguments {
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
 
-void print_table(const calibration::Comparison& c) {
+void print_table(const metrics::Comparison& c) {
   const auto row = [](const char* name, const std::string& value, const std::string& floor, const std::string& note) {
     fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
   };
@@ -36,7 +36,7 @@ void print_table(const calibration::Comparison& c) {
   };
   const auto& d = c.distance;
   row("distance", "real-sim", "split half",
-      fmt::format("({} normalisation, {}x{}, window {} us)", calibration::name_of(c.options.normalisation), c.width,
+      fmt::format("({} normalisation, {}x{}, window {} us)", metrics::name_of(c.options.normalisation), c.width,
                   c.height, c.window_us));
   row("Chamfer", fmt::format("{:.4f}", d.chamfer()), c.floor ? fmt::format("{:.4f}", c.floor->chamfer()) : "none",
       parts(d.chamfer_parts));
@@ -63,7 +63,7 @@ void print_table(const calibration::Comparison& c) {
   const auto& e = *c.delays;
   fmt::print("\n");
   row("delay behind the edge", "real", "simulated", "(degrees; 10, 50, 90 %)");
-  const auto quantiles = [](const calibration::Delays& s, std::size_t p) -> std::string {
+  const auto quantiles = [](const metrics::Delays& s, std::size_t p) -> std::string {
     const auto& q = s.quantiles_deg[p];
     return q ? fmt::format("{:.0f} {:.0f} {:.0f}", (*q)[0], (*q)[1], (*q)[2]) : "none";
   };
@@ -75,31 +75,31 @@ void print_table(const calibration::Comparison& c) {
 }
 
 // "find", or a file that holds what `pecs align detect --json` printed.
-calibration::TurningDisk disk_of(const std::string& from, const events::Stream& real, const std::string& file) {
+metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real, const std::string& file) {
   const Json detected =
       from == "find"
-          ? calibration::to_json(calibration::find_disk(calibration::shown_of(real, file, 0, INT64_MAX), file))
+          ? calibration::to_json(calibration::find_disk(events::recording_of(real, file, 0, INT64_MAX), file))
           : parse_json_file(from);
-  return calibration::turning_disk_from({detected, from == "find" ? file : from});
+  return metrics::turning_disk_from({detected, from == "find" ? file : from});
 }
 
 void run(const Arguments& a) {
-  calibration::CompareOptions options;
-  options.normalisation = calibration::normalisation_from(a.normalisation);
+  metrics::CompareOptions options;
+  options.normalisation = metrics::normalisation_from(a.normalisation);
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
   events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
-  const auto comparison = calibration::compare(std::move(real), a.real, std::move(sim), a.sim, options);
+  const auto comparison = metrics::compare(std::move(real), a.real, std::move(sim), a.sim, options);
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
   if (!a.picture.empty()) {
-    write_picture(a.picture, calibration::compare_picture(comparison), 1520);
+    write_picture(a.picture, view::compare_picture(comparison), 1520);
     write_run_record(a.picture,
-                     {"compare", arguments(), Json::object(), {a.real, a.sim}, calibration::to_json(comparison)});
+                     {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
-    fmt::print("{}\n", calibration::to_json(comparison).dump(2));
+    fmt::print("{}\n", metrics::to_json(comparison).dump(2));
   else
     print_table(comparison);
 }

@@ -16,9 +16,9 @@
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/input/display.h"
 #include "pecs/progress.h"
 #include "pecs/run_record.h"
-#include "pecs/sensor/display.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::app {
@@ -29,7 +29,7 @@ struct Arguments {
   std::int64_t frame = 0;
   double exposure_ev = 0, fps = 30;
   std::optional<double> band_nm;
-  sensor::DisplayOptions display;
+  input::DisplayOptions display;
   bool json = false;
 };
 
@@ -105,13 +105,13 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
   linear.convertTo(values, CV_32F, scale);
   if (values.channels() == 3) cv::cvtColor(values, values, cv::COLOR_BGR2RGB);
   encode({values.ptr<float>(), values.total() * values.channels()});
-  cv::Mat shown;
-  values.convertTo(shown, CV_8U, 255);
-  if (shown.channels() == 3)
-    cv::cvtColor(shown, shown, cv::COLOR_RGB2BGR);
+  cv::Mat recording;
+  values.convertTo(recording, CV_8U, 255);
+  if (recording.channels() == 3)
+    cv::cvtColor(recording, recording, cv::COLOR_RGB2BGR);
   else
-    cv::applyColorMap(shown, shown, cv::COLORMAP_VIRIDIS);
-  return shown;
+    cv::applyColorMap(recording, recording, cv::COLORMAP_VIRIDIS);
+  return recording;
 }
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
@@ -143,7 +143,7 @@ void run(const Arguments& a) {
                                           [&](const auto& x, const auto& y) { return distance(x) < distance(y); });
     band = static_cast<std::size_t>(nearest - bands.begin());
   }
-  const Encoder encode = sensor::display_encoder(a.display);
+  const Encoder encode = input::display_encoder(a.display);
   const std::vector<Triple> rgb = rgb_of_bands(bands);
   cv::Mat picture = linear_picture(stack, first, rgb, band);
   const double scale = std::exp2(a.exposure_ev) / white_level(picture);

@@ -1,5 +1,5 @@
 // pecs report: one page about a simulation, its render and its recording.
-#include "pecs/calibration/report.h"
+#include "pecs/view/report.h"
 
 #include <fmt/format.h>
 
@@ -19,7 +19,7 @@ struct Arguments {
 };
 
 void run(const Arguments& a) {
-  calibration::ReportInputs inputs;
+  view::ReportInputs inputs;
   std::vector<std::filesystem::path> files;
   const auto take = [&](const std::string& text, std::optional<std::filesystem::path>& into) {
     if (text.empty()) return;
@@ -32,7 +32,7 @@ void run(const Arguments& a) {
   take(a.lens_svg, inputs.lens_svg);
   if (a.window_us > 0) inputs.compare.window_us = std::llround(a.window_us);
 
-  const Json summary = calibration::write_report(inputs, a.output);
+  const Json summary = view::write_report(inputs, a.output);
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
   write_run_record(a.output, {"report", arguments(), config, files, summary});
   if (a.json)

@@ -7,8 +7,8 @@
 
 #include "commands.h"
 #include "pecs/error.h"
+#include "pecs/input/live.h"
 #include "pecs/run_record.h"
-#include "pecs/sensor/live.h"
 
 namespace pecs::app {
 namespace {
@@ -33,7 +33,7 @@ void add_sense(CLI::App& app) {
     std::string readout = "chip", bands = "all";
     std::optional<std::string> colour_space, live_source;
     bool view = false;
-    sensor::LiveOptions live;
+    input::LiveOptions live;
     std::optional<std::filesystem::path> ocio_config;
     double white_a = 0;
   };
@@ -111,7 +111,7 @@ void add_sense(CLI::App& app) {
     o->model.white_fa = o->white_a * 1e15;
     for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
     if (o->bands != "all") o->monte_carlo_bands = std::stoi(o->bands.substr(3));
-    const sensor::PictureOptions pictures{o->times, o->colour_space, o->ocio_config};
+    const input::PictureOptions pictures{o->times, o->colour_space, o->ocio_config};
     const bool camera = o->live_source && *o->live_source != "video";
     if (o->live_source && !o->view)
       throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o->live_source));
@@ -124,9 +124,9 @@ void add_sense(CLI::App& app) {
       if (camera) o->live.camera = o->live_source->size() > 7 ? std::stoi(o->live_source->substr(7)) : 0;
       o->live.file = o->stack;
       o->live.video = o->output.string() + ".mp4";
-      report = sensor::sense_live(o->live, *o, pictures);
+      report = input::sense_live(o->live, *o, pictures);
     } else {
-      o->source = sensor::open_frames(o->stack, pictures);
+      o->source = input::open_frames(o->stack, pictures);
       report = sensor::sense(*o);
     }
     std::vector<std::filesystem::path> inputs;
@@ -142,8 +142,8 @@ void add_sense(CLI::App& app) {
     if (const auto dropped = r["dropped"].get<std::int64_t>())
       fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
     if (o->view) {
-      if (const auto shown = report.config["view"].get<std::string>(); shown != "window")
-        fmt::print(stderr, "pecs: no display: the events are shown in {}\n", shown);
+      if (const auto recording = report.config["view"].get<std::string>(); recording != "window")
+        fmt::print(stderr, "pecs: no display: the events are shown in {}\n", recording);
       return;
     }
     const auto bad =

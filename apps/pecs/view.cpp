@@ -7,10 +7,10 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "commands.h"
-#include "pecs/calibration/pictures.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/run_record.h"
+#include "pecs/view/event_pictures.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -40,36 +40,35 @@ void run(const Arguments& a) {
     throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .png, .mp4 or .html", a.output));
 
   const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
-  const calibration::Shown shown =
-      calibration::shown_of(events::read_all(a.events), a.events, std::llround(a.from_us), to_us);
-  const calibration::Theme& theme = a.theme == "dark" ? calibration::kDark : calibration::kLight;
+  const events::Recording recording =
+      events::recording_of(events::read_all(a.events), a.events, std::llround(a.from_us), to_us);
+  const view::Theme& theme = a.theme == "dark" ? view::kDark : view::kLight;
 
   Json result = {{"output", a.output},
-                 {"events", shown.events.size()},
-                 {"width", shown.width},
-                 {"height", shown.height},
-                 {"span_us", shown.span_us}};
+                 {"events", recording.events.size()},
+                 {"width", recording.width},
+                 {"height", recording.height},
+                 {"span_us", recording.span_us}};
   if (extension == ".png") {
     const std::int64_t window = a.window_us > 0 ? std::llround(a.window_us)
-                                                : calibration::readable_window_us(shown, shown.span_us / a.count + 1);
+                                                : view::readable_window_us(recording, recording.span_us / a.count + 1);
     result["window_us"] = window;
     std::vector<std::uint8_t> png;
-    cv::imencode(".png", calibration::contact_sheet(shown, window, a.count, theme), png);
+    cv::imencode(".png", view::contact_sheet(recording, window, a.count, theme), png);
     AtomicFile file(output);
     file.write(std::as_bytes(std::span(png)));
     file.commit();
   } else if (extension == ".mp4") {
-    calibration::VideoOptions video{
-        .fps = a.fps,
-        .slow_motion = a.slow_motion > 0 ? a.slow_motion : readable_slow_motion(shown.span_us),
-        .window_us = std::llround(a.window_us),
-        .theme = theme};
-    const auto info = calibration::write_video(shown, output, video);
+    view::VideoOptions video{.fps = a.fps,
+                             .slow_motion = a.slow_motion > 0 ? a.slow_motion : readable_slow_motion(recording.span_us),
+                             .window_us = std::llround(a.window_us),
+                             .theme = theme};
+    const auto info = view::write_video(recording, output, video);
     result["slow_motion"] = video.slow_motion;
     result["frames"] = info.frames;
     result["codec"] = info.codec;
   } else {
-    result["events_in_page"] = calibration::write_page(shown, output, a.limit);
+    result["events_in_page"] = view::write_page(recording, output, a.limit);
   }
   const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
                        {"theme", a.theme},     {"count", a.count},
@@ -81,7 +80,8 @@ void run(const Arguments& a) {
     fmt::print("{}\n", result.dump(2));
     return;
   }
-  fmt::print("{}: {} events in {:.3f} ms", a.output, shown.events.size(), static_cast<double>(shown.span_us) * 1e-3);
+  fmt::print("{}: {} events in {:.3f} ms", a.output, recording.events.size(),
+             static_cast<double>(recording.span_us) * 1e-3);
   if (result.contains("slow_motion"))
     fmt::print(", {} frames, {:g} times slower", result["frames"].get<int>(), result["slow_motion"].get<double>());
   if (result.contains("events_in_page") && result["events_in_page"] < result["events"])

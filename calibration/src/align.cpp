@@ -97,17 +97,17 @@ double rms(const std::vector<double>& v) {
   return v.empty() ? 0 : std::sqrt(squares / static_cast<double>(v.size()));
 }
 
-Found find_board(const Shown& shown, const LabScene& scene, const Optics& optics, const Search& how,
+Found find_board(const events::Recording& recording, const LabScene& scene, const Optics& optics, const Search& how,
                  const std::string& file) {
   const int inner = static_cast<int>(scene.values.at("squares")) - 1;
   if (inner < 3)
     throw Error(ExitCode::unsupported, fmt::format("{}: squares: got {}, wanted at least 4", scene.file, inner + 1));
   const BoardShape shape{Pattern::checkerboard, inner, inner, scene.values.at("square_mm")};
-  BoardSearch search = find_boards(shown, shape, how.views, file);
+  BoardSearch search = find_boards(recording, shape, how.views, file);
   if (search.views.size() < 3)
     throw bad_input(file, "board", fmt::format("the board at {} instants", search.views.size()), "at 3 or more");
   Found found;
-  found.time_us = static_cast<double>(shown.first_us) + 0.5 * static_cast<double>(shown.span_us);
+  found.time_us = static_cast<double>(recording.first_us) + 0.5 * static_cast<double>(recording.span_us);
   const auto seconds = [&](const BoardView& v) { return (v.t_us - found.time_us) * 1e-6; };
   const auto board = shape.points_mm();
 
@@ -288,11 +288,11 @@ struct DiskError {
   }
 };
 
-Found find_turning_disk(const Shown& shown, const LabScene& scene, const Optics& optics, const Search& how,
-                        const std::string& file) {
+Found find_turning_disk(const events::Recording& recording, const LabScene& scene, const Optics& optics,
+                        const Search& how, const std::string& file) {
   const double radius_mm = scene.values.at("disk_radius_mm");
   Found found;
-  found.time_us = static_cast<double>(shown.first_us + shown.span_us / 2);
+  found.time_us = static_cast<double>(recording.first_us + recording.span_us / 2);
   Plane plane{
       optics, {{0, 0, 0, 0, scene.values.at("disk_distance_mm")}, matrix_of(turn_from_blender(scene.rotation_deg))}, 0};
   plane.px_per_mm = optics.focal_px() / plane.pose.p[4];
@@ -300,7 +300,7 @@ Found find_turning_disk(const Shown& shown, const LabScene& scene, const Optics&
   std::map<std::string, double> deviation;
   constexpr int kPasses = 3;
   for (int pass = 0; pass < kPasses; ++pass) {
-    disk = find_disk(shown, file, [&](const cv::Point2d& p) { return plane.of(p); });
+    disk = find_disk(recording, file, [&](const cv::Point2d& p) { return plane.of(p); });
     if (disk.rim.size.width <= 0)
       throw bad_input(file, "disk", "a disk whose rim is out of sight", "its rim, which says how far it is");
     if (pass + 1 == kPasses) break;  // the last look is through the final pose
@@ -473,10 +473,10 @@ void apply_aligned(LabScene& scene, const std::string& aligned_file) {
   }
 }
 
-Found find_in_recording(const Shown& shown, const LabScene& scene, const Optics& optics, const Search& search,
-                        const std::string& file) {
-  return scene.is_board() ? find_board(shown, scene, optics, search, file)
-                          : find_turning_disk(shown, scene, optics, search, file);
+Found find_in_recording(const events::Recording& recording, const LabScene& scene, const Optics& optics,
+                        const Search& search, const std::string& file) {
+  return scene.is_board() ? find_board(recording, scene, optics, search, file)
+                          : find_turning_disk(recording, scene, optics, search, file);
 }
 
 Aligned align_scene(const LabScene& scene, const Found& real, Clock clock) {
@@ -516,24 +516,25 @@ Aligned align_scene(const LabScene& scene, const Found& real, const Found& sim, 
                   "measured, less what the same search finds wrong in the simulation");
 }
 
-cv::Mat overlay_picture(const Shown& real, const LabScene& before, const Aligned& after, const Optics& optics,
-                        const Shown* sim) {
+cv::Mat overlay_picture(const events::Recording& real, const LabScene& before, const Aligned& after,
+                        const Optics& optics, const events::Recording* sim) {
   constexpr int kRows = 3, kWidth = 800;
   const double times = static_cast<double>(kWidth) / real.width;
   const int height = cvRound(real.height * times);
   cv::Mat sheet(kRows * height, 2 * kWidth, CV_8UC3, {255, 255, 255});
   const cv::Scalar blue(178, 114, 0), orange(0, 94, 213), ink(31, 31, 27);
   const auto window =
-      std::max<std::int64_t>(1, std::min<std::int64_t>(readable_window_us(real, 5000), real.span_us / 4));
+      std::max<std::int64_t>(1, std::min<std::int64_t>(view::readable_window_us(real, 5000), real.span_us / 4));
   for (int row = 0; row < kRows; ++row)
     for (int column = 0; column < 2; ++column) {
       cv::Mat panel = sheet(cv::Rect(column * kWidth, row * height, kWidth, height));
       const std::int64_t from = (real.span_us - window) * (row + 1) / (kRows + 1);
       const double file_us = static_cast<double>(real.first_us + from) + 0.5 * static_cast<double>(window);
       const double scene_us = column == 0 ? file_us : after.clock_rate * (file_us - after.clock_offset_us);
-      const auto dots = [&](const Shown& shown, double middle_us, const cv::Scalar& colour) {
-        for (const auto& e : shown.events)
-          if (std::abs(static_cast<double>(e.t_us + shown.first_us) - middle_us) * 2 <= static_cast<double>(window)) {
+      const auto dots = [&](const events::Recording& recording, double middle_us, const cv::Scalar& colour) {
+        for (const auto& e : recording.events)
+          if (std::abs(static_cast<double>(e.t_us + recording.first_us) - middle_us) * 2 <=
+              static_cast<double>(window)) {
             auto& dot = panel.at<cv::Vec3b>(std::min(height - 1, static_cast<int>((e.y + 0.5) * times)),
                                             std::min(kWidth - 1, static_cast<int>((e.x + 0.5) * times)));
             for (int k = 0; k < 3; ++k) dot[k] = static_cast<std::uint8_t>(dot[k] * (0.3 + 0.7 * colour[k] / 255));

@@ -136,9 +136,10 @@ std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape
 
 // ---- one look at moving things --------------------------------------------------------------------------------------
 
-std::optional<BoardView> moving_board(const Shown& shown, const BoardShape& shape, double t_us, std::string& why) {
-  const cv::Size size(shown.width, shown.height);
-  const auto view = moving_view(shown.events, size, t_us, why);
+std::optional<BoardView> moving_board(const events::Recording& recording, const BoardShape& shape, double t_us,
+                                      std::string& why) {
+  const cv::Size size(recording.width, recording.height);
+  const auto view = moving_view(recording.events, size, t_us, why);
   if (!view) return {};
   const auto picture_of = [&](int part) {
     cv::Mat sharp = intensity(*view, compensated(*view, size, part));
@@ -171,7 +172,7 @@ std::optional<BoardView> moving_board(const Shown& shown, const BoardShape& shap
     squares += d.dot(d);
   }
   board.deviation_px = 0.5 * std::sqrt(squares / (2.0 * static_cast<double>(board.points.size())));
-  board.t_us = t_us + static_cast<double>(shown.first_us);
+  board.t_us = t_us + static_cast<double>(recording.first_us);
   board.motion = view->flow.kind;
   const cv::Point2d middle = board.points[board.points.size() / 2];
   board.speed_px_s = cv::norm(view->flow.at(middle.x, middle.y));
@@ -282,30 +283,33 @@ std::vector<cv::Point2d> board_points(const cv::Mat& picture, const BoardShape& 
   return points;
 }
 
-BoardSearch find_boards(const Shown& shown, const BoardShape& shape, int count, const std::string& file) {
+BoardSearch find_boards(const events::Recording& recording, const BoardShape& shape, int count,
+                        const std::string& file) {
   std::vector<std::optional<BoardView>> found(static_cast<std::size_t>(count));
   std::vector<std::string> why(found.size());
   std::vector<double> t_us(found.size());
   tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t i) {
-    t_us[i] = static_cast<double>(shown.span_us) * (static_cast<double>(i) + 0.5) / count;
-    found[i] = moving_board(shown, shape, t_us[i], why[i]);
+    t_us[i] = static_cast<double>(recording.span_us) * (static_cast<double>(i) + 0.5) / count;
+    found[i] = moving_board(recording, shape, t_us[i], why[i]);
   });
   BoardSearch search;
   for (std::size_t i = 0; i < found.size(); ++i) {
     if (found[i])
       search.views.push_back(std::move(*found[i]));
     else
-      search.missed.push_back(fmt::format("t = {:.0f} us: {}", t_us[i] + static_cast<double>(shown.first_us), why[i]));
+      search.missed.push_back(
+          fmt::format("t = {:.0f} us: {}", t_us[i] + static_cast<double>(recording.first_us), why[i]));
   }
   if (search.views.empty()) nothing(search, shape, file);
   return search;
 }
 
-BoardSearch find_blinking_boards(const Shown& shown, const BoardShape& shape, int count, const std::string& file,
-                                 Blinking& blinking) {
-  const cv::Size size(shown.width, shown.height);
+BoardSearch find_blinking_boards(const events::Recording& recording, const BoardShape& shape, int count,
+                                 const std::string& file, Blinking& blinking) {
+  const cv::Size size(recording.width, recording.height);
   double contrast = 0;
-  blinking.frequency_hz = blink_frequency_hz(shown.events, size, static_cast<double>(shown.span_us) * 1e-6, contrast);
+  blinking.frequency_hz =
+      blink_frequency_hz(recording.events, size, static_cast<double>(recording.span_us) * 1e-6, contrast);
   if (contrast < 20)
     throw bad_input(file, "board",
                     fmt::format("nothing blinks (best candidate: {:.1f} Hz, {:.1f} times the mean power)",
@@ -313,9 +317,9 @@ BoardSearch find_blinking_boards(const Shown& shown, const BoardShape& shape, in
                     "a blinking " + shape.text());
   BoardSearch search;
   for (int i = 0; i < count; ++i) {
-    const std::int64_t begin = shown.span_us * i / count, end = shown.span_us * (i + 1) / count;
+    const std::int64_t begin = recording.span_us * i / count, end = recording.span_us * (i + 1) / count;
     const auto at = [&](std::int64_t t) {
-      return std::lower_bound(shown.events.begin(), shown.events.end(), t,
+      return std::lower_bound(recording.events.begin(), recording.events.end(), t,
                               [](const events::Event& e, std::int64_t limit) { return e.t_us < limit; });
     };
     const std::span<const events::Event> events(at(begin), at(end));
@@ -326,7 +330,7 @@ BoardSearch find_blinking_boards(const Shown& shown, const BoardShape& shape, in
       view.picture = picture_of(-1);
       view.points = board_points(view.picture, shape, why);
     }
-    view.t_us = static_cast<double>(shown.first_us) + 0.5 * static_cast<double>(begin + end);
+    view.t_us = static_cast<double>(recording.first_us) + 0.5 * static_cast<double>(begin + end);
     view.motion = "blinking";
     if (view.points.empty()) {
       search.missed.push_back(fmt::format("t = {:.0f} us: {}", view.t_us, why));

@@ -311,13 +311,13 @@ Json json_of(const Measured& m) { return {{"value", m.value}, {"deviation", m.de
 
 }  // namespace
 
-Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& place) {
+Disk find_disk(const events::Recording& recording, const std::string& file, const PlaceOnPlane& place) {
   // Samples, at random if there are very many.
   std::mt19937_64 random(1);
   std::vector<Sample> samples;
-  const double span_s = static_cast<double>(shown.span_us) * 1e-6;
-  const double keep = static_cast<double>(kMostEvents) / static_cast<double>(shown.events.size());
-  for (const auto& e : shown.events)
+  const double span_s = static_cast<double>(recording.span_us) * 1e-6;
+  const double keep = static_cast<double>(kMostEvents) / static_cast<double>(recording.events.size());
+  for (const auto& e : recording.events)
     if (keep >= 1 || std::uniform_real_distribution(0.0, 1.0)(random) < keep) {
       cv::Point2d at(e.x + 0.5, e.y + 0.5);
       if (place) at = place(at);
@@ -344,7 +344,7 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
   Fit fit{};
   for (int i = 0; i < 3; ++i) {
     const int m = ranked[i].second;
-    const double reach = 0.05 * shown.width;
+    const double reach = 0.05 * recording.width;
     const auto centre = minimise<2>([&](const double* c) { return -coherence(few, m, c[0], c[1], span_s).value; },
                                     median, {reach, reach}, 80, 1e-4);
     const Coherence c = coherence(few, m, centre[0], centre[1], span_s);
@@ -394,7 +394,7 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
   Disk disk;
   disk.centre_x = measured(kX), disk.centre_y = measured(kY), disk.speed_deg_s = measured(kSpeed);
   disk.sectors = 2 * harmonic;
-  disk.phase_time_us = shown.first_us + shown.span_us / 2;
+  disk.phase_time_us = recording.first_us + recording.span_us / 2;
   disk.coherence = best.value;
   disk.events = samples.size();
   const double first_half = refits[kEighths][kSpeed], second_half = refits[kEighths + 1][kSpeed];
@@ -455,7 +455,7 @@ Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& 
                                         both_at_off ? "OFF" : "ON"));
 
   std::vector<cv::Point2f> picture;
-  const auto width = static_cast<double>(shown.width), height = static_cast<double>(shown.height);
+  const auto width = static_cast<double>(recording.width), height = static_cast<double>(recording.height);
   const std::array<cv::Point2d, 5> corners = {{{0, 0}, {width, 0}, {width, height}, {0, height}, {0, 0}}};
   constexpr int kParts = 16;
   for (std::size_t i = 0; i < 4; ++i)
@@ -490,20 +490,20 @@ Json to_json(const Disk& d) {
           {"warnings", d.warnings}};
 }
 
-cv::Mat disk_picture(const Shown& shown, const Disk& disk, const Theme& theme) {
+cv::Mat disk_picture(const events::Recording& recording, const Disk& disk, const view::Theme& theme) {
   // A window in which the disk turns 10 degrees.
-  const std::int64_t middle = disk.phase_time_us - shown.first_us;
+  const std::int64_t middle = disk.phase_time_us - recording.first_us;
   const auto window = static_cast<std::int64_t>(10 / std::abs(disk.speed_deg_s.value) * 1e6) + 1;
-  const int times = std::max(1, 1280 / shown.width);
+  const int times = std::max(1, 1280 / recording.width);
   cv::Mat picture;
-  cv::resize(event_frame(shown, middle - window / 2, middle + window / 2, theme), picture, {}, times, times,
+  cv::resize(view::event_frame(recording, middle - window / 2, middle + window / 2, theme), picture, {}, times, times,
              cv::INTER_NEAREST);
 
   const cv::Scalar ink(theme.ink.b, theme.ink.g, theme.ink.r);
   const auto at = [&](double x, double y) { return cv::Point(cvRound(x * times), cvRound(y * times)); };
   const double cx = disk.centre_x.value, cy = disk.centre_y.value;
   cv::drawMarker(picture, at(cx, cy), ink, cv::MARKER_CROSS, 14, 1, cv::LINE_AA);
-  double radius = 0.1 * shown.width;
+  double radius = 0.1 * recording.width;
   if (disk.rim.size.width > 0) {
     cv::RotatedRect rim = disk.rim;
     rim.center *= times, rim.size.width *= static_cast<float>(times), rim.size.height *= static_cast<float>(times);

@@ -3,7 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "models.h"
+#include "models/grey_model.h"
+#include "models/pecs/pixels.h"
 #include "pecs/error.h"
 
 namespace pecs::sensor {
@@ -13,14 +14,14 @@ class PecsModel : public PixelModel {
  public:
   PecsModel(const ModelSetup& s, double gain_fa, bool causes)
       : pixels_(s.chip, s.width, s.height, s.seed, gain_fa, causes) {}
-  void advance(const FrameBatch& batch, EventOrder& order) override {
+  void advance(const FrameBatch& batch, EventSorter& order) override {
     for_tiles(pixels_.pixels(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
       pixels_.advance(batch, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(end - first), events);
     });
   }
 
  private:
-  PixelArray pixels_;
+  PecsPixels pixels_;
 };
 
 constexpr ModelEntry kPecs{"pecs", "docs/sensor.md", {}, nullptr};

@@ -14,11 +14,12 @@
 #include <utility>
 
 #include "light_kernel.h"
+#include "models/pecs/pixels.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/files.h"
 #include "pecs/progress.h"
-#include "pecs/sensor/light.h"
+#include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/sensor.h"
 #include "pecs/sensor/stack.h"
 
@@ -34,9 +35,9 @@ struct BadValues {
 };
 
 // Decodes frames to photocurrent [fA], without dark current.
-class LightReader {
+class PhotocurrentReader {
  public:
-  LightReader(const FrameSource& stack, const std::vector<double>& amperes) : stack_(stack) {
+  PhotocurrentReader(const FrameSource& stack, const std::vector<double>& amperes) : stack_(stack) {
     for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
   }
 
@@ -177,7 +178,7 @@ struct Run {
   const SenseOptions& options;
   const FrameSource& stack;
   const Chip& chip;
-  LightReader& light;
+  PhotocurrentReader& light;
   LightStatistics statistics{};
   events::Writer& writer;
   Counts counts{};
@@ -287,8 +288,8 @@ struct Run {
                       fmt::format("a row's loop of at most {} MiB", kLoopBytes >> 20));
     if (rows > 16 && rows < info.height) rows -= rows % 16;  // whole blocks of the file
 
-    PixelArray pixels(chip, info.width, info.height, options.seed, 1.0, options.labels.has_value());
-    EventOrder order(info.width, options.labels.has_value());
+    PecsPixels pixels(chip, info.width, info.height, options.seed, 1.0, options.labels.has_value());
+    EventSorter order(info.width, options.labels.has_value());
     Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet);
     std::vector<float> cache(row_bytes / sizeof(float) * static_cast<std::size_t>(rows));
     std::vector<std::vector<EventKey>> found;
@@ -302,12 +303,12 @@ struct Run {
 
       const auto first = static_cast<std::uint32_t>(width * static_cast<std::size_t>(y));
       const auto last = static_cast<std::uint32_t>(first + plane);
-      const std::uint32_t first_block = first / PixelArray::kBlock,
-                          blocks = (last + PixelArray::kBlock - 1) / PixelArray::kBlock;
+      const std::uint32_t first_block = first / PecsPixels::kBlock,
+                          blocks = (last + PecsPixels::kBlock - 1) / PecsPixels::kBlock;
       found.resize(std::max<std::size_t>(found.size(), blocks));
       tbb::parallel_for(first_block, blocks, [&](std::uint32_t block) {
-        const std::uint32_t a = std::max(first, block * PixelArray::kBlock);
-        const std::uint32_t b = std::min(last, (block + 1) * PixelArray::kBlock);
+        const std::uint32_t a = std::max(first, block * PecsPixels::kBlock);
+        const std::uint32_t b = std::min(last, (block + 1) * PecsPixels::kBlock);
         EventSlots all;
         std::vector<double> recent;
         for (std::int64_t k = 0; k < total; k += 64) {
@@ -390,7 +391,7 @@ SenseReport sense(const SenseOptions& options) {
              {"of", amperes.size()},
              {"rms_error_of_ln_photocurrent", first.log_difference(amperes, dense)}};
   }
-  LightReader light(stack, amperes);
+  PhotocurrentReader light(stack, amperes);
   events::StreamInfo stream_info{info.width, info.height, chip.name};
   const auto writer = events::open_writer(options.output, stream_info, options.format);
   Run run{options, stack, chip, light, {}, *writer, {}, {}, options.model};

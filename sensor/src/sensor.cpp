@@ -17,7 +17,7 @@
 
 namespace pecs::sensor {
 
-void EventOrder::begin(std::span<const double> t_us) {
+void EventSorter::begin(std::span<const double> t_us) {
   edges_.clear();
   for (const double t : t_us) {
     const EventKey edge = event_key(std::llround(t), 0, false);
@@ -28,7 +28,7 @@ void EventOrder::begin(std::span<const double> t_us) {
   held_.clear();
 }
 
-EventSlots& EventOrder::part(std::size_t index) {
+EventSlots& EventSorter::part(std::size_t index) {
   while (parts_.size() <= index) parts_.emplace_back().begin(edges_);
   return parts_[index];
 }
@@ -93,7 +93,7 @@ void sort_keys(std::span<const std::span<const EventKey>> parts, std::int64_t be
 
 }  // namespace
 
-void EventOrder::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
+void EventSorter::take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& labelled) {
   const EventKey limit = event_key(until_us, 0, false);
   const std::size_t slots = parts_.empty() ? 0 : parts_.front().size();
   std::vector<std::size_t> ends(slots + 1, 0);

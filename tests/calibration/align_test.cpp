@@ -35,8 +35,8 @@ struct Turned {
 };
 
 // Events of the disk of scenes/rotating_disk before a turned camera, drawn from its geometry: they follow their edge.
-Shown disk_recording(const Optics& optics, const Turned& camera, const std::map<std::string, double>& p,
-                     cv::Size size) {
+events::Recording disk_recording(const Optics& optics, const Turned& camera, const std::map<std::string, double>& p,
+                                 cv::Size size) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> unit(0, 1);
   constexpr double kSpan_us = 60'000;
@@ -56,7 +56,7 @@ Shown disk_recording(const Optics& optics, const Turned& camera, const std::map<
                       edge % 2 == 0});
   }
   events.push_back({0, 0, 0, 0}), events.push_back({static_cast<std::int64_t>(kSpan_us), 0, 0, 0});
-  return shown_of({{size.width, size.height, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
+  return events::recording_of({{size.width, size.height, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
 }
 
 TEST(Align, ADiskBeforeATurnedCamera) {
@@ -121,9 +121,9 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
       const double t_us[] = {i * 1000.0};
       sensor.push(planes, t_us, i == 160, out);
     }
-    return shown_of({{320, 180, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
+    return events::recording_of({{320, 180, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
   };
-  const Shown recording = recorded(60, 0.8, 12, 1500);
+  const events::Recording recording = recorded(60, 0.8, 12, 1500);
   const Found real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
   const Aligned first = align_scene(scene, real, Clock::file);
   const auto& a = first.scene.values;
@@ -149,7 +149,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   }
 
   // One that stops, and one that is partly out of view at first: measured where it can be, and the rest named.
-  for (const Shown& part : {recorded(60, 0.8, 12, 1500, 100), recorded(300, 0.8, 12, 1500)}) {
+  for (const events::Recording& part : {recorded(60, 0.8, 12, 1500, 100), recorded(300, 0.8, 12, 1500)}) {
     const Found found = find_in_recording(part, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
     EXPECT_NEAR(found.rate, -800, 8);
     ASSERT_FALSE(found.warnings.empty());

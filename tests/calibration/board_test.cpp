@@ -6,10 +6,10 @@
 #include <functional>
 #include <numbers>
 
-#include "calibration/random_events.h"
 #include "pecs/calibration/clock.h"
 #include "pecs/error.h"
 #include "pecs/sensor/sensor.h"
+#include "random_events.h"
 
 namespace pecs::calibration {
 namespace {
@@ -52,7 +52,7 @@ struct Scene {
     return static_cast<float>(0.07 + 0.77 * (1 - black) * light(t_s));
   }
 
-  Shown recorded() const {
+  events::Recording recorded() const {
     const double step_s = 4e-4;
     sensor::Sensor sensor(sensor::load_chip("imx636"), kWidth, kHeight, 1, 30'000, {}, {.readout = true});  // 30 pA
     sensor::LabelledEvents out;
@@ -67,7 +67,7 @@ struct Scene {
       const double t_us[] = {i * step_s * 1e6};
       sensor.push(planes, t_us, i + 1 == frames, out);
     }
-    return shown_of({{kWidth, kHeight, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
+    return events::recording_of({{kWidth, kHeight, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
   }
 
   double rms_px(const BoardView& view) const {
@@ -140,8 +140,8 @@ TEST(Board, ABlinkingBoardAndItsFrequency) {
 // Never a silent wrong answer.
 TEST(Board, WhatCannotBeFoundIsSaid) {
   const Scene scene;
-  const Shown shown = scene.recorded();
-  const std::string wrong = refusal([&] { find_boards(shown, {Pattern::checkerboard, 5, 3, 1}, 3, "x.raw"); });
+  const events::Recording recording = scene.recorded();
+  const std::string wrong = refusal([&] { find_boards(recording, {Pattern::checkerboard, 5, 3, 1}, 3, "x.raw"); });
   EXPECT_NE(wrong.find("best candidate: a checkerboard of 4 x 3 inner corners"), std::string::npos) << wrong;
 
   Scene outside;  // its right squares leave the picture
@@ -149,8 +149,8 @@ TEST(Board, WhatCannotBeFoundIsSaid) {
   EXPECT_NE(refusal([&] { find_boards(outside.recorded(), scene.shape, 1, "x.raw"); }).find("nothing found"),
             std::string::npos);
 
-  const Shown noise = shown_of({{kWidth, kHeight, ""}, tests::random_events(100'000, 3, kWidth, kHeight, 2'000'000)},
-                               "x.raw", 0, INT64_MAX);
+  const events::Recording noise = events::recording_of(
+      {{kWidth, kHeight, ""}, tests::random_events(100'000, 3, kWidth, kHeight, 2'000'000)}, "x.raw", 0, INT64_MAX);
   EXPECT_NE(refusal([&] { find_boards(noise, scene.shape, 2, "x.raw"); }).find("nothing"), std::string::npos);
   Blinking blinking;
   EXPECT_NE(refusal([&] { find_blinking_boards(noise, scene.shape, 1, "x.raw", blinking); }).find("nothing blinks"),

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <random>
 
-#include "calibration/random_events.h"
 #include "pecs/error.h"
+#include "random_events.h"
 #include "shared.h"
 
 namespace pecs::calibration {
@@ -25,7 +25,7 @@ constexpr std::int64_t kSpan_us = 50'000;
 double difference(double a, double b, double period) { return std::abs(std::remainder(a - b, period)); }
 
 // Events of a turning disk, drawn from its geometry alone.
-Shown recording(const Truth& truth, unsigned seed) {
+events::Recording recording(const Truth& truth, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> unit(0, 1);
   std::vector<events::Event> events;
@@ -46,7 +46,7 @@ Shown recording(const Truth& truth, unsigned seed) {
   for (const auto& e : tests::random_events(static_cast<std::size_t>(truth.background), seed + 1, 320, 240, kSpan_us))
     events.push_back(e);
   events.push_back({0, 0, 0, 0}), events.push_back({kSpan_us - 1, 0, 0, 0});  // the recording's extent
-  return shown_of({{320, 240, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
+  return events::recording_of({{320, 240, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
 }
 
 void expect_found(const Truth& truth, const Disk& disk) {
@@ -91,7 +91,7 @@ TEST(Disk, TheStatedDeviationsHold) {
 TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
   for (const auto& events : {tests::random_events(30'000, 1, 320, 240), tests::random_events(500, 1, 320, 240)}) {
     try {
-      find_disk(shown_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
+      find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
       FAIL() << "found a disk in noise";
     } catch (const Error& e) {
       EXPECT_EQ(e.code(), ExitCode::bad_input);
@@ -102,7 +102,7 @@ TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
 
 // Half way it stops, or turns back: then that is said, in whatever way.
 TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
-  const Shown turning = recording({}, 5);
+  const events::Recording turning = recording({}, 5);
   for (const bool back : {false, true}) {
     events::Stream stream{{320, 240, ""}, {}};
     for (const auto& e : turning.events)
@@ -112,7 +112,7 @@ TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
       }
     for (const auto& e : tests::random_events(2000, 9, 320, 240, kSpan_us)) stream.events.push_back(e);
     try {
-      const Disk d = find_disk(shown_of(std::move(stream), "x.raw", 0, INT64_MAX), "x.raw");
+      const Disk d = find_disk(events::recording_of(std::move(stream), "x.raw", 0, INT64_MAX), "x.raw");
       EXPECT_FALSE(d.warnings.empty()) << (back ? "turns back " : "stops ") << d.speed_deg_s.value;
     } catch (const Error& e) {
       EXPECT_NE(std::string(e.what()).find("nothing found"), std::string::npos);
@@ -124,7 +124,8 @@ TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
 TEST(Disk, TheRealRecording) {
   PECS_NEEDS_SHARED("data/real/R_360_L.hdf5");
   const Disk d = find_disk(
-      shown_of(events::read_all(tests::shared_dir() / "data/real/R_360_L.hdf5"), "R_360_L", 0, INT64_MAX), "R_360_L");
+      events::recording_of(events::read_all(tests::shared_dir() / "data/real/R_360_L.hdf5"), "R_360_L", 0, INT64_MAX),
+      "R_360_L");
   EXPECT_EQ(d.sectors, 4);
   EXPECT_TRUE(d.warnings.empty()) << d.warnings[0];
   EXPECT_NEAR(d.speed_deg_s.value, 2098, 5);

@@ -190,7 +190,7 @@ def test_peer_reads_ours(tmp_path, format, extension, reader, stream):
 
 def test_the_real_recording_by_the_vendors_decoder(shared):
     """Needs the vendor's HDF5 plugin (github.com/prophesee-ai/hdf5_ecf) on HDF5_PLUGIN_PATH; the sums of what it gives
-    stand in tests/formats/real_test.cpp."""
+    stand in tests/events/real_test.cpp."""
     path = shared / "data/real/R_360_L.hdf5"
     assert_same(by_h5py_metavision(path), pecs.read(path))
 

@@ -128,7 +128,7 @@ def test_real_recording(root, shared, pecs_program):
         pytest.skip(f"needs {recording}")
     program = pecs_program("--version").args[0]
     done = subprocess.run(
-        [sys.executable, root / "scripts/fit_chip.py", recording, "--program", program], capture_output=True, text=True
+        [sys.executable, root / "tools/fit_chip.py", recording, "--program", program], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     r = json.loads(done.stdout)

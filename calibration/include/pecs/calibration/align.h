@@ -42,8 +42,8 @@ struct Search {
   bool hold_camera = false;  // the camera is turned as the scene says
 };
 // Throws bad_input when the target is not found, or does not move as the scene says.
-Found find_in_recording(const Shown& shown, const LabScene& scene, const Optics& optics, const Search& search,
-                        const std::string& file);
+Found find_in_recording(const events::Recording& recording, const LabScene& scene, const Optics& optics,
+                        const Search& search, const std::string& file);
 
 enum class Clock { file, offset, offset_and_rate };  // what is found of it, instead of start and speed
 
@@ -59,7 +59,7 @@ Aligned align_scene(const LabScene& scene, const Found& real, const Found& sim, 
 
 // Recorded events at four instants with the target's outline where `before` and `after` say it was (left, right); with
 // `sim`, its events instead of outlines after the alignment.
-cv::Mat overlay_picture(const Shown& real, const LabScene& before, const Aligned& after, const Optics& optics,
-                        const Shown* sim);
+cv::Mat overlay_picture(const events::Recording& real, const LabScene& before, const Aligned& after,
+                        const Optics& optics, const events::Recording* sim);
 
 }  // namespace pecs::calibration

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "pecs/calibration/motion.h"
-#include "pecs/calibration/pictures.h"
 #include "pecs/strict_json.h"
+#include "pecs/view/event_pictures.h"
 
 namespace pecs::calibration {
 
@@ -40,14 +40,15 @@ struct BoardSearch {
 
 // Looks at `count` instants spread evenly over the recording. Throws bad_input when none shows the board ("nothing
 // found", with the reasons).
-BoardSearch find_boards(const Shown& shown, const BoardShape& shape, int count, const std::string& file);
+BoardSearch find_boards(const events::Recording& recording, const BoardShape& shape, int count,
+                        const std::string& file);
 
 // A board that stands still and blinks (white, or black and white in turn). Parts of the recording are views.
 struct Blinking {
   double frequency_hz = 0;
 };
-BoardSearch find_blinking_boards(const Shown& shown, const BoardShape& shape, int count, const std::string& file,
-                                 Blinking& blinking);
+BoardSearch find_blinking_boards(const events::Recording& recording, const BoardShape& shape, int count,
+                                 const std::string& file, Blinking& blinking);
 
 // In a picture (CV_8U, one channel). Empty, with `why`, when it does not show the board.
 std::vector<cv::Point2d> board_points(const cv::Mat& picture, const BoardShape& shape, std::string& why);

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "pecs/calibration/pictures.h"
 #include "pecs/strict_json.h"
+#include "pecs/view/event_pictures.h"
 
 namespace pecs::calibration {
 
@@ -37,11 +37,11 @@ struct Disk {
 using PlaceOnPlane = std::function<cv::Point2d(const cv::Point2d& pixel)>;
 
 // Throws bad_input ("nothing found", with the reason and the best candidate) when no disk stands out.
-Disk find_disk(const Shown& shown, const std::string& file, const PlaceOnPlane& place = {});
+Disk find_disk(const events::Recording& recording, const std::string& file, const PlaceOnPlane& place = {});
 
 Json to_json(const Disk& disk);
 
 // The events about `phase_time_us`, the rim, the centre and the edges.
-cv::Mat disk_picture(const Shown& shown, const Disk& disk, const Theme& theme);
+cv::Mat disk_picture(const events::Recording& recording, const Disk& disk, const view::Theme& theme);
 
 }  // namespace pecs::calibration

@@ -16,18 +16,28 @@
 
 #include "pecs/sensor/chip.h"
 #include "pecs/sensor/event_key.h"
-#include "pecs/sensor/pixel.h"
 
 namespace pecs::sensor {
 
-class EventOrder;
+// What a batch of frames brings. Planes hold photocurrent in any unit: I [fA] = value * gain_fa.
+struct FrameBatch {
+  std::int64_t first_frame = 0;      // frames given before
+  std::vector<const float*> planes;  // each [height * width], row 0 at the top
+  std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
+  bool last = false;                 // no frame follows: the last interval is finished too
+};
+
+// Throws bad_input unless both sides are 1 to kMaxSide.
+void check_size(int width, int height);
+
+class EventSorter;
 
 class PixelModel {
  public:
   virtual ~PixelModel() = default;
   // Works through the batch, in parallel in the caller's TBB arena, and adds its events to the order's tiles. No event
   // comes before the start of the interval that makes it.
-  virtual void advance(const FrameBatch& batch, EventOrder& order) = 0;
+  virtual void advance(const FrameBatch& batch, EventSorter& order) = 0;
 };
 
 struct ModelParameter {

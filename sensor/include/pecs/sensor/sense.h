@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "pecs/sensor/frames.h"
-#include "pecs/sensor/light.h"
+#include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/pixel_model.h"
+#include "pecs/sensor/source.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {

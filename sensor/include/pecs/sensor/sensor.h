@@ -12,10 +12,10 @@
 namespace pecs::sensor {
 
 // Sorts the events of a batch into the stream's order: time, then pixel. The order does not depend on how they came.
-class EventOrder {
+class EventSorter {
  public:
   // `causes`: events leave with their causes.
-  explicit EventOrder(int width, bool causes = false) : width_(width), with_causes_(causes) {}
+  explicit EventSorter(int width, bool causes = false) : width_(width), with_causes_(causes) {}
   // Events to come lie between these times; the better they are spread over them, the faster.
   void begin(std::span<const double> t_us);
   // To be filled; call for all before any is filled in parallel. Sorting is fastest when higher indices have higher
@@ -54,7 +54,7 @@ class Sensor {
  private:
   int width_, height_;
   std::unique_ptr<PixelModel> model_;
-  EventOrder order_;
+  EventSorter order_;
   std::optional<Readout> readout_;
   LabelledEvents fired_;  // to be read out
   std::int64_t frames_ = 0;

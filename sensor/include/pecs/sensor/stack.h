@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "pecs/sensor/bands.h"
-#include "pecs/sensor/frames.h"
+#include "pecs/sensor/source.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {

@@ -1,0 +1,22 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "pecs/events/format.h"
+
+namespace pecs::events {
+
+// The events of a file, times counted from the first one.
+struct Recording {
+  std::string name;           // of the file, without folders
+  int width = 0, height = 0;  // pixels
+  std::int64_t first_us = 0;  // time of the first event in the file
+  std::int64_t span_us = 0;   // from the first event to just after the last one
+  std::vector<Event> events;  // in time order
+};
+// Keeps events of [from_us, to_us), counted from the first event. Throws bad_input when none are left. `file` is named
+// in errors, its last part in pictures.
+Recording recording_of(Stream stream, const std::string& file, std::int64_t from_us, std::int64_t to_us);
+
+}  // namespace pecs::events

@@ -1,0 +1,147 @@
+#include "pecs/input/pictures.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "linear.h"
+#include "pecs/error.h"
+#include "pecs/sensor/stack.h"
+
+namespace pecs::input {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
+
+class Pictures : public sensor::FrameSource {
+ public:
+  const sensor::StackInfo& info() const override { return info_; }
+  std::int64_t frames() const override { return static_cast<std::int64_t>(info_.times_ns.size()); }
+  std::string name() const override { return path_.string(); }
+
+  void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
+    if (end == 0) end = info_.height;
+    const cv::Mat picture = frame(index);
+    if (picture.cols != info_.width || picture.rows != info_.height ||
+        linear_.bands_of(picture).size() != info_.bands.size())
+      throw bad_input(path_.string(), fmt::format("frame {}", index),
+                      fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()),
+                      fmt::format("{}x{} as the first", info_.width, info_.height));
+    const std::vector<float> values = linear_(picture.rowRange(begin, end));
+    sink(begin, end - begin, values);
+  }
+
+ protected:
+  Pictures(fs::path path, const PictureOptions& options) : path_(std::move(path)), linear_(options) {}
+  virtual cv::Mat frame(std::int64_t index) const = 0;
+
+  void describe(const cv::Mat& first) {
+    info_.quantity = sensor::Quantity::relative;
+    info_.width = first.cols;
+    info_.height = first.rows;
+    if (info_.width > sensor::kMaxSide || info_.height > sensor::kMaxSide)
+      throw bad_input(path_.string(), "size", fmt::format("{}x{}", info_.width, info_.height),
+                      fmt::format("at most {0}x{0}", sensor::kMaxSide));
+    info_.bands = linear_.bands_of(first);
+  }
+
+  fs::path path_;
+  Linear linear_;
+  sensor::StackInfo info_;
+};
+
+class Folder : public Pictures {
+ public:
+  Folder(const fs::path& path, const PictureOptions& options)
+      : Pictures(path, options), files_(sensor::files_in_order(path, kPictures)) {
+    if (files_.empty()) throw not_found(path.string(), "holds no EXR files and no pictures");
+    describe(frame(0));
+    info_.times_ns = options.times.of(static_cast<std::int64_t>(files_.size()), path.string());
+  }
+  std::string layout() const override { return "pictures"; }
+
+ private:
+  cv::Mat frame(std::int64_t index) const override {
+    const fs::path& file = files_.at(static_cast<std::size_t>(index));
+    cv::Mat picture;
+    try {
+      picture = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+    } catch (const cv::Exception&) {  // said below
+    }
+    if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
+    return picture;
+  }
+
+  std::vector<fs::path> files_;
+};
+
+// Frames come in order; those that other threads ask for early wait in memory.
+class Video : public Pictures {
+ public:
+  Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
+    open();
+    cv::Mat first;
+    if (!capture_.read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
+    describe(first);
+    std::int64_t count = 1;  // containers' own counts are often wrong
+    while (capture_.grab()) ++count;
+    sensor::FrameTimes times = options.times;
+    if (!times.fps && !times.file_us)
+      if (const double fps = capture_.get(cv::CAP_PROP_FPS); fps > 0) times.fps = fps;
+    info_.times_ns = times.of(count, path.string());
+    open();
+  }
+  std::string layout() const override { return "video"; }
+
+ private:
+  void open() const {
+    capture_.open(path_.string());
+    next_ = 0;
+    early_.clear();
+  }
+
+  cv::Mat frame(std::int64_t index) const override {
+    const std::scoped_lock lock(mutex_);
+    if (const auto waiting = early_.find(index); waiting != early_.end()) {
+      const cv::Mat picture = waiting->second;
+      early_.erase(waiting);
+      return picture;
+    }
+    if (index < next_) open();
+    while (true) {
+      cv::Mat picture;
+      if (!capture_.read(picture))
+        throw bad_input(path_.string(), fmt::format("frame {}", next_), "the end", "a frame");
+      if (next_++ == index) return picture;
+      early_[next_ - 1] = picture.clone();
+    }
+  }
+
+  mutable std::mutex mutex_;
+  mutable cv::VideoCapture capture_;
+  mutable std::int64_t next_ = 0;
+  mutable std::map<std::int64_t, cv::Mat> early_;
+};
+
+}  // namespace
+
+std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
+  if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
+  return std::make_unique<Video>(path, options);
+}
+
+std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
+  if (!fs::exists(path)) throw not_found(path.string(), "no such folder");
+  static const std::string kExr[] = {".exr"};
+  if (fs::is_directory(path) && (fs::exists(path / "stack.json") || !sensor::files_in_order(path, kExr).empty()))
+    return std::make_unique<sensor::StackReader>(path, options.times);
+  return open_pictures(path, options);
+}
+
+}  // namespace pecs::input

@@ -1,0 +1,76 @@
+// ESIM: Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", CoRL 2018. The logarithm of the picture
+// runs straight between frames; an event comes wherever it has moved by a threshold since the last one (Sec. 3.1). From
+// the chip: both thresholds, refractory period.
+#include "models/grey_model.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr ModelParameter kParameters[] = {
+    {"log_eps", "1", 1e-3, 1e-9, 1, "added to the picture (white = 1) before the logarithm"},
+};
+
+class Esim : public PixelModel {
+ public:
+  explicit Esim(const ModelSetup& s)
+      : grey_per_unit_(s.grey_per_unit),
+        log_eps_(static_cast<float>(s.at("log_eps"))),
+        on_(static_cast<float>(s.chip.contrast_threshold_on)),
+        off_(static_cast<float>(s.chip.contrast_threshold_off)),
+        refractory_us_(s.chip.refractory_period_s * 1e6),
+        pixels_(s.pixels()) {}
+
+  void advance(const FrameBatch& batch, EventSorter& order) override {
+    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
+      for (std::size_t i = 0; i < batch.planes.size(); ++i) {
+        const Picture picture(batch, i, grey_per_unit_);
+        if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
+          for (std::size_t k = first; k < end; ++k) {
+            Pixel& p = pixels_[k];
+            p.log = p.reference = log_of(p.grey = picture.grey(k, 0));
+          }
+          continue;
+        }
+        const Interval t = interval_before(batch, i);
+        for (std::size_t k = first; k < end; ++k) step(pixels_[k], static_cast<std::uint32_t>(k), picture, t, events);
+      }
+    });
+  }
+
+ private:
+  struct Pixel {
+    float grey = 0, log = 0, reference = 0;
+    double last_us = -1e300;
+  };
+
+  float log_of(float grey) const { return std::log(grey / 255 + log_eps_); }
+
+  void step(Pixel& p, std::uint32_t pixel, const Picture& picture, const Interval& t, EventSlots& events) {
+    const float grey = picture.grey(pixel, p.grey);
+    if (grey == p.grey) return;
+    const float log = log_of(grey);
+    const bool on = log > p.log;
+    for (float next = p.reference + (on ? on_ : -off_); on ? next <= log : next >= log; next += on ? on_ : -off_) {
+      const double t_us = t.t0_us + (t.t1_us - t.t0_us) * static_cast<double>(next - p.log) / (log - p.log);
+      if (t_us - p.last_us >= refractory_us_) {
+        events.add(event_key(std::llround(t_us), pixel, on));
+        p.last_us = t_us;
+      }
+      p.reference = next;
+    }
+    p.grey = grey;
+    p.log = log;
+  }
+
+  double grey_per_unit_;
+  float log_eps_, on_, off_;
+  double refractory_us_;
+  std::vector<Pixel> pixels_;
+};
+
+}  // namespace
+
+const ModelEntry kEsim{"esim", "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters,
+                       [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<Esim>(s); }};
+
+}  // namespace pecs::sensor

@@ -1,0 +1,240 @@
+// Included once per instruction set, after hwy/highway.h: what the kernels of pixels share.
+#if defined(PECS_PIXEL_MATH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef PECS_PIXEL_MATH_INL_H_
+#undef PECS_PIXEL_MATH_INL_H_
+#else
+#define PECS_PIXEL_MATH_INL_H_
+#endif
+
+#include <hwy/cache_control.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/pecs/kernel.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace pecs::sensor::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using F = hn::ScalableTag<float>;
+using I32 = hn::RebindToSigned<F>;
+using U32 = hn::RebindToUnsigned<F>;
+using V = hn::Vec<F>;
+using VU = hn::Vec<U32>;
+using M = hn::Mask<F>;
+
+constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: less light than this is darkness
+
+// first, first + 1, … (Highway's own, of a variable, is written lane by lane).
+HWY_INLINE VU iota(std::uint32_t first) { return hn::Add(hn::Iota(U32(), 0), hn::Set(U32(), first)); }
+
+// ln x for positive, finite, normal x: x = 2^e m with m in [sqrt(1/2), sqrt(2)), then the minimax polynomial of
+// Cephes' logf; relative error 1e-7.
+HWY_INLINE V ln(V x) {
+  const F f;
+  const I32 i;
+  const auto bits = hn::BitCast(i, x);
+  const auto e = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(i, 0x3f3504f3)));
+  const V m = hn::Sub(hn::BitCast(f, hn::Sub(bits, hn::ShiftLeft<23>(e))), hn::Set(f, 1.0f));
+  const V exponent = hn::ConvertTo(f, e);
+  const V z = hn::Mul(m, m);
+  V p = hn::Set(f, 7.0376836292e-2f);
+  for (const float c : {-1.1514610310e-1f, 1.1676998740e-1f, -1.2420140846e-1f, 1.4249322787e-1f, -1.6668057665e-1f,
+                        2.0000714765e-1f, -2.4999993993e-1f, 3.3333331174e-1f})
+    p = hn::MulAdd(p, m, hn::Set(f, c));
+  V y = hn::Mul(hn::Mul(p, m), z);
+  y = hn::MulAdd(exponent, hn::Set(f, -2.12194440e-4f), y);
+  y = hn::NegMulAdd(hn::Set(f, 0.5f), z, y);
+  return hn::MulAdd(exponent, hn::Set(f, 0.693359375f), hn::Add(m, y));
+}
+
+// Photo- plus dark current [fA] of a plane's values; false where that is not finite.
+HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
+  const F f;
+  const V sum = hn::MulAdd(value, hn::Set(f, a.gain_fa), hn::Set(f, a.dark_fa));
+  current = hn::Max(sum, hn::Set(f, kFloor_fa));
+  return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
+}
+
+// Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
+HWY_INLINE V inner_slope(V s0, V s1, const IntervalTimes& t) {
+  const F f;
+  const V product = hn::Mul(s0, s1);
+  const V below = hn::MulAdd(hn::Set(f, t.weight_this), s1, hn::Mul(hn::Set(f, t.weight_next), s0));
+  const V slope = hn::Div(hn::Mul(hn::Set(f, t.weight_sum), product), below);
+  return hn::IfThenElseZero(hn::Gt(product, hn::Zero(f)), slope);
+}
+
+// Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.
+HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
+  const F f;
+  const V slope =
+      hn::Mul(hn::Set(f, 1 / (h0 + h1)), hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
+  const V most = hn::Mul(hn::Set(f, 3.0f), s0);
+  const M turns = hn::Lt(hn::Mul(s0, s1), hn::Zero(f));
+  const V limited = hn::IfThenElse(hn::And(turns, hn::Gt(hn::Abs(slope), hn::Abs(most))), most, slope);
+  return hn::IfThenElseZero(hn::Gt(hn::Mul(limited, s0), hn::Zero(f)), limited);
+}
+
+// Writes the first `lanes` of v; those beyond belong to others.
+HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
+  const F f;
+  hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(hn::FirstN(f, lanes), v, hn::LoadU(f, to)), f, to);
+}
+
+constexpr std::size_t kLanes = hn::MaxLanes(F());
+
+// A block of pixels, plane by plane.
+template <std::uint32_t kPixels>
+class Planes {
+ public:
+  explicit Planes(const KernelArguments& a) : a_(a) {}
+  void begin(std::uint32_t first, std::uint32_t count) {
+    first_ = first;
+    count_ = count;
+    index_ = 0;
+    before_ = nullptr;
+  }
+  // The next plane, whole vectors: lanes beyond the block see light 1. visit(p, same) for the vector at every p; same:
+  // how many planes in a row have been as the one before, up to 3.
+  template <class Visit>
+  HWY_INLINE const float* next(const Visit& visit) {
+    const F f;
+    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
+    const float* now = a_.planes[index_] + first_;
+    const float* ahead = index_ + 1 < a_.planes.size() ? a_.planes[index_ + 1] + first_ : now;
+    if (count_ % lanes != 0) {
+      float* copy = ragged_[index_ & 1];
+      std::fill_n(std::copy_n(now, count_, copy), lanes - count_ % lanes, 1.0f);
+      now = copy;
+    }
+    for (std::uint32_t p = 0; p < count_; p += lanes) {
+      hwy::Prefetch(ahead + p);
+      const bool alike = before_ && hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before_ + p)));
+      std::int8_t& same = same_[p / lanes];
+      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
+      visit(p, same);
+    }
+    before_ = now;
+    ++index_;
+    return now;
+  }
+  int same(std::uint32_t p) const { return same_[p / hn::Lanes(F())]; }
+
+ private:
+  const KernelArguments& a_;
+  std::uint32_t first_ = 0, count_ = 0;
+  std::size_t index_ = 0;
+  const float* before_ = nullptr;
+  std::int8_t same_[kPixels] = {};
+  float ragged_[2][kPixels];
+};
+
+struct CompressTable {
+  std::uint8_t counts[256] = {}, lanes[256][8] = {};
+  constexpr CompressTable() {
+    for (std::size_t bits = 0; bits < 256; ++bits)
+      for (std::uint8_t lane = 0; lane < 8; ++lane)
+        if (bits >> lane & 1) lanes[bits][counts[bits]++] = lane;
+  }
+};
+constexpr CompressTable kTable;
+
+// Moves chosen lanes to the front, for several vectors with one choice. Highway's own copies its tables at every call
+// where there is no instruction for it.
+class Compress {
+ public:
+  explicit Compress(M which) : which_(which) {
+    if constexpr (kByTable) {
+      std::uint8_t bits[8] = {};
+      hn::StoreMaskBits(F(), which, bits);
+      count_ = kTable.counts[bits[0]];
+      const hn::Rebind<std::uint8_t, F> u8;
+      indices_ = hn::IndicesFromVec(F(), hn::PromoteTo(U32(), hn::LoadU(u8, kTable.lanes[bits[0]])));
+    } else {
+      count_ = hn::CountTrue(F(), which);
+    }
+  }
+  std::size_t count() const { return count_; }
+  template <class Vector, class T>
+  HWY_INLINE void store(Vector v, T* to) const {
+    const hn::ScalableTag<T> d;
+    if constexpr (kByTable)
+      hn::StoreU(hn::BitCast(d, hn::TableLookupLanes(hn::BitCast(F(), v), indices_)), d, to);
+    else
+      hn::CompressStore(v, hn::RebindMask(d, which_), d, to);
+  }
+
+ private:
+  static constexpr bool kByTable = kLanes <= 8;
+  M which_;
+  decltype(hn::IndicesFromVec(F(), hn::Zero(U32()))) indices_{};
+  std::size_t count_ = 0;
+};
+
+// Where c1 s + c2 s^2 + c3 s^3, rising from a to b, is `level`: Halley's steps, kept in the bracket. A lane stops by
+// itself when a step was so short that the next would be nothing.
+struct Halley {
+  V s, level, c1, c2, c3, a, b;
+  M done;
+
+  HWY_INLINE Halley() = default;
+  HWY_INLINE Halley(V guess, V level_now, V c1_now, V c2_now, V c3_now, V from, V to)
+      : s(hn::Min(hn::Max(guess, from), to)),
+        level(level_now),
+        c1(c1_now),
+        c2(c2_now),
+        c3(c3_now),
+        a(from),
+        b(to),
+        done(hn::Lt(to, from)) {}
+  HWY_INLINE void step() {
+    const F f;
+    const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
+    const V c3_3 = hn::Mul(hn::Set(f, 3.0f), c3), half_bend = hn::MulAdd(c3_3, s, c2);
+    const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, hn::Add(c2, c2)), s, c1);
+    const M below = hn::Lt(off, hn::Zero(f));
+    a = hn::IfThenElse(below, s, a);
+    b = hn::IfThenElse(below, b, s);
+    const V halley = hn::Sub(s, hn::Div(hn::Mul(off, slope), hn::NegMulAdd(off, half_bend, hn::Mul(slope, slope))));
+    const M inside = hn::And(hn::Ge(halley, a), hn::Le(halley, b));
+    const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(a, b));
+    const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, halley, middle));
+    done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 3e-3f))));
+    s = next;
+  }
+};
+
+constexpr std::size_t kRoom = 512;  // for events that wait; never more than this and two vectors
+
+// Event times of an interval.
+class Clock {
+ public:
+  Clock() = default;
+  explicit Clock(const IntervalTimes& t) : h_us_(t.h_us) {
+    const double whole = std::floor(t.t0_us);
+    base_ = event_key(static_cast<std::int64_t>(whole), 0, false);
+    rounding_us_ = static_cast<float>(t.t0_us - whole) + 0.5f;
+  }
+  // Whole us since that of the interval's start; s: in [0, 1].
+  HWY_INLINE hn::Vec<I32> us(V s) const {
+    return hn::ConvertTo(I32(), hn::MulAdd(s, hn::Set(F(), h_us_), hn::Set(F(), rounding_us_)));
+  }
+  // place: a key's lower bits.
+  void add(const std::int32_t* us, const std::uint32_t* place, std::size_t count, EventSlots& events) const {
+    EventKey keys[kRoom + 2 * kLanes];
+    for (std::size_t i = 0; i < count; ++i)
+      keys[i] = base_ + (static_cast<EventKey>(us[i]) << kKeyTimeShift) + place[i];
+    events.add(std::span<const EventKey>(keys, count));
+  }
+
+ private:
+  EventKey base_ = 0;
+  float h_us_ = 0, rounding_us_ = 0;
+};
+
+}  // namespace pecs::sensor::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+#endif

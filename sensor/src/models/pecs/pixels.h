@@ -1,0 +1,66 @@
+#pragma once
+// The pixel model `pecs` (docs/sensor.md): photocurrent planes in, event keys out. All pixels of the chip, each with
+// its own thresholds and state; a range of pixels may be advanced by any thread, on its own.
+//
+// Time runs in intervals between frames: the interval that starts at frame k is worked on when frame k + 2 is known,
+// because its monotone cubic (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "pecs/sensor/pixel_model.h"
+
+namespace pecs::sensor {
+
+// An event that noise makes, whatever the light does.
+struct BackgroundEvent {
+  double t_us;
+  std::uint32_t pixel;
+  bool on;
+  Cause cause = Cause::noise;
+};
+
+// What a pixel's last reset found, to tell causes.
+struct ResetMark {
+  double t_us = 0;
+  float noise = 0;
+};
+
+struct PixelConstants {
+  double a_per_us = 0;  // 2 pi * corner per fA and us; 0: V = ln I
+  double leak_per_us = 0;
+  double refractory_us = 0;
+};
+
+class PecsPixels {
+ public:
+  // `causes`: keep what is needed to tell why an event came.
+  PecsPixels(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, bool causes = false);
+  std::uint32_t pixels() const { return pixels_; }
+
+  // Works through the batch for pixels [first, first + count) and appends their events: by pixel, then time. Every
+  // batch must be given to every pixel once. Ranges worked on at the same time begin at multiples of kBlock.
+  static constexpr std::uint32_t kBlock = 1024;
+  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events);
+
+ private:
+  bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
+  std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
+                                          std::uint32_t count) const;
+
+  PixelConstants constants_;
+  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
+  std::uint64_t seed_;
+  std::uint32_t pixels_ = 0;
+  std::vector<float> threshold_on_, threshold_off_;
+  std::vector<float> light0_, light1_,
+      m0_;  // of the last two frames (pixel_kernel.h); slope of ln I [1/us] at the earlier one
+  std::vector<float> reference_, blind_us_;
+  std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
+  std::vector<std::uint32_t> hot_;  // hot pixels, rising
+  std::shared_ptr<const NoiseTable> table_;
+  std::vector<ResetMark> marks_;  // empty when causes are not told
+};
+
+}  // namespace pecs::sensor

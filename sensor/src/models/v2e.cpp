@@ -1,0 +1,171 @@
+// v2e: Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPR Workshops 2021 (without its frame
+// interpolation and photoreceptor-noise option). A frame's events lie on a grid of as many times as the busiest pixel
+// has events; the last one is the frame's own time.
+// From the chip: thresholds, mismatch, refractory period, leak rate; background_on + background_off is the shot noise.
+#include <algorithm>
+#include <atomic>
+#include <numbers>
+
+#include "models/grey_model.h"
+#include "pecs/sensor/random.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr ModelParameter kParameters[] = {
+    {"linear_below", "grey", 20, 1, 255, "the logarithm is linear below this grey value (Sec. 3, lin-log)"},
+    {"cutoff_hz", "Hz", 0, 0, 1e6, "photoreceptor's corner at white (0: none); falls with the grey value"},
+    {"leak_jitter", "1", 0.1, 0, 10, "relative deviation of a frame's leak"},
+    {"noise_rate_cov_decades", "1", 0.1, 0, 3, "of the log-normal spread of leak between pixels, decades"},
+    {"shot_noise_dark_factor", "1", 0.25, 0, 10, "shot noise in white / in darkness"},
+};
+
+class V2e : public PixelModel {
+ public:
+  explicit V2e(const ModelSetup& s)
+      : s_{s.grey_per_unit,
+           s.at("linear_below"),
+           s.at("cutoff_hz"),
+           s.at("leak_jitter"),
+           s.at("shot_noise_dark_factor"),
+           s.chip.leak_rate_hz,
+           s.chip.background_on_hz + s.chip.background_off_hz,
+           s.chip.refractory_period_s,
+           s.chip.contrast_threshold_on,
+           s.chip.contrast_threshold_off,
+           s.seed},
+        pixels_(s.pixels()) {
+    const double decades = s.at("noise_rate_cov_decades") * std::numbers::ln10;
+    for (std::size_t i = 0; i < pixels_.size(); ++i) {
+      const Random4 r = random4(s.seed, static_cast<std::uint32_t>(i), 0, Purpose::threshold);
+      const auto threshold = [&](double nominal, std::uint32_t word) {
+        return s.chip.threshold_mismatch > 0
+                   ? static_cast<float>(std::max(0.01, nominal * (1 + s.chip.threshold_mismatch * gaussian(word))))
+                   : nominal;
+      };
+      Pixel& p = pixels_[i];
+      p.on = threshold(s.chip.contrast_threshold_on, r[0]);
+      p.off = threshold(s.chip.contrast_threshold_off, r[1]);
+      p.leak = static_cast<float>(std::exp(decades * gaussian(r[2])));
+      p.last_s = -s.chip.refractory_period_s;
+    }
+  }
+
+  void advance(const FrameBatch& batch, EventSorter& order) override {
+    for (std::size_t i = 0; i < batch.planes.size(); ++i) {
+      const Picture picture(batch, i, s_.grey_per_unit);
+      if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
+        for (std::size_t k = 0; k < pixels_.size(); ++k) {
+          Pixel& p = pixels_[k];
+          p.v = p.memory = lin_log(p.grey = picture.grey(k, 0));
+        }
+        continue;
+      }
+      const Interval t = interval_before(batch, i);
+      const double dt_s = (t.t1_us - t.t0_us) * 1e-6;
+      std::atomic<int> most{0};
+      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots&) {
+        int busiest = 0;
+        for (std::size_t k = first; k < end; ++k) busiest = std::max(busiest, count(k, picture, dt_s, t.step));
+        for (int seen = most; busiest > seen && !most.compare_exchange_weak(seen, busiest);) {
+        }
+      });
+      const int steps = std::max(1, most.load());
+      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
+        for (std::size_t k = first; k < end; ++k) emit(k, t, steps, events);
+      });
+    }
+  }
+
+ private:
+  struct Settings {
+    double grey_per_unit, linear_below, cutoff_hz, leak_jitter, dark_factor, leak_hz, shot_hz, refractory_s, on, off;
+    std::uint64_t seed;
+  };
+  struct Pixel {
+    float grey = 0, leak = 1;
+    double on = 0, off = 0;
+    double v = 0, memory = 0;  // photoreceptor's output, memorised at the last event
+    double last_s = 0;
+    int events = 0;  // of this frame, by the thresholds; below 0: OFF
+  };
+
+  // The simulator's precision decides ties, and 8-bit pictures that go back and forth are full of them: without its
+  // low-pass it computes in single precision.
+  double rounded(double v) const { return s_.cutoff_hz > 0 ? v : static_cast<float>(v); }
+
+  double lin_log(float grey) const {
+    const double v = grey <= s_.linear_below ? grey * std::log(s_.linear_below) / s_.linear_below
+                                             : std::log(static_cast<double>(grey));
+    return static_cast<float>(std::round(v * 1e8) / 1e8);
+  }
+
+  // floor(a / b), exact about whole numbers.
+  int whole(double a, double b) const {
+    if (s_.cutoff_hz > 0) return static_cast<int>(std::round((a - std::fmod(a, b)) / b));
+    const auto x = static_cast<float>(a), y = static_cast<float>(b);
+    return static_cast<int>(std::round((x - std::fmod(x, y)) / y));
+  }
+
+  int count(std::size_t k, const Picture& picture, double dt_s, std::int64_t step) {
+    Pixel& p = pixels_[k];
+    p.grey = picture.grey(k, p.grey);
+    const double log = lin_log(p.grey);
+    if (s_.cutoff_hz > 0) {
+      const double eps = std::min(1.0, (p.grey + 20.0) / 275.0 * dt_s * 2 * std::numbers::pi * s_.cutoff_hz);
+      p.v = (1 - eps) * p.v + eps * log;
+    } else {
+      p.v = log;
+    }
+    if (s_.leak_hz > 0) {
+      const double jitter =
+          s_.leak_jitter > 0
+              ? s_.leak_jitter * gaussian(random4(s_.seed, static_cast<std::uint32_t>(k), step, Purpose::model)[0])
+              : 0;
+      p.memory = rounded(p.memory - dt_s * s_.leak_hz * p.leak * (1 - jitter) * p.on);
+    }
+    const double change = rounded(p.v - p.memory);
+    p.events = change >= 0 ? whole(change, p.on) : -whole(-change, p.off);
+    return std::abs(p.events);
+  }
+
+  void emit(std::size_t k, const Interval& t, int steps, EventSlots& events) {
+    Pixel& p = pixels_[k];
+    const auto pixel = static_cast<std::uint32_t>(k);
+    const bool on = p.events > 0;
+    const double spacing_us = (t.t1_us - t.t0_us) / steps;
+    int fired = 0;
+    for (int i = 1; i <= std::abs(p.events); ++i) {
+      const double t_us = t.t0_us + i * spacing_us;
+      if (s_.refractory_s > spacing_us * 1e-6) {
+        if (t_us * 1e-6 - p.last_s <= s_.refractory_s) continue;
+        p.last_s = t_us * 1e-6;
+      }
+      events.add(event_key(std::llround(t_us), pixel, on));
+      ++fired;
+    }
+    const float moved = static_cast<float>(fired) * static_cast<float>(on ? p.on : p.off);
+    if (fired) p.memory = rounded(p.memory + (on ? moved : -moved));
+    if (s_.shot_hz > 0) {
+      const double white = (p.grey + 20.0) / 275.0;
+      const double half =
+          s_.shot_hz / 2 * (t.t1_us - t.t0_us) * 1e-6 * ((s_.dark_factor - 1) * white + 1);  // of one polarity
+      const double u = uniform(random4(s_.seed, pixel, t.step, Purpose::model)[1]);
+      const bool noise_on = u > 1 - half * s_.on / p.on, noise_off = u < half * s_.off / p.off;
+      if (noise_on || noise_off) {
+        events.add(event_key(std::llround(t.t1_us), pixel, noise_on));
+        p.memory = p.v;
+      }
+    }
+  }
+
+  Settings s_;
+  std::vector<Pixel> pixels_;
+};
+
+}  // namespace
+
+const ModelEntry kV2e{"v2e", "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters,
+                      [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<V2e>(s); }};
+
+}  // namespace pecs::sensor

@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""Table 1 of the paper: five pixel models on the same rendered frames of each sequence, against the recording where
+there is one, else against `pecs`. Stacks come from tools/sequences.py.
+
+    studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
+
+Writes table1.json, .csv, .html and .tex into the folder. Published numbers stand beside ours in the paper's arithmetic
+and in shared normalisation (docs/metrics.md), with 95 % intervals. On the disk, delays behind the edge too: earth
+mover's distance in degrees between the histograms of both streams. A stack coarser than the sensor is compared with the
+recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
+../shared/data/real/R_360_L.hdf5 if there.
+"""
+
+import argparse
+import csv
+import html
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "python")]
+
+import pecs  # noqa: E402
+import sequences  # noqa: E402
+
+MODELS = ("pecs", "esim", "voltmeter", "v2e", "icns")
+WIDTH, HEIGHT = 1280, 720
+DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
+BIN_DEG = 2.0
+
+
+def sensed(sequence, folder: Path, info: dict, model: str, light: np.ndarray | None):
+    """Events on the stack's grid; time as in the recording, where there is one. light: of a periodic stack."""
+    periodic, parameters = info["period_ns"] is not None, {}
+    if model == "icns":  # its photoreceptor follows the light
+        parameters["white_lux"] = sequence.parameters["illuminance_lux"]
+    if periodic and model != "pecs":
+        return looped(sequence, light, info, model, parameters)
+    output = folder / f"{model}.raw"
+    command = [ROOT / "build/release/bin/pecs", "sense", folder / "stack", "-o", output, "--model", model, "--quiet"]
+    command += [f"--param={key}={value}" for key, value in parameters.items()]
+    command += sequences.sense_arguments(sequence, None if periodic else info["times_ns"][-1])
+    subprocess.run(list(map(str, command)), check=True)
+    events = pecs.read(output)
+    events["t"] += sequence.sense.get("start_us", 0) if periodic else 0  # a window's events count from its start
+    return events
+
+
+def onto_sensor(folder: Path) -> Path:
+    """A folder whose stack has the sensor's own pixels: light between a coarser stack's pixels is linear, and one band
+    stands for all, with the same photocurrent."""
+    import cv2
+
+    info = json.loads((folder / "stack/stack.json").read_text())
+    fine = folder / "onto_sensor"
+    light, scale, band = _photocurrent(folder / "stack", info, "imx636")
+    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
+    fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
+    with pecs.StackWriter(fine / "stack", fine_info) as writer:
+        for i, picture in enumerate(light):
+            if not writer.has_frame(i):
+                grown = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+                writer.write_frame(i, np.ascontiguousarray(grown[None] / np.float32(scale)))
+    return fine
+
+
+def light_of(stack: Path, info: dict, chip: str) -> np.ndarray:
+    """[T, H, W]: 1 = white, which is the first frame's 99.5 % as in `pecs sense`."""
+    light = _photocurrent(stack, info, chip)[0]
+    return light / np.float32(np.percentile(light[0], 99.5))
+
+
+def _photocurrent(stack: Path, info: dict, chip: str):
+    """[T, H, W], the same of a unit of light in the middle band, and that band."""
+    curve = json.loads((pecs.data_dir("sensor/chips") / f"{chip}.json").read_text())["relative_qe"]
+    nm = np.array([band["lambda_nm"] for band in info["bands"]])
+    weight = nm * np.interp(nm, curve["lambda_nm"], curve["value"]) * [band["weight_nm"] for band in info["bands"]]
+    light = np.empty((len(info["times_ns"]), info["height"], info["width"]), np.float32)
+    with pecs.StackReader(stack) as reader:
+        for i in range(len(light)):
+            light[i] = np.tensordot(weight.astype(np.float32), reader.read_frame(i), 1)
+    middle = len(nm) // 2
+    return light, weight[middle], info["bands"][middle]
+
+
+def looped(sequence, light: np.ndarray, info: dict, model: str, parameters: dict):
+    """Other models on a periodic stack, which `pecs sense` loops for its own alone; one period to settle."""
+    period_us, times_us = info["period_ns"] * 1e-3, np.array(info["times_ns"]) * 1e-3
+    begin_us = period_us + sequence.sense.get("start_us", 0)
+    end_us = begin_us + sequence.sense["duration_us"]
+    sensor = pecs.Sensor(info["width"], info["height"], sequence.sense["chip"], model=model, parameters=parameters)
+    chunks = []
+    for loop in range(int(end_us // period_us) + 1):
+        needed = times_us + loop * period_us <= end_us + 2 * period_us / len(times_us)
+        for first in range(0, int(needed.sum()), 32):
+            part = slice(first, min(first + 32, int(needed.sum())))
+            chunks.append(sensor.push(light[part], times_us[part] + loop * period_us))
+    events = np.concatenate([*chunks, sensor.finish()])
+    events = events[(events["t"] >= begin_us) & (events["t"] < end_us)]
+    events["t"] -= round(period_us)
+    return events
+
+
+def on_the_sensor(events, factor: int):
+    """Events of a grid `factor` times coarser, each at the pixel that decimating a recording keeps."""
+    events = events.copy()
+    for axis in "xy":
+        events[axis] = events[axis] * factor + factor // 2
+    return events
+
+
+def decimated(events, factor: int):
+    """A recording's pixels at the coarse grid's, in the sensor's coordinates."""
+    kept = (events["x"] % factor == factor // 2) & (events["y"] % factor == factor // 2)
+    return events[kept]
+
+
+def delays_deg(events, parameters) -> list[np.ndarray]:
+    """OFF and ON events on the disk: by how much the edge that caused them is ahead, modulo half a turn."""
+    x, y = events["x"] + 0.5 - DISK_CENTRE_PX[0], DISK_CENTRE_PX[1] - events["y"] - 0.5
+    radius = np.hypot(x, y)
+    on_disk = (radius > 0.2 * DISK_RADIUS_PX) & (radius < 0.97 * DISK_RADIUS_PX)
+    edge = parameters["phase_deg"] + parameters["rpm"] * 6e-6 * events["t"]
+    behind = edge - np.degrees(np.arctan2(y, x))
+    return [(behind[on_disk & (events["p"] == p)] + (90 if p == 0 else 0)) % 180 for p in (0, 1)]
+
+
+def histogram_distance_deg(a: np.ndarray, b: np.ndarray) -> float | None:
+    """Earth mover's distance on the circle of 180 degrees."""
+    if not len(a) or not len(b):
+        return None
+    bins = np.arange(0, 180 + BIN_DEG, BIN_DEG)
+    difference = np.cumsum(np.histogram(a, bins)[0] / len(a) - np.histogram(b, bins)[0] / len(b))
+    return float(BIN_DEG * np.abs(difference - np.median(difference)).sum())
+
+
+def scores(sequence, reference, found) -> dict:
+    row = {}
+    for kind in ("paper", "shared"):
+        d = pecs.distance(reference, found, width=WIDTH, height=HEIGHT, normalisation=kind, split_half=kind == "shared")
+        for metric in ("chamfer", "gaussian"):
+            row[f"{metric}_{kind}"], row[f"{metric}_{kind}_interval"] = d[metric], d[f"{metric}_interval"]
+        if kind == "shared":
+            row["floor"] = d["split_half"]
+    if "rpm" in sequence.parameters:
+        pairs = zip(delays_deg(reference, sequence.parameters), delays_deg(found, sequence.parameters), strict=True)
+        row["delay_off_deg"], row["delay_on_deg"] = (histogram_distance_deg(*pair) for pair in pairs)
+    return row
+
+
+def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
+    sequence = sequences.load(name)
+    info = json.loads((folder / "stack/stack.json").read_text())
+    factor = WIDTH // info["width"]
+    light = light_of(folder / "stack", info, sequence.sense["chip"]) if info["period_ns"] else None
+    streams = {m: on_the_sensor(sensed(sequence, folder, info, m, light), factor) for m in MODELS}
+    del light
+    reference = decimated(pecs.read(real), factor) if real else streams["pecs"]
+    rows = []
+    for model, events in streams.items():
+        row = {"sequence": name, "against": "recording" if real else "pecs", "model": model, "coarser": factor}
+        row |= {"events": len(events), "events_reference": len(reference)}
+        row |= {f"{metric}_published": sequence.published[metric][model] for metric in ("chamfer", "gaussian")}
+        if real or model != "pecs":
+            print(f"{name}: {model}", file=sys.stderr, flush=True)
+            row |= scores(sequence, reference, events)
+        rows.append(row)
+    return rows
+
+
+def cell(row: dict, key: str) -> str:
+    value, interval = row.get(key), row.get(f"{key}_interval")
+    if value is None:
+        return "–"
+    return f"{value:.3g}" + (f" ({interval[0]:.3g} … {interval[1]:.3g})" if interval else "")
+
+
+COLUMNS = (
+    ("sequence", "sequence"),
+    ("against", "against"),
+    ("model", "model"),
+    ("events", "events"),
+    ("chamfer_published", "Chamfer: published"),
+    ("chamfer_paper", "paper's arithmetic"),
+    ("chamfer_shared", "shared"),
+    ("gaussian_published", "Gaussian: published"),
+    ("gaussian_paper", "paper's arithmetic"),
+    ("gaussian_shared", "shared"),
+    ("delay_on_deg", "delays ON, °"),
+    ("delay_off_deg", "OFF, °"),
+)
+
+
+def cells(row: dict) -> list[str]:
+    return [str(row[key]) if isinstance(row.get(key), (str, int)) else cell(row, key) for key, _ in COLUMNS]
+
+
+def write(rows: list[dict], folder: Path) -> None:
+    (folder / "table1.json").write_text(json.dumps(rows, indent=1))
+    with open(folder / "table1.csv", "w", newline="") as file:
+        flat = [
+            {k: "/".join(map(str, v)) if isinstance(v, list) else v for k, v in r.items() if k != "floor"} for r in rows
+        ]
+        writer = csv.DictWriter(file, list(dict.fromkeys(key for row in flat for key in row)))
+        writer.writeheader()
+        writer.writerows(flat)
+    table = [[title for _, title in COLUMNS], *map(cells, rows)]
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in line) + "</tr>\n" for line in table)
+    style = "table{border-collapse:collapse;font:13px sans-serif}td{border:1px solid #ccc;padding:3px 8px}"
+    (folder / "table1.html").write_text(
+        f'<!doctype html><meta charset="utf-8"><title>Table 1</title><style>{style}</style><table>\n{body}</table>\n'
+    )
+    tex = [" & ".join(c.replace("_", "\\_").replace("°", "$^\\circ$") for c in line) + " \\\\" for line in table]
+    columns = "lll" + "r" * (len(COLUMNS) - 3)
+    lines = [f"\\begin{{tabular}}{{{columns}}}", "\\hline", tex[0], "\\hline", *tex[1:], "\\hline", "\\end{tabular}"]
+    (folder / "table1.tex").write_text("\n".join(lines) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/sequences"), help="of tools/sequences.py")
+    parser.add_argument("--real", action="append", default=[], metavar="NAME=FILE", help="a sequence's recording")
+    parser.add_argument(
+        "--onto-sensor",
+        action="store_true",
+        help="interpolate a coarser stack's light to the sensor's own pixels, so that all events of a recording count",
+    )
+    args = parser.parse_args()
+    real = dict(text.split("=", 1) for text in args.real)
+    shared = ROOT.parent / "shared/data/real/R_360_L.hdf5"
+    if shared.is_file():
+        real.setdefault("R_360_L", shared)
+    done = [name for name in sequences.names() if (args.output / name / "stack/stack.json").is_file()]
+    if not done:
+        sys.exit(f"table1.py: {args.output}: got no stacks, wanted those of tools/sequences.py")
+    rows = []
+    for name in done:
+        folder = args.output / name
+        rows += rows_of(name, onto_sensor(folder) if args.onto_sensor else folder, real.get(name))
+    write(rows, args.output)
+    for row in rows:
+        print(" | ".join(cells(row)))
+
+
+if __name__ == "__main__":
+    main()

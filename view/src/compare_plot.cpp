@@ -1,0 +1,57 @@
+#include "pecs/view/compare_plot.h"
+
+#include <fmt/format.h>
+
+#include "pecs/view/event_pictures.h"
+#include "svg_plot.h"
+
+namespace pecs::view {
+
+std::string rate_plot(const metrics::Comparison& c, bool alone) {
+  std::vector<Series> series;
+  for (const auto& [s, name, style] :
+       {std::tuple{&c.real, alone ? "events" : "real", "real"}, {&c.sim, "simulated", "sim"}}) {
+    if (alone && s == &c.sim) continue;
+    for (const auto& [hz, polarity, colour] : {std::tuple{&s->on_hz, " ON", "on "}, {&s->off_hz, " OFF", "off "}}) {
+      Series curve{name + std::string(polarity), std::string(colour) + style, {}, *hz};
+      const double own_us = static_cast<double>(s->events) / s->rate_hz * 1e6;  // the stream ends here
+      const double bin_us = static_cast<double>(c.curve_us) / static_cast<double>(hz->size());
+      for (std::size_t i = 0; i < hz->size() && static_cast<double>(i) * bin_us < own_us; ++i)
+        curve.x.push_back((static_cast<double>(i) + 0.5) * bin_us * 1e-3);
+      curve.y.resize(curve.x.size());
+      series.push_back(curve);
+    }
+  }
+  return line_plot(series, "time from the first event (ms)", "events per second");
+}
+
+std::string delay_plot(const metrics::DelayComparison& c) {
+  std::vector<Series> series;
+  for (const auto& [d, name, style] : {std::tuple{&c.real, "real", "real"}, {&c.sim, "simulated", "sim"}})
+    for (const std::size_t p : {1, 0}) {
+      Series curve{name + std::string(p ? " ON" : " OFF"), std::string(p ? "on " : "off ") + style, {}, {}};
+      for (std::size_t i = 0; i < d->histogram[p].size(); ++i) {
+        curve.x.push_back(c.first_deg + (static_cast<double>(i) + 0.5) * c.bin_deg);
+        curve.y.push_back(d->histogram[p][i] / c.bin_deg);
+      }
+      series.push_back(curve);
+    }
+  return line_plot(series, "degrees behind the edge", "events per edge and degree");
+}
+
+std::string compare_picture(const metrics::Comparison& c) {
+  std::vector<std::string> plots = {rate_plot(c)};
+  if (c.delays) plots.push_back(delay_plot(*c.delays));
+  constexpr int kWidth = 760, kHeight = 300;
+  std::string svg = fmt::format(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\"><style>text {{ font: 12px sans-serif; fill: "
+      "#626c78 }} .middle {{ text-anchor: middle }} .end {{ text-anchor: end }} .grid {{ stroke: #d5dae0; fill: none "
+      "}} .curve {{ fill: none; stroke-width: 1.8 }} .on {{ stroke: {} }} .off {{ stroke: {} }} .sim {{ "
+      "stroke-dasharray: 5 3 }}</style><rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>",
+      kWidth, kHeight * plots.size(), kLight.on.hex(), kLight.off.hex());
+  for (std::size_t i = 0; i < plots.size(); ++i)
+    svg += fmt::format("<svg y=\"{}\" width=\"{}\" height=\"{}\">{}</svg>", i * kHeight, kWidth, kHeight, plots[i]);
+  return svg + "</svg>\n";
+}
+
+}  // namespace pecs::view

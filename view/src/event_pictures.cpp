@@ -1,0 +1,170 @@
+#include "pecs/view/event_pictures.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "pecs/error.h"
+#include "pecs/files.h"
+
+namespace pecs::view {
+namespace {
+
+using events::Event;
+
+cv::Scalar bgr(const Rgb& c) { return {double(c.b), double(c.g), double(c.r)}; }
+
+bool earlier(const Event& a, const Event& b) { return a.t_us < b.t_us; }
+
+std::span<const Event> between(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us) {
+  const auto first = std::lower_bound(recording.events.begin(), recording.events.end(), Event{from_us}, earlier);
+  const auto last = std::lower_bound(first, recording.events.end(), Event{to_us}, earlier);
+  return {first, last};
+}
+
+std::string with_unit(std::int64_t t_us, std::int64_t scale_us) {
+  if (scale_us >= 2'000'000) return fmt::format("{:.3f} s", static_cast<double>(t_us) * 1e-6);
+  if (scale_us >= 2'000) return fmt::format("{:.2f} ms", static_cast<double>(t_us) * 1e-3);
+  return fmt::format("{} us", t_us);
+}
+
+// Text whose top left corner lies at `at`; returns its width.
+int put_text(cv::Mat& image, const std::string& text, cv::Point at, double size, const cv::Scalar& colour) {
+  int below = 0;
+  const cv::Size box = cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, size, 1, &below);
+  cv::putText(image, text, {at.x, at.y + box.height}, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
+  return box.width;
+}
+
+// "[] ON  [] OFF", ending at the right border.
+void put_legend(cv::Mat& image, int y, const Theme& theme) {
+  int x = image.cols - 150;
+  for (const auto& [name, colour] : {std::pair{"ON", theme.on}, {"OFF", theme.off}}) {
+    cv::rectangle(image, {x, y, 12, 12}, bgr(colour), cv::FILLED);
+    x += 20 + put_text(image, name, {x + 18, y}, 0.45, bgr(theme.ink)) + 18;
+  }
+}
+
+// A frame about `width` wide, of square dots of at least `dot` image pixels.
+cv::Mat panel_of(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
+                 int width, int dot) {
+  const int binning = std::max(1, recording.width * dot / width);
+  const cv::Mat cells = event_frame(recording, from_us, to_us, theme, binning);
+  const int times = std::max(dot, width / cells.cols);
+  cv::Mat panel;
+  cv::resize(cells, panel, {cells.cols * times, cells.rows * times}, 0, 0, cv::INTER_NEAREST);
+  return panel;
+}
+
+}  // namespace
+
+std::string Rgb::hex() const { return fmt::format("#{:02x}{:02x}{:02x}", r, g, b); }
+
+cv::Mat event_frame(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
+                    int binning) {
+  const int width = (recording.width + binning - 1) / binning, height = (recording.height + binning - 1) / binning;
+  cv::Mat_<cv::Vec2w> counts(height, width, cv::Vec2w(0, 0));
+  for (const Event& e : between(recording, from_us, to_us)) {
+    auto& n = counts(e.y / binning, e.x / binning)[e.p];
+    n = static_cast<std::uint16_t>(std::min<int>(n + 1, 65535));
+  }
+
+  const cv::Scalar paper = bgr(theme.paper), colours[2] = {bgr(theme.off), bgr(theme.on)};
+  cv::Mat_<cv::Vec3b> frame(height, width);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const cv::Vec2w n = counts(y, x);
+      const double total = n[0] + n[1];
+      const double strength = 1 - std::pow(0.3, total);  // one event: .7, two: .91
+      for (int k = 0; k < 3; ++k) {
+        const double hue = total > 0 ? (n[0] * colours[0][k] + n[1] * colours[1][k]) / total : paper[k];
+        frame(y, x)[k] = cv::saturate_cast<std::uint8_t>(paper[k] + strength * (hue - paper[k]));
+      }
+    }
+  return frame;
+}
+
+std::int64_t readable_window_us(const events::Recording& recording, std::int64_t limit_us) {
+  const double wanted = 0.05 * recording.width * recording.height;
+  const double window = wanted / static_cast<double>(recording.events.size()) * static_cast<double>(recording.span_us);
+  return std::max<std::int64_t>(1, std::min<std::int64_t>(limit_us, std::llround(window)));
+}
+
+cv::Mat contact_sheet(const events::Recording& recording, std::int64_t window_us, int count, const Theme& theme) {
+  constexpr int kGap = 12, kHead = 40, kCaption = 22;
+  const int columns = count <= 1 ? 1 : count <= 4 ? 2 : 3, rows = (count + columns - 1) / columns;
+
+  cv::Mat sheet;
+  for (int i = 0; i < count; ++i) {
+    const std::int64_t room = std::max<std::int64_t>(0, recording.span_us - window_us);
+    const std::int64_t from = count > 1 ? room * i / (count - 1) : 0, to = from + window_us;
+    const cv::Mat panel = panel_of(recording, from, to, theme, 640, 1);
+    if (sheet.empty())
+      sheet.create(kHead + rows * (panel.rows + kCaption + kGap), kGap + columns * (panel.cols + kGap), CV_8UC3),
+          sheet.setTo(bgr(theme.paper));
+    const cv::Point at(kGap + (i % columns) * (panel.cols + kGap),
+                       kHead + (i / columns) * (panel.rows + kCaption + kGap));
+    panel.copyTo(sheet(cv::Rect(at.x, at.y + kCaption, panel.cols, panel.rows)));
+    cv::rectangle(sheet, {at.x, at.y + kCaption, panel.cols, panel.rows},
+                  bgr(theme.ink) * 0.4 + bgr(theme.paper) * 0.6);
+    put_text(sheet,
+             fmt::format("{} .. {}  {} events", with_unit(from, recording.span_us), with_unit(to, recording.span_us),
+                         between(recording, from, to).size()),
+             {at.x, at.y + 5}, 0.45, bgr(theme.ink));
+  }
+  put_text(sheet,
+           fmt::format("{}  {}x{}  {} events in {}", recording.name, recording.width, recording.height,
+                       recording.events.size(), with_unit(recording.span_us, recording.span_us)),
+           {kGap, 14}, 0.5, bgr(theme.ink));
+  put_legend(sheet, 14, theme);
+  return sheet;
+}
+
+VideoInfo write_video(const events::Recording& recording, const std::filesystem::path& path,
+                      const VideoOptions& options) {
+  constexpr int kHead = 26, kWidth = 1280, kDot = 2;  // dots of 2 pixels keep their colour, which video halves
+  const double step_us = 1e6 / (options.fps * options.slow_motion);
+  const std::int64_t window_us =
+      options.window_us > 0
+          ? options.window_us
+          : std::max<std::int64_t>(readable_window_us(recording, recording.span_us), std::llround(step_us));
+
+  // OpenCV takes the container from the extension, so the unfinished file keeps it.
+  const std::string unfinished =
+      (path.parent_path() / ("." + path.stem().string() + ".partial" + path.extension().string())).string();
+  cv::VideoWriter writer;
+  VideoInfo info;
+  const auto frames = static_cast<int>(std::ceil(static_cast<double>(recording.span_us) / step_us));
+  cv::Mat canvas;
+  for (; info.frames < frames; ++info.frames) {
+    const std::int64_t to = std::llround((info.frames + 1) * step_us), from = to - window_us;
+    const cv::Mat panel = panel_of(recording, from, to, options.theme, kWidth, kDot);
+    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // H.264 wants even sizes
+    canvas.setTo(bgr(options.theme.paper));
+    panel.copyTo(canvas(cv::Rect(0, kHead, panel.cols, panel.rows)));
+    put_text(canvas,
+             fmt::format("t = {}   last {}   {:g}x slower", with_unit(to, recording.span_us),
+                         with_unit(window_us, recording.span_us), options.slow_motion),
+             {8, 8}, 0.45, bgr(options.theme.ink));
+    put_legend(canvas, 7, options.theme);
+
+    for (const char* codec : {"avc1", "mp4v"}) {
+      if (writer.isOpened()) break;
+      info.codec = codec;
+      writer.open(unfinished, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]),
+                  options.fps, canvas.size());
+    }
+    if (!writer.isOpened()) throw bad_output(path.string(), "no video encoder could be opened (folder, disk, FFmpeg?)");
+    writer.write(canvas);
+  }
+  writer.release();
+  std::filesystem::rename(unfinished, partial_path(path));
+  commit_partial(path);
+  return info;
+}
+
+}  // namespace pecs::view

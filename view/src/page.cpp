@@ -1,0 +1,111 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <random>
+
+#include "pack.h"
+#include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/strict_json.h"
+#include "pecs/view/event_pictures.h"
+#include "web.h"
+
+namespace pecs::view {
+
+std::string fill_template(std::string_view text, const std::map<std::string, std::string>& values) {
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t open = text.find("{{", at);
+    if (open == text.npos) return out.append(text.substr(at));
+    const std::size_t close = text.find("}}", open);
+    out.append(text.substr(at, open - at));
+    const auto value = values.find(std::string(text.substr(open + 2, close - open - 2)));
+    if (close == text.npos || value == values.end())
+      throw Error(ExitCode::internal, fmt::format("template: no value for '{}'", text.substr(open, 40)));
+    out.append(value->second);
+    at = close + 2;
+  }
+  return out;
+}
+
+std::string base64(std::span<const std::uint8_t> bytes) {
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  out.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
+    std::uint32_t word = 0;
+    for (std::size_t k = 0; k < 3; ++k) word = word << 8 | (k < have ? bytes[i + k] : 0U);
+    for (std::size_t k = 0; k < 4; ++k) out += k <= have ? kDigits[word >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
+}
+
+std::string html_escaped(std::string_view text) {
+  std::string out;
+  for (const char c : text) switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  return out;
+}
+
+std::vector<std::uint8_t> packed_events(const events::Recording& recording, std::size_t limit) {
+  if (recording.span_us > UINT32_MAX)
+    throw Error(ExitCode::unsupported,
+                fmt::format("{}: a page shows at most 71 minutes; choose a part", recording.name));
+
+  // A subset without a rhythm of its own: each event is kept by chance, in order (Knuth's selection sampling).
+  const std::size_t total = recording.events.size();
+  std::size_t left = std::min(total, limit);
+  std::mt19937_64 random(1);
+  std::vector<std::uint8_t> packed;
+  packed.reserve(left * 8);
+  for (std::size_t i = 0; i < total; ++i) {
+    const events::Event& e = recording.events[i];
+    if (left < total - i && random() % (total - i) >= left) continue;
+    --left;
+    const std::uint32_t x = e.x | e.p << 15;
+    for (const auto& [word, bytes] :
+         {std::pair{static_cast<std::uint32_t>(e.t_us), 4}, {x, 2}, {std::uint32_t{e.y}, 2}})
+      for (int k = 0; k < bytes; ++k) packed.push_back(static_cast<std::uint8_t>(word >> 8 * k));
+  }
+  return packed;
+}
+
+std::size_t write_page(const events::Recording& recording, const std::filesystem::path& path, std::size_t limit) {
+  const std::vector<std::uint8_t> packed = packed_events(recording, limit);
+  const auto on =
+      std::count_if(recording.events.begin(), recording.events.end(), [](const auto& e) { return e.p == 1; });
+  const Json meta = {{"width", recording.width},
+                     {"height", recording.height},
+                     {"span_us", recording.span_us},
+                     {"first_us", recording.first_us},
+                     {"total", recording.events.size()},
+                     {"on_fraction", static_cast<double>(on) / static_cast<double>(recording.events.size())}};
+  AtomicFile file(path);
+  file.write(fill_template(web::kEvents3d, {{"title", html_escaped(recording.name)},
+                                            {"on_light", kLight.on.hex()},
+                                            {"off_light", kLight.off.hex()},
+                                            {"on_dark", kDark.on.hex()},
+                                            {"off_dark", kDark.off.hex()},
+                                            {"meta", meta.dump()},
+                                            {"events", base64(packed)}}));
+  file.commit();
+  return packed.size() / 8;
+}
+
+}  // namespace pecs::view

@@ -1,0 +1,405 @@
+#include "pecs/view/report.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "pack.h"
+#include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/metrics/time_shift.h"
+#include "pecs/sensor/chip.h"
+#include "pecs/sensor/stack.h"
+#include "pecs/version.h"
+#include "pecs/view/compare_plot.h"
+#include "pecs/view/event_pictures.h"
+#include "svg_plot.h"
+#include "web.h"
+
+namespace pecs::view {
+namespace {
+
+constexpr std::size_t kPlayerEvents = 200'000;  // per stream, in the page
+constexpr double kSeen = 0.2;                   // a correlation below this says nothing about time
+
+struct Loaded {
+  std::filesystem::path path;
+  events::Stream stream;
+  events::Recording recording;
+  Json run;  // <path>.run.json, or null
+};
+
+Loaded load(const std::filesystem::path& path) {
+  events::Stream stream = events::read_all(path);
+  Loaded l{path, stream, events::recording_of(std::move(stream), path.string(), 0, INT64_MAX), nullptr};
+  const std::filesystem::path record = path.string() + ".run.json";
+  if (std::filesystem::exists(record)) l.run = parse_json_file(record);
+  return l;
+}
+
+struct Stack {
+  sensor::StackReader reader;
+  Json json;
+  std::string sha256;
+};
+
+std::string row(const std::string& name, const std::string& value, const std::string& note = "") {
+  return fmt::format("<tr><td>{}</td><td>{}</td><td class=\"note\">{}</td></tr>", html_escaped(name),
+                     html_escaped(value), html_escaped(note));
+}
+
+std::string missing(const std::string& what) { return fmt::format("<p class=\"missing\">{}</p>", html_escaped(what)); }
+
+std::string text_of(const Json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float()) return fmt::format("{:.6g}", value.get<double>());
+  if (value.is_array()) {
+    std::string list;
+    for (const auto& item : value) list += (list.empty() ? "" : ", ") + text_of(item);
+    return list;
+  }
+  return value.is_null() ? "none" : value.dump();
+}
+
+std::string png_source(const cv::Mat& image) {
+  std::vector<std::uint8_t> png;
+  cv::imencode(".png", image, png);
+  return "data:image/png;base64," + base64(png);
+}
+
+// "scenes' number with unit" of stack.json: {"value": …, "unit": …} or a plain value.
+std::string rows_of(const Json& object) {
+  std::string rows;
+  for (const auto& [key, value] : object.items()) {
+    if (key.starts_with('_')) continue;
+    if (value.is_object() && value.contains("value"))
+      rows += row(key, text_of(value["value"]) + " " + value.value("unit", ""), value.value("about", ""));
+    else if (!value.is_object() && !value.is_null())
+      rows += row(key, text_of(value));
+  }
+  return rows;
+}
+
+// What the sensor sees of a frame: sum of weight · lambda · QE · L over the bands, with display gamma.
+cv::Mat brightness(const sensor::StackReader& stack, const std::optional<sensor::Chip>& chip) {
+  const sensor::StackInfo& info = stack.info();
+  const std::vector<float> values = stack.read_frame(0);
+  cv::Mat_<float> sum(info.height, info.width, 0.0F);
+  for (std::size_t b = 0; b < info.bands.size(); ++b) {
+    const double qe = chip ? chip->relative_qe.at(info.bands[b].lambda_nm) : 1;
+    const cv::Mat_<float> band(info.height, info.width, const_cast<float*>(values.data()) + b * sum.total());
+    sum += band * (info.bands[b].weight_nm * info.bands[b].lambda_nm * qe);
+  }
+  std::vector<float> sorted(sum.begin(), sum.end());
+  const auto bright = sorted.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), bright, sorted.end());
+  cv::Mat recording;
+  cv::pow(cv::max(sum / std::max(*bright, 1e-30F), 0), 1 / 2.2, recording);
+  recording.convertTo(recording, CV_8U, 255);
+  if (recording.cols > 960)
+    cv::resize(recording, recording, {960, recording.rows * 960 / recording.cols}, 0, 0, cv::INTER_AREA);
+  return recording;
+}
+
+std::string scores(const metrics::Comparison& shared, const metrics::Comparison& eq16,
+                   const metrics::Comparison& paper) {
+  std::string html =
+      "<table><tr><th>measure</th><th>real to simulated</th><th>split-half floor</th><th>normalisation</th></tr>";
+  const auto line = [&](const char* name, double value, std::optional<double> floor, const char* note) {
+    html +=
+        fmt::format("<tr><td>{}</td><td class=\"n\">{:.4f}</td><td class=\"n\">{}</td><td class=\"note\">{}</td></tr>",
+                    name, value, floor ? fmt::format("{:.4f}", *floor) : "none", note);
+  };
+  for (const auto& [c, note] : {std::pair{&shared, "shared: sensor size and common window"},
+                                {&eq16, "each stream by its own extremes (Eq. 16); hides shifts and stretches"},
+                                {&paper, "as published: Eq. 16 with integer overflow and truncation"}}) {
+    line("Chamfer distance", c->distance.chamfer(), c->floor ? std::optional(c->floor->chamfer()) : std::nullopt, note);
+    line("Gaussian distance", c->distance.gaussian(), c->floor ? std::optional(c->floor->gaussian()) : std::nullopt,
+         note);
+  }
+  return html +
+         "</table><p>Lower is closer; 0 is identical; the Gaussian distance ends at 2. The <b>floor</b> is the "
+         "distance "
+         "between two random halves of the real recording: what mere chance puts between two recordings of one scene, "
+         "at "
+         "half the number of events. No simulation needs to be better than that.</p>";
+}
+
+std::string rates(const metrics::Comparison* c, const Loaded& only) {
+  if (c) return rate_plot(*c);
+  return rate_plot(metrics::compare(only.stream, "", only.stream, "", {.normalisation = metrics::Normalisation::eq16}),
+                   true);
+}
+
+// Pictures at the same instants, and a player that runs through all of them.
+std::string event_pictures(const std::vector<const Loaded*>& streams, const std::vector<std::string>& names) {
+  std::int64_t span_us = INT64_MAX;
+  for (const Loaded* s : streams) span_us = std::min(span_us, s->recording.span_us);
+  const std::int64_t window_us = readable_window_us(streams[0]->recording, span_us / 4 + 1);
+  const int binning = std::max(1, streams[0]->recording.width / 640);
+
+  std::string html = fmt::format(
+      "<p>Each picture holds the events of {:.2f} ms. <span class=\"legend\" style=\"background: var(--on)\"></span>ON "
+      "(brighter)<span class=\"legend\" style=\"background: var(--off)\"></span>OFF (darker). Times count from each "
+      "stream's first event.</p><div id=\"player\" data-window=\"{}\" data-span=\"{}\"><div class=\"player\">"
+      "<button>play</button><input type=\"range\" min=\"0\" max=\"1000\" value=\"300\" "
+      "aria-label=\"time\"><output></output>"
+      "</div><div class=\"pair\">",
+      static_cast<double>(window_us) * 1e-3, window_us, span_us);
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    const events::Recording& s = streams[i]->recording;
+    const std::size_t kept = std::min(s.events.size(), kPlayerEvents);
+    html += fmt::format(
+        "<figure><canvas width=\"{}\" height=\"{}\" data-binning=\"{}\" data-events=\"events{}\"></canvas>"
+        "<figcaption>{}: {}{}</figcaption></figure>",
+        (s.width + binning - 1) / binning, (s.height + binning - 1) / binning, binning, i, names[i],
+        html_escaped(s.name),
+        kept < s.events.size() ? fmt::format(" ({} of {} events, drawn at random)", kept, s.events.size()) : "");
+  }
+  html += "</div></div>";
+  for (std::size_t i = 0; i < streams.size(); ++i)
+    html += fmt::format("<script type=\"text/plain\" id=\"events{}\">{}</script>", i,
+                        base64(packed_events(streams[i]->recording, kPlayerEvents)));
+
+  for (const double part : {0.1, 0.5, 0.9}) {
+    const auto from = static_cast<std::int64_t>(part * static_cast<double>(span_us - window_us));
+    html += "<div class=\"pair\">";
+    for (std::size_t i = 0; i < streams.size(); ++i)
+      html +=
+          fmt::format("<figure><img src=\"{}\" alt=\"events\"><figcaption>{}, {:.2f} … {:.2f} ms</figcaption></figure>",
+                      png_source(event_frame(streams[i]->recording, from, from + window_us, kLight, binning)), names[i],
+                      static_cast<double>(from) * 1e-3, static_cast<double>(from + window_us) * 1e-3);
+    html += "</div><br>";
+  }
+  return html;
+}
+
+std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip) {
+  const auto& info = stack.reader.info();
+  std::string html;
+  if (stack.reader.frames() > 0)
+    html += fmt::format(
+        "<figure><img class=\"preview\" src=\"{}\" alt=\"first frame\"><figcaption>First frame: brightness as "
+        "the sensor's pixels see it{}, display gamma 2.2</figcaption></figure>",
+        png_source(brightness(stack.reader, chip)), chip ? "" : " (flat quantum efficiency: no chip known)");
+  const auto frames = info.times_ns.size();
+  const double last_ms = frames ? static_cast<double>(info.times_ns.back()) * 1e-6 : 0;
+  html += "<table>" + row("frames", fmt::format("{} of {}, to {:.3f} ms", stack.reader.frames(), frames, last_ms)) +
+          row("pixels", fmt::format("{} x {}", info.width, info.height));
+  if (frames > 1) html += row("frame rate", fmt::format("{:.0f} Hz", static_cast<double>(frames - 1) * 1e3 / last_ms));
+  if (info.period_ns) html += row("period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6));
+  if (info.pixel_pitch_m) html += row("pixel pitch", fmt::format("{:.3f} µm", *info.pixel_pitch_m * 1e6));
+  html +=
+      row("quantity", info.quantity == sensor::Quantity::irradiance ? "spectral irradiance on the film (lens camera)"
+                                                                    : "spectral radiance (pinhole)");
+  html += "</table>";
+  const Json scene = stack.json.value("scene", Json::object()), render = stack.json.value("render", Json::object());
+  const std::string parameters = rows_of(scene.value("parameters", Json::object()));
+  html += fmt::format("<h3>Scene: {}</h3>", html_escaped(scene.value("name", "not named")));
+  html += parameters.empty() ? missing("stack.json names no scene parameters.") : "<table>" + parameters + "</table>";
+  const std::string settings = rows_of(render);
+  html += "<h3>Render settings</h3>";
+  html += settings.empty() ? missing("stack.json names no render settings.") : "<table>" + settings + "</table>";
+  return html;
+}
+
+std::string lens_section(const ReportInputs& inputs, const Stack* stack) {
+  std::string html;
+  if (inputs.lens_svg) {
+    const std::string svg = read_text(*inputs.lens_svg, 8U << 20);
+    html += fmt::format(
+        "<figure><img class=\"smooth lens\" alt=\"lens with its rays\" src=\"data:image/svg+xml;base64,{}\">"
+        "</figure>",
+        base64({reinterpret_cast<const std::uint8_t*>(svg.data()), svg.size()}));
+  } else {
+    html += missing("No drawing was given (--lens-svg, made by `pecs lens draw`).");
+  }
+  if (!stack) return html + missing("No stack was given, so the lens it was rendered through is unknown.");
+  const Json lens = stack->json.value("lens", Json());
+  if (!lens.is_object()) return html + missing("The stack was rendered through a pinhole.");
+  return html + "<table>" + rows_of(lens) + "</table>";
+}
+
+std::string bands_section(const Stack* stack, const std::optional<sensor::Chip>& chip) {
+  std::string html;
+  std::vector<Series> series;
+  if (chip)
+    series.push_back(
+        {"relative quantum efficiency, " + chip->name, "on", chip->relative_qe.lambda_nm, chip->relative_qe.value});
+  if (stack) {
+    Series bands{"bands: weight / largest weight", "stem", {}, {}, true};
+    double largest = 0;
+    for (const auto& b : stack->reader.info().bands) largest = std::max(largest, b.weight_nm);
+    for (const auto& b : stack->reader.info().bands)
+      bands.x.push_back(b.lambda_nm), bands.y.push_back(b.weight_nm / largest);
+    series.push_back(bands);
+  }
+  if (!series.empty()) html += line_plot(series, "wavelength (nm)", "relative");
+  if (!chip)
+    html += missing("The chip is not known: the simulation has no run record, or its profile is not installed.");
+  if (!stack) return html + missing("No stack was given, so its bands are unknown.");
+  html += "<table><tr><th>band (nm)</th><th>quadrature weight (nm)</th></tr>";
+  for (const auto& b : stack->reader.info().bands)
+    html += fmt::format("<tr><td class=\"n\">{:.2f}</td><td class=\"n\">{:.2f}</td></tr>", b.lambda_nm, b.weight_nm);
+  return html + "</table>";
+}
+
+std::string details(const std::string& name, const Json& json) {
+  return fmt::format("<details><summary>{}</summary><pre>{}</pre></details>", html_escaped(name),
+                     html_escaped(json.dump(2)));
+}
+
+std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
+  std::string name;
+  if (sim && sim->run.is_object() && sim->run.contains("/config/chip/name"_json_pointer))
+    name = sim->run["/config/chip/name"_json_pointer].get<std::string>();
+  else if (stack && stack->json.contains("/render/chip"_json_pointer))
+    name = stack->json["/render/chip"_json_pointer].get<std::string>();
+  if (name.empty()) return {};
+  try {
+    return sensor::load_chip(name);
+  } catch (const Error&) {
+    return {};
+  }
+}
+
+}  // namespace
+
+Json write_report(const ReportInputs& inputs, const std::filesystem::path& output) {
+  if (!inputs.real && !inputs.sim && !inputs.stack)
+    throw Error(ExitCode::usage, "report: got no input, wanted at least one of --real, --sim, --stack");
+
+  // Read what there is.
+  std::optional<Loaded> real, sim;
+  std::optional<Stack> stack;
+  if (inputs.real) real = load(*inputs.real);
+  if (inputs.sim) sim = load(*inputs.sim);
+  if (inputs.stack)
+    stack = Stack{sensor::StackReader(*inputs.stack), parse_json_file(*inputs.stack / "stack.json"),
+                  sha256_of_file(*inputs.stack / "stack.json")};
+  const auto chip = chip_of(sim ? &*sim : nullptr, stack ? &*stack : nullptr);
+  std::vector<std::string> warnings;
+  if (sim && stack && sim->run.is_object()) {
+    bool same = false;
+    for (const auto& input : sim->run.value("inputs", Json::array()))
+      same |= input.value("sha256", "") == stack->sha256;
+    if (!same)
+      warnings.push_back("The simulated events were not made from this stack (their run record names another one).");
+  }
+
+  // Score it.
+  Json summary = Json::object();
+  std::optional<metrics::Comparison> shared;
+  std::string scored, cards, shift_text;
+  if (real && sim) {
+    metrics::CompareOptions options = inputs.compare;
+    options.normalisation = metrics::Normalisation::shared;
+    shared = metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
+    options.normalisation = metrics::Normalisation::eq16;
+    const metrics::Comparison eq16 =
+        metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
+    options.normalisation = metrics::Normalisation::paper;
+    const metrics::Comparison paper =
+        metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
+    scored = scores(*shared, eq16, paper);
+    summary["compare"] = to_json(*shared);
+    warnings.insert(warnings.end(), shared->warnings.begin(), shared->warnings.end());
+
+    const auto card = [&](const std::string& value, const std::string& name, const std::string& note) {
+      cards += fmt::format("<div class=\"card\"><span>{}</span><b>{}</b><span>{}</span></div>", name, value, note);
+    };
+    const auto floor = [&](double value) { return fmt::format("floor {:.3f} (0 is identical)", value); };
+    card(fmt::format("{:.3f}", shared->distance.chamfer()), "Chamfer distance",
+         shared->floor ? floor(shared->floor->chamfer()) : "");
+    card(fmt::format("{:.3f}", shared->distance.gaussian()), "Gaussian distance",
+         shared->floor ? floor(shared->floor->gaussian()) : "");
+    card(fmt::format("{:.3f}", static_cast<double>(shared->sim.events) / static_cast<double>(shared->real.events)),
+         "events, simulated / real", fmt::format("{} / {}", shared->sim.events, shared->real.events));
+    card(fmt::format("{:.3f} / {:.3f}", shared->sim.on_fraction, shared->real.on_fraction), "ON fraction",
+         "simulated / real");
+    cards = "<div class=\"cards\">" + cards + "</div>";
+
+    if (const auto shift = metrics::time_shift(real->recording, sim->recording,
+                                               std::min(real->recording.span_us, sim->recording.span_us) / 2)) {
+      const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, against {:.3f} as it is",
+                                         shift->correlation, shift->correlation_now);
+      shift_text = shift->correlation < kSeen
+                       ? fmt::format("<p>No shift in time makes the two agree ({}).</p>", at)
+                       : fmt::format(
+                             "<p>In time the two agree best when the simulation is moved by {:+.2f} ms ({}). "
+                             "Pictures and scores show it as it is.</p>",
+                             -shift->shift_us * 1e-3, at);
+      summary["time_shift"] = {{"shift_us", shift->shift_us},
+                               {"correlation", shift->correlation},
+                               {"correlation_unshifted", shift->correlation_now}};
+    }
+  }
+
+  // The page, most wanted part first.
+  const std::string both = "Needs a real recording (--real) and simulated events (--sim).";
+  std::string body = "<h1>";
+  body += real && sim ? "Simulated events beside a real recording"
+          : sim       ? "Simulated events"
+          : real      ? "A recording"
+                      : "A render";
+  body += fmt::format("</h1><p class=\"soft\">PECS {}</p>", kVersion) + cards;
+  for (const auto& w : warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
+  std::vector<const Loaded*> streams;
+  std::vector<std::string> names;
+  if (real) streams.push_back(&*real), names.push_back("real");
+  if (sim) streams.push_back(&*sim), names.push_back("simulated");
+  if (!streams.empty()) {
+    body += "<h2>Events at the same instants</h2>" + event_pictures(streams, names) + shift_text;
+    if (!real) body += missing("No real recording was given (--real).");
+    if (!sim) body += missing("No simulated events were given (--sim).");
+  }
+  body += "<h2>Scores</h2>" + (scored.empty() ? missing(both) : scored);
+  if (!streams.empty()) body += "<h2>Event rate over time</h2>" + rates(shared ? &*shared : nullptr, *streams[0]);
+  if (shared) {
+    body += "<table><tr><th></th><th>real</th><th>simulated</th></tr>";
+    const auto line = [&](const std::string& name, const std::string& a, const std::string& b) {
+      body += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>", name, a, b);
+    };
+    const auto on = [](const metrics::StreamSummary& s) {
+      return std::llround(s.on_fraction * static_cast<double>(s.events));
+    };
+    line("ON events", fmt::format("{}", on(shared->real)), fmt::format("{}", on(shared->sim)));
+    line("OFF events", fmt::format("{}", static_cast<long long>(shared->real.events) - on(shared->real)),
+         fmt::format("{}", static_cast<long long>(shared->sim.events) - on(shared->sim)));
+    line("events per second", fmt::format("{:.4g}", shared->real.rate_hz), fmt::format("{:.4g}", shared->sim.rate_hz));
+    body += "</table>";
+  }
+  body += "<h2>What was rendered</h2>" + (stack ? rendered(*stack, chip) : missing("No stack was given (--stack)."));
+  body += "<h2>The lens</h2>" + lens_section(inputs, stack ? &*stack : nullptr);
+  body += "<h2>Quantum efficiency and bands</h2>" + bands_section(stack ? &*stack : nullptr, chip);
+  body += "<h2>Configuration and versions</h2>";
+  if (sim)
+    body += sim->run.is_object() ? details("Simulation: " + sim->path.filename().string() + ".run.json", sim->run)
+                                 : missing("The simulation has no run record beside it.");
+  if (real && real->run.is_object())
+    body += details("Recording: " + real->path.filename().string() + ".run.json", real->run);
+  if (stack) {
+    Json shortened = stack->json;
+    shortened["times_ns"] = fmt::format("{} instants", stack->reader.info().times_ns.size());
+    body += details("Render: stack.json", shortened);
+  }
+
+  const Loaded* title = sim ? &*sim : real ? &*real : nullptr;
+  AtomicFile file(output);
+  file.write(fill_template(web::kReport,
+                           {{"title", html_escaped(title ? title->recording.name : inputs.stack->filename().string())},
+                            {"on_light", kLight.on.hex()},
+                            {"off_light", kLight.off.hex()},
+                            {"on_dark", kDark.on.hex()},
+                            {"off_dark", kDark.off.hex()},
+                            {"body", body}}));
+  file.commit();
+  summary["output"] = output.string();
+  summary["warnings"] = warnings;
+  return summary;
+}
+
+}  // namespace pecs::view
