@@ -69,23 +69,29 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
  * ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
 PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
 
+/* Stacks (docs/exr_stack.md). `layer` is a layer's name; NULL is the light, whose channels are the bands. Values are
+ * [channels][height][width], row 0 at the top, in the layer's unit. */
 typedef struct pecs_stack_writer pecs_stack_writer;
 /* Opens a new stack in `folder`, or continues one whose stack.json says the same (else bad_output names the key that
- * differs). stack_json: docs/exr_stack.md. */
-PECS_API pecs_stack_writer* pecs_stack_create(const char* folder, const char* stack_json, pecs_error* error);
-PECS_API int pecs_stack_has_frame(const pecs_stack_writer* stack, int64_t index); /* 1 if whole on disk */
-/* values: [bands][height][width], row 0 at the top, in the stack's unit. The file appears whole or not at all. 0 =
- * done. */
-PECS_API int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float* values, pecs_error* error);
-PECS_API void pecs_stack_close(pecs_stack_writer* stack);
+ * differs). NULL on error. */
+PECS_API pecs_stack_writer* pecs_stack_writer_create(const char* folder, const char* stack_json, pecs_error* error);
+/* 1 if the frame is whole on disk, 0 if not, -1 on error. */
+PECS_API int pecs_stack_writer_has_frame(const pecs_stack_writer* stack, const char* layer, int64_t index,
+                                         pecs_error* error);
+/* count: of values. The file appears whole or not at all. 0 = done, -1 on error. */
+PECS_API int pecs_stack_writer_write_frame(pecs_stack_writer* stack, const char* layer, int64_t index,
+                                           const float* values, int64_t count, pecs_error* error);
+PECS_API void pecs_stack_writer_close(pecs_stack_writer* stack);
 
 typedef struct pecs_stack_reader pecs_stack_reader;
-/* fps: the times of a folder without stack.json; 0 if it has one. */
-PECS_API pecs_stack_reader* pecs_stack_open(const char* folder, double fps, pecs_error* error);
-/* {"quantity", "width", "height", "bands", "times_ns", "frames" (on disk now), "pixel_pitch_m", "period_ns"} */
+/* fps: the times of a folder without stack.json; 0 if it has one. NULL on error. */
+PECS_API pecs_stack_reader* pecs_stack_reader_open(const char* folder, double fps, pecs_error* error);
+/* {"quantity", "width", "height", "bands", "layers": [{"name", "channels", "unit", "at"}, ...] (the light first),
+ * "times_ns", "frames" (on disk now), "pixel_pitch_m", "period_ns"}. NULL on error. */
 PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error);
-/* values: [bands][height][width], filled. 0 = done. */
-PECS_API int pecs_stack_read_frame(const pecs_stack_reader* stack, int64_t index, float* values, pecs_error* error);
+/* values: of `capacity` floats, filled. 0 = done, -1 on error. */
+PECS_API int pecs_stack_reader_read_frame(const pecs_stack_reader* stack, const char* layer, int64_t index,
+                                          float* values, int64_t capacity, pecs_error* error);
 PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
 /* ---- event files (sensor/events) ----------------------------------------------------------------------------- */
