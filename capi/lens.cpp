@@ -1,4 +1,8 @@
+#include <fmt/format.h>
+
 #include <cmath>
+#include <cstdint>
+#include <limits>
 
 #include "guard.h"
 #include "pecs/error.h"
@@ -19,6 +23,18 @@ char* answer(const char* options_json, pecs_error* error, F&& use) {
     return pecs::capi::hand_over(use(pecs::JsonObject(options, "options")).dump());
   });
 }
+
+pecs::lens::ImageMap image_map(const pecs_lens* lens, const char* options_json) {
+  const pecs::Json options = pecs::parse_json(options_json ? options_json : "{}", "options");
+  return {lens->prescription, pecs::lens::image_setting(lens->prescription, pecs::JsonObject(options, "options"))};
+}
+
+void need_room(int64_t count, int64_t capacity) {
+  if (count < 0 || capacity < count)
+    throw pecs::bad_input("result", "", fmt::format("room for {} of {}", capacity, count), "room for all");
+}
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 }  // namespace
 
 extern "C" {
@@ -60,6 +76,34 @@ char* pecs_lens_draw(const pecs_lens* lens, const char* options_json, pecs_error
     draw.film_half_diagonal_mm = 0.5 * std::hypot(options.film_width_mm, options.film_height_mm);
     if (!options.bands_nm.empty()) draw.bands_nm = options.bands_nm;
     return pecs::capi::hand_over(pecs::lens::draw_svg(lens->prescription, draw));
+  });
+}
+
+int64_t pecs_lens_directions(const pecs_lens* lens, const char* options_json, const double* pixels, int64_t count,
+                             double* directions, int64_t capacity, pecs_error* error) {
+  return pecs::capi::guard(error, int64_t{-1}, [&] {
+    need_room(count, capacity);
+    const auto map = image_map(lens, options_json);
+    for (int64_t i = 0; i < count; ++i) {
+      const auto d = map.direction_from_pixel({pixels[2 * i], pixels[2 * i + 1]});
+      const auto [x, y, z] = d.value_or(pecs::lens::Vec3{kNone, kNone, kNone});
+      directions[3 * i] = x, directions[3 * i + 1] = y, directions[3 * i + 2] = z;
+    }
+    return count;
+  });
+}
+
+int64_t pecs_lens_pixels(const pecs_lens* lens, const char* options_json, const double* directions, int64_t count,
+                         double* pixels, int64_t capacity, pecs_error* error) {
+  return pecs::capi::guard(error, int64_t{-1}, [&] {
+    need_room(count, capacity);
+    const auto map = image_map(lens, options_json);
+    for (int64_t i = 0; i < count; ++i) {
+      const auto p = map.pixel_from_direction({directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]});
+      const auto [x, y] = p.value_or(pecs::lens::Pixel{kNone, kNone});
+      pixels[2 * i] = x, pixels[2 * i + 1] = y;
+    }
+    return count;
   });
 }
 

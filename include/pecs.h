@@ -55,6 +55,16 @@ PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json,
 /* The lens in section with its rays, as SVG text. Options as for info ("bands_nm": the rays' wavelengths). */
 PECS_API char* pecs_lens_draw(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
+/* Which direction of the scene lands on which pixel, by chief rays (conventions: pecs/lens/image_map.h, docs/lens.md).
+ * options: {"width": pixels, "height": pixels, "pixel_pitch_mm", "lambda_nm": 550, "focus_bands_nm": [...], "focus_m",
+ * "stop_diameter_mm", "fnumber", "film_shift_x_mm", "film_shift_y_mm", "film_tilt_x_deg", "film_tilt_y_deg"}.
+ * pixels: [count][2]; directions: [count][3], unit length; NaN where no chief ray arrives. capacity: of the result, in
+ * pixels or directions. Returns count, -1 on error. */
+PECS_API int64_t pecs_lens_directions(const pecs_lens* lens, const char* options_json, const double* pixels,
+                                      int64_t count, double* directions, int64_t capacity, pecs_error* error);
+PECS_API int64_t pecs_lens_pixels(const pecs_lens* lens, const char* options_json, const double* directions,
+                                  int64_t count, double* pixels, int64_t capacity, pecs_error* error);
+
 /* Blurs one band's picture in place by the diffraction of a round pupil (working f-number: the camera's result).
  * pixels: [height][width]; mirrored beyond the border. 0 = done. */
 PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pixel_pitch_mm, double lambda_nm,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
+
+import numpy as np
 
 from ._library import function, json_function, take_text
 
@@ -17,6 +20,10 @@ _pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
 _draw = function("pecs_lens_draw", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 _camera = json_function("pecs_lens_camera", ctypes.c_void_p)
 
+_doubles = ctypes.POINTER(ctypes.c_double)
+_bulk = (ctypes.c_void_p, ctypes.c_char_p, _doubles, ctypes.c_int64, _doubles, ctypes.c_int64)
+_directions = function("pecs_lens_directions", ctypes.c_int64, *_bulk)
+_pixels = function("pecs_lens_pixels", ctypes.c_int64, *_bulk)
 _diffract = function(
     "pecs_lens_diffract",
     ctypes.c_int,
@@ -77,6 +84,23 @@ class Camera:
         _diffract(pointer, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
 
 
+def _image_setting(arguments: dict[str, Any]) -> bytes:
+    setting = {k: v for k, v in arguments.items() if k not in ("self", "pixels", "directions") and v is not None}
+    setting["film_shift_x_mm"], setting["film_shift_y_mm"] = setting.pop("film_shift_mm")
+    setting["film_tilt_x_deg"], setting["film_tilt_y_deg"] = setting.pop("film_tilt_deg")
+    return json.dumps(setting).encode()
+
+
+def _mapped(call: Any, handle: Any, setting: bytes, given: Any, size: int, result_size: int) -> np.ndarray:
+    given = np.ascontiguousarray(given, np.float64)
+    if given.ndim < 1 or given.shape[-1] != size:
+        raise ValueError(f"got an array of shape {given.shape}, wanted [..., {size}]")
+    result = np.empty((*given.shape[:-1], result_size))
+    count = given.size // size
+    call(handle, setting, given.ctypes.data_as(_doubles), count, result.ctypes.data_as(_doubles), count)
+    return result
+
+
 class Lens:
     """A prescription, by path or by the name of one of lens_data/lenses."""
 
@@ -100,6 +124,49 @@ class Lens:
         """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
         film_shift_x_mm, film_shift_y_mm, film_tilt_x_deg, film_tilt_y_deg, pixel_pitch_mm, colour_tolerance_px."""
         return Camera(**_camera(self._handle, options))
+
+    def directions(
+        self,
+        pixels: Any,
+        *,
+        width: int,
+        height: int,
+        pixel_pitch_mm: float = 0.00486,
+        lambda_nm: float = 550,
+        focus_m: float | None = None,
+        focus_bands_nm: Sequence[float] | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_shift_mm: tuple[float, float] = (0, 0),
+        film_tilt_deg: tuple[float, float] = (0, 0),
+    ) -> np.ndarray:
+        """Unit vectors [..., 3] of the chief rays of pixels [..., 2]; NaN where none arrives.
+
+        Camera axes: x right, y down, z forward, origin at the entrance pupil. Pixel (0, 0) has its centre at
+        (0.5, 0.5).
+        """
+        setting = _image_setting(locals())
+        return _mapped(_directions, self._handle, setting, pixels, 2, 3)
+
+    def pixels(
+        self,
+        directions: Any,
+        *,
+        width: int,
+        height: int,
+        pixel_pitch_mm: float = 0.00486,
+        lambda_nm: float = 550,
+        focus_m: float | None = None,
+        focus_bands_nm: Sequence[float] | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_shift_mm: tuple[float, float] = (0, 0),
+        film_tilt_deg: tuple[float, float] = (0, 0),
+    ) -> np.ndarray:
+        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions`; NaN where the lens sees
+        nothing."""
+        setting = _image_setting(locals())
+        return _mapped(_pixels, self._handle, setting, directions, 3, 2)
 
     def close(self) -> None:
         if self._handle:
