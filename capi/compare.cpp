@@ -1,13 +1,12 @@
 #include "pecs/metrics/compare.h"
 
-#include <fmt/format.h>
-
 #include "guard.h"
 
 namespace {
 
 // The layouts are equal: capi/events.cpp asserts it.
 pecs::events::Stream stream_of(const pecs_event* events, int64_t count, int width, int height, const char* name) {
+  if (count < 0 || (count > 0 && !events)) throw pecs::bad_input(name, "", "no events", "an array of them");
   const auto* first = reinterpret_cast<const pecs::events::Event*>(events);
   pecs::events::Stream stream{{width, height, ""}, {first, first + count}};
   for (std::size_t i = 0; i < stream.events.size(); ++i) {
@@ -23,8 +22,8 @@ pecs::events::Stream stream_of(const pecs_event* events, int64_t count, int widt
 
 extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
                               const char* options_json, pecs_error* error) {
-  return pecs::capi::guard(error, static_cast<char*>(nullptr), [&] {
-    const pecs::Json json = pecs::parse_json(options_json, "options");
+  return pecs::capi::guard(error, [&] {
+    const pecs::Json json = pecs::capi::options_from(options_json);
     pecs::JsonObject object(json, "options");
     const auto width = static_cast<int>(object.integer("width", 1, 65536));
     const auto height = static_cast<int>(object.integer("height", 1, 65536));

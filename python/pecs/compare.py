@@ -46,4 +46,5 @@ def distance(
         "seed": seed,
         "disk": disk,
     }
-    return _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)
+    scores: dict[str, Any] = _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)
+    return scores

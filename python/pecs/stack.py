@@ -8,6 +8,7 @@ from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._library import Handle, function, take_json
 
@@ -31,7 +32,7 @@ class StackWriter(Handle):
     _free = staticmethod(_writer_close)
 
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
-        self._handle = _create(fspath(folder).encode(), json.dumps(stack).encode())
+        super().__init__(_create(fspath(folder).encode(), json.dumps(stack).encode()))
         self.shape = (len(stack["bands"]), stack["height"], stack["width"])
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
@@ -41,19 +42,21 @@ class StackWriter(Handle):
 
     def has_layer(self, name: str, index: int) -> bool:
         """Whether a layer's frame is whole on disk."""
-        return bool(_has_frame(self._alive(), name.encode(), index))
+        with self._use() as handle:
+            return bool(_has_frame(handle, name.encode(), index))
 
-    def write_frame(self, index: int, values: np.ndarray) -> None:
+    def write_frame(self, index: int, values: NDArray[np.float32]) -> None:
         """values: [bands, height, width], row 0 at the top, in the stack's unit."""
         self.write_layer(LIGHT, index, values)
 
-    def write_layer(self, name: str, index: int, values: np.ndarray) -> None:
+    def write_layer(self, name: str, index: int, values: NDArray[np.float32]) -> None:
         """values: [channels, height, width], row 0 at the top, in the layer's unit."""
         values = np.ascontiguousarray(values, np.float32)
         shape = (self._channels.get(name, self.shape[0]), *self.shape[1:])
         if values.shape != shape:
             raise ValueError(f"{name}: got shape {values.shape}, wanted {shape} (channels, height, width)")
-        _write_frame(self._alive(), name.encode(), index, values, values.size)
+        with self._use() as handle:
+            _write_frame(handle, name.encode(), index, values, values.size)
 
 
 class StackReader(Handle):
@@ -63,24 +66,26 @@ class StackReader(Handle):
     _free = staticmethod(_reader_close)
 
     def __init__(self, folder: str | PathLike[str], fps: float | None = None):
-        self._handle = _open(fspath(folder).encode(), fps or 0.0)
-        self.info: dict[str, Any] = take_json(_info(self._handle))
+        super().__init__(_open(fspath(folder).encode(), fps or 0.0))
+        with self._use() as handle:
+            self.info: dict[str, Any] = take_json(_info(handle))
         self.layers: list[dict[str, Any]] = self.info["layers"]
         self.shape = (len(self.info["bands"]), self.info["height"], self.info["width"])
 
-    def read_frame(self, index: int) -> np.ndarray:
+    def read_frame(self, index: int) -> NDArray[np.float32]:
         """The light: [bands, height, width], float32."""
         return self.read_layer(LIGHT, index)
 
-    def read_layer(self, name: str, index: int) -> np.ndarray:
+    def read_layer(self, name: str, index: int) -> NDArray[np.float32]:
         """[channels, height, width], float32."""
         channels = next((len(layer["channels"]) for layer in self.layers if layer["name"] == name), 0)
         frame = np.empty((channels, *self.shape[1:]), np.float32)
-        _read_frame(self._alive(), name.encode(), index, frame, frame.size)
+        with self._use() as handle:
+            _read_frame(handle, name.encode(), index, frame, frame.size)
         return frame
 
 
-def read_frame(folder: str | PathLike[str], index: int) -> np.ndarray:
+def read_frame(folder: str | PathLike[str], index: int) -> NDArray[np.float32]:
     """One frame of a stack with stack.json, as [bands, height, width], float32."""
     with StackReader(folder) as stack:
         return stack.read_frame(index)

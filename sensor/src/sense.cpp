@@ -227,7 +227,7 @@ struct Run {
     const std::int64_t end_us =
         options.duration_us ? origin_us + *options.duration_us : std::numeric_limits<std::int64_t>::max();
 
-    Progress progress("sense", static_cast<std::uint64_t>(frames), options.quiet);
+    Progress progress("sense", static_cast<std::uint64_t>(frames), options.quiet, options.progress);
     std::array<std::vector<std::vector<float>>, 2> planes;
     for (auto& half : planes) half.assign(static_cast<std::size_t>(std::min(batch, frames)), {});
     const auto decode = [&](std::int64_t first) {
@@ -290,7 +290,7 @@ struct Run {
 
     PecsPixels pixels(chip, info.width, info.height, options.seed, 1.0, options.labels.has_value());
     EventSorter order(info.width, options.labels.has_value());
-    Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet);
+    Progress progress("sense", static_cast<std::uint64_t>(info.height), options.quiet, options.progress);
     std::vector<float> cache(row_bytes / sizeof(float) * static_cast<std::size_t>(rows));
     std::vector<std::vector<EventKey>> found;
     for (int y = 0; y < info.height; y += rows) {
@@ -369,9 +369,7 @@ SenseReport sense(const SenseOptions& options) {
     throw bad_input(options.stack.string(), "frames", fmt::format("{} so far", stack.frames()),
                     fmt::format("the {} of times_ns", info.times_ns.size()));
   if (stack.frames() < 2) throw bad_input(options.stack.string(), "frames", "1", "at least 2");
-  if ((chip.width > 0 && info.width > chip.width) || (chip.height > 0 && info.height > chip.height))
-    throw bad_input(options.stack.string(), "size", fmt::format("{}x{}", info.width, info.height),
-                    fmt::format("at most {}'s {}x{}", chip.name, chip.width, chip.height));
+  check_fits(chip, info.width, info.height, options.stack.string());
   const bool looped = options.warmup_loops > 0 || (info.period_ns && options.duration_us);
   if (looped && !info.period_ns)
     throw bad_input(options.stack.string(), "period_ns", "nothing", "a period, for --warmup-loops");

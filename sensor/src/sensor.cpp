@@ -151,11 +151,12 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
   for (const double t : t_us) {
     if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > kMostTime_us)
       throw bad_input(
-          "frames", fmt::format("time of frame {}", frames_), fmt::format("{} us", t),
+          "frames", fmt::format("time of frame {}", frames_ + std::ssize(batch.t_us) - std::ssize(recent_t_us_)),
+          fmt::format("{} us", t),
           batch.t_us.empty() ? fmt::format("0 to {}", kMostTime_us) : fmt::format("more than {}", batch.t_us.back()));
     batch.t_us.push_back(t);
-    ++frames_;
   }
+  frames_ += std::ssize(planes);
 
   order_.begin(batch.t_us);
   model_->advance(batch, order_);

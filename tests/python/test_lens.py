@@ -131,12 +131,35 @@ def test_a_narrow_pass_is_traced_at_its_mean():
     assert wide.channel_mode == "per_channel" and wide.colour_shift_px > 0.1
 
 
-@pytest.mark.parametrize(
-    "options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "no_such": 1}, {}]
-)
+@pytest.mark.parametrize("options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "fnumber": 0}])
 def test_camera_refuses_bad_options(options):
-    with pytest.raises(pecs.PecsError):
+    with pytest.raises(pecs.PecsInputError):
         pecs.Lens(LENS).camera(**options)
+
+
+def test_arguments_are_named():
+    with pytest.raises(TypeError, match="no_such"):
+        pecs.Lens(LENS).camera(bands_nm=[550], no_such=1)
+    with pytest.raises(TypeError, match="bands_nm"):
+        pecs.Lens(LENS).camera()
+
+
+def test_a_closed_lens_raises():
+    lens = pecs.Lens(LENS)
+    lens.close()
+    lens.close()
+    size = {"width": 64, "height": 48}
+    for call in (
+        lens.info,
+        lens.pupil,
+        lens.draw,
+        lambda: lens.camera(bands_nm=[550]),
+        lambda: lens.pixels([0, 0, 1], **size),
+        lambda: lens.directions([1, 2], **size),
+        lens.__enter__,
+    ):
+        with pytest.raises(ValueError, match="this Lens is closed"):
+            call()
 
 
 PICTURE = {"width": 64, "height": 36, "pixel_pitch_mm": 0.0972, "focus_m": 2.0}

@@ -2,6 +2,7 @@
 // The whole sensor: an EXR stack in, an event file out (docs/sensor.md).
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -33,6 +34,7 @@ struct SenseOptions {
   std::int64_t start_us = 0;                    // output begins this long after the warm-up
   std::optional<std::int64_t> duration_us;
   bool quiet = false;
+  std::function<bool(double)> progress;  // the share done, now and then; false stops (Error: interrupted)
 };
 
 struct SenseReport {
