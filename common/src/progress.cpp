@@ -5,16 +5,10 @@
 
 #include <cstdio>
 
-#include "pecs/error.h"
-
 namespace pecs {
 
-Progress::Progress(std::string what, std::uint64_t total, bool quiet, std::function<bool(double)> told)
-    : what_(std::move(what)),
-      told_(std::move(told)),
-      total_(total),
-      terminal_(isatty(STDERR_FILENO) != 0),
-      quiet_(quiet) {}
+Progress::Progress(std::string what, std::uint64_t total, bool quiet)
+    : what_(std::move(what)), total_(total), terminal_(isatty(STDERR_FILENO) != 0), quiet_(quiet) {}
 
 Progress::~Progress() {
   if (terminal_ && drawn_) std::fputc('\n', stderr);
@@ -22,8 +16,6 @@ Progress::~Progress() {
 
 void Progress::at(std::uint64_t done) {
   done_ = done;
-  if (told_ && total_ && !told_(static_cast<double>(done_) / static_cast<double>(total_)))
-    throw Error(ExitCode::interrupted, what_ + ": stopped");
   if (quiet_) return;
   const Clock::time_point now = Clock::now();
   const double elapsed_s = std::chrono::duration<double>(now - start_).count();

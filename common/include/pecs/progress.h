@@ -2,16 +2,14 @@
 // Progress of long work on stderr: a bar with the time left on a terminal, a plain line every tenth otherwise.
 #include <chrono>
 #include <cstdint>
-#include <functional>
 #include <string>
 
 namespace pecs {
 
 class Progress {
  public:
-  // total = 0: unknown, only counts are shown. quiet: nothing is printed. told: also called, with the share done; when
-  // it returns false, at() throws interrupted.
-  Progress(std::string what, std::uint64_t total, bool quiet = false, std::function<bool(double)> told = {});
+  // total = 0: unknown, only counts are shown. quiet: nothing is printed.
+  Progress(std::string what, std::uint64_t total, bool quiet = false);
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -20,7 +18,6 @@ class Progress {
  private:
   using Clock = std::chrono::steady_clock;
   std::string what_;
-  std::function<bool(double)> told_;
   std::uint64_t total_, done_ = 0;
   int last_tenth_ = 0;
   bool terminal_, quiet_, drawn_ = false;
