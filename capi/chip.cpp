@@ -1,8 +1,6 @@
 // Chips, the photocurrent of a stack on them, and the pixel models.
 #include "pecs/sensor/chip.h"
 
-#include <cmath>
-
 #include "guard.h"
 #include "handles.h"
 #include "pecs/sensor/pixel_model.h"
@@ -23,7 +21,10 @@ pecs::Json model_json(const std::string& name) {
   for (const ModelParameter& p : model_parameters(name))
     parameters.push_back(
         {{"key", p.key}, {"unit", p.unit}, {"value", p.value}, {"min", p.min}, {"max", p.max}, {"meaning", p.meaning}});
-  return {{"name", name}, {"source", model_source(name)}, {"takes_light", name == "pecs"}, {"parameters", parameters}};
+  return {{"name", name},
+          {"source", model_source(name)},
+          {"takes_light", model_traits(name).takes_light},
+          {"parameters", parameters}};
 }
 
 // What the photocurrent depends on, without a stack on disk.
@@ -72,7 +73,7 @@ char* pecs_chip_amperes_per_unit(const pecs_chip* chip, const char* options_json
     const pecs::Json json = pecs::capi::options_from(options_json);
     pecs::JsonObject o(json, "options");
     const StackInfo info = light_from(o);
-    const LightOptions light = read_light_options(o);
+    const PhotocurrentOptions light = read_photocurrent_options(o);
     o.done();
     const pecs::Json out = {{"amperes_per_unit", amperes_per_unit(given(chip, "chip").chip, info, light)}};
     return pecs::capi::hand_over(out.dump());
@@ -84,18 +85,14 @@ int64_t pecs_chip_photocurrent(const pecs_chip* chip, const pecs_stack_reader* s
   return guard(error, [&] {
     const pecs::Json json = pecs::capi::options_from(options_json);
     pecs::JsonObject o(json, "options");
-    const LightOptions light = read_light_options(o);
+    const PhotocurrentOptions light = read_photocurrent_options(o);
     o.done();
     const StackReader& reader = given(stack, "stack").reader;
     const std::vector<double> amperes = amperes_per_unit(given(chip, "chip").chip, reader.info(), light);
     const auto pixels = static_cast<std::size_t>(reader.info().width) * static_cast<std::size_t>(reader.info().height);
-    const std::vector<float> values = reader.read_frame(frame);
     std::vector<float> plane(pixels);
-    for (std::size_t i = 0; i < pixels; ++i) {
-      double sum = 0;
-      for (std::size_t b = 0; b < amperes.size(); ++b) sum += amperes[b] * values[b * pixels + i];
-      plane[i] = static_cast<float>(std::isfinite(sum) ? std::max(sum, 0.0) : std::numeric_limits<double>::quiet_NaN());
-    }
+    PhotocurrentReader(reader, amperes).read(frame, 0, reader.info().height, plane.data());
+    for (float& v : plane) v *= 1e-15f;
     return pecs::capi::copy_out(plane, out_a, capacity);
   });
 }

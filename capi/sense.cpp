@@ -4,27 +4,21 @@
 #include "guard.h"
 #include "pecs/run_record.h"
 #include "pecs/sensor/sense_options.h"
-#include "pecs/sensor/stack.h"
 
 using pecs::capi::given;
 using namespace pecs::sensor;
 
 namespace {
 
-// What `pecs sense` says on stderr, and a duration that the stack does not have.
+// What `pecs sense` says on stderr.
 pecs::Json warnings_of(const SenseOptions& options, const pecs::Json& results) {
-  pecs::Json out = pecs::Json::array();
+  pecs::Json out = results.at("warnings");
   const auto bad = [&](const char* kind) { return results.at("bad_values").at(kind).get<std::int64_t>(); };
   if (const auto n = bad("not_finite"), m = bad("negative"); n + m > 0)
     out.push_back(
         fmt::format("{}: values that no light has: {} not finite, {} negative", options.stack.string(), n, m));
   if (const auto dropped = results.at("dropped").get<std::int64_t>())
     out.push_back(fmt::format("{}: {} events dropped by the readout", options.output.string(), dropped));
-  const StackInfo& info = options.source->info();
-  const std::int64_t end_us = (info.times_ns.back() - info.times_ns.front()) / 1000;
-  if (!info.period_ns && options.start_us + options.duration_us.value_or(1) > end_us)
-    out.push_back(fmt::format("{}: start_us, duration_us: got {} and {}, but the stack ends at {} us",
-                              options.stack.string(), options.start_us, options.duration_us.value_or(0), end_us));
   return out;
 }
 
@@ -37,7 +31,6 @@ extern "C" char* pecs_sense(const char* input, const char* output, const char* o
     SenseOptions options = sense_options(pecs::JsonObject(json, "options"));
     options.stack = &given(input, "input");
     options.output = &given(output, "output");
-    options.source = std::make_shared<StackReader>(options.stack, options.times);
     options.quiet = true;
     if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
     const SenseReport report = sense(options);

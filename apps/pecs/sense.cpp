@@ -2,6 +2,7 @@
 #include "pecs/sensor/sense.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <charconv>
 
@@ -73,7 +74,8 @@ void add_sense(CLI::App& app) {
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
       ->check(CLI::PositiveNumber);
-  sub->add_option("--model", o->model.name, "pixel: pecs, or another simulator's: esim, v2e, voltmeter, icns")
+  sub->add_option("--model", o->model.name,
+                  fmt::format("pixel: {}; all but pecs are other simulators'", fmt::join(sensor::model_names(), ", ")))
       ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
       ->allow_extra_args(false);
@@ -84,11 +86,11 @@ void add_sense(CLI::App& app) {
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
   sub->add_option("--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
-  sub->add_option("--warmup-loops", o->warmup_loops, "loops of a periodic stack before the output begins")
+  sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--start-us", o->start_us, "output begins this long after the start (or the warm-up), us")
+  sub->add_option("--start-us", o->window.start_us, "output begins this long after the start (or the warm-up), us")
       ->check(CLI::NonNegativeNumber);
-  sub->add_option("--duration-us", o->duration_us, "length of the output, us; a periodic stack is looped for it")
+  sub->add_option("--duration-us", o->window.duration_us, "length of the output, us; a periodic stack is looped for it")
       ->check(CLI::PositiveNumber);
   sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
       ->check(CLI::Validator(
@@ -100,13 +102,13 @@ void add_sense(CLI::App& app) {
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
-  sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
-      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
-      ->capture_default_str();
+  CLI::Option* seconds = sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
+  CLI::Option* picture_us = sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
+                                ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
+                                ->capture_default_str();
   sub->add_flag("--json", o->json, "machine output");
   sub->add_flag("--quiet", o->quiet, "no progress");
-  sub->callback([o] {
+  sub->callback([o, seconds, picture_us] {
     o->ideal_readout = o->readout == "ideal";
     o->model.white_fa = o->white_a * 1e15;
     for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
@@ -115,6 +117,8 @@ void add_sense(CLI::App& app) {
     const bool camera = o->live_source && *o->live_source != "video";
     if (o->live_source && !o->view)
       throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o->live_source));
+    for (const CLI::Option* live : {seconds, picture_us})
+      if (live->count() && !o->view) throw Error(ExitCode::usage, fmt::format("{}: got no --view", live->get_name()));
     if (camera != o->stack.empty())
       throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
                                                         o->stack.string(), *o->live_source)
@@ -141,10 +145,10 @@ void add_sense(CLI::App& app) {
                r["height"].get<int>());
     if (const auto dropped = r["dropped"].get<std::int64_t>())
       fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
+    for (const auto& warning : r["warnings"]) fmt::print(stderr, "pecs: {}\n", warning.get<std::string>());
     if (o->view) {
       if (const auto recording = report.config["view"].get<std::string>(); recording != "window")
         fmt::print(stderr, "pecs: no display: the events are shown in {}\n", recording);
-      return;
     }
     const auto bad =
         r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();

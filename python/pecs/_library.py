@@ -86,11 +86,11 @@ def version() -> str:
 
 def function(name: str, restype: Any, *argtypes: Any, error: bool = True) -> Callable[..., Any]:
     """A callable for C function `name`. With `error`, the trailing pecs_error* is added and raised as PecsError."""
-    f = getattr(_lib, name)
+    f = _lib[name]  # not shared, unlike an attribute
     f.restype = restype
     f.argtypes = [*argtypes, ctypes.POINTER(_CError)] if error else list(argtypes)
     if not error:
-        return f  # type: ignore[no-any-return]
+        return f
 
     def call(*args: Any) -> Any:
         status = _CError()

@@ -52,7 +52,7 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   out.ideal_readout = o.has("readout") && o.one_of("readout", {"chip", "ideal"}) == "ideal";
 }
 
-LightOptions read_light_options(JsonObject& o) {
+PhotocurrentOptions read_photocurrent_options(JsonObject& o) {
   constexpr double kLeast = 1e-30, kMost = 1e30;
   return {o.maybe_number("fnumber", {0.1, 1e4}), o.maybe_number("gain", {kLeast, kMost}),
           o.maybe_number("photocurrent_a", {kLeast, 1})};
@@ -61,16 +61,16 @@ LightOptions read_light_options(JsonObject& o) {
 SenseOptions sense_options(JsonObject o) {
   SenseOptions out;
   read_sensor_options(o, out);
-  out.light = read_light_options(o);
+  out.light = read_photocurrent_options(o);
   if (o.has("format")) out.format = o.text("format");
   out.times.fps = o.maybe_number("fps", {1e-9, 1e9});
   if (o.has("times_us")) out.times.file_us = o.text("times_us");
   out.model.white_fa = o.number_or("white_a", 0, {1e-30, 1}) * 1e15;
   out.monte_carlo_bands = monte_carlo_bands(o);
   if (o.has("labels")) out.labels = o.text("labels");
-  out.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));
-  out.start_us = o.integer_or("start_us", 0, 0, kMostTime);
-  if (o.has("duration_us")) out.duration_us = o.integer("duration_us", 1, kMostTime);
+  out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));
+  out.window.start_us = o.integer_or("start_us", 0, 0, kMostTime);
+  if (o.has("duration_us")) out.window.duration_us = o.integer("duration_us", 1, kMostTime);
   o.done();
   return out;
 }

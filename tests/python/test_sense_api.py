@@ -71,7 +71,7 @@ def test_what_is_odd_is_said(tmp_path):
     with pytest.warns(UserWarning, match="values that no light has: 1 not finite, 4 negative"):
         pecs.sense(tmp_path / "s", tmp_path / "e.raw")
     write(tmp_path / "t")
-    with pytest.warns(UserWarning, match="got 0 and 10000000, but the stack ends at 23000 us"):
+    with pytest.warns(UserWarning, match="duration-us: got 10000000, the last frame is 23000 us"):
         pecs.sense(tmp_path / "t", tmp_path / "e.raw", duration_us=10_000_000)
 
 

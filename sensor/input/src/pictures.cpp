@@ -139,8 +139,17 @@ std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const P
 std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
   if (!fs::exists(path)) throw not_found(path.string(), "no such folder");
   static const std::string kExr[] = {".exr"};
-  if (fs::is_directory(path) && (fs::exists(path / "stack.json") || !sensor::files_in_order(path, kExr).empty()))
+  const bool has_json = fs::exists(path / "stack.json");
+  const auto refuse = [&](const char* option, const char* wanted) {
+    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, path.string(), wanted));
+  };
+  if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
+    if (options.colour_space) refuse("--colorspace", "pictures or a video");
+    if (options.ocio_config) refuse("--ocio", "pictures or a video");
+    if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
+    if (has_json && options.times.file_us) refuse("--times-us", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
+  }
   return open_pictures(path, options);
 }
 

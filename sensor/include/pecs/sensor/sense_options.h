@@ -9,7 +9,7 @@ namespace pecs::sensor {
 void read_sensor_options(JsonObject& object, SenseOptions& options);
 
 // "fnumber", "gain", "photocurrent_a".
-LightOptions read_light_options(JsonObject& object);
+PhotocurrentOptions read_photocurrent_options(JsonObject& object);
 
 // "key=value" of {"key": value, ...}, for load_chip.
 std::vector<std::string> overrides_from(const Json& values);

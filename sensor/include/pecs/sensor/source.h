@@ -58,6 +58,12 @@ class FrameSource {
   // Rows [begin, end) of a frame (end 0: all) in blocks, in order. May be called from many threads.
   virtual void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const = 0;
   virtual void will_read(std::int64_t) const {}  // a frame soon
+
+  // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits
+  // for a frame, which read_rows then gives, and returns its time [us]; nothing at the end. Before the first call the
+  // first frame can be read.
+  virtual bool is_live() const { return false; }
+  virtual std::optional<double> next_us() { return {}; }
 };
 
 // Times of frames that do not know their own: by rate, or from a text file with one time in us a line ('#' starts a
