@@ -15,7 +15,7 @@ def main() -> None:
     print(f"{'model':<10}{'events':>10}{'ON':>7}{'Chamfer':>10}{'Gaussian':>10}")
     for model in ("pecs", "esim", "v2e", "voltmeter", "icns"):
         events = pecs.simulate(frames, t_us, model=model, seed=2)
-        d = pecs.distance(reference, events, width=width, height=height, split_half=False)
+        d = pecs.compare(reference, events, width=width, height=height, split_half=False)
         print(f"{model:<10}{len(events):>10}{events['p'].mean():>7.2f}{d['chamfer']:>10.3f}", end="")
         print(f"{d['gaussian']:>10.4f}")
 

@@ -141,7 +141,7 @@ def histogram_distance_deg(a: np.ndarray, b: np.ndarray) -> float | None:
 def scores(sequence, reference, found) -> dict:
     row = {}
     for kind in ("paper", "shared"):
-        d = pecs.distance(reference, found, width=WIDTH, height=HEIGHT, normalisation=kind, split_half=kind == "shared")
+        d = pecs.compare(reference, found, width=WIDTH, height=HEIGHT, normalisation=kind, split_half=kind == "shared")
         for metric in ("chamfer", "gaussian"):
             row[f"{metric}_{kind}"], row[f"{metric}_{kind}_interval"] = d[metric], d[f"{metric}_interval"]
         if kind == "shared":

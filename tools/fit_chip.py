@@ -324,7 +324,7 @@ def main() -> None:
     sim = measure(found, disk, width, height, duration_us, seen)
 
     def score(normalisation: str) -> dict:
-        d = pecs.distance(events, found, width=width, height=height, normalisation=normalisation, split_half=False)
+        d = pecs.compare(events, found, width=width, height=height, normalisation=normalisation, split_half=False)
         return {k: d[k] for k in ("chamfer", "gaussian")}
 
     report = {

@@ -1,9 +1,9 @@
 """PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
 
 from ._library import PecsError, data_dir, version
-from .compare import distance
 from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
+from .metrics import compare, delays
 from .sensor import Sensor, bands, simulate
 from .stack import StackReader, StackWriter
 
@@ -19,8 +19,9 @@ __all__ = [
     "StackReader",
     "StackWriter",
     "bands",
+    "compare",
     "data_dir",
-    "distance",
+    "delays",
     "event_formats",
     "read",
     "simulate",

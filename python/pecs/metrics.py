@@ -12,9 +12,10 @@ from ._library import json_function
 from .events import as_events
 
 _compare = json_function("pecs_compare", ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
+_delays = json_function("pecs_delays", ctypes.c_void_p, ctypes.c_int64)
 
 
-def distance(
+def compare(
     real: NDArray[np.void],
     sim: NDArray[np.void],
     *,
@@ -47,3 +48,18 @@ def distance(
         "disk": disk,
     }
     return _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)
+
+
+def delays(
+    events: NDArray[np.void], *, disk: dict[str, Any], width: int, height: int, duration_us: int
+) -> dict[str, Any]:
+    """How long after the edges of a turning disk its events come, in time order and with t in [0, duration_us).
+
+    `disk`: what `pecs align detect --json` found, its phase_time_us in the clock of `events`. The dictionary is
+    `compare`'s "delays" for one stream, with what a model of the pixel needs to predict it: by polarity "passes",
+    [region][bin] pixels times passing edges; "regions": how many around (counter-clockwise from the left) and along the
+    radius (inner_px to outer_px), and the events of each (docs/metrics.md).
+    """
+    events = as_events(events)
+    options = {"width": width, "height": height, "duration_us": duration_us, "disk": disk}
+    return _delays(events.ctypes.data, len(events), options)
