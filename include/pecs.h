@@ -215,6 +215,11 @@ PECS_API void pecs_sensor_close(pecs_sensor* sensor);
 PECS_API char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
                             const char* options_json, pecs_error* error);
 
+/* Delays of one stream's events behind the edges of a turning disk (docs/metrics.md). Events in time order. options:
+ * {"width": pixels, "height": pixels, "duration_us": the events lie in [0, this), "disk": what `pecs align detect
+ * --json` prints}. result: as "delays" of pecs_compare, for one stream, and by regions of the disk. */
+PECS_API char* pecs_delays(const pecs_event* events, int64_t count, const char* options_json, pecs_error* error);
+
 #ifdef __cplusplus
 }
 #endif

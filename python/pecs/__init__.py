@@ -3,9 +3,9 @@
 from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version
 from ._sense import sense
 from .chip import Chip, bands, models
-from .compare import distance
 from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
+from .metrics import compare, delays
 from .sensor import Sensor, simulate
 from .stack import StackReader, StackWriter
 
@@ -26,8 +26,9 @@ __all__ = [
     "StackReader",
     "StackWriter",
     "bands",
+    "compare",
     "data_dir",
-    "distance",
+    "delays",
     "event_formats",
     "models",
     "read",
