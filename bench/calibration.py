@@ -240,8 +240,8 @@ def intrinsics(index: int, keep: Path) -> dict:
     fitted = result["camera"]
     # Distortion curve: image radii at the same field angles, the measured focal length scaled to the true one.
     r = np.linspace(5, np.hypot(width, height) / 2 * 0.95, 40)
-    angle = np.interp(r * camera.pitch_mm, camera.r_mm, camera.angle)
-    x = np.tan(angle)
+    along = camera.lens.directions(camera.axis_px + np.outer(r, [1, 0]), **camera.setting)
+    x = along[:, 0] / along[:, 2]
     k1, k2, k3 = fitted["radial"]
     m = fitted["focal_px"] * (x + k1 * x**3 + k2 * x**5 + k3 * x**7)
     shape = m * (m @ r) / (m @ m) - r

@@ -118,8 +118,8 @@ void add_compare(CLI::App& app) {
       ->check(CLI::IsMember({"first-event", "zero"}))
       ->capture_default_str();
   command
-      ->add_option("--metric-compat", a->normalisation,
-                   "Normalisation: shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
+      ->add_option("--normalisation", a->normalisation,
+                   "shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
                    "behind its tables, integer overflow included)")
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();

@@ -80,9 +80,7 @@ void check(const FrameSource& source, const Chip& chip) {
     throw bad_input(name, "frames", fmt::format("{} so far", source.frames()),
                     fmt::format("the {} of times_ns", info.times_ns.size()));
   if (!source.is_live() && source.frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
-  if ((chip.width > 0 && info.width > chip.width) || (chip.height > 0 && info.height > chip.height))
-    throw bad_input(name, "size", fmt::format("{}x{}", info.width, info.height),
-                    fmt::format("at most {}'s {}x{}", chip.name, chip.width, chip.height));
+  check_fits(chip, info.width, info.height, name);
 }
 
 // No option is without effect and without a word.

@@ -46,11 +46,12 @@ FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<con
   for (const double t : t_us) {
     if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > kMostTime_us)
       throw bad_input(
-          "frames", fmt::format("time of frame {}", frames_), fmt::format("{} us", t),
+          "frames", fmt::format("time of frame {}", frames_ + std::ssize(batch.t_us) - std::ssize(recent_t_us_)),
+          fmt::format("{} us", t),
           batch.t_us.empty() ? fmt::format("0 to {}", kMostTime_us) : fmt::format("more than {}", batch.t_us.back()));
     batch.t_us.push_back(t);
-    ++frames_;
   }
+  frames_ += std::ssize(planes);
   // Events of the intervals to come round to the end of these at the earliest.
   const std::size_t known = batch.t_us.size();
   recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "pecs/error.h"
+#include "pecs/lens/image_map.h"
 #include "pecs/version.h"
 
 namespace pecs::lens {
@@ -47,17 +48,6 @@ double colour_shift_mm(const Tracer& a, const Tracer& b, const Focus& focus, con
     }
   }
   return count ? std::sqrt(sum / count) : 0;
-}
-
-// The film's own axes and its normal towards the scene, in the lens frame.
-struct FilmAxes {
-  Vec3 right, up, ahead;
-};
-FilmAxes film_axes(const CameraOptions& o) {
-  const double x = o.film_tilt_x_deg * std::numbers::pi / 180, y = o.film_tilt_y_deg * std::numbers::pi / 180;
-  return {{std::cos(y), 0, -std::sin(y)},
-          {std::sin(x) * std::sin(y), std::cos(x), std::sin(x) * std::cos(y)},
-          {-std::cos(x) * std::sin(y), std::sin(x), -std::cos(x) * std::cos(y)}};
 }
 
 std::string number(double x) { return fmt::format("{:.9g}", x); }
@@ -226,7 +216,7 @@ std::string shader_text(const Prescription& lens, const Camera& camera) {
                                      in_layer(fmt::format("{} * (k + 1) + ", stride)));
   };
   // The film point (fx, fy), its distance to the rear vertex and the cosine at the film.
-  const FilmAxes axes = film_axes(o);
+  const FilmAxes axes = film_axes(o.film_tilt_x_deg, o.film_tilt_y_deg);
   std::string film, distance_at = number(distance), distance2_at = number(distance * distance), cosine = "dz";
   if (layers == 1) {
     film = fmt::format("  float fx = (0.5 - raster[0]) * {} + {}, fy = (0.5 - raster[1]) * {} + {};\n",
@@ -356,7 +346,7 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
   // How far the film reaches from the axis, and along it: at a corner.
-  const FilmAxes axes = film_axes(o);
+  const FilmAxes axes = film_axes(o.film_tilt_x_deg, o.film_tilt_y_deg);
   double max_r = 0, max_dz = 0;
   for (const double u : {-0.5 * o.film_width_mm, 0.5 * o.film_width_mm})
     for (const double v : {-0.5 * o.film_height_mm, 0.5 * o.film_height_mm}) {
