@@ -122,7 +122,8 @@ class Lens:
 
     def camera(self, **options: Any) -> Camera:
         """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
-        film_shift_x_mm, film_shift_y_mm, film_tilt_x_deg, film_tilt_y_deg, pixel_pitch_mm, colour_tolerance_px."""
+        film_shift_x_mm, film_shift_y_mm, film_tilt_x_deg, film_tilt_y_deg, pixel_pitch_mm, colour_tolerance_px,
+        unit_m."""
         return Camera(**_camera(self._handle, options))
 
     def directions(
