@@ -169,6 +169,7 @@ class Film:
     def passes(self, *names: str) -> dict[str, np.ndarray]:
         """Passes of Cycles by name, each [channels, height, width]."""
         stop.check()
+        self._scene.update_tag()  # else Cycles, which keeps its data, would not look at its own settings
         with _engine_results() as results, quiet():
             bpy.ops.render.render(scene=self._scene.name)
         stop.check()
