@@ -78,7 +78,7 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
     const Tracer tracer(lens, o.bands_nm[w], o.stop_diameter_mm);
     for (std::size_t k = 0; k < o.fields.size(); ++k) {
       for (const auto& line :
-           ray_fan(tracer, focus.film_z_mm, o.fields[k] * o.film_half_diagonal_mm, o.rays_per_fan, ahead)) {
+           ray_fan(tracer, lens.stop, focus.film_z_mm, o.fields[k] * o.film_half_diagonal_mm, o.rays_per_fan, ahead)) {
         std::string points;
         for (const Vec3& p : line)
           if (std::abs(p.x) <= 1.5 * half_height) points += fmt::format("{:.2f},{:.2f} ", sx(p.z), sy(p.x));

@@ -222,11 +222,18 @@ std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_
     if (s.conic != 0 || !s.powers.empty())
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no aspheres", lens.file, i));
-    const bool diaphragm =
-        i == lens.stop && s.curvature == 0 && s.after.is_air() && (i == 0 || lens.surfaces[i - 1].after.is_air());
+    const bool diaphragm = i == lens.stop && s.after.is_air() && lens.stop_is_diaphragm();
     if (i == lens.stop && !diaphragm)
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no stop on a glass surface", lens.file, i));
+    for (const std::size_t neighbour : {i - 1, i + 1}) {  // pbrt follows rays forward only
+      if (!diaphragm || neighbour >= lens.surfaces.size()) continue;
+      const double edge = std::min(s.semi_diameter_mm, lens.surfaces[neighbour].semi_diameter_mm);
+      if (lens.gap_mm(std::min(i, neighbour), std::max(i, neighbour), edge) < 0)
+        throw Error(ExitCode::unsupported,
+                    fmt::format("{}: surfaces[{}]: pbrt traces no stop whose plane cuts surfaces[{}]", lens.file, i,
+                                neighbour));
+    }
     const double thickness = (i + 1 < lens.surfaces.size() ? lens.surfaces[i + 1].z_mm : film_z_mm) - s.z_mm;
     const double radius = diaphragm ? 0 : s.curvature == 0 ? kPlaneRadius : 1 / s.curvature;
     out += fmt::format("{:.9g} {:.9g} {:.9g} {:.9g}\n", radius, thickness, n[i], 2 * s.semi_diameter_mm);
