@@ -87,14 +87,16 @@ void add_powers(Json& surface, const ZemaxSurface& s, bool even, double unit_mm)
   if (!odd_coeffs.empty()) surface["odd_coeffs"] = odd_coeffs;
 }
 
-}  // namespace
-
-Json import_zmx(const std::string& bytes, const std::string& file) {
-  std::istringstream lines(utf8(bytes));
-  std::vector<ZemaxSurface> surfaces;
-  std::vector<std::string> catalogs;
+struct ZemaxFile {
   std::string name;
   double unit_mm = 1;
+  std::vector<std::string> catalogs;
+  std::vector<ZemaxSurface> surfaces;  // the object first, the image last
+};
+
+ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
+  std::istringstream lines(utf8(bytes));
+  ZemaxFile zemax;
   std::size_t number = 0;
   for (std::string line; std::getline(lines, line);) {
     const Place place{file, ++number};
@@ -104,23 +106,23 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
     if (key == "MODE" && words.size() > 1 && words[1] != "SEQ") place.fail("mode " + words[1], "sequential (SEQ)");
     if (key == "UNIT" && words.size() > 1) {
       if (words[1] == "MM")
-        unit_mm = 1;
+        zemax.unit_mm = 1;
       else if (words[1] == "CM")
-        unit_mm = 10;
+        zemax.unit_mm = 10;
       else if (words[1] == "IN")
-        unit_mm = 25.4;
+        zemax.unit_mm = 25.4;
       else
         place.fail("unit " + words[1], "MM, CM or IN");
     }
-    if (key == "NAME") name = line.substr(line.find("NAME") + 4);
-    if (key == "GCAT") catalogs.assign(words.begin() + 1, words.end());
+    if (key == "NAME") zemax.name = line.substr(line.find("NAME") + 4);
+    if (key == "GCAT") zemax.catalogs.assign(words.begin() + 1, words.end());
     if (key == "SURF") {
-      surfaces.emplace_back();
-      surfaces.back().place = place;
+      zemax.surfaces.emplace_back();
+      zemax.surfaces.back().place = place;
       continue;
     }
-    if (surfaces.empty()) continue;
-    ZemaxSurface& s = surfaces.back();
+    if (zemax.surfaces.empty()) continue;
+    ZemaxSurface& s = zemax.surfaces.back();
     if (key == "TYPE" && words.size() > 1) s.type = words[1];
     if (key == "CURV") s.curvature = place.number(words, 1);
     if (key == "DISZ") s.thickness = place.number(words, 1);
@@ -137,9 +139,15 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
       }
     }
   }
-  if (surfaces.size() < 3) throw bad_input(file, "", fmt::format("{} surfaces", surfaces.size()), "a Zemax lens");
+  if (zemax.surfaces.size() < 3)
+    throw bad_input(file, "", fmt::format("{} surfaces", zemax.surfaces.size()), "a Zemax lens");
+  return zemax;
+}
 
-  // Surface 0 is the object, the last the image.
+}  // namespace
+
+Json import_zmx(const std::string& bytes, const std::string& file) {
+  const auto [name, unit_mm, catalogs, surfaces] = read_zemax(bytes, file);
   Json out_surfaces = Json::array();
   std::optional<std::size_t> stop;
   for (std::size_t i = 1; i + 1 < surfaces.size(); ++i) {
