@@ -170,10 +170,10 @@ class ActivePixels {
     set(g.s1, one);
     set(g.z, zero);
     if constexpr (kReceptor) {
-      const V m0 = hn::Abs(l.c1), m1 = hn::Abs(l.slope(one)), dl = hn::Abs(hn::Sub(l.at(one), l.c0));
-      set(g.steepest,
-          hn::Max(hn::MulAdd(hn::Set(f, 1.5f), dl, hn::Mul(hn::Set(f, 0.25f), hn::Add(m0, m1))), hn::Max(m0, m1)));
-      set(g.steepest_bend, hn::Max(hn::Abs(l.bend(zero)), hn::Abs(l.bend(one))));
+      Receptors r{l, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
+      r.bound();
+      set(g.steepest, r.steepest);
+      set(g.steepest_bend, r.steepest_bend);
       set(g.w, of(rows_.w[0]));
       set(g.i, of(rows_.i[0]));
       set(g.slope, l.c1);
@@ -182,30 +182,18 @@ class ActivePixels {
   }
 
   HWY_INLINE void choose_step(const IntervalTimes& t, ActiveLanes& g) {
-    const F f;
-    const Receptors r = receptors(t, g);
-    const V one = hn::Set(f, 1.0f), rest = hn::Sub(one, r.s);
-    const Receptors::Motion motion = r.motion();
-    const V steps = hn::Min(hn::Ceil(hn::Div(rest, r.wanted(motion))), hn::Set(f, 1e4f)), ds = hn::Div(rest, steps);
-    set(g.ds, ds);
-    set(g.s_next, hn::IfThenElse(hn::Le(steps, one), one, hn::Add(r.s, ds)));
-    set(g.m0, r.slope_of_v(motion, ds));
+    const Receptors::Step step = receptors(t, g).choose();
+    set(g.ds, step.ds);
+    set(g.s_next, step.end);
+    set(g.m0, step.slope_of_v);
   }
 
   HWY_INLINE void take_step(const IntervalTimes& t, ActiveLanes& g) {
-    const F f;
-    const Receptors r = receptors(t, g);
-    const M ready = holds(g.ready);
-    const V one = hn::Set(f, 1.0f), s1 = get(g.s_next), middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(r.s, s1));
-    const V i1 = hn::Exp(f, r.light.at(s1)), im = hn::Exp(f, r.light.at(middle)), slope1 = r.light.slope(s1);
-    const V x = hn::Mul(hn::Mul(hn::Mul(r.a_h, get(g.ds)), hn::Set(f, 1.0f / 6)),  // Simpson
-                        hn::MulAdd(hn::Set(f, 4.0f), im, hn::Add(r.i, i1)));
-    const V g0 = hn::Div(one, r.i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, r.a_h);
-    const auto slope_of_g = [&](V l, V v) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(v, v), per_a_h))); };
-    const V w1 = receptor_step(r.w, g0, g1, slope_of_g(r.slope, g0), slope_of_g(slope1, g1), x);
-    set(g.w, hn::IfThenElse(ready, w1, r.w));
-    set(g.i, hn::IfThenElse(ready, i1, r.i));
-    set(g.slope, hn::IfThenElse(ready, slope1, r.slope));
+    Receptors r = receptors(t, g);
+    r.take(holds(g.ready), get(g.ds), get(g.s_next));
+    set(g.w, r.w);
+    set(g.i, r.i);
+    set(g.slope, r.slope);
   }
 
   HWY_INLINE void end_step(const IntervalTimes& t, ActiveLanes& g) {

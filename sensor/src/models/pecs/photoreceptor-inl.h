@@ -104,6 +104,40 @@ struct Receptors {
     const V slow = hn::Div(hn::Set(f, 0.5f), steepest);
     return hn::Min(hn::Min(one, slow), hn::IfThenElse(hn::Lt(r, tolerance), one, relaxation));
   }
+
+  // What the choice of steps needs of the light: no slope and no second derivative in the interval is greater.
+  void bound() {
+    const V zero = hn::Zero(F()), one = hn::Set(F(), 1.0f);
+    const V m0 = hn::Abs(light.c1), m1 = hn::Abs(light.slope(one)), dl = hn::Abs(hn::Sub(light.at(one), light.c0));
+    steepest =
+        hn::Max(hn::MulAdd(hn::Set(F(), 1.5f), dl, hn::Mul(hn::Set(F(), 0.25f), hn::Add(m0, m1))), hn::Max(m0, m1));
+    steepest_bend = hn::Max(hn::Abs(light.bend(zero)), hn::Abs(light.bend(one)));
+  }
+  // The next step: its length, where it ends, dV/ds times its length at its start.
+  struct Step {
+    V ds, end, slope_of_v;
+  };
+  Step choose() const {
+    const F f;
+    const V one = hn::Set(f, 1.0f), rest = hn::Sub(one, s);
+    const Motion now = motion();
+    const V steps = hn::Min(hn::Ceil(hn::Div(rest, wanted(now))), hn::Set(f, 1e4f)), ds = hn::Div(rest, steps);
+    return {ds, hn::IfThenElse(hn::Le(steps, one), one, hn::Add(s, ds)), slope_of_v(now, ds)};
+  }
+  // w, I and its slope at the end of the step, where `ready`; s is the caller's.
+  void take(M ready, V ds, V end) {
+    const F f;
+    const V one = hn::Set(f, 1.0f), middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(s, end));
+    const V i1 = hn::Exp(f, light.at(end)), im = hn::Exp(f, light.at(middle)), slope1 = light.slope(end);
+    const V x = hn::Mul(hn::Mul(hn::Mul(a_h, ds), hn::Set(f, 1.0f / 6)),  // Simpson
+                        hn::MulAdd(hn::Set(f, 4.0f), im, hn::Add(i, i1)));
+    const V g0 = hn::Div(one, i), g1 = hn::Div(one, i1), per_a_h = hn::Div(one, a_h);
+    const auto slope_of_g = [&](V l, V v) { return hn::Neg(hn::Mul(hn::Mul(x, l), hn::Mul(hn::Mul(v, v), per_a_h))); };
+    const V w1 = receptor_step(w, g0, g1, slope_of_g(slope, g0), slope_of_g(slope1, g1), x);
+    w = hn::IfThenElse(ready, w1, w);
+    i = hn::IfThenElse(ready, i1, i);
+    slope = hn::IfThenElse(ready, slope1, slope);
+  }
 };
 
 // Light of an interval at its start and end: ln I, its slopes [1/us], I [fA], 1/I.

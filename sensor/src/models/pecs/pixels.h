@@ -46,8 +46,8 @@ class PecsPixels : public PixelModel {
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
   std::vector<float> threshold_on_, threshold_off_;
-  std::vector<float> light0_, light1_,
-      m0_;  // of the last two frames (pixel_kernel.h); slope of ln I [1/us] at the earlier one
+  std::vector<float> light0_, light1_;  // of the last two frames (kernel.h)
+  std::vector<float> m0_;               // slope of ln I [1/us] at the earlier one
   std::vector<float> reference_, blind_us_;
   std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
   std::vector<std::uint32_t> hot_;  // hot pixels, rising
