@@ -1,4 +1,5 @@
-"""Ten .blend files that together use every kind of colour socket: `python blend_files.py FOLDER` (with bpy)."""
+"""Ten .blend files that together use every kind of colour socket, and others: `python blend_files.py FOLDER [NAME...]`
+(with bpy)."""
 
 import math
 import sys
@@ -342,20 +343,52 @@ def linked():
         bpy.context.scene.collection.objects.link(thing)
 
 
+PLANE, BALL, BALL_RADIUS = ((0, 5, 0), 20), (0.3, 3, -0.2), 0.5  # a wall turned about z by so many degrees
+
+
+def measured(unit_m=1.0):
+    """A wall and a ball before a camera in the origin that looks along +y, in metres whatever the unit; a lamp."""
+    scene = bpy.context.scene
+    scene.unit_settings.scale_length = unit_m
+    camera = scene.camera
+    camera.location, camera.rotation_euler = (0, 0, 0), (math.radians(90), 0, 0)
+    camera.data.lens, camera.data.sensor_width, camera.data.shift_x = 40, 36, 0.05
+    camera.data.dof.use_dof, camera.data.dof.focus_distance, camera.data.dof.aperture_fstop = True, 3 / unit_m, 1.0
+    (x, y, z), turn_deg = PLANE
+    location = tuple(v / unit_m for v in (x, y, z))
+    bpy.ops.mesh.primitive_plane_add(
+        size=4 / unit_m, location=location, rotation=(math.radians(90), 0, math.radians(turn_deg))
+    )
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        radius=BALL_RADIUS / unit_m, location=tuple(v / unit_m for v in BALL), segments=256, ring_count=128
+    )
+    thing = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    thing.data.energy, thing.data.shadow_soft_size = 100, 0.1 / unit_m
+    thing.location = (1 / unit_m, 0, 1 / unit_m)
+    scene.collection.objects.link(thing)
+    scene.cycles.diffuse_bounces = 0
+
+
+def centimetres():
+    measured(0.01)
+
+
 FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, world, linked]
 LIBRARY = Path()
 
-OTHERS = [temperatures, spectra, python_driver, missing_texture, no_camera]
+OTHERS = [temperatures, spectra, python_driver, missing_texture, no_camera, measured, centimetres]
 
 
-def main(folder):
+def main(folder, *names):
     global LIBRARY
     LIBRARY = Path(folder).absolute()
     for make in FILES + OTHERS:
+        if names and make.__name__ not in names:
+            continue
         start()
         make()
         bpy.ops.wm.save_as_mainfile(filepath=str(LIBRARY / f"{make.__name__}.blend"), compress=False, copy=False)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

@@ -120,7 +120,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
         ("textures", ["--illuminant", "blackbody:12"], 4, "blackbody"),
         ("textures", ["--set", "rpm=3"], 2, "--set"),
         ("no_such_file", [], 3, "no such file"),
-        ("textures", ["--frames", "100000", "--width", "40000"], 5, "disk"),
+        ("textures", ["--frames", "100000", "--width", "8000"], 5, "disk"),
     ],
 )
 def test_bad_input_is_one_line(blends, tmp_path, name, args, code, says):

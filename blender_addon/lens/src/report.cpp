@@ -152,6 +152,7 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
   o.film_tilt_y_deg = options.number_or("film_tilt_y_deg", 0, {-45, 45});
   o.pixel_pitch_mm = options.number_or("pixel_pitch_mm", o.pixel_pitch_mm, {1e-5, 10});
   o.colour_tolerance_px = options.number_or("colour_tolerance_px", o.colour_tolerance_px, {0, 1e6});
+  o.unit_m = options.number_or("unit_m", o.unit_m, {1e-9, 1e9});
   options.done();
   return o;
 }

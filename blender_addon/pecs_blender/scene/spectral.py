@@ -12,7 +12,7 @@ Only this process's copy changes: nothing here is ever saved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -54,9 +54,10 @@ class Role:
     emitter: float | str | None = None
     named: bool = False
     reflectance: Spectrum | None = None
+    strength: float = 1.0
 
     def matrix(self, of_colours: np.ndarray, rgb_nm: np.ndarray, emitters: Emitters) -> np.ndarray:
-        rows = np.tile(LUMINANCE, (3, 1)) if self.named else of_colours
+        rows = self.strength * (np.tile(LUMINANCE, (3, 1)) if self.named else of_colours)
         return rows if self.emitter is None else emitters.relative(self.emitter, rgb_nm)[:, None] * rows
 
 
@@ -80,12 +81,13 @@ class _Constant:
 
 class SpectralScene:
     """The rewriting of everything in bpy.data. `illuminant`: the spectrum of whatever emits RGB without naming one.
-    `folder`: where a CSV that is not absolute lies. `matrix`: of colours, at the three wavelengths of a pass."""
+    `folder`: where a CSV that is not absolute lies. `unit_m`: metres per unit of its coordinates: light that falls with
+    the distance falls with its square. `matrix`: of colours, at the three wavelengths of a pass."""
 
-    def __init__(self, illuminant: Spectrum, folder, matrix=band_matrix):
+    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix=band_matrix):
         self.emitters = Emitters(illuminant)
         self.approximated: list[str] = []
-        self._folder, self._matrix = folder, matrix
+        self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
         self._constants: list[_Constant] = []
         self._groups: dict[Role, bpy.types.NodeTree] = {}
         self._glasses: list[tuple[object, Glass]] = []
@@ -158,7 +160,9 @@ class SpectralScene:
                     _unlink(light.node_tree, socket)
                     socket.default_value = (1.0, 1.0, 1.0, 1.0)
                     role = Role(self._emitter(spectrum(source)))
-        self._constant(light, "color", light, role)
+        # The sun's strength is per area, all others' is in watts.
+        strength = 1.0 if light.type == "SUN" else self._unit_m**-2
+        self._constant(light, "color", light, replace(role, strength=strength))
         if light.use_nodes and light.node_tree:  # filters in front of the lamp's own spectrum
             self._tree(light.node_tree, _Named(light, filters=True))
 
