@@ -2,10 +2,11 @@
  *
  * A type pecs_T is an opaque handle: pecs_T_open reads, pecs_T_create writes a new file and pecs_T_finish completes it,
  * pecs_T_close frees any of them (NULL too). A handle may be used by one thread at a time.
- * A function that fails returns -1, or NULL for a handle or text (an int without meaning is 0), and says why in the pecs_error (which may be NULL)
- * that the caller owns; no exception crosses. Every array that is written to has a capacity, in elements. Options and
- * reports are JSON text in UTF-8 (keys: here and in docs/; an unknown one is refused, null is as absent); bulk data are
- * plain arrays, row 0 at the top. examples/c/ holds a program to start from. */
+ * A function that fails returns -1, or NULL for a handle or text, and says why in the pecs_error (which may be NULL)
+ * that the caller owns; no exception crosses. An int that has nothing to say is 0. Every array that is written to has a
+ * capacity, in elements. Options and reports are JSON text in UTF-8 (keys: here and in docs/; an unknown one is
+ * refused, null is as absent); bulk data are plain arrays, row 0 at the top. examples/c/ holds a program to start from.
+ */
 #ifndef PECS_H
 #define PECS_H
 
@@ -152,8 +153,9 @@ PECS_API void pecs_event_writer_close(pecs_event_writer* writer);
 
 /* ---- chips and pixel models (sensor) --------------------------------------------------------------------------- */
 
-/* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white), "parameters":
- * [{"key", "unit", "value": default, "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's. */
+/* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white),
+ * "tells_causes": false (labels), "parameters": [{"key", "unit", "value": default, "min", "max", "meaning"}, ...]},
+ * ...]. The parameters of `pecs` are the chip's. */
 PECS_API char* pecs_models(pecs_error* error);
 
 typedef struct pecs_chip pecs_chip;
