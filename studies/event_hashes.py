@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Hashes of the events that a build makes, over chips, models, formats, sources and options. Two builds whose tables are
-equal make the same events.
+"""Hashes of the events that a build makes, over chips, models, formats, sources and options. Two builds whose tables
+are equal make the same events.
 
     studies/event_hashes.py -o table.json [--program build/release/bin/pecs]
     diff old.json new.json

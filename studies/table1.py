@@ -15,32 +15,26 @@ import argparse
 import csv
 import html
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pecs
 from pecs_lab import sequences
-from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH, HEIGHT = 1280, 720
 DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
 
 
-def sensed(sequence, folder: Path, info: dict, model: str, light: np.ndarray | None):
-    """Events on the stack's grid; time as in the recording, where there is one. light: of a periodic stack."""
-    periodic, parameters = info["period_ns"] is not None, {}
+def sensed(sequence, folder: Path, info: dict, model: str):
+    """Events on the stack's grid; time as in the recording, where there is one."""
+    parameters = {}
     if model == "icns":  # its photoreceptor follows the light
         parameters["white_lux"] = sequence.parameters["illuminance_lux"]
-    if periodic and model != "pecs":
-        return looped(sequence, light, info, model, parameters)
-    output = folder / f"{model}.raw"
-    command = [program(), "sense", folder / "stack", "-o", output, "--model", model, "--quiet"]
-    command += [f"--param={key}={value}" for key, value in parameters.items()]
-    command += sequences.sense_arguments(sequence, None if periodic else info["times_ns"][-1])
-    subprocess.run(list(map(str, command)), check=True)
+    output, periodic = folder / f"{model}.raw", info["period_ns"] is not None
+    window = sequence.sense if periodic else {"chip": sequence.sense["chip"]}  # a part of a period is not looped
+    pecs.sense(folder / "stack", output, model=model, parameters=parameters, **window)
     events = pecs.read(output)
     events["t"] += sequence.sense.get("start_us", 0) if periodic else 0  # a window's events count from its start
     return events
@@ -51,54 +45,20 @@ def onto_sensor(folder: Path) -> Path:
     stands for all, with the same photocurrent."""
     import cv2
 
+    chip = pecs.Chip("imx636")
     info = json.loads((folder / "stack/stack.json").read_text())
+    band = info["bands"][len(info["bands"]) // 2]
+    (ampere,) = chip.amperes_per_unit([band])
     fine = folder / "onto_sensor"
-    light, scale, band = _photocurrent(folder / "stack", info, "imx636")
     fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
     fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
-    with pecs.StackWriter(fine / "stack", fine_info) as writer:
-        for i, picture in enumerate(light):
+    with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
+        for i in range(len(info["times_ns"])):
             if not writer.has_frame(i):
-                grown = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-                writer.write_frame(i, np.ascontiguousarray(grown[None] / np.float32(scale)))
+                light = chip.photocurrent(reader, i) / np.float32(ampere)
+                grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+                writer.write_frame(i, np.ascontiguousarray(grown[None]))
     return fine
-
-
-def light_of(stack: Path, info: dict, chip: str) -> np.ndarray:
-    """[T, H, W]: 1 = white, which is the first frame's 99.5 % as in `pecs sense`."""
-    light = _photocurrent(stack, info, chip)[0]
-    return light / np.float32(np.percentile(light[0], 99.5))
-
-
-def _photocurrent(stack: Path, info: dict, chip: str):
-    """[T, H, W], the same of a unit of light in the middle band, and that band."""
-    curve = json.loads((pecs.data_dir("sensor/chips") / f"{chip}.json").read_text())["relative_qe"]
-    nm = np.array([band["lambda_nm"] for band in info["bands"]])
-    weight = nm * np.interp(nm, curve["lambda_nm"], curve["value"]) * [band["weight_nm"] for band in info["bands"]]
-    light = np.empty((len(info["times_ns"]), info["height"], info["width"]), np.float32)
-    with pecs.StackReader(stack) as reader:
-        for i in range(len(light)):
-            light[i] = np.tensordot(weight.astype(np.float32), reader.read_frame(i), 1)
-    middle = len(nm) // 2
-    return light, weight[middle], info["bands"][middle]
-
-
-def looped(sequence, light: np.ndarray, info: dict, model: str, parameters: dict):
-    """Other models on a periodic stack, which `pecs sense` loops for its own alone; one period to settle."""
-    period_us, times_us = info["period_ns"] * 1e-3, np.array(info["times_ns"]) * 1e-3
-    begin_us = period_us + sequence.sense.get("start_us", 0)
-    end_us = begin_us + sequence.sense["duration_us"]
-    sensor = pecs.Sensor(info["width"], info["height"], sequence.sense["chip"], model=model, parameters=parameters)
-    chunks = []
-    for loop in range(int(end_us // period_us) + 1):
-        needed = times_us + loop * period_us <= end_us + 2 * period_us / len(times_us)
-        for first in range(0, int(needed.sum()), 32):
-            part = slice(first, min(first + 32, int(needed.sum())))
-            chunks.append(sensor.push(light[part], times_us[part] + loop * period_us))
-    events = np.concatenate([*chunks, sensor.finish()])
-    events = events[(events["t"] >= begin_us) & (events["t"] < end_us)]
-    events["t"] -= round(period_us)
-    return events
 
 
 def on_the_sensor(events, factor: int):
@@ -143,11 +103,7 @@ def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
     sequence = sequences.load(name)
     info = json.loads((folder / "stack/stack.json").read_text())
     factor = WIDTH // info["width"]
-    light = light_of(folder / "stack", info, sequence.sense["chip"]) if info["period_ns"] else None
-    streams = {
-        m: on_the_sensor(sensed(sequence, folder, info, m, light), factor) for m in sequence.published["chamfer"]
-    }
-    del light
+    streams = {m: on_the_sensor(sensed(sequence, folder, info, m), factor) for m in sequence.published["chamfer"]}
     reference = decimated(pecs.read(real), factor) if real else streams["pecs"]
     rows = []
     for model, events in streams.items():

@@ -57,19 +57,24 @@ bool EventSink::write(LabelledEvents& fired, bool last) {
   if (readout_) {
     clear(sent_);
     readout_->push(fired, last, sent_);
-  } else {
-    std::swap(fired, sent_);
+    clear(fired);
   }
-  clear(fired);
-  trim(sent_, from_us, to_us);
-  auto& out = sent_.events;
+  LabelledEvents& labelled = readout_ ? sent_ : fired;
+  trim(labelled, from_us, to_us);
+  const bool goes_on = send(labelled);
+  clear(labelled);
+  return goes_on;
+}
+
+bool EventSink::send(LabelledEvents& labelled) {
+  auto& out = labelled.events;
   if (out.empty()) return !options_.watch || options_.watch({});
-  for (events::Event& e : out) e.t_us -= from_us;
+  for (events::Event& e : out) e.t_us -= timeline_.from_us();
   if (events_ == 0) first_us_ = out.front().t_us;
   last_us_ = out.back().t_us;
   events_ += std::ssize(out);
   on_ += std::ranges::count(out, 1, &events::Event::p);
-  if (options_.labels) causes_.insert(causes_.end(), sent_.causes.begin(), sent_.causes.end());
+  if (options_.labels) causes_.insert(causes_.end(), labelled.causes.begin(), labelled.causes.end());
   writer_->write(out);
   return !options_.watch || options_.watch(out);
 }

@@ -20,6 +20,8 @@ class EventSink {
   Json report() const;  // counts and rates
 
  private:
+  bool send(LabelledEvents& labelled);
+
   const SenseOptions& options_;
   const Timeline& timeline_;
   std::unique_ptr<events::Writer> writer_;

@@ -134,7 +134,7 @@ void EventSorter::take(std::int64_t until_us, LabelledEvents& out) {
       held_.insert(held_.end(), later.begin(), later.end());
       keys.erase(later.begin(), later.end());
     }
-  append_sorted(0, slots, out);
+  if (until_us > from_us_) append_sorted(0, slots, out);
   for (EventSlots& part : parts_) part.begin(edges_);
 }
 

@@ -41,7 +41,7 @@ void run(const SenseOptions& options, const Chip& chip, const ModelChoice& model
   const StackInfo& info = light.info();
   const bool causes = options.labels.has_value();
   PixelArray pixels(model, chip, info.width, info.height, options.seed, 1.0, causes);
-  EventSorter sorter(info.width, causes);
+  EventSorter sorter(info.width, causes, timeline.loops() ? timeline.from_us() : 0);  // the warm-up is not read out
   LabelledEvents events;
 
   const std::vector<Region> regions = timeline.regions(pixels.pixels_are_independent());

@@ -90,9 +90,14 @@ def test_upright_and_not_mirrored(render):
 
 
 SHIPPED = [{"name": p.stem} for p in sorted((ROOT / "lens_data/lenses").glob("*.json"))]
+STOP_CUTS = [{"name": str(p)} for p in sorted((ROOT / "tests/lens/lenses").glob("*.json"))]
 
 
-@pytest.mark.parametrize("setting", [DGAUSS, SHIFTED, TILTED, *SHIPPED], ids=lambda s: "-".join(map(str, s.values())))
+def setting_name(setting):
+    return "-".join(Path(str(value)).stem if key == "name" else str(value) for key, value in setting.items())
+
+
+@pytest.mark.parametrize("setting", [DGAUSS, SHIFTED, TILTED, *SHIPPED, *STOP_CUTS], ids=setting_name)
 def test_ray_by_ray_as_the_tracer(setting, render, pecs_program):
     check_ray_by_ray(setting, render, pecs_program)
 

@@ -11,7 +11,7 @@
 namespace pecs::lens {
 namespace {
 
-constexpr int kNodes = 96;      // over the film radius
+constexpr int kNodes = 96;       // over the film radius
 constexpr int kLayers = 7;       // over the height of a tilted film
 constexpr double kBeyond = 1.1;  // how far the table reaches, in distances to the farthest corner
 

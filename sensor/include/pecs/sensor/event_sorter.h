@@ -13,8 +13,9 @@ namespace pecs::sensor {
 
 class EventSorter {
  public:
-  // `causes`: events leave with their causes.
-  explicit EventSorter(int width, bool causes = false) : width_(width), with_causes_(causes) {}
+  // `causes`: events leave with their causes. Events before from_us may be left out.
+  explicit EventSorter(int width, bool causes = false, std::int64_t from_us = 0)
+      : width_(width), with_causes_(causes), from_us_(from_us) {}
 
   // Batch by batch. Events to come lie between these times; the better they are spread over them, the faster.
   void begin(std::span<const double> t_us);
@@ -36,6 +37,7 @@ class EventSorter {
 
   int width_;
   bool with_causes_;
+  std::int64_t from_us_;
   std::vector<EventKey> edges_;  // of the slots
   std::vector<EventSlots> parts_;
   std::vector<EventKey> held_;
