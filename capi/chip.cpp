@@ -24,6 +24,7 @@ pecs::Json model_json(const std::string& name) {
   return {{"name", name},
           {"source", model_source(name)},
           {"takes_light", model_traits(name).takes_light},
+          {"tells_causes", model_traits(name).tells_causes},
           {"parameters", parameters}};
 }
 

@@ -2,8 +2,8 @@
  *
  * A type pecs_T is an opaque handle: pecs_T_open reads, pecs_T_create writes a new file and pecs_T_finish completes it,
  * pecs_T_close frees any of them (NULL too). A handle may be used by one thread at a time.
- * A function that fails returns -1, or NULL for a handle or text (an int without meaning is 0), and says why in the
- * pecs_error (which may be NULL) that the caller owns; no exception crosses. Every array that is written to has a
+ * A function that fails returns -1, or NULL for a handle or text, and says why in the pecs_error (which may be NULL)
+ * that the caller owns; no exception crosses. An int that has nothing to say is 0. Every array that is written to has a
  * capacity, in elements. Options and reports are JSON text in UTF-8 (keys: here and in docs/; an unknown one is
  * refused, null is as absent); bulk data are plain arrays, row 0 at the top. examples/c/ holds a program to start from.
  */
@@ -58,10 +58,10 @@ PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, 
 /* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm":
  * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h, "pixel_pitch_mm":
  * p, "colour_tolerance_px": 0.1, "unit_m": 1 (metres per unit of the scene)}. focus_bands_nm are all bands of the
- * stack, so that every pass has one focus. result:
- * {"osl": source of one shader, "shader_name": .., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit scene
- * radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered value * e0 of its channel], "film_z_mm",
- * "focus_m", "stop_diameter_mm", "fnumber", "channel_mode", "lens_name", "sha256", ...: docs/lens.md}. */
+ * stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name": .., "e0": [E0 per band:
+ * film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered
+ * value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber", "channel_mode", "lens_name",
+ * "sha256", ...: docs/lens.md}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* The lens in section with its rays, as SVG text. Options as for info ("bands_nm": the rays' wavelengths). */
@@ -153,8 +153,9 @@ PECS_API void pecs_event_writer_close(pecs_event_writer* writer);
 
 /* ---- chips and pixel models (sensor) --------------------------------------------------------------------------- */
 
-/* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white), "parameters":
- * [{"key", "unit", "value": default, "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's. */
+/* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white),
+ * "tells_causes": false (labels), "parameters": [{"key", "unit", "value": default, "min", "max", "meaning"}, ...]},
+ * ...]. The parameters of `pecs` are the chip's. */
 PECS_API char* pecs_models(pecs_error* error);
 
 typedef struct pecs_chip pecs_chip;

@@ -34,8 +34,8 @@ _close = function("pecs_chip_close", None, ctypes.c_void_p, error=False)
 
 
 def models() -> list[dict[str, Any]]:
-    """The pixel models: [{"name", "source", "takes_light", "parameters": [{"key", "unit", "value", "min", "max",
-    "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's."""
+    """The pixel models: [{"name", "source", "takes_light", "tells_causes", "parameters": [{"key", "unit", "value",
+    "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's; `tells_causes`: `labels` work."""
     answer: list[dict[str, Any]] = take_json(_models())
     return answer
 

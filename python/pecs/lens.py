@@ -186,7 +186,7 @@ class Lens(Handle):
         """The OSL camera of one pass of up to three bands. `focus_bands_nm`: all bands of the stack, for one focus.
 
         `film_shift`: of the film's centre (+x right, +y up, seen from behind). `colour_tolerance_px`: up to which shift
-        of colour the pass is traced at one wavelength. `unit_m`: metres per unit of the scene.
+        of colour the pass is traced at one wavelength. `unit_m`: metres per unit of the scene, 1 if None.
         """
         return Camera(**self._answer(_camera, _given(locals())))
 

@@ -180,4 +180,5 @@ def test_models():
         assert model["source"]
         for p in model["parameters"]:
             assert p["min"] <= p["value"] <= p["max"] and p["meaning"] and p["unit"]
-    assert models["pecs"]["takes_light"] and not models["esim"]["takes_light"]
+    assert models["pecs"]["takes_light"] and models["pecs"]["tells_causes"]
+    assert not models["esim"]["takes_light"] and not models["esim"]["tells_causes"]
