@@ -172,21 +172,24 @@ def bands(
     chip: str | PathLike[str] = "imx636",
     n: int = 6,
     placement: str = "gauss",
-    illuminant: Sequence[tuple[float, float]] | None = None,
+    illuminant: str | Sequence[tuple[float, float]] | None = None,
     min_nm: float | None = None,
     max_nm: float | None = None,
 ) -> list[dict[str, float]]:
     """Wavelengths and quadrature weights: [{"lambda_nm": .., "weight_nm": ..}, ...], rising.
 
-    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: (lambda_nm, power)
-    pairs, linear in between; the bands then integrate reflectances under it.
+    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: a name of
+    lens_data/spectra, a .csv file, "blackbody:T", "daylight:T", or (lambda_nm, power) pairs, linear in between; the
+    bands then integrate reflectances under it.
     """
+    if illuminant is not None and not isinstance(illuminant, str):
+        illuminant = [[float(x), float(p)] for x, p in illuminant]
     return _bands(
         {
             "chip": fspath(chip),
             "n": n,
             "placement": placement,
-            "illuminant": None if illuminant is None else [[float(x), float(p)] for x, p in illuminant],
+            "illuminant": illuminant,
             "min_nm": min_nm,
             "max_nm": max_nm,
         }
