@@ -1,4 +1,4 @@
-"""Ten .blend files that together use every kind of colour socket, and others: `python blend_files.py FOLDER [NAME...]`
+"""Twelve .blend files that together use every kind of colour socket, and others: `python blend_files.py FOLDER [NAME...]`
 (with bpy)."""
 
 import math
@@ -316,6 +316,67 @@ def drivers():
     scene.frame_set(4)
 
 
+def _keyed(thing, action, slot, path, values):
+    """Keyframes of frames 1 and 10 in a slot of an action that others share."""
+    animation = thing.animation_data or thing.animation_data_create()
+    animation.action, animation.action_slot = action, slot
+    holder, key = (thing, path) if isinstance(path, str) else path
+    for frame, value in zip((1, 10), values, strict=True):
+        setattr(holder, key, value)
+        assert holder.keyframe_insert(key, frame=frame)
+
+
+def _animated_things():
+    """Each with what moves its colour: a lamp, a node tree, one without nodes, a world; and shape keys."""
+    light = lamp()
+    m, tree, _ = material("moving", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))
+    plain = bpy.data.materials.new("no nodes")
+    plain.use_nodes = False
+    sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    bpy.context.scene.world = sky
+    background = sky.node_tree.nodes["Background"].inputs["Color"]
+    thing = ball(m)
+    thing.shape_key_add(name="rest")
+    key = thing.shape_key_add(name="tall")
+    for point in key.data:
+        point.co.z *= 1.5
+    floor(plain)
+    return [
+        ("LIGHT", light, "color", ((1, 0, 0), (0, 1, 1))),
+        ("NODETREE", tree, (tree.nodes["Diffuse BSDF"].inputs["Color"], "default_value"), (GREY, GREEN)),
+        ("MATERIAL", plain, "diffuse_color", (GREY, RED)),
+        ("NODETREE", sky.node_tree, (background, "default_value"), (GREY, BLUE)),
+        ("KEY", thing.data.shape_keys, (key, "value"), (0.0, 1.0)),
+    ]
+
+
+def slots():
+    """One action moves everything, each thing by a slot of its own."""
+    action = bpy.data.actions.new("all")
+    for i, (kind, thing, path, values) in enumerate(_animated_things()):
+        _keyed(thing, action, action.slots.new(kind, f"slot {i}"), path, values)
+    bpy.context.scene.frame_set(1)
+
+
+def strips():
+    """The same in strips; above each lies a track that is off."""
+    action = bpy.data.actions.new("all")
+    for i, (kind, thing, path, values) in enumerate(_animated_things()):
+        slot = action.slots.new(kind, f"slot {i}")
+        _keyed(thing, action, slot, path, values)
+        animation = thing.animation_data
+        animation.action = None
+        for on in (True, False):
+            track = animation.nla_tracks.new()
+            strip = track.strips.new("strip", 1 if on else 4, action)
+            strip.action_slot = slot
+            strip.action_frame_start, strip.action_frame_end = 1, 10
+            strip.frame_end = strip.frame_start + 9
+            track.mute = not on
+    bpy.context.scene.frame_set(1)
+
+
 def world():
     """A textured environment (packed image) and a world without nodes in a second scene."""
     image = bpy.data.images.new("sky", 16, 8, float_buffer=True)
@@ -373,7 +434,7 @@ def centimetres():
     measured(0.01)
 
 
-FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, world, linked]
+FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, slots, strips, world, linked]
 LIBRARY = Path()
 
 OTHERS = [temperatures, spectra, python_driver, missing_texture, no_camera, measured, centimetres]
