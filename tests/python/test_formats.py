@@ -315,7 +315,8 @@ def test_text_conventions(tmp_path, text):
         ("t_us,x,y,p\n1,70000,3,1\n", "wanted a pixel"),
         ("t_us,x,y,p\n1,2,3,7\n", "p of -1, 0 or 1"),
         ("t_us,x,y,p\n99999999999999999999,2,3,1\n", "as numbers"),
-        ("", "got no content"),
+        ("\n\n", "got no content"),
+        ("", "got an empty file"),
     ],
 )
 def test_bad_text_is_placed(tmp_path, text, line):
@@ -457,7 +458,8 @@ def test_convert_refuses(pecs_program, tmp_path):
     (tmp_path / "e.csv").write_text("t_us,x,y,p\n5,10,20,1\n4,10,20,1\n")
     back = pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.raw")
     assert back.returncode == 4
-    assert back.stderr == f"pecs: {tmp_path}/e.raw: event 1: got t = 4 us, wanted at least 5 us, the event before\n"
+    place = f"{tmp_path}/e.csv: event 1 (line 3, byte 22)"
+    assert back.stderr == f"pecs: {place}: got t = 4 us, wanted at least 5 us, the event before\n"
     assert not (tmp_path / "e.raw").exists() and not (tmp_path / "e.raw.run.json").exists()
     assert pecs_program("convert", tmp_path / "e.csv", tmp_path / "e.xyz").returncode == 2
     assert pecs_program("convert", tmp_path / "e.csv").returncode == 2
