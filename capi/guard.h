@@ -29,10 +29,9 @@ R guard(pecs_error* error, F&& f) noexcept {
   set_error(error, ExitCode::ok, "");
   try {
     return f();
-  } catch (const Error& e) {
-    set_error(error, e.code(), e.what());
   } catch (const std::exception& e) {
-    set_error(error, ExitCode::internal, e.what());
+    const Error line = as_error(e);
+    set_error(error, line.code(), line.what());
   } catch (...) {
     set_error(error, ExitCode::internal, "unknown exception");
   }

@@ -20,4 +20,7 @@ void add_sense(CLI::App& app);
 void add_view(CLI::App& app);
 void add_lens(CLI::App& app);
 
+// No option of any subcommand takes a number that is not finite, or a negative one where there are none.
+void check_numbers(CLI::App& app);
+
 }  // namespace pecs::app

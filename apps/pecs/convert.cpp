@@ -6,6 +6,7 @@
 #include "pecs/events/format.h"
 #include "pecs/events/select.h"
 #include "pecs/events/summary.h"
+#include "pecs/files.h"
 #include "pecs/progress.h"
 #include "pecs/run_record.h"
 
@@ -41,6 +42,7 @@ Json optional_json(const std::optional<std::int64_t>& value) { return value ? Js
 void convert(const Options& o) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
+  check_outputs({o.in}, {o.out});
   events::Selector selector(o.selection);
   const events::StreamInfo info = selector.info(input_info(o, from));
   const auto reader = from.open_reader(o.in);
@@ -55,8 +57,10 @@ void convert(const Options& o) {
     if (block.empty()) break;
     read.add(block);
     selector.apply(block);
-    writer->write(block);
     written.add(block);
+    if (written.time_reversals > 0)
+      throw events::time_falls(o.in, from, [&](const events::Event& e) { return selector.keeps(e); });
+    writer->write(block);
     progress.at(read.events);
   }
   writer->close();
@@ -78,7 +82,7 @@ void convert(const Options& o) {
                            .inputs = {o.in},
                            .results = results});
   if (o.json)
-    fmt::print("{}\n", results.dump());
+    fmt::print("{}\n", text_of(results));
   else
     fmt::print("{}: {} of {} events, {}x{} pixels, {}\n", o.out, written.events, read.events, info.width, info.height,
                to.name);

@@ -79,7 +79,7 @@ void print_stack(const std::string& path, const Json& info) {
   fmt::print("time         {} to {} us\n", info["t_first_us"].get<double>(), info["t_last_us"].get<double>());
   if (!info["period_us"].is_null()) fmt::print("period       {} us\n", info["period_us"].get<double>());
   for (const char* key : {"lens", "scene"})
-    if (info.contains(key) && info[key].is_object() && info[key].contains("name"))
+    if (info.contains(key) && info[key].is_object() && info[key].contains("name") && info[key]["name"].is_string())
       fmt::print("{:<12} {}\n", key, info[key]["name"].get<std::string>());
   for (const Json& layer : info["layers"])
     if (layer["name"] != sensor::kLight)
@@ -130,7 +130,7 @@ void add_info(CLI::App& app) {
     const bool is_stack = std::filesystem::is_directory(o->path);
     const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format);
     if (o->json)
-      fmt::print("{}\n", info.dump());
+      fmt::print("{}\n", text_of(info));
     else
       (is_stack ? print_stack : print)(o->path, info);
   });

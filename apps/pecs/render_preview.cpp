@@ -123,6 +123,7 @@ void run(const Arguments& a) {
     result["frames"] = 1;
     write_png(a.output, to_display(picture, scale, encode));
   } else {
+    PartialFile partial(output);
     // OpenCV takes the container from the extension, so the unfinished file keeps it. H.264 wants even sizes.
     const std::filesystem::path unfinished = output.parent_path() / ("." + output.stem().string() + ".partial.mp4");
     const cv::Rect even(0, 0, picture.cols / 2 * 2, picture.rows / 2 * 2);
@@ -132,15 +133,14 @@ void run(const Arguments& a) {
       video.open(unfinished.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]),
                  a.fps, even.size());
     }
-    if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (folder, disk, FFmpeg?)");
+    if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (disk, FFmpeg?)");
     Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json);
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
       video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
       progress.at(static_cast<std::uint64_t>(i + 1));
     }
     video.release();
-    std::filesystem::rename(unfinished, partial_path(output));
-    commit_partial(output);
+    partial.commit(unfinished);
     result["frames"] = stack.frames();
   }
   const Json config = {{"frame", first},

@@ -8,11 +8,14 @@
 
 #include "commands.h"
 #include "pecs/error.h"
+#include "pecs/files.h"
 #include "pecs/input/live.h"
 #include "pecs/run_record.h"
 
 namespace pecs::app {
 namespace {
+
+constexpr std::int64_t kDay_us = 86'400'000'000;
 
 std::pair<std::string, double> key_value(const std::string& text, const std::string& option) {
   const auto equals = text.find('=');
@@ -89,9 +92,9 @@ void add_sense(CLI::App& app) {
   sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
   sub->add_option("--start-us", o->window.start_us, "output begins this long after the start (or the warm-up), us")
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::Range(std::int64_t{0}, kDay_us));
   sub->add_option("--duration-us", o->window.duration_us, "length of the output, us; a periodic stack is looped for it")
-      ->check(CLI::PositiveNumber);
+      ->check(CLI::Range(std::int64_t{1}, kDay_us));
   sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
       ->check(CLI::Validator(
           [](std::string& text) {
@@ -123,6 +126,7 @@ void add_sense(CLI::App& app) {
       throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
                                                         o->stack.string(), *o->live_source)
                                           : "input: got nothing, wanted a stack, pictures or a video");
+    check_outputs({o->stack, o->times.file_us.value_or("")}, {o->output, o->labels.value_or("")});
     sensor::SenseReport report;
     if (o->view) {
       if (camera) o->live.camera = o->live_source->size() > 7 ? std::stoi(o->live_source->substr(7)) : 0;
@@ -138,7 +142,7 @@ void add_sense(CLI::App& app) {
     write_run_record(o->output, {"sense", arguments(), report.config, inputs, report.results});
     const Json& r = report.results;
     if (o->json) {
-      fmt::print("{}\n", r.dump());
+      fmt::print("{}\n", text_of(r));
       return;
     }
     fmt::print("{}: {} events, {}x{}\n", o->output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),

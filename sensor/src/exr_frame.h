@@ -38,6 +38,10 @@ auto reading(const std::filesystem::path& path, F&& f) {
     return f();
   } catch (const Error&) {
     throw;
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const Iex::ErrnoExc& e) {
+    throw not_found(path.string(), one_line(e.what()));
   } catch (const std::exception& e) {
     throw bad_input(path.string(), "OpenEXR", one_line(e.what()), "a whole OpenEXR file");
   }

@@ -53,6 +53,7 @@ class EventView {
       cv::namedWindow("events", cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL);  // without a toolbar
       return;
     }
+    partial_.emplace(live.video);
     // FFmpeg knows a container by its ending.
     unfinished_ = live.video.parent_path() / ("." + live.video.stem().string() + ".partial.mp4");
     if (!writer_.open(unfinished_.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30, size))
@@ -72,8 +73,7 @@ class EventView {
     flush();
     if (shows_) return;
     writer_.release();
-    std::filesystem::rename(unfinished_, partial_path(live_.video));
-    commit_partial(live_.video);
+    partial_->commit(unfinished_);
   }
 
  private:
@@ -95,6 +95,7 @@ class EventView {
   const LiveOptions& live_;
   cv::Mat picture_;
   cv::VideoWriter writer_;
+  std::optional<PartialFile> partial_;
   std::filesystem::path unfinished_;
   bool shows_;
   Clock::time_point start_ = Clock::now();
