@@ -85,10 +85,10 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
 /* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
 
 /* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "strata" | "uniform",
- * "illuminant": null | [[lambda_nm, relative power], ...], "min_nm": .., "max_nm": ..} (default range: where the QE
- * and the illuminant are tabulated; the illuminant is linear between its points: use it so in the scene too).
- * result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over lambda of f(lambda) dlambda
- * ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
+ * "illuminant": null | "d65", "lamp.csv", "blackbody:T", "daylight:T" | [[lambda_nm, relative power], ...], "min_nm":
+ * .., "max_nm": ..} (default range: where the QE and the illuminant are tabulated; the illuminant is linear between its
+ * points: use it so in the scene too). result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over
+ * lambda of f(lambda) dlambda ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
 PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
 
 /* Stacks (docs/exr_stack.md). `layer` is a layer's name; NULL is the light, whose channels are the bands. Values are

@@ -16,19 +16,12 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/run_record.h"
+#include "picture_file.h"
 
 namespace pecs::app {
 namespace {
 
 using namespace calibration;
-
-void write_png(const std::string& path, const cv::Mat& picture) {
-  std::vector<std::uint8_t> png;
-  cv::imencode(".png", picture, png);
-  AtomicFile file(path);
-  file.write(std::as_bytes(std::span(png)));
-  file.commit();
-}
 
 void warn(const std::string& line) { fmt::print(stderr, "pecs: warning: {}\n", line); }
 

@@ -89,7 +89,7 @@ void print_stack(const std::string& path, const Json& info) {
   fmt::print("band [nm]    weight [nm]    first frame: least, mean, greatest [{}]\n", info["unit"].get<std::string>());
   for (const Json& band : info["bands"]) {
     const Json& v = band["first_frame"];
-    fmt::print("{:<12} {:<14.4g} {:.4g} {:.4g} {:.4g}\n", band["lambda_nm"].get<double>(),
+    fmt::print("{:<12.2f} {:<14.4g} {:.4g} {:.4g} {:.4g}\n", band["lambda_nm"].get<double>(),
                band["weight_nm"].get<double>(), v["min"].get<double>(), v["mean"].get<double>(),
                v["max"].get<double>());
   }

@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "pecs/error.h"
 #include "pecs/version.h"
+#include "usage.h"
 
 namespace pecs::app {
 namespace {
@@ -37,10 +38,13 @@ int main(int argc, char** argv) {
   pecs::app::add_lens(app);
 
   try {
+    pecs::app::check_commands(app, argc, argv);
     app.parse(argc, argv);
+  } catch (const CLI::Success& e) {  // --help, --version
+    return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    const int code = app.exit(e);
-    return code == 0 ? 0 : static_cast<int>(pecs::ExitCode::usage);
+    fmt::print(stderr, "pecs: {}\n", pecs::app::usage_line(app, e));
+    return static_cast<int>(pecs::ExitCode::usage);
   } catch (const pecs::Error& e) {
     fmt::print(stderr, "pecs: {}\n", e.what());
     return static_cast<int>(e.code());

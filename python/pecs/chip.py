@@ -134,7 +134,7 @@ def bands(
     chip: str | PathLike[str] | Chip = "imx636",
     n: int = 6,
     placement: str = "gauss",
-    illuminant: Sequence[tuple[float, float]] | None = None,
+    illuminant: str | Sequence[tuple[float, float]] | None = None,
     min_nm: float | None = None,
     max_nm: float | None = None,
 ) -> list[dict[str, float]]:
@@ -142,15 +142,19 @@ def bands(
 
         pecs.bands("imx636", n=3)[0]["lambda_nm"]
 
-    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: (lambda_nm, power)
-    pairs, linear in between; the bands then integrate reflectances under it.
+    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: a name of
+    lens_data/spectra, a .csv file, "blackbody:T", "daylight:T", or (lambda_nm, power) pairs, linear in between; the
+    bands then integrate reflectances under it.
     """
+    pairs = (
+        illuminant if illuminant is None or isinstance(illuminant, str) else [[float(v) for v in p] for p in illuminant]
+    )
     chosen: list[dict[str, float]] = _bands(
         {
             "chip": chip_options(chip)["chip"],
             "n": n,
             "placement": placement,
-            "illuminant": None if illuminant is None else [[float(x), float(p)] for x, p in illuminant],
+            "illuminant": pairs,
             "min_nm": min_nm,
             "max_nm": max_nm,
         }
