@@ -277,7 +277,8 @@ def interpolated(lambda_nm, values):
 
 def _new_camera(name: str) -> bpy.types.Object:
     camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-    camera.data.clip_start, camera.data.clip_end = 1e-5, 1e4
+    unit_m = bpy.context.scene.unit_settings.scale_length
+    camera.data.clip_start, camera.data.clip_end = 1e-5 / unit_m, 1e4 / unit_m
     bpy.context.scene.collection.objects.link(camera)
     return camera
 
