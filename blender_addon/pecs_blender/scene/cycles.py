@@ -32,6 +32,7 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "use_fast_gi": False,
     "film_exposure": 1.0,
 }
+WORLD_MAP_WIDTH = 2048  # at most; half of it misses the sun in a picture of 4096
 BOUNCES = (  # a .blend's own
     "max_bounces",
     "diffuse_bounces",
@@ -115,6 +116,24 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     image = scene.render.image_settings  # of what layers save
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"
+    _limit_world_map(scene.world)
+
+
+def _limit_world_map(world: bpy.types.World | None) -> None:
+    """Cycles rebuilds the map that says where an environment's light comes from in every pass, for each has other
+    colours; its own choice is 4096 wide for any picture, which takes longer than rendering."""
+    widths = [image.size[0] for image in _images(world.node_tree)] if world and world.node_tree else []
+    if widths and world.cycles.sampling_method == "AUTOMATIC":
+        world.cycles.sampling_method = "MANUAL"
+        world.cycles.sample_map_resolution = min(max(*widths, 4), WORLD_MAP_WIDTH)
+
+
+def _images(tree: bpy.types.NodeTree):
+    for node in tree.nodes:
+        if node.bl_idname in ("ShaderNodeTexEnvironment", "ShaderNodeTexImage") and node.image:
+            yield node.image
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
+            yield from _images(node.node_tree)
 
 
 def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
@@ -258,7 +277,8 @@ def interpolated(lambda_nm, values):
 
 def _new_camera(name: str) -> bpy.types.Object:
     camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-    camera.data.clip_start, camera.data.clip_end = 1e-5, 1e4
+    unit_m = bpy.context.scene.unit_settings.scale_length
+    camera.data.clip_start, camera.data.clip_end = 1e-5 / unit_m, 1e4 / unit_m
     bpy.context.scene.collection.objects.link(camera)
     return camera
 
