@@ -7,7 +7,7 @@ function(pecs_target_defaults target)
     # These two misfire inside std::string at -O3 (GCC 12, bug 105651).
     $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict -Wno-maybe-uninitialized>)
   if(PECS_SANITIZE)
-    target_compile_options(${target} PRIVATE -fsanitize=${PECS_SANITIZE} -fno-omit-frame-pointer)
+    target_compile_options(${target} PRIVATE -fsanitize=${PECS_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
     target_link_options(${target} PUBLIC -fsanitize=${PECS_SANITIZE})
   endif()
 endfunction()

@@ -16,19 +16,7 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
 [ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev)
 
 say "Debian packages"
-missing=()
-for p in "${PACKAGES[@]}"; do
-  dpkg-query -W -f='${Status}' "$p" 2>/dev/null | grep -q 'ok installed' || missing+=("$p")
-done
-if [ ${#missing[@]} -gt 0 ]; then
-  [ "$(id -u)" = 0 ] || die "setup.sh: missing Debian packages; run as root:
-  apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" 3
-  echo "installing ${missing[*]}"
-  apt-get update -qq
-  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
-else
-  echo "all there"
-fi
+debian_packages "${PACKAGES[@]}"
 # Booting makes it; in a bare chroot, where nothing booted, Blender complains of its absence at every start.
 [ -e /etc/mtab ] || [ "$(id -u)" != 0 ] || ln -s ../proc/self/mounts /etc/mtab
 
