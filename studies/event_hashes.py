@@ -125,7 +125,7 @@ def written(program: Path, folder: Path) -> dict[str, str]:
     table = {}
     subprocess.run([program, "sense", "film", "-o", "all.csv", "--quiet"], cwd=folder, check=True)
     for name in FORMATS:
-        output = "all." + name
+        output = "again." + name
         command = [program, "convert", "all.csv", output, "--quiet"]
         command += ["--format", name.split(".")[0]] if name.startswith("evt") else []
         result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
