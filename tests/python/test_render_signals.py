@@ -19,7 +19,7 @@ def command(root, output, *args):
 
 
 def leftovers():
-    return {p.name for p in SHM.glob("pecs_*")} if SHM.is_dir() else set()
+    return {p.name for p in SHM.glob("pecs_????????")} if SHM.is_dir() else set()
 
 
 def stopped(root, folder, number, until, *args, again=False):
