@@ -38,7 +38,7 @@ int main(int argc, char** argv) {
     pecs::app::add_sense(app);
     pecs::app::add_view(app);
     pecs::app::add_lens(app);
-    pecs::app::check_numbers(app);
+    pecs::app::check_options(app);
     try {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& e) {

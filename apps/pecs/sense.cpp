@@ -7,7 +7,6 @@
 
 #include "commands.h"
 #include "pecs/error.h"
-#include "pecs/files.h"
 #include "pecs/input/live.h"
 #include "pecs/run_record.h"
 
@@ -122,7 +121,6 @@ void add_sense(CLI::App& app) {
       throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
                                                         o->stack.string(), *o->live_source)
                                           : "input: got nothing, wanted a stack, pictures or a video");
-    check_outputs({o->stack, o->times.file_us.value_or("")}, {o->output, o->labels.value_or("")});
     sensor::SenseReport report;
     if (o->view) {
       if (camera) o->live.camera = o->live_source->size() > 7 ? std::stoi(o->live_source->substr(7)) : 0;
