@@ -6,7 +6,6 @@
 #include "pecs/events/format.h"
 #include "pecs/events/select.h"
 #include "pecs/events/summary.h"
-#include "pecs/files.h"
 #include "pecs/progress.h"
 #include "pecs/run_record.h"
 
@@ -42,7 +41,6 @@ Json optional_json(const std::optional<std::int64_t>& value) { return value ? Js
 void convert(const Options& o) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
-  check_outputs({o.in}, {o.out});
   events::Selector selector(o.selection);
   const events::StreamInfo info = selector.info(input_info(o, from));
   const auto reader = from.open_reader(o.in);

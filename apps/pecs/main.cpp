@@ -39,7 +39,7 @@ int main(int argc, char** argv) {
     pecs::app::add_sense(app);
     pecs::app::add_view(app);
     pecs::app::add_lens(app);
-    pecs::app::check_numbers(app);
+    pecs::app::check_options(app);
     try {
       pecs::app::check_commands(app, argc, argv);
       app.parse(argc, argv);

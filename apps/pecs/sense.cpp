@@ -8,7 +8,6 @@
 
 #include "commands.h"
 #include "pecs/error.h"
-#include "pecs/files.h"
 #include "pecs/input/live.h"
 #include "pecs/run_record.h"
 
@@ -131,7 +130,6 @@ void resolve(Options& o) {
     throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
                                                       o.stack.string(), *o.live_source)
                                         : "input: got nothing, wanted a stack, pictures or a video");
-  check_outputs({o.stack, o.times.file_us.value_or("")}, {o.output, o.labels.value_or("")});
 }
 
 sensor::SenseReport run(Options& o) {
