@@ -21,6 +21,7 @@
 #include <mutex>
 
 #include "exr_block.h"
+#include "exr_size.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 
@@ -384,6 +385,7 @@ struct Foreign {
 Foreign foreign_layout(const fs::path& path) {
   return reading(path, [&] {
     const Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
     const Imf::Header& header = file.header();
     Foreign f;
     StackInfo& info = f.info;
@@ -476,6 +478,7 @@ void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, 
   if (!fs::exists(path)) throw not_found(path.string(), "no such file");
   reading(path, [&] {
     Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
     const std::int64_t time_ns = has_json_ ? info_.times_ns.at(static_cast<std::size_t>(index)) : 0;
     Channels channels;
     if (has_json_) {
