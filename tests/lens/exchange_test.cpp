@@ -70,8 +70,8 @@ TEST(Zemax, OddNumbersAndBytesAreErrorsOrText) {  // found by fuzzing
     }
     return false;
   };
-  EXPECT_TRUE(refused(
-      edited("DISZ 4\n  GLAS N-BK7 0 0 1.5168 64.17 0 0 0 0 0 0", "DISZ INFINITY\n  GLAS ___BLANK 0 0 1.5 60")));
+  EXPECT_TRUE(refused(edited("DISZ 1\n  DIAM 5 0 0 0 1 \"\"\n",
+                             "DISZ INFINITY\n  DIAM 5\nSURF 9\n  TYPE STANDARD\n  CURV 0\n  DISZ 1\n  DIAM 5\n")));
   EXPECT_TRUE(refused(edited("CONI -0.5", "CONI INFINITY")));
   EXPECT_TRUE(refused(edited("PARM 1 0", "PARM inf 0")));
   EXPECT_FALSE(refused(edited("PARM 1 0", "PARM 1e30 0")));
