@@ -38,10 +38,16 @@ LabScene load_lab_scene(const std::string& folder) {
   s.lens.lens = camera.text("lens");
   s.lens.focus_m = camera.maybe_number("focus_m");
   s.lens.stop_diameter_mm = camera.maybe_number("stop_diameter_mm");
-  for (const auto& [key, declared] : json.at("parameters").items()) {
-    if (!declared.contains("value") || !declared["value"].is_number()) continue;
-    s.values[key] = declared["value"];
-    if (declared.contains("range")) s.ranges[key] = {declared["range"][0], declared["range"][1]};
+  JsonObject parameters = top.object("parameters");
+  for (const auto& [key, value] : json["parameters"].items()) {
+    if (key.starts_with('_')) continue;
+    JsonObject declared = parameters.object(key);
+    if (!declared.any("value").is_number()) continue;
+    s.values[key] = declared.number("value");
+    if (!declared.has("range")) continue;
+    const std::vector<double> range = declared.numbers("range");
+    if (range.size() != 2) declared.fail("range", fmt::format("{} numbers", range.size()), "2");
+    s.ranges[key] = {range[0], range[1]};
   }
   const auto has = [&](std::initializer_list<const char*> keys) {
     return std::all_of(keys.begin(), keys.end(), [&](const char* k) { return s.values.contains(k); });

@@ -8,6 +8,7 @@
 #include <algorithm>
 
 #include "exr_frame.h"
+#include "exr_size.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::sensor {
@@ -29,6 +30,7 @@ void bucket_weights(std::vector<Band>& bands) {
 ForeignStack foreign_stack(const std::filesystem::path& path) {
   return reading(path, [&] {
     const Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
     const Imf::Header& header = file.header();
     ForeignStack f;
     StackInfo& info = f.info;

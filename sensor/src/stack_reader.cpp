@@ -8,6 +8,7 @@
 
 #include "exr_block.h"
 #include "exr_frame.h"
+#include "exr_size.h"
 #include "foreign_stack.h"
 #include "pecs/error.h"
 #include "pecs/sensor/stack.h"
@@ -110,6 +111,7 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
   if (!fs::exists(path)) throw not_found(path.string(), "no such file");
   reading(path, [&] {
     Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
     const auto channels = check_header(file.header(), path, info_, layer);
     if (has_json_) check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], !is_light);
     const Imath::Box2i box = file.header().dataWindow();

@@ -170,6 +170,26 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   EXPECT_NEAR(second.clock_offset_us, (70.0 - 60.0) / -0.8 * 1000, 300);
 }
 
+TEST(Align, AWrongSceneFileIsRefusedByPlace) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "pecs_wrong_scene";
+  std::filesystem::create_directories(folder);
+  const auto line = [&](const std::string& parameters) {
+    std::ofstream(folder / "scene.json") << R"({"camera": {"lens": "pecs_lab_15mm"})" << parameters << "}";
+    try {
+      load_lab_scene(folder.string());
+    } catch (const Error& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_NE(line("").find("parameters: got nothing"), std::string::npos);
+  EXPECT_NE(line(R"(, "parameters": [1])").find("parameters: got [1], wanted an object"), std::string::npos);
+  EXPECT_NE(line(R"(, "parameters": {"rpm": 3})").find("parameters.rpm: got 3, wanted an object"), std::string::npos);
+  EXPECT_NE(line(R"(, "parameters": {"rpm": {"value": 1, "range": [0]}})").find("rpm.range: got 1 numbers"),
+            std::string::npos);
+  std::filesystem::remove_all(folder);
+}
+
 TEST(Align, WhatIsNotALabSceneIsRefusedByName) {
   EXPECT_THROW(load_lab_scene(kScenes + "room"), Error);
   LabScene board = load_lab_scene(kScenes + "board");

@@ -1,7 +1,6 @@
 #pragma once
 // What the fuzzers share. Each is a libFuzzer program for one reader: whatever the bytes, the reader comes to an end
 // with a value or with one pecs::Error of one line that is not `internal`.
-#include <sys/mman.h>
 #include <unistd.h>
 
 #include <cstdint>
@@ -19,19 +18,24 @@ namespace pecs::fuzz {
   std::abort();
 }
 
-// A file in memory, with a path for readers that want one.
+// A file in memory, with a path for readers that want one (HDF5 asks for its real name: a memfd has none).
 class MemoryFile {
  public:
-  MemoryFile() : fd_(::memfd_create("fuzz", MFD_CLOEXEC)) {
-    if (fd_ < 0) defect("no memory file");
+  MemoryFile() : fd_(::mkstemp(path_.data())) {
+    if (fd_ < 0) defect("no file in /dev/shm");
   }
+  ~MemoryFile() { ::unlink(path_.c_str()); }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+
   void hold(std::string_view bytes) const {
     if (::ftruncate(fd_, 0) != 0 || ::pwrite(fd_, bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size()))
       defect("memory file: cannot be written");
   }
-  std::string path() const { return "/proc/self/fd/" + std::to_string(fd_); }
+  const std::string& path() const { return path_; }
 
  private:
+  std::string path_ = "/dev/shm/pecs_fuzz_XXXXXX";
   int fd_;
 };
 

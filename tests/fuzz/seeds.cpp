@@ -110,7 +110,7 @@ int main(int argc, char** argv) try {
     for (const auto& entry : fs::directory_iterator(data_dir(room)))
       if (entry.path().extension() == ".json") put(folder / target / entry.path().filename(), text_of(entry.path()));
   put(folder / "zemax/own.zmx", kZemax);
-  put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("dgauss_50mm"), 550, 40));
+  put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("double_gauss_100mm_f3p1"), 550, 40));
   for (const char* scene : {"rotating_disk", "board"})
     put(folder / "aligned" / scene,
         R"({"scene": "scene", "camera": {"rotation_deg": [90, 0.5, 0]}, "parameters": {"rpm": 300}})"

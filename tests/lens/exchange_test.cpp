@@ -57,6 +57,27 @@ SURF 5
   DISZ 0
 )";
 
+TEST(Zemax, OddNumbersAndBytesAreErrorsOrText) {  // found by fuzzing
+  const auto edited = [](const std::string& from, const std::string& to) {
+    std::string text = kZmx;
+    return text.replace(text.find(from), from.size(), to);
+  };
+  const auto refused = [](const std::string& text) {
+    try {
+      import_zmx(text, "f.zmx").dump();
+    } catch (const Error& e) {
+      return e.code() == ExitCode::bad_input;
+    }
+    return false;
+  };
+  EXPECT_TRUE(refused(edited("DISZ 1\n  DIAM 5 0 0 0 1 \"\"\n",
+                             "DISZ INFINITY\n  DIAM 5\nSURF 9\n  TYPE STANDARD\n  CURV 0\n  DISZ 1\n  DIAM 5\n")));
+  EXPECT_TRUE(refused(edited("CONI -0.5", "CONI INFINITY")));
+  EXPECT_TRUE(refused(edited("PARM 1 0", "PARM inf 0")));
+  EXPECT_FALSE(refused(edited("PARM 1 0", "PARM 1e30 0")));
+  EXPECT_FALSE(refused(edited("NAME a test", "NAME a \xb0 test")));
+}
+
 TEST(Zemax, SingletWithAnAsphere) {
   const Prescription lens = load_prescription(write("singlet.zmx", kZmx).string());
   EXPECT_EQ(lens.name, "a test");

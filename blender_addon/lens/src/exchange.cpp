@@ -32,6 +32,8 @@ std::vector<std::string> words_of(const std::string& line) {
   return words;
 }
 
+constexpr int kMaxParameter = 8;  // of an asphere's PARM lines
+
 struct Place {
   std::string file;
   std::size_t line;
@@ -40,7 +42,6 @@ struct Place {
   }
   double number(const std::vector<std::string>& words, std::size_t i) const {
     if (i >= words.size()) fail("nothing after " + words.front(), "a number");
-    if (words[i] == "INFINITY") return std::numeric_limits<double>::infinity();
     std::size_t used = 0;
     double x = 0;
     try {
@@ -48,7 +49,7 @@ struct Place {
     } catch (const std::exception&) {
       used = 0;
     }
-    if (used != words[i].size() || std::isnan(x)) fail('"' + words[i].substr(0, 40) + '"', "a number");
+    if (used != words[i].size() || !std::isfinite(x)) fail('"' + words[i].substr(0, 40) + '"', "a number");
     return x;
   }
 };
@@ -79,7 +80,7 @@ void add_powers(Json& surface, const ZemaxSurface& s, bool even, double unit_mm)
   Json even_coeffs = Json::object(), odd_coeffs = Json::object();
   for (const auto& [index, value] : s.parameters) {
     const int power = even ? 2 * index : index;
-    if (value == 0 || index < 1 || index > 8) continue;
+    if (value == 0) continue;
     if (power == 1) s.place.fail("a term linear in r", "powers from 2");
     (power % 2 ? odd_coeffs : even_coeffs)[std::to_string(power)] = value * std::pow(unit_mm, 1 - power);
   }
@@ -125,14 +126,18 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
     ZemaxSurface& s = zemax.surfaces.back();
     if (key == "TYPE" && words.size() > 1) s.type = words[1];
     if (key == "CURV") s.curvature = place.number(words, 1);
-    if (key == "DISZ") s.thickness = place.number(words, 1);
+    if (key == "DISZ")
+      s.thickness =
+          words.size() > 1 && words[1] == "INFINITY" ? std::numeric_limits<double>::infinity() : place.number(words, 1);
     if (key == "DIAM") s.semi = place.number(words, 1);
     if (key == "CONI") s.conic = place.number(words, 1);
     if (key == "STOP") s.stop = true;
-    if (key == "PARM") s.parameters[static_cast<int>(place.number(words, 1))] = place.number(words, 2);
+    if (key == "PARM")
+      if (const double index = place.number(words, 1); index >= 1 && index <= kMaxParameter)
+        s.parameters[static_cast<int>(index)] = place.number(words, 2);
     if (key == "GLAS") {
       if (words.size() < 2) place.fail("a glass without a name", "GLAS name ...");
-      s.glass = words[1];
+      s.glass = printable(words[1]);
       if (words.size() > 5) {
         s.nd = place.number(words, 4);
         s.vd = place.number(words, 5);
@@ -158,6 +163,8 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
     const bool in_air = s.glass.empty() && (i == 1 || surfaces[i - 1].glass.empty());
     if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop) {
       if (out_surfaces.empty()) continue;
+      if (!std::isfinite(s.thickness) || out_surfaces.back()["thickness"].is_null())
+        s.place.fail("an infinite thickness between surfaces", "a finite one");
       out_surfaces.back()["thickness"] = out_surfaces.back()["thickness"].get<double>() + s.thickness * unit_mm;
       continue;
     }
@@ -177,10 +184,10 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
   }
   if (!stop) throw bad_input(file, "", "no STOP line", "an aperture stop");
   const std::size_t first = name.find_first_not_of(" \t\r"), last = name.find_last_not_of(" \t\r");
-  return {{"name", first == std::string::npos ? std::filesystem::path(file).stem().string()
-                                              : name.substr(first, last - first + 1)},
+  return {{"name", first == std::string::npos ? printable(std::filesystem::path(file).stem().string())
+                                              : printable(name.substr(first, last - first + 1))},
           {"units", "mm"},
-          {"source", {{"file", std::filesystem::path(file).filename().string()}, {"format", "Zemax"}}},
+          {"source", {{"file", printable(std::filesystem::path(file).filename().string())}, {"format", "Zemax"}}},
           {"stop_index", *stop},
           {"surfaces", out_surfaces}};
 }
@@ -213,9 +220,9 @@ Json import_pbrt(const std::string& text, const std::string& file) {
                         {"semi_diameter", 0.5 * v[3]}});
   }
   if (!stop) throw bad_input(file, "", "no line of radius 0", "the aperture stop");
-  return {{"name", std::filesystem::path(file).stem().string()},
+  return {{"name", printable(std::filesystem::path(file).stem().string())},
           {"units", "mm"},
-          {"source", {{"file", std::filesystem::path(file).filename().string()}, {"format", "pbrt"}}},
+          {"source", {{"file", printable(std::filesystem::path(file).filename().string())}, {"format", "pbrt"}}},
           {"estimated", "pbrt's format holds one index per glass: no dispersion."},
           {"stop_index", *stop},
           {"surfaces", surfaces}};

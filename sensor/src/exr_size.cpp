@@ -1,0 +1,44 @@
+#include "exr_size.h"
+
+#include <ImfChannelList.h>
+#include <fmt/format.h>
+
+#include "pecs/error.h"
+
+namespace pecs::sensor {
+namespace {
+
+// The most that a byte of the file can stand for: DEFLATE ends at 1032, B44A at 11, run lengths at 64; the wavelets and
+// cosines of the others spend next to nothing on a constant picture.
+std::uint64_t most_packed(Imf::Compression compression) {
+  switch (compression) {
+    case Imf::NO_COMPRESSION:
+      return 1;
+    case Imf::RLE_COMPRESSION:
+    case Imf::ZIPS_COMPRESSION:
+    case Imf::ZIP_COMPRESSION:
+    case Imf::PXR24_COMPRESSION:
+    case Imf::B44_COMPRESSION:
+    case Imf::B44A_COMPRESSION:
+      return 1100;
+    default:
+      return 1 << 16;
+  }
+}
+
+}  // namespace
+
+void check_declared_size(const Imf::Header& header, const std::filesystem::path& path) {
+  const Imath::Box2i box = header.dataWindow();
+  const auto side = [](int min, int max) { return static_cast<std::uint64_t>(std::int64_t{max} - min + 1); };
+  std::uint64_t pixel_bytes = 0;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+    if (c.channel().xSampling == 1 && c.channel().ySampling == 1) pixel_bytes += c.channel().type == Imf::HALF ? 2 : 4;
+  const std::uint64_t declared = side(box.min.x, box.max.x) * side(box.min.y, box.max.y) * pixel_bytes;
+  const std::uint64_t bytes = std::filesystem::file_size(path);
+  if (declared > bytes * most_packed(header.compression()))
+    throw bad_input(path.string(), "dataWindow", fmt::format("{} bytes of pixels in a file of {}", declared, bytes),
+                    "what the file can hold");
+}
+
+}  // namespace pecs::sensor
