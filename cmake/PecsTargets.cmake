@@ -39,3 +39,12 @@ function(pecs_add_test name)
   target_compile_definitions(${name} PRIVATE PECS_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
   gtest_discover_tests(${name} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60)
 endfunction()
+
+# pecs_add_fuzzer(<name> SOURCES ... LIBS ... [DEFINE ...]): a libFuzzer program, bin/fuzz_<name>; see tests/fuzz.
+function(pecs_add_fuzzer name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS;DEFINE" ${ARGN})
+  pecs_add_program(fuzz_${name} SOURCES ${ARG_SOURCES} LIBS ${ARG_LIBS})
+  target_compile_definitions(fuzz_${name} PRIVATE ${ARG_DEFINE})
+  target_link_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
+  add_dependencies(fuzzers fuzz_${name})
+endfunction()

@@ -55,8 +55,10 @@ void convert(const Options& o) {
     if (block.empty()) break;
     read.add(block);
     selector.apply(block);
-    writer->write(block);
     written.add(block);
+    if (written.time_reversals > 0)
+      throw events::time_falls(o.in, from, [&](const events::Event& e) { return selector.keeps(e); });
+    writer->write(block);
     progress.at(read.events);
   }
   writer->close();
@@ -78,7 +80,7 @@ void convert(const Options& o) {
                            .inputs = {o.in},
                            .results = results});
   if (o.json)
-    fmt::print("{}\n", results.dump());
+    fmt::print("{}\n", text_of(results));
   else
     fmt::print("{}: {} of {} events, {}x{} pixels, {}\n", o.out, written.events, read.events, info.width, info.height,
                to.name);

@@ -1,52 +1,53 @@
 #include <fmt/format.h>
 
-#include <cstdio>
 #include <string>
 #include <vector>
 
 #include "commands.h"
 #include "pecs/error.h"
+#include "pecs/program.h"
 #include "pecs/version.h"
+#include "usage.h"
 
 namespace pecs::app {
 namespace {
+
 std::vector<std::string>& stored_arguments() {
   static std::vector<std::string> args;
   return args;
 }
+
 }  // namespace
 
 const std::vector<std::string>& arguments() { return stored_arguments(); }
 }  // namespace pecs::app
 
 int main(int argc, char** argv) {
-  pecs::app::stored_arguments().assign(argv + 1, argv + argc);
-  CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
-  app.set_version_flag("--version", std::string("pecs ") + pecs::kVersion);
-  app.require_subcommand(1);
-  pecs::app::add_align(app);
-  pecs::app::add_bands(app);
-  pecs::app::add_board(app);
-  pecs::app::add_compare(app);
-  pecs::app::add_convert(app);
-  pecs::app::add_info(app);
-  pecs::app::add_render_preview(app);
-  pecs::app::add_report(app);
-  pecs::app::add_sense(app);
-  pecs::app::add_view(app);
-  pecs::app::add_lens(app);
-
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    const int code = app.exit(e);
-    return code == 0 ? 0 : static_cast<int>(pecs::ExitCode::usage);
-  } catch (const pecs::Error& e) {
-    fmt::print(stderr, "pecs: {}\n", e.what());
-    return static_cast<int>(e.code());
-  } catch (const std::exception& e) {
-    fmt::print(stderr, "pecs: internal error: {}\n", e.what());
-    return static_cast<int>(pecs::ExitCode::internal);
-  }
-  return 0;
+  return pecs::run_program("pecs", [&] {
+    pecs::app::stored_arguments().assign(argv + 1, argv + argc);
+    CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
+    app.set_version_flag("--version", std::string("pecs ") + pecs::kVersion);
+    app.require_subcommand(1);
+    pecs::app::add_align(app);
+    pecs::app::add_bands(app);
+    pecs::app::add_board(app);
+    pecs::app::add_compare(app);
+    pecs::app::add_convert(app);
+    pecs::app::add_info(app);
+    pecs::app::add_render_preview(app);
+    pecs::app::add_report(app);
+    pecs::app::add_sense(app);
+    pecs::app::add_view(app);
+    pecs::app::add_lens(app);
+    pecs::app::check_options(app);
+    try {
+      pecs::app::check_commands(app, argc, argv);
+      app.parse(argc, argv);
+    } catch (const CLI::Success& e) {  // --help, --version
+      return app.exit(e);
+    } catch (const CLI::ParseError& e) {
+      throw pecs::Error(pecs::ExitCode::usage, pecs::app::usage_line(app, e));
+    }
+    return 0;
+  });
 }

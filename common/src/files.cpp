@@ -3,17 +3,24 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/evp.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
 #include <memory>
+#include <utility>
 
 #include "pecs/error.h"
 
 namespace pecs {
+namespace fs = std::filesystem;
 namespace {
+
+constexpr std::string_view kFrameEndings[] = {".json", ".exr", ".png",  ".tif", ".tiff", ".jpg",
+                                              ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
 
 std::string last_error() { return std::strerror(errno); }
 
@@ -39,8 +46,68 @@ struct FileCloser {
 };
 using FilePtr = std::unique_ptr<std::FILE, FileCloser>;
 
-FilePtr open_to_read(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) throw not_found(path.string(), "is a folder");
+std::string lower(std::string text) {
+  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+// Also of two that do not exist yet.
+bool is_same_file(const fs::path& a, const fs::path& b) {
+  std::error_code ec;
+  if (fs::equivalent(a, b, ec)) return true;
+  const fs::path a_path = fs::weakly_canonical(a, ec), b_path = ec ? fs::path() : fs::weakly_canonical(b, ec);
+  return !ec && a_path == b_path;
+}
+
+// The file that an output's name stands for. Throws bad_output when it is neither a file nor nothing yet.
+fs::path file_behind(const fs::path& path) {
+  struct stat found{};
+  if (path.empty()) throw bad_output("output", "it has no name");
+  if (::stat(path.c_str(), &found) != 0) {
+    if (errno != ENOENT) throw bad_output(path.string(), last_error());
+    std::error_code ec;
+    if (fs::is_symlink(path, ec)) throw bad_output(path.string(), "it is a link to nothing");
+    return path;
+  }
+  if (S_ISDIR(found.st_mode)) throw bad_output(path.string(), "it is a folder");
+  if (S_ISBLK(found.st_mode) || S_ISSOCK(found.st_mode)) throw bad_output(path.string(), "it is a disk or a socket");
+  if (!S_ISREG(found.st_mode))
+    throw bad_output(path.string(), "it is a pipe or a device, and this format goes back while it writes");
+  return fs::is_symlink(path) ? fs::canonical(path) : path;
+}
+
+// Opens the .partial, locks it and empties it, in that order, so that a file that another process writes stays whole.
+int claimed(const fs::path& partial, const fs::path& path) {
+  const auto refuse = [&](int fd, const std::string& why) {
+    if (fd >= 0) ::close(fd);
+    return bad_output(path.string(), why);
+  };
+  for (;;) {
+    // O_NONBLOCK: a pipe in the way does not hold us.
+    const int fd = ::open(partial.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NOCTTY | O_NONBLOCK | O_CLOEXEC, 0666);
+    struct stat opened{}, named{};
+    if (fd < 0) {
+      const bool is_link = errno == ELOOP && ::lstat(partial.c_str(), &named) == 0 && S_ISLNK(named.st_mode);
+      throw refuse(fd, is_link ? partial.string() + " is a symbolic link" : last_error());
+    }
+    if (::fstat(fd, &opened) != 0 || !S_ISREG(opened.st_mode)) throw refuse(fd, partial.string() + " is no file");
+    // A lock of the open file, not of the process: HDF5's own locks and other files closed here leave it alone.
+    struct flock lock{};
+    lock.l_type = F_WRLCK;
+    if (::fcntl(fd, F_OFD_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES))
+      throw refuse(fd, "another process or writer is writing it");
+    // Renamed by another process between open and lock: it is a finished output now.
+    if (::stat(partial.c_str(), &named) != 0 || named.st_ino != opened.st_ino || named.st_dev != opened.st_dev) {
+      ::close(fd);
+      continue;
+    }
+    if (::ftruncate(fd, 0) != 0) throw refuse(fd, last_error());
+    return fd;
+  }
+}
+
+FilePtr open_to_read(const fs::path& path) {
+  if (fs::is_directory(path)) throw not_found(path.string(), "is a folder");
   FilePtr f(std::fopen(path.c_str(), "rb"));
   if (!f) throw not_found(path.string(), last_error());
   return f;
@@ -48,9 +115,38 @@ FilePtr open_to_read(const std::filesystem::path& path) {
 
 }  // namespace
 
-AtomicFile::AtomicFile(std::filesystem::path path) : path_(std::move(path)), partial_(pecs::partial_path(path_)) {
-  file_ = std::fopen(partial_.c_str(), "wb");
-  if (!file_) throw bad_output(path_.string(), last_error());
+PartialFile::PartialFile(const fs::path& path) : path_(file_behind(path)), partial_(pecs::partial_path(path_)) {
+  descriptor_ = claimed(partial_, path);
+}
+
+PartialFile::~PartialFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+void PartialFile::commit() {
+  if (::fsync(descriptor_) != 0 || ::rename(partial_.c_str(), path_.c_str()) != 0)
+    throw bad_output(path_.string(), last_error());
+}
+
+void PartialFile::commit(const fs::path& written) {
+  const int fd = ::open(written.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+  if (fd < 0) throw bad_output(path_.string(), last_error());
+  const bool done = ::fsync(fd) == 0 && ::rename(written.c_str(), path_.c_str()) == 0;
+  const int failure = errno;
+  ::close(fd);
+  if (!done) throw bad_output(path_.string(), std::strerror(failure));
+  ::unlink(partial_.c_str());
+}
+
+AtomicFile::AtomicFile(const fs::path& path, Order order) : path_(path) {
+  int fd = -1;
+  if (order == Order::front_to_back && is_stream(path)) {
+    fd = ::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
+  } else {
+    fd = ::fcntl(partial_.emplace(path).descriptor(), F_DUPFD_CLOEXEC, 0);
+  }
+  file_ = fd < 0 ? nullptr : ::fdopen(fd, "wb");
+  if (!file_) throw bad_output(path.string(), last_error());
 }
 
 AtomicFile::~AtomicFile() {
@@ -64,34 +160,44 @@ void AtomicFile::write(std::span<const std::byte> bytes) {
 void AtomicFile::write(std::string_view text) { write(std::as_bytes(std::span(text))); }
 
 void AtomicFile::commit() {
-  const bool flushed = std::fflush(file_) == 0;
-  const int flush_errno = errno;
-  const bool closed = std::fclose(file_) == 0;
-  file_ = nullptr;
-  if (!flushed || !closed) throw bad_output(path_.string(), std::strerror(flushed ? errno : flush_errno));
-  commit_partial(path_);
+  if (std::fflush(file_) != 0) throw bad_output(path_.string(), last_error());
+  if (partial_) partial_->commit();
+  if (std::fclose(std::exchange(file_, nullptr)) != 0) throw bad_output(path_.string(), last_error());
 }
 
-std::filesystem::path partial_path(const std::filesystem::path& path) {
-  std::filesystem::path partial = path;
+fs::path partial_path(const fs::path& path) {
+  fs::path partial = path;
   partial += ".partial";
   return partial;
 }
 
-void commit_partial(const std::filesystem::path& path) {
-  const std::filesystem::path partial = partial_path(path);
-  const int fd = ::open(partial.c_str(), O_RDONLY);
-  if (fd < 0) throw bad_output(path.string(), last_error());
-  const bool synced = ::fsync(fd) == 0;
-  const int sync_errno = errno;
-  ::close(fd);
-  if (!synced) throw bad_output(path.string(), std::strerror(sync_errno));
-  std::error_code ec;
-  std::filesystem::rename(partial, path, ec);
-  if (ec) throw bad_output(path.string(), ec.message());
+bool is_stream(const fs::path& path) {
+  struct stat found{};
+  if (::stat(path.c_str(), &found) != 0) return false;
+  return S_ISFIFO(found.st_mode) || S_ISCHR(found.st_mode);
 }
 
-std::string read_text(const std::filesystem::path& path, std::size_t max_bytes) {
+void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::path>& outputs) {
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    const fs::path& output = outputs[i];
+    if (output.empty() || is_stream(output)) continue;
+    const auto refuse = [&](const std::string& got, const std::string& wanted) {
+      return Error(ExitCode::usage, fmt::format("{}: output: got {}, wanted {}", output.string(), got, wanted));
+    };
+    for (const fs::path& input : inputs) {
+      if (input.empty()) continue;
+      if (is_same_file(output, input) || is_same_file(pecs::partial_path(output), input))
+        throw refuse("the input itself", "another file");
+      if (fs::exists(output) && is_same_file(output.parent_path() / ".", input / ".") &&
+          std::ranges::find(kFrameEndings, lower(output.extension().string())) != std::end(kFrameEndings))
+        throw refuse("a file of the input folder", "another file");
+    }
+    for (std::size_t k = 0; k < i; ++k)
+      if (!outputs[k].empty() && is_same_file(output, outputs[k])) throw refuse("two outputs", "one file each");
+  }
+}
+
+std::string read_text(const fs::path& path, std::size_t max_bytes) {
   const FilePtr f = open_to_read(path);
   std::string text;
   std::array<char, 1 << 16> buffer{};
@@ -104,7 +210,7 @@ std::string read_text(const std::filesystem::path& path, std::size_t max_bytes) 
   return text;
 }
 
-std::string sha256_of_file(const std::filesystem::path& path) {
+std::string sha256_of_file(const fs::path& path) {
   const FilePtr f = open_to_read(path);
   Sha256 sha;
   std::array<char, 1 << 16> buffer{};

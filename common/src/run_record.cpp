@@ -6,6 +6,7 @@
 namespace pecs {
 
 void write_run_record(const std::filesystem::path& output, const RunRecord& record) {
+  if (is_stream(output)) return;
   Json inputs = Json::array();
   for (const auto& input : record.inputs) {
     const auto hashed = std::filesystem::is_directory(input) ? input / "stack.json" : input;
@@ -16,7 +17,7 @@ void write_run_record(const std::filesystem::path& output, const RunRecord& reco
                      {"config", record.config},  {"inputs", inputs},          {"output", output.string()},
                      {"results", record.results}};
   AtomicFile file(output.string() + ".run.json");
-  file.write(json.dump(2) + "\n");
+  file.write(text_of(json, 2) + "\n");
   file.commit();
 }
 

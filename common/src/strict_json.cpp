@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -10,10 +12,10 @@
 namespace pecs {
 namespace {
 
-std::string recording(const Json& value) {
-  std::string text = value.dump();
-  return text.size() <= 40 ? text : text.substr(0, 37) + "...";
-}
+constexpr std::size_t kMaxDepth = 100;
+constexpr std::size_t kShownBytes = 40;
+
+std::string recording(const Json& value) { return shortened(value.dump(), kShownBytes); }
 
 std::string range_text(Range range) {
   if (std::isinf(range.min) && std::isinf(range.max)) return "a finite number";
@@ -22,29 +24,108 @@ std::string range_text(Range range) {
   return fmt::format("a number in [{}, {}]", range.min, range.max);
 }
 
+// Builds the value, and refuses what makes a file say other things to other readers, or nothing that can be used: keys
+// that come twice, numbers that no double holds, nesting without end.
+class StrictBuilder : public nlohmann::json_sax<Json> {
+ public:
+  StrictBuilder(const std::string& text, const std::string& file) : text_(text), file_(file) {}
+  Json take() { return std::move(root_); }
+
+  bool null() override { return put({}); }
+  bool boolean(bool value) override { return put(value); }
+  bool number_integer(number_integer_t value) override { return put(value); }
+  bool number_unsigned(number_unsigned_t value) override { return put(value); }
+  bool number_float(number_float_t value, const string_t&) override { return put(value); }
+  bool string(string_t& value) override { return put(std::move(value)); }
+  bool binary(binary_t&) override { return false; }  // not in text
+  bool start_object(std::size_t) override { return open(Json::object()); }
+  bool start_array(std::size_t) override { return open(Json::array()); }
+  bool end_object() override { return close(); }
+  bool end_array() override { return close(); }
+  bool key(string_t& value) override {
+    key_ = std::move(value);
+    if (open_.back().json->contains(key_)) throw bad_input(file_, place(), "this key twice", "once");
+    return true;
+  }
+
+  bool parse_error(std::size_t byte, const std::string& token, const Json::exception& e) override {
+    const std::string_view before = std::string_view(text_).substr(0, byte > 0 ? byte - 1 : 0);
+    const std::size_t line = 1 + static_cast<std::size_t>(std::ranges::count(before, '\n'));
+    const std::size_t column = before.size() - (before.rfind('\n') + 1) + 1;
+    const std::string where = fmt::format("line {} column {}", line, column);
+    if (dynamic_cast<const Json::out_of_range*>(&e))
+      throw bad_input(file_, where, shortened(token, kShownBytes), "a number of at most 1.8e308");
+    if (std::string_view(e.what()).find("UTF-8") != std::string_view::npos)
+      throw bad_input(file_, where, "bytes that are not UTF-8", "valid JSON");
+    throw bad_input(file_, where, byte > text_.size() ? "the end of the file" : "text that is not JSON", "valid JSON");
+  }
+
+ private:
+  struct Level {
+    Json* json;
+    std::string key;  // in the level above, when that is an object
+  };
+
+  // Where the next value goes.
+  std::string place() const {
+    std::string out;
+    for (std::size_t i = 0; i < open_.size(); ++i) {
+      const Json& json = *open_[i].json;
+      const bool last = i + 1 == open_.size();
+      if (json.is_array())
+        out += fmt::format("[{}]", last ? json.size() : json.size() - 1);
+      else
+        out += (out.empty() ? "" : ".") + shortened(last ? key_ : open_[i + 1].key, kShownBytes);
+    }
+    return shortened(out, 4 * kShownBytes);
+  }
+  Json* slot(Json value) {
+    if (open_.empty()) return &(root_ = std::move(value));
+    Json& parent = *open_.back().json;
+    if (!parent.is_array()) return &(parent[key_] = std::move(value));
+    parent.push_back(std::move(value));
+    return &parent.back();
+  }
+  bool put(Json value) {
+    slot(std::move(value));
+    return true;
+  }
+  bool open(Json value) {
+    if (open_.size() == kMaxDepth)
+      throw bad_input(file_, place(), fmt::format("more than {} levels", kMaxDepth),
+                      fmt::format("at most {}", kMaxDepth));
+    open_.push_back({slot(std::move(value)), key_});
+    return true;
+  }
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  const std::string& text_;
+  const std::string& file_;
+  Json root_;
+  std::vector<Level> open_;
+  std::string key_;
+};
+
 }  // namespace
 
 Json parse_json(const std::string& text, const std::string& file) {
-  try {
-    return Json::parse(text, nullptr, true, /*ignore_comments=*/false);
-  } catch (const Json::parse_error& e) {
-    std::size_t line = 1, column = 1;
-    for (std::size_t i = 0; i + 1 < e.byte && i < text.size(); ++i) {
-      if (text[i] == '\n') {
-        ++line;
-        column = 1;
-      } else {
-        ++column;
-      }
-    }
-    const bool at_end = e.byte > text.size();
-    throw bad_input(file, fmt::format("line {} column {}", line, column),
-                    at_end ? "the end of the file" : "text that is not JSON", "valid JSON");
-  }
+  if (text.starts_with("\xef\xbb\xbf"))
+    throw bad_input(file, "byte 0", "a byte order mark", "UTF-8 without one (\"UTF-8\", not \"UTF-8 with BOM\")");
+  if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff")) throw bad_input(file, "byte 0", "UTF-16", "UTF-8");
+  StrictBuilder builder(text, file);
+  Json::sax_parse(text, &builder);
+  return builder.take();
 }
 
 Json parse_json_file(const std::filesystem::path& path, std::size_t max_bytes) {
   return parse_json(read_text(path, max_bytes), path.string());
+}
+
+std::string text_of(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
 JsonObject::JsonObject(const Json& json, std::string file, std::string place)
@@ -52,7 +133,9 @@ JsonObject::JsonObject(const Json& json, std::string file, std::string place)
   if (!json.is_object()) throw bad_input(file_, place_, recording(json), "an object");
 }
 
-std::string JsonObject::where(const std::string& key) const { return place_.empty() ? key : place_ + "." + key; }
+std::string JsonObject::where(const std::string& key) const {
+  return (place_.empty() ? "" : place_ + ".") + shortened(key, kShownBytes);
+}
 
 void JsonObject::fail(const std::string& key, const std::string& got, const std::string& wanted) const {
   throw bad_input(file_, where(key), got, wanted);
@@ -128,7 +211,7 @@ std::string JsonObject::one_of(const std::string& key, const std::vector<std::st
   const std::string value = text(key);
   for (const std::string& a : allowed)
     if (a == value) return value;
-  fail(key, '"' + value + '"', fmt::format("one of {}", fmt::join(allowed, ", ")));
+  fail(key, recording(value), fmt::format("one of {}", fmt::join(allowed, ", ")));
 }
 
 std::vector<double> JsonObject::numbers(const std::string& key, Range range) {

@@ -32,7 +32,7 @@ TEST_F(Files, AppearWholeOrAsPartial) {
 
 TEST_F(Files, AFullDiskIsAnError) {
   if (!fs::exists("/dev/full")) GTEST_SKIP() << "needs /dev/full";
-  fs::create_symlink("/dev/full", dir_ / "b.txt.partial");
+  fs::create_symlink("/dev/full", dir_ / "b.txt");
   pecs::AtomicFile file(dir_ / "b.txt");
   file.write("x");
   try {
@@ -41,7 +41,7 @@ TEST_F(Files, AFullDiskIsAnError) {
   } catch (const pecs::Error& e) {
     EXPECT_EQ(e.code(), pecs::ExitCode::bad_output);
   }
-  EXPECT_FALSE(fs::exists(dir_ / "b.txt"));
+  EXPECT_TRUE(fs::is_symlink(dir_ / "b.txt")) << "written through, not replaced";
 }
 
 TEST_F(Files, Sha256IsTheStandardOne) {  // FIPS 180-2, appendix B.1
@@ -54,4 +54,65 @@ TEST_F(Files, MissingAndTooLargeFilesAreNamed) {
   file.write("0123456789abc");
   file.commit();
   EXPECT_THROW(pecs::read_text(dir_ / "c", 10), pecs::Error);
+}
+
+namespace {
+
+std::string refusal(const std::function<void()>& f) {
+  try {
+    f();
+  } catch (const pecs::Error& e) {
+    return e.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_F(Files, OneWriterAtATime) {
+  const fs::path path = dir_ / "d";
+  pecs::AtomicFile first(path);
+  first.write("first");
+  EXPECT_NE(refusal([&] { pecs::AtomicFile second(path); }).find("another process"), std::string::npos);
+  first.commit();
+  EXPECT_EQ(pecs::read_text(path, 10), "first");
+  pecs::AtomicFile third(path);
+  third.commit();
+  EXPECT_EQ(fs::file_size(path), 0u);
+}
+
+TEST_F(Files, WhatIsNoFileIsRefused) {
+  fs::create_directory(dir_ / "folder");
+  fs::create_symlink("nothing", dir_ / "dangling");
+  fs::create_symlink("loop", dir_ / "loop");
+  fs::create_symlink("c", dir_ / "e.partial");
+  fs::create_directory(dir_ / "f.partial");
+  for (const char* name : {"folder", "dangling", "loop", "e", "f", "none/x"})
+    EXPECT_NE(refusal([&] { pecs::AtomicFile file(dir_ / name); }).find("cannot be written"), std::string::npos)
+        << name;
+  EXPECT_NE(refusal([&] { pecs::AtomicFile file(""); }), "");
+}
+
+TEST_F(Files, OutputsAreNeitherInputsNorTwice) {
+  const auto write = [&](const std::string& name) {
+    pecs::AtomicFile file(dir_ / name);
+    file.commit();
+    return dir_ / name;
+  };
+  const fs::path input = write("in"), frame = write("frame_000000.exr"), old = write("old.raw");
+  fs::create_hard_link(input, dir_ / "same");
+  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {input}); }).find("the input itself"), std::string::npos);
+  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {dir_ / "same"}); }), "");
+  EXPECT_NE(refusal([&] { pecs::check_outputs({write("x.partial")}, {dir_ / "x"}); }), "");
+  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {dir_ / "new", dir_ / "." / "new"}); }), "");
+  EXPECT_NE(refusal([&] { pecs::check_outputs({dir_}, {frame}); }).find("input folder"), std::string::npos);
+  EXPECT_EQ(refusal([&] { pecs::check_outputs({input, dir_}, {old, dir_ / "new", "", ""}); }), "");
+}
+
+TEST(Errors, AreOneLineOfPrintableText) {
+  const std::string line =
+      pecs::bad_input("a\nb\x1b[31m", "", std::string("\0\xff\xc3", 3), "\xc2\x9b \xc3\xa9\xe2\x82\xac").what();
+  EXPECT_EQ(line, "a\\x0ab\\x1b[31m: got \\x00\\xff\\xc3, wanted \\xc2\\x9b \xc3\xa9\xe2\x82\xac");
+  EXPECT_EQ(pecs::shortened("\xc3\xa9\xc3\xa9", 3), "\xc3\xa9...");
+  EXPECT_EQ(pecs::shortened("abc", 3), "abc");
 }

@@ -46,3 +46,23 @@ TEST(StrictJson, IntegersDoNotOverflow) {
   EXPECT_NE(error_of(R"({"a": 18446744073709551615})", [](auto& o) { o.integer("a", 0, 10); }), "");
   EXPECT_NE(error_of(R"({"a": 1.5})", [](auto& o) { o.integer("a", 0, 10); }), "");
 }
+
+TEST(StrictJson, RefusesWhatReadersReadDifferently) {
+  const auto line = [](const std::string& text) { return error_of(text, [](auto&) {}); };
+  EXPECT_EQ(line(R"({"a": 1, "b": {"c": [1, {"d": 1, "d": 2}]}})"),
+            "f.json: b.c[1].d: got this key twice, wanted once");
+  EXPECT_EQ(line("{\n\"a\": 1e999}"), "f.json: line 2 column 10: got 1e999, wanted a number of at most 1.8e308");
+  EXPECT_EQ(line("\xef\xbb\xbf{}"),
+            "f.json: byte 0: got a byte order mark, wanted UTF-8 without one (\"UTF-8\", not \"UTF-8 with BOM\")");
+  EXPECT_EQ(line(std::string("\xff\xfe{\0}\0", 6)), "f.json: byte 0: got UTF-16, wanted UTF-8");
+  EXPECT_EQ(line("{\"a\": \"\xff\"}"), "f.json: line 1 column 8: got bytes that are not UTF-8, wanted valid JSON");
+  const auto nested = [](int levels) { return std::string(levels, '[') + std::string(levels, ']'); };
+  EXPECT_EQ(line(nested(101)).substr(0, 14), "f.json: [0][0]");
+  EXPECT_EQ(pecs::parse_json(nested(100), "f.json").dump(), nested(100));
+}
+
+TEST(StrictJson, ReadsWhatTheLibraryReads) {
+  const std::string text =
+      R"([null, true, -1, 18446744073709551615, 1.5e-3, "\u00e9", {"a": [], "b": {"a": {}}}, [[1], 2]])";
+  EXPECT_EQ(pecs::parse_json(text, "f.json"), pecs::Json::parse(text));
+}

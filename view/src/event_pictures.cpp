@@ -133,6 +133,7 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
           ? options.window_us
           : std::max<std::int64_t>(readable_window_us(recording, recording.span_us), std::llround(step_us));
 
+  PartialFile partial(path);
   // OpenCV takes the container from the extension, so the unfinished file keeps it.
   const std::string unfinished =
       (path.parent_path() / ("." + path.stem().string() + ".partial" + path.extension().string())).string();
@@ -158,12 +159,11 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
       writer.open(unfinished, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]),
                   options.fps, canvas.size());
     }
-    if (!writer.isOpened()) throw bad_output(path.string(), "no video encoder could be opened (folder, disk, FFmpeg?)");
+    if (!writer.isOpened()) throw bad_output(path.string(), "no video encoder could be opened (disk, FFmpeg?)");
     writer.write(canvas);
   }
   writer.release();
-  std::filesystem::rename(unfinished, partial_path(path));
-  commit_partial(path);
+  partial.commit(unfinished);
   return info;
 }
 

@@ -86,7 +86,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
   }}
   if (ok && p > 0) {{
     // camera space: origin at the entrance pupil's centre
-    position = 0.001 * point(x, y, z + {pupil_z});
+    position = {units_per_mm} * point(x, y, z + {pupil_z});
     direction = (1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)) * vector(dx, dy, dz);  // unit but for rounding
     float blocked = (1 - p) * (1 - p);  // of two draws
     weight *= pupil / ({distance2} * (1 - blocked * blocked));
@@ -336,7 +336,8 @@ std::string shader_text(const Prescription& lens, const Camera& camera) {
       fmt::arg("pi", number(std::numbers::pi)), fmt::arg("quarter_pi", number(std::numbers::pi / 4)),
       fmt::arg("draws", kDraws), fmt::arg("distance", film.distance), fmt::arg("distance2", film.distance2),
       fmt::arg("cosine", film.cosine), fmt::arg("surfaces", surfaces),
-      fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)), fmt::arg("throughput", throughput));
+      fmt::arg("pupil_z", number(camera.first_order.entrance_pupil_z_mm)), fmt::arg("throughput", throughput),
+      fmt::arg("units_per_mm", number(0.001 / o.unit_m)));
 }
 
 }  // namespace pecs::lens

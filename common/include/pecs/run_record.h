@@ -1,5 +1,6 @@
 #pragma once
-// "<output>.run.json": what made an output. Written last, so that its presence says that the output is whole.
+// "<output>.run.json": what made an output. Written last, so that its presence says that the output is whole; not
+// written for an output that is a pipe or a device.
 #include <filesystem>
 #include <string>
 #include <vector>

@@ -13,9 +13,13 @@ namespace pecs {
 
 using Json = nlohmann::json;
 
-// Parses with file, line and column in the error. max_bytes guards against a 100 MB "prescription".
+// Parses with file, line and column in the error. Refused beside what is not JSON: keys that come twice, numbers beyond
+// what a double holds, more than 100 levels, a byte order mark. max_bytes guards against a 100 MB "prescription".
 Json parse_json_file(const std::filesystem::path& path, std::size_t max_bytes = std::size_t{4} << 20);
 Json parse_json(const std::string& text, const std::string& file);
+
+// As dump(), but bytes that are not UTF-8 (file names) are replaced, not thrown at the caller.
+std::string text_of(const Json& json, int indent = -1);
 
 struct Range {
   double min = -std::numeric_limits<double>::infinity();

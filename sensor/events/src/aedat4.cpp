@@ -77,6 +77,7 @@ class Aedat4Reader final : public Reader {
   }
 
   const StreamInfo& info() const override { return info_; }
+  std::string place() const override { return fmt::format("packet at byte {}", packet_at_); }
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
@@ -94,8 +95,7 @@ class Aedat4Reader final : public Reader {
                static_cast<std::uint8_t>(e.on())};
       if (e.x() < 0 || e.y() < 0 || !extent_->add(event))
         throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_),
-                        fmt::format("an event at pixel ({}, {})", e.x(), e.y()),
-                        fmt::format("inside {}x{}", info_.width, info_.height));
+                        fmt::format("an event at pixel ({}, {})", e.x(), e.y()), extent_->wanted());
     }
     return n;
   }
@@ -197,7 +197,7 @@ constexpr std::size_t kPacketEvents = 8192;
 class Aedat4Writer final : public CheckedWriter {
  public:
   Aedat4Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path) {
+      : CheckedWriter(path, size, kLimits), file_(path, AtomicFile::Order::goes_back) {
     file_.put_text(kMagic);
     put_header(0);
   }

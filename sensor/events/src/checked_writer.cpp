@@ -10,8 +10,8 @@ namespace pecs::events {
 
 CheckedWriter::CheckedWriter(std::filesystem::path path, StreamInfo info, const Limits& limits, bool needs_size)
     : path_(std::move(path)), info_(std::move(info)), limits_(limits), last_t_us_(limits.t_min_us) {
-  const bool given = info_.width > 0 && info_.height > 0;
-  if ((needs_size && !given) || info_.width < 0 || info_.height < 0 || info_.width > limits.max_size ||
+  const bool given = info_.width > 0 && info_.height > 0, none = info_.width == 0 && info_.height == 0;
+  if ((needs_size ? !given : !given && !none) || info_.width < 0 || info_.height < 0 || info_.width > limits.max_size ||
       info_.height > limits.max_size)
     throw bad_output(path_.string(), fmt::format("got a size of {}x{} pixels, wanted 1x1 to {}x{}", info_.width,
                                                  info_.height, limits.max_size, limits.max_size));

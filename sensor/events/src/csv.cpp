@@ -34,12 +34,20 @@ constexpr std::string_view kWanted = "a header line such as t_us,x,y,p";
 
 class LineReader {
  public:
-  explicit LineReader(const std::filesystem::path& path) : file_(path), buffer_(1 << 16) {}
+  explicit LineReader(const std::filesystem::path& path) : file_(path), buffer_(1 << 16) {
+    filled_ = file_.read(std::as_writable_bytes(std::span(buffer_)));
+    const std::string_view head(buffer_.data(), filled_);
+    if (head.starts_with("\xff\xfe") || head.starts_with("\xfe\xff"))
+      throw bad_input(path.string(), "byte 0", "UTF-16 text", "UTF-8 or ASCII");
+    if (head.starts_with("\xef\xbb\xbf")) position_ = next_start_ = 3;  // a byte order mark
+    const std::size_t end = std::min(head.find_first_of("\r\n"), head.size());
+    if (end + 1 < head.size() && head[end] == '\r' && head[end + 1] != '\n') line_end_ = '\r';  // old Macintosh
+  }
 
   // Without its end; valid until the next call.
   bool next(std::string_view& line) {
     const void* end = nullptr;
-    while (!(end = std::memchr(buffer_.data() + position_, '\n', filled_ - position_)) && !ended_) {
+    while (!(end = std::memchr(buffer_.data() + position_, line_end_, filled_ - position_)) && !ended_) {
       if (filled_ - position_ > kMaxLine)
         throw bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_ + 1, next_start_),
                         fmt::format("more than {} bytes", kMaxLine), "lines of events");
@@ -61,9 +69,10 @@ class LineReader {
   }
 
   // Of the line last given.
+  std::string place() const { return fmt::format("line {}, byte {}", line_, line_start_); }
   Error damage(std::string_view got, std::string_view wanted) const {
-    return bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_, line_start_),
-                     std::string(got.substr(0, 80)), std::string(wanted));
+    return bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_, line_start_), shortened(got, 80),
+                     std::string(wanted));
   }
 
  private:
@@ -72,6 +81,7 @@ class LineReader {
   std::size_t filled_ = 0, position_ = 0;
   std::uint64_t line_ = 0, line_start_ = 0, next_start_ = 0;
   bool ended_ = false;
+  char line_end_ = '\n';  // "\r\n" too: what separates words ends them
 };
 
 // The next word of `line`, which is shortened by it; empty at the end.
@@ -150,6 +160,7 @@ class CsvReader final : public Reader {
   }
 
   const StreamInfo& info() const override { return info_; }
+  std::string place() const override { return lines_.place(); }
   Convention convention() const { return convention_; }
 
   std::size_t read(std::span<Event> out) override {
@@ -277,9 +288,7 @@ class CsvReader final : public Reader {
     e = {values[kT], static_cast<std::uint16_t>(values[kX]), static_cast<std::uint16_t>(values[kY]),
          static_cast<std::uint8_t>(values[kP] > 0)};
     if (!p_known || values[kX] != e.x || values[kY] != e.y || !extent_->add(e))
-      throw lines_.damage(line_, info_.width > 0
-                                     ? fmt::format("a pixel inside {}x{}, p of -1, 0 or 1", info_.width, info_.height)
-                                     : "a pixel, p of -1, 0 or 1");
+      throw lines_.damage(line_, fmt::format("a pixel {}, p of -1, 0 or 1", extent_->wanted()));
   }
 
   LineReader lines_;

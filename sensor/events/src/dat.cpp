@@ -32,6 +32,7 @@ class DatReader final : public Reader {
   }
 
   const StreamInfo& info() const override { return info_; }
+  std::string place() const override { return fmt::format("byte {}", file_.offset() - 8); }
 
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
@@ -49,8 +50,7 @@ class DatReader final : public Reader {
       out[n] = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
                 static_cast<std::uint16_t>(address >> 14 & 0x3fff), static_cast<std::uint8_t>(address >> 28 & 1)};
       if (!extent_->add(out[n]))
-        throw file_.damage(fmt::format("an event at pixel ({}, {})", out[n].x, out[n].y),
-                           fmt::format("inside {}x{}", info_.width, info_.height), 8);
+        throw file_.damage(fmt::format("an event at pixel ({}, {})", out[n].x, out[n].y), extent_->wanted(), 8);
     }
     return n;
   }

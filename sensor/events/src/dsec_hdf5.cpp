@@ -10,9 +10,9 @@
 
 #include "checked_writer.h"
 #include "codecs.h"
+#include "event_columns.h"
 #include "extent.h"
 #include "hdf5_file.h"
-#include "pecs/files.h"
 
 namespace pecs::events {
 namespace {
@@ -50,25 +50,20 @@ void register_blosc() {
 
 class DsecReader final : public Reader {
  public:
-  explicit DsecReader(const std::filesystem::path& path) : file_(hdf5::open_file(path)) {
+  explicit DsecReader(const std::filesystem::path& path)
+      : file_(hdf5::open_file(path)), values_(path.string(), {kColumns[0], kColumns[1], kColumns[2], kColumns[3]}) {
     register_blosc();
     const hdf5::Session session;
     for (const char* name : kColumns) columns_.emplace_back(file_, path, name);
     for (const hdf5::Column& column : columns_) {
       if (column.size() != columns_[0].size())
         throw column.damage(fmt::format("{} values", column.size()), fmt::format("{}, as in t", columns_[0].size()));
-      const hdf5::Handle type(H5Dget_type(column.id()), H5Tclose);
-      const H5T_class_t kind = H5Tget_class(type.get());
-      // h5py stores booleans as an enumeration.
-      if (kind != H5T_INTEGER && !(kind == H5T_ENUM && &column == &columns_[3]))
-        throw column.damage("values that are no integers", &column == &columns_[0] ? "microseconds" : "integers");
+      column.require_integers();
     }
     if (H5Lexists(file_.get(), "t_offset", H5P_DEFAULT) > 0) {
-      const hdf5::Handle offset(H5Dopen2(file_.get(), "t_offset", H5P_DEFAULT), H5Dclose);
-      const hdf5::Handle space(H5Dget_space(offset.get()), H5Sclose);
-      if (H5Sget_simple_extent_npoints(space.get()) != 1 ||
-          H5Dread(offset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &t_offset_us_) < 0)
-        throw bad_input(path.string(), "/t_offset", "an unreadable value", "one integer");
+      const auto offset = hdf5::integer_dataset(file_, "/t_offset");
+      if (!offset) throw bad_input(path.string(), "/t_offset", "no value that can be read", "one integer of 64 bits");
+      t_offset_us_ = *offset;
     }
     const hdf5::Handle group(H5Gopen2(file_.get(), "/events", H5P_DEFAULT), H5Gclose);
     const auto width = hdf5::integer_attribute(group.get(), "width"),
@@ -83,17 +78,14 @@ class DsecReader final : public Reader {
   std::size_t read(std::span<Event> out) override {
     std::size_t n = 0;
     while (n < out.size()) {
-      if (used_ == t_.size() && !next_block()) {
+      if (used_ == block_.size() && !next_block()) {
         extent_->end();
         break;
       }
-      for (; n < out.size() && used_ < t_.size(); ++used_, ++n) {
-        out[n] = {t_[used_] + t_offset_us_, x_[used_], y_[used_], static_cast<std::uint8_t>(p_[used_] > 0)};
-        if (!extent_->add(out[n]))
-          throw columns_[1].damage(
-              fmt::format("event {} at pixel ({}, {})", first_ - t_.size() + used_, out[n].x, out[n].y),
-              fmt::format("inside {}x{}", info_.width, info_.height));
-      }
+      const std::size_t take = std::min(out.size() - n, block_.size() - used_);
+      std::ranges::copy(std::span(block_).subspan(used_, take), out.begin() + static_cast<std::ptrdiff_t>(n));
+      used_ += take;
+      n += take;
     }
     return n;
   }
@@ -102,14 +94,13 @@ class DsecReader final : public Reader {
   bool next_block() {
     const std::size_t size = std::min<std::uint64_t>(kBlock, columns_[0].size() - first_);
     if (size == 0) return false;
-    t_.resize(size);
-    x_.resize(size);
-    y_.resize(size);
-    p_.resize(size);
-    columns_[0].read(first_, size, H5T_NATIVE_INT64, t_.data());
-    columns_[1].read(first_, size, H5T_NATIVE_UINT16, x_.data());
-    columns_[2].read(first_, size, H5T_NATIVE_UINT16, y_.data());
-    columns_[3].read(first_, size, H5T_NATIVE_INT8, p_.data());
+    values_.resize(size);
+    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
+      columns_[c].read_integers(first_, values_.values(c));
+      if (columns_[c].is_unsigned()) values_.refuse_wrapped(c, first_);
+    }
+    block_.resize(size);
+    values_.take(first_, t_offset_us_, *extent_, block_);
     first_ += size;
     used_ = 0;
     return true;
@@ -121,9 +112,8 @@ class DsecReader final : public Reader {
   StreamInfo info_;
   std::optional<Extent> extent_;
   std::uint64_t first_ = 0;  // event of the next block
-  std::vector<std::int64_t> t_;
-  std::vector<std::uint16_t> x_, y_;
-  std::vector<std::int8_t> p_;
+  EventColumns values_;
+  std::vector<Event> block_;
   std::size_t used_ = 0;
 };
 

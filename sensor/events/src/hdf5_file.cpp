@@ -2,9 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstring>
-
-#include "pecs/files.h"
 
 namespace pecs::events::hdf5 {
 namespace {
@@ -16,16 +15,32 @@ std::recursive_mutex& library_mutex() {
 
 constexpr std::uint64_t kMaxChunkBytes = std::uint64_t{1} << 28;
 
-bool exists(hid_t file, const std::string& path) {  // every link on the way
+// Opens objects through links inside the file only.
+Handle access_within_file() {
+  Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+  const H5L_elink_traverse_t refuse = [](const char*, const char*, const char*, const char*, unsigned*, hid_t,
+                                         void*) -> herr_t { return -1; };
+  H5Pset_elink_cb(access.get(), refuse, nullptr);
+  return access;
+}
+
+// What is wrong on the way to `path`, link by link; nothing when all is there.
+std::optional<std::string> missing_link(hid_t file, const std::string& path) {
+  const Handle access = access_within_file();
   for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
-    if (H5Lexists(file, path.substr(0, slash).c_str(), H5P_DEFAULT) <= 0) return false;
-    if (slash == std::string::npos) return true;
+    const std::string part = path.substr(0, slash);
+    H5L_info_t link{};
+    if (H5Lexists(file, part.c_str(), access.get()) <= 0) return "nothing";
+    if (H5Lget_info(file, part.c_str(), &link, access.get()) < 0) return "an unreadable link";
+    if (link.type != H5L_TYPE_HARD && link.type != H5L_TYPE_SOFT) return "a link to another file";
+    if (slash == std::string::npos) return {};
   }
 }
 
 }  // namespace
 
 Session::Session() : lock_(library_mutex()) {
+  [[maybe_unused]] static const herr_t once = H5dont_atexit();
   H5Eget_auto2(H5E_DEFAULT, &print_, &print_data_);
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
 }
@@ -46,9 +61,8 @@ bool has_paths(const std::filesystem::path& path, const std::vector<std::string>
   const Session session;
   const Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file) return false;
-  for (const std::string& name : names)
-    if (!exists(file.get(), name)) return false;
-  return true;
+  return std::ranges::none_of(names,
+                              [&](const std::string& name) { return missing_link(file.get(), name) == "nothing"; });
 }
 
 Handle open_file(const std::filesystem::path& path) {
@@ -62,30 +76,71 @@ Handle open_file(const std::filesystem::path& path) {
 Column::Column(const Handle& file, std::filesystem::path path, std::string name)
     : path_(std::move(path)), name_(std::move(name)) {
   const Session session;
-  if (!exists(file.get(), name_)) throw damage("nothing", "a dataset");
-  dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), H5P_DEFAULT), H5Dclose);
-  if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset");
+  const Handle access = access_within_file();
+  open(file, access.get());
   const Handle space(H5Dget_space(id()), H5Sclose);
   hsize_t size = 0;
   if (H5Sget_simple_extent_ndims(space.get()) != 1 || H5Sget_simple_extent_dims(space.get(), &size, nullptr) < 0)
     throw damage(fmt::format("{} dimensions", H5Sget_simple_extent_ndims(space.get())), "one");
   size_ = size;
 
-  // A chunk is decompressed as a whole: hold one in the cache, and refuse one that no writer makes.
-  const Handle properties(H5Dget_create_plist(id()), H5Pclose);
-  if (H5Pget_layout(properties.get()) != H5D_CHUNKED) return;
-  hsize_t chunk = 0;
-  if (H5Pget_chunk(properties.get(), 1, &chunk) != 1) throw damage("unreadable chunk sizes", "one size");
   const Handle type(H5Dget_type(id()), H5Tclose);
   const std::uint64_t item_bytes = H5Tget_size(type.get());
+  const H5T_class_t kind = H5Tget_class(type.get());
+  const Handle base(kind == H5T_ENUM ? H5Tget_super(type.get()) : H5Tcopy(type.get()), H5Tclose);
+  if ((kind == H5T_INTEGER || kind == H5T_ENUM) && item_bytes <= sizeof(std::int64_t))
+    kind_ = hdf5::is_unsigned(base.get()) ? Kind::unsigned_integer : Kind::signed_integer;
+
+  const Handle properties(H5Dget_create_plist(id()), H5Pclose);
+  if (H5Pget_layout(properties.get()) == H5D_VIRTUAL || H5Pget_external_count(properties.get()) != 0)
+    throw damage("a virtual dataset, or one in another file", "items in this file");
+  if (H5Pget_layout(properties.get()) == H5D_CHUNKED) limit_chunks(file, properties.get(), item_bytes);
+  check_storage(item_bytes);
+}
+
+void Column::open(const Handle& file, hid_t access) {
+  if (const auto missing = missing_link(file.get(), name_)) throw damage(*missing, "a dataset in this file");
+  dataset_.close();  // what is open keeps its access, the cache among it
+  dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), access), H5Dclose);
+  if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset in this file");
+}
+
+// A chunk is decompressed as a whole: hold one in the cache, and refuse one that no writer makes.
+void Column::limit_chunks(const Handle& file, hid_t properties, std::uint64_t item_bytes) {
+  hsize_t chunk = 0;
+  if (H5Pget_chunk(properties, 1, &chunk) != 1) throw damage("unreadable chunk sizes", "one size");
   if (item_bytes == 0 || chunk > kMaxChunkBytes / item_bytes)
     throw damage(fmt::format("chunks of {} items of {} bytes", chunk, item_bytes),
                  fmt::format("at most {} bytes", kMaxChunkBytes));
   chunk_ = chunk;
-  const Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+  const Handle access = access_within_file();
   H5Pset_chunk_cache(access.get(), H5D_CHUNK_CACHE_NSLOTS_DEFAULT, chunk * item_bytes, 1.0);
-  dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), access.get()), H5Dclose);
-  if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset");
+  open(file, access.get());
+}
+
+// The declared size is what is stored. Chunks that were never written would read as zeros.
+void Column::check_storage(std::uint64_t item_bytes) const {
+  if (size_ == 0) return;
+  if (chunk_ == 0) {
+    const std::uint64_t stored = H5Dget_storage_size(id());
+    if (size_ > stored / item_bytes || stored > std::filesystem::file_size(path_))
+      throw damage(fmt::format("{} items in {} bytes", size_, stored), fmt::format("{} bytes an item", item_bytes));
+    return;
+  }
+  const Handle space(H5Dget_space(id()), H5Sclose);
+  hsize_t chunks = 0;
+  if (H5Dget_num_chunks(id(), space.get(), &chunks) < 0) throw damage("unreadable chunks", "a list of chunks");
+  const std::uint64_t wanted = (size_ - 1) / chunk_ + 1;
+  if (chunks < wanted)
+    throw damage(fmt::format("{} items, but {} chunks", size_, chunks), fmt::format("{} chunks", wanted));
+}
+
+void Column::require_integers() const {
+  if (kind_ == Kind::other) throw damage("values that are no integers of up to 64 bits", "integers");
+}
+
+void Column::read_integers(std::uint64_t first, std::span<std::int64_t> out) const {
+  read(first, out.size(), is_unsigned() ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64, out.data());
 }
 
 void Column::read(std::uint64_t first, std::uint64_t count, hid_t memory_type, void* out) const {
@@ -126,17 +181,45 @@ std::optional<std::string> text_attribute(hid_t object, const char* name) {
   return out.substr(0, out.find('\0'));
 }
 
+bool is_unsigned(hid_t integer_type) { return H5Tget_sign(integer_type) == H5T_SGN_NONE; }
+
+namespace {
+
+// What `read` puts into the bits of an integer of `type`, when an int64 holds it.
+template <class Read>
+std::optional<std::int64_t> one_integer(hid_t type, hid_t space, Read&& read) {
+  std::int64_t value = 0;
+  if (H5Tget_class(type) != H5T_INTEGER || H5Tget_size(type) > sizeof value ||
+      H5Sget_simple_extent_npoints(space) != 1 ||
+      read(is_unsigned(type) ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64, &value) < 0 || (is_unsigned(type) && value < 0))
+    return {};
+  return value;
+}
+
+}  // namespace
+
+std::optional<std::int64_t> integer_dataset(const Handle& file, const char* name) {
+  const Session session;
+  if (missing_link(file.get(), name)) return {};
+  const Handle access = access_within_file();
+  const Handle dataset(H5Dopen2(file.get(), name, access.get()), H5Dclose);
+  const Handle space(H5Dget_space(dataset.get()), H5Sclose);
+  const Handle type(H5Dget_type(dataset.get()), H5Tclose);
+  const Handle properties(H5Dget_create_plist(dataset.get()), H5Pclose);
+  if (H5Pget_layout(properties.get()) == H5D_VIRTUAL || H5Pget_external_count(properties.get()) != 0) return {};
+  return one_integer(type.get(), space.get(), [&](hid_t memory_type, void* value) {
+    return H5Dread(dataset.get(), memory_type, H5S_ALL, H5S_ALL, H5P_DEFAULT, value);
+  });
+}
+
 std::optional<std::int64_t> integer_attribute(hid_t object, const char* name) {
   const Session session;
   if (H5Aexists(object, name) <= 0) return {};
   const Handle attribute(H5Aopen(object, name, H5P_DEFAULT), H5Aclose);
   const Handle space(H5Aget_space(attribute.get()), H5Sclose);
   const Handle type(H5Aget_type(attribute.get()), H5Tclose);
-  std::int64_t value = 0;
-  if (H5Tget_class(type.get()) != H5T_INTEGER || H5Sget_simple_extent_npoints(space.get()) != 1 ||
-      H5Aread(attribute.get(), H5T_NATIVE_INT64, &value) < 0)
-    return {};
-  return value;
+  return one_integer(type.get(), space.get(),
+                     [&](hid_t memory_type, void* value) { return H5Aread(attribute.get(), memory_type, value); });
 }
 
 void write_attribute(hid_t object, const char* name, const std::string& text) {
@@ -157,16 +240,35 @@ void write_attribute(hid_t object, const char* name, std::int64_t value) {
   H5Awrite(attribute.get(), H5T_NATIVE_INT64, &value);
 }
 
-Output::Output(std::filesystem::path path) : path_(std::move(path)) {
+Output::Output(std::filesystem::path path) : path_(std::move(path)), partial_(path_) {
   const Session session;
-  file_ = Handle(H5Fcreate(partial_path(path_).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
+  const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  H5Pset_file_locking(access.get(), false, true);  // PartialFile has locked it
+  file_ = Handle(H5Fcreate(partial_.partial_path().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get()), H5Fclose);
   if (!file_) throw bad_output(path_.string(), std::strerror(errno));
 }
+
+namespace {
+
+// Without the time of writing, so that the same items make the same bytes.
+Handle dataset_properties() {
+  Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  H5Pset_obj_track_times(properties.get(), false);
+  return properties;
+}
+
+Handle copy_of(hid_t type) {
+  const Session session;
+  return {H5Tcopy(type), H5Tclose};
+}
+
+}  // namespace
 
 void Output::write_scalar(const char* name, std::int64_t value) {
   const Session session;
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle dataset(H5Dcreate2(id(), name, H5T_STD_I64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+  const Handle properties = dataset_properties();
+  const Handle dataset(H5Dcreate2(id(), name, H5T_STD_I64LE, space.get(), H5P_DEFAULT, properties.get(), H5P_DEFAULT),
                        H5Dclose);
   check(dataset && H5Dwrite(dataset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value) >= 0);
 }
@@ -174,7 +276,7 @@ void Output::write_scalar(const char* name, std::int64_t value) {
 void Output::commit() {
   const Session session;
   check(H5Fflush(id(), H5F_SCOPE_GLOBAL) >= 0 && file_.close() >= 0);
-  commit_partial(path_);
+  partial_.commit();
 }
 
 void Output::check(bool done) const {
@@ -187,13 +289,6 @@ Group::Group(const Output& file, const char* name) {
   file.check(bool(group_));
 }
 
-namespace {
-Handle copy_of(hid_t type) {
-  const Session session;
-  return {H5Tcopy(type), H5Tclose};
-}
-}  // namespace
-
 Handle type_of(std::uint8_t) { return copy_of(H5T_NATIVE_UINT8); }
 Handle type_of(std::uint16_t) { return copy_of(H5T_NATIVE_UINT16); }
 Handle type_of(std::int64_t) { return copy_of(H5T_NATIVE_INT64); }
@@ -204,7 +299,7 @@ GrowingDataset::GrowingDataset(const Output& file, const char* name, Handle type
   const Session session;
   const hsize_t empty = 0, unlimited = H5S_UNLIMITED, chunk = options.chunk;
   const Handle space(H5Screate_simple(1, &empty, &unlimited), H5Sclose);
-  const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  const Handle properties = dataset_properties();
   H5Pset_chunk(properties.get(), 1, &chunk);
   if (options.gzip) {
     H5Pset_shuffle(properties.get());

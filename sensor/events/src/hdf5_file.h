@@ -11,11 +11,13 @@
 #include <vector>
 
 #include "pecs/error.h"
+#include "pecs/files.h"
 
 namespace pecs::events::hdf5 {
 
 // The library, as Debian builds it, serves one thread at a time: hold a Session around every use. It also keeps the
-// library from printing its own error stack.
+// library from printing its own error stack, and from closing what is open when the program ends: it crashes there
+// after a disk was full.
 class Session {
  public:
   Session();
@@ -56,7 +58,8 @@ bool has_paths(const std::filesystem::path& path, const std::vector<std::string>
 
 Handle open_file(const std::filesystem::path& path);  // throws not_found, bad_input
 
-// A one-dimensional dataset opened for reading; `place` of its errors is its name.
+// A one-dimensional dataset opened for reading; `place` of its errors is its name. Its items lie in this file, all of
+// them: links to other files, external storage, virtual datasets and chunks that were never written are refused.
 class Column {
  public:
   Column(const Handle& file, std::filesystem::path path, std::string name);  // throws bad_input
@@ -65,33 +68,47 @@ class Column {
   std::uint64_t chunk() const { return chunk_; }  // items; 0 when contiguous
   // Items first .. first + count - 1 as `memory_type`.
   void read(std::uint64_t first, std::uint64_t count, hid_t memory_type, void* out) const;
+  // Integers, or an enumeration, as h5py stores booleans; unchanged: the bits of unsigned ones.
+  void require_integers() const;
+  void read_integers(std::uint64_t first, std::span<std::int64_t> out) const;
+  bool is_unsigned() const { return kind_ == Kind::unsigned_integer; }
   Error damage(const std::string& got, const std::string& wanted) const;
 
  private:
+  enum class Kind { signed_integer, unsigned_integer, other };
+  void open(const Handle& file, hid_t access);
+  void check_storage(std::uint64_t item_bytes) const;
+  void limit_chunks(const Handle& file, hid_t properties, std::uint64_t item_bytes);
+
   std::filesystem::path path_;
   std::string name_;
   Handle dataset_;
+  Kind kind_ = Kind::other;
   std::uint64_t size_ = 0, chunk_ = 0;
 };
 
 // Of a root attribute or a group's; empty when absent or of another type.
 std::optional<std::string> text_attribute(hid_t object, const char* name);
 std::optional<std::int64_t> integer_attribute(hid_t object, const char* name);
+// A dataset of one value in this file; empty also when it is beyond int64.
+std::optional<std::int64_t> integer_dataset(const Handle& file, const char* name);
+bool is_unsigned(hid_t integer_type);
 void write_attribute(hid_t object, const char* name, const std::string& text);
 void write_attribute(hid_t object, const char* name, std::int64_t value);
 
-// A new file: written as "<path>.partial", renamed by commit(). All throw bad_output.
+// A new file: written as "<path>.partial", renamed by commit(). All throw bad_output. The same items make the same
+// bytes.
 class Output {
  public:
   explicit Output(std::filesystem::path path);
   hid_t id() const { return file_.get(); }
-  const std::filesystem::path& path() const { return path_; }
   void write_scalar(const char* name, std::int64_t value);
   void commit();  // after all groups and datasets are finished
   void check(bool done) const;
 
  private:
   std::filesystem::path path_;
+  PartialFile partial_;
   Handle file_;
 };
 

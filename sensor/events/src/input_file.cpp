@@ -18,6 +18,7 @@ InputFile::InputFile(std::filesystem::path path) : path_(std::move(path)), buffe
   std::setvbuf(file_.get(), nullptr, _IONBF, 0);
   size_ = std::filesystem::file_size(path_, ec);
   if (ec) throw not_found(path_.string(), ec.message());
+  if (size_ == 0) throw bad_input(path_.string(), "byte 0", "an empty file", "events");
 }
 
 bool InputFile::refill(std::size_t wanted) {

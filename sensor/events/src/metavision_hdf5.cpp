@@ -6,10 +6,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 
 #include "checked_writer.h"
 #include "codecs.h"
 #include "ecf.h"
+#include "event_columns.h"
 #include "extent.h"
 #include "hdf5_file.h"
 #include "raw_header.h"
@@ -19,6 +21,7 @@ namespace {
 
 constexpr const char* kEvents = "/CD/events";
 constexpr std::size_t kBlockEvents = 16384;
+constexpr std::array<const char*, 4> kMembers = {"t", "x", "y", "p"};  // as EventColumns has them
 
 struct MetavisionEvent {
   std::uint16_t x, y;
@@ -39,8 +42,12 @@ hdf5::Handle event_type() {
 class MetavisionReader final : public Reader {
  public:
   explicit MetavisionReader(const std::filesystem::path& path)
-      : path_(path), file_(hdf5::open_file(path)), events_(file_, path, kEvents) {
+      : path_(path),
+        file_(hdf5::open_file(path)),
+        events_(file_, path, kEvents),
+        values_(path.string(), {"/CD/events.t", "/CD/events.x", "/CD/events.y", "/CD/events.p"}) {
     const hdf5::Session session;
+    find_members();
     // The attributes are the lines of a RAW header.
     std::string header;
     for (const char* key : {"format", "geometry", "sensor_name", "sensor_generation"})
@@ -82,10 +89,6 @@ class MetavisionReader final : public Reader {
     const hdf5::Session session;
     const std::size_t wanted = std::min<std::uint64_t>(ecf_ ? events_.chunk() : kBlockEvents, events_.size() - first_);
     if (!ecf_ || !read_ecf(wanted)) read_plain(wanted);
-    for (std::size_t i = 0; i < block_.size(); ++i)
-      if (!extent_->add(block_[i]))
-        throw events_.damage(fmt::format("event {} at pixel ({}, {})", first_ + i, block_[i].x, block_[i].y),
-                             fmt::format("inside {}x{}", info_.width, info_.height));
     first_ += wanted;
     used_ = 0;
     return true;
@@ -119,17 +122,36 @@ class MetavisionReader final : public Reader {
       throw bad_input(path_.string(), place, fmt::format("a chunk of {} events", block_.size()),
                       fmt::format("{}", wanted));
     block_.resize(wanted);
+    for (std::size_t i = 0; i < wanted; ++i)
+      if (!extent_->add(block_[i]))
+        throw events_.damage(fmt::format("event {} at pixel ({}, {})", first_ + i, block_[i].x, block_[i].y),
+                             extent_->wanted());
     return true;
   }
 
   void read_plain(std::size_t wanted) {
-    plain_.resize(wanted);
-    const hdf5::Handle type = event_type();
-    events_.read(first_, wanted, type.get(), plain_.data());
+    values_.resize(wanted);
+    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
+      // A compound of one member takes that member from the file's.
+      const char* const name = kMembers[c];
+      const hdf5::Handle type(H5Tcreate(H5T_COMPOUND, sizeof(std::int64_t)), H5Tclose);
+      H5Tinsert(type.get(), name, 0, unsigned_[c] ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64);
+      events_.read(first_, wanted, type.get(), values_.values(c).data());
+      if (unsigned_[c]) values_.refuse_wrapped(c, first_);
+    }
     block_.resize(wanted);
-    std::ranges::transform(plain_, block_.begin(), [](const MetavisionEvent& e) {
-      return Event{e.t, e.x, e.y, static_cast<std::uint8_t>(e.p > 0)};
-    });
+    values_.take(first_, 0, *extent_, block_);
+  }
+
+  void find_members() {
+    const hdf5::Handle type(H5Dget_type(events_.id()), H5Tclose);
+    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
+      const int at = H5Tget_class(type.get()) == H5T_COMPOUND ? H5Tget_member_index(type.get(), kMembers[c]) : -1;
+      const hdf5::Handle member(at < 0 ? -1 : H5Tget_member_type(type.get(), static_cast<unsigned>(at)), H5Tclose);
+      if (!member || H5Tget_class(member.get()) != H5T_INTEGER || H5Tget_size(member.get()) > sizeof(std::int64_t))
+        throw events_.damage(fmt::format("no integer {} of up to 64 bits", kMembers[c]), "items of x, y, p and t");
+      unsigned_[c] = hdf5::is_unsigned(member.get());
+    }
   }
 
   std::filesystem::path path_;
@@ -140,7 +162,8 @@ class MetavisionReader final : public Reader {
   bool ecf_ = false;
   std::uint64_t first_ = 0;  // event of the next block
   std::vector<std::byte> stored_;
-  std::vector<MetavisionEvent> plain_;
+  EventColumns values_;
+  std::array<bool, 4> unsigned_{};  // of t, x, y and p in the file
   std::vector<Event> block_;
   std::size_t used_ = 0;
 };

@@ -10,9 +10,11 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <utility>
 
 #include "checked_writer.h"
 #include "codecs.h"
+#include "event_columns.h"
 #include "extent.h"
 #include "input_file.h"
 #include "pecs/files.h"
@@ -68,12 +70,18 @@ class ArrayReader {
     read_exactly(std::as_writable_bytes(std::span(header)));
     parse_type(npy_field(header, "descr"));
     parse_shape(npy_field(header, "shape"));
+    zip_stat_t stat{};
+    if (zip_stat(archive, (name + ".npy").c_str(), 0, &stat) != 0 || stat.size - offset_ != size_ * item_bytes_)
+      throw damage(fmt::format("{} values of {} bytes in a member of {} bytes", size_, item_bytes_, stat.size),
+                   "values to its end");
   }
 
   std::uint64_t size() const { return size_; }
   bool is_scalar() const { return scalar_; }
 
-  // The next out.size() values; the caller asks for no more than there are.
+  bool is_unsigned() const { return !signed_; }
+
+  // The next out.size() values, the bits of unsigned ones; the caller asks for no more than there are.
   void read(std::span<std::int64_t> out) {
     bytes_.resize(out.size() * item_bytes_);
     read_exactly(bytes_);
@@ -85,6 +93,14 @@ class ArrayReader {
       const unsigned unused = static_cast<unsigned>(64 - 8 * item_bytes_);
       out[i] = signed_ ? static_cast<std::int64_t>(value << unused) >> unused : static_cast<std::int64_t>(value);
     }
+  }
+
+  // After the last value: the archive compares its check sum when it has given all bytes.
+  void end() {
+    std::byte more{};
+    const zip_int64_t got = zip_fread(member_.get(), &more, 1);
+    if (got < 0) throw damage(zip_file_strerror(member_.get()), "the data that were written (CRC-32)");
+    if (got > 0) throw damage("more bytes", fmt::format("the end of the array, {} values", size_));
   }
 
   Error damage(const std::string& got, const std::string& wanted) const {
@@ -144,10 +160,13 @@ class NpzReader final : public Reader {
                   {path_, archive_.get(), "x"},
                   {path_, archive_.get(), "y"},
                   {path_, archive_.get(), "p"}}},
+        values_(path.string(), {"t.npy", "x.npy", "y.npy", "p.npy"}),
         left_(columns_[0].size()) {
-    for (const ArrayReader& column : columns_)
-      if (column.is_scalar() || column.size() != left_)
+    for (const ArrayReader& column : columns_) {
+      if (column.is_scalar()) throw column.damage("a single value without a dimension", "an array");
+      if (column.size() != left_)
         throw column.damage(fmt::format("{} values", column.size()), fmt::format("{}, as in t", left_));
+    }
     info_.width = scalar("width");
     info_.height = scalar("height");
     extent_.emplace(info_, 65536);
@@ -159,23 +178,20 @@ class NpzReader final : public Reader {
     std::size_t n = 0;
     while (n < out.size() && left_ > 0) {
       const std::size_t block = std::min<std::uint64_t>({out.size() - n, left_, kBlock});
-      for (std::size_t c = 0; c < columns_.size(); ++c) {
-        values_[c].resize(block);
-        columns_[c].read(values_[c]);
+      values_.resize(block);
+      for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
+        columns_[c].read(values_.values(c));
+        if (columns_[c].is_unsigned()) values_.refuse_wrapped(c, first_);
       }
-      for (std::size_t i = 0; i < block; ++i) {
-        const std::int64_t x = values_[1][i], y = values_[2][i], p = values_[3][i];
-        const Event e{values_[0][i], static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y),
-                      static_cast<std::uint8_t>(p > 0)};
-        if (x != e.x || y != e.y || p < -1 || p > 1 || !extent_->add(e))
-          throw columns_[1].damage(fmt::format("event ({}, {}) with p = {}", x, y, p),
-                                   fmt::format("inside {}x{}, p of -1, 0 or 1", info_.width, info_.height));
-        out[n + i] = e;
-      }
+      values_.take(first_, 0, *extent_, out.subspan(n, block));
+      first_ += block;
       n += block;
       left_ -= block;
     }
-    if (left_ == 0) extent_->end();
+    if (left_ == 0) {
+      if (!std::exchange(ended_, true)) std::ranges::for_each(columns_, &ArrayReader::end);
+      extent_->end();
+    }
     return n;
   }
 
@@ -187,6 +203,7 @@ class NpzReader final : public Reader {
     ArrayReader reader(path_, archive_.get(), name);
     std::int64_t value = 0;
     if (reader.size() == 1) reader.read(std::span(&value, 1));
+    reader.end();
     if (value < 0 || value > 65536) throw reader.damage(fmt::format("{}", value), "0 to 65536");
     return static_cast<int>(value);
   }
@@ -194,14 +211,16 @@ class NpzReader final : public Reader {
   std::filesystem::path path_;
   Archive archive_;
   std::array<ArrayReader, 4> columns_;
-  std::array<std::vector<std::int64_t>, 4> values_;
-  std::uint64_t left_;
+  EventColumns values_;
+  std::uint64_t first_ = 0, left_;
+  bool ended_ = false;
   StreamInfo info_;
   std::optional<Extent> extent_;
 };
 
 constexpr Limits kLimits = {};
 constexpr std::size_t kHeaderBytes = 128;
+constexpr zip_uint16_t kDosDate = 1 << 5 | 1;  // 1980-01-01, as NumPy's: the same events make the same bytes
 
 // The header is of one length whatever the count, so that it can be written last.
 std::string npy_header(const char* descr, const std::string& shape) {
@@ -216,8 +235,9 @@ std::string npy_header(const char* descr, const std::string& shape) {
 // A column waits in a nameless file beside the output until the ZIP is put together.
 class Spool {
  public:
-  Spool(const std::filesystem::path& output, const char* descr) : output_(output), descr_(descr) {
-    std::string name = partial_path(output).string() + ".XXXXXX";
+  Spool(const std::filesystem::path& output, const PartialFile& partial, const char* descr)
+      : output_(output), descr_(descr) {
+    std::string name = partial.partial_path().string() + ".XXXXXX";
     const int fd = ::mkstemp(name.data());
     if (fd < 0) throw bad_output(output.string(), std::strerror(errno));
     ::unlink(name.c_str());
@@ -247,7 +267,12 @@ class Spool {
 class NpzWriter final : public CheckedWriter {
  public:
   NpzWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits, false), t_(path, "<i8"), x_(path, "<u2"), y_(path, "<u2"), p_(path, "|u1") {}
+      : CheckedWriter(path, size, kLimits, false),
+        partial_(path),
+        t_(path, partial_, "<i8"),
+        x_(path, partial_, "<u2"),
+        y_(path, partial_, "<u2"),
+        p_(path, partial_, "|u1") {}
 
  private:
   void put(std::span<const Event> events) override {
@@ -261,7 +286,9 @@ class NpzWriter final : public CheckedWriter {
 
   void finish() override {
     int code = 0;
-    Archive archive(zip_open(partial_path(path()).c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
+    // libzip gives its file a name when it is done: another one than the .partial, which is locked.
+    const std::string unfinished = partial_.partial_path().string() + ".zip";
+    Archive archive(zip_open(unfinished.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
     if (!archive) throw bad_output(path().string(), std::strerror(errno));
     add(archive.get(), "t", zip_source_filep(archive.get(), t_.finish(count()), 0, -1));
     add(archive.get(), "x", zip_source_filep(archive.get(), x_.finish(count()), 0, -1));
@@ -274,7 +301,7 @@ class NpzWriter final : public CheckedWriter {
     }
     if (zip_close(archive.get()) != 0) throw bad_output(path().string(), zip_strerror(archive.get()));
     archive.release();
-    commit_partial(path());
+    partial_.commit(unfinished);
   }
 
   static std::string scalar(std::int64_t value) {
@@ -287,8 +314,10 @@ class NpzWriter final : public CheckedWriter {
     const zip_int64_t index = zip_file_add(archive, (name + ".npy").c_str(), source, ZIP_FL_ENC_UTF_8);
     if (index < 0) throw bad_output(path().string(), zip_strerror(archive));
     zip_set_file_compression(archive, static_cast<zip_uint64_t>(index), ZIP_CM_STORE, 0);
+    zip_file_set_dostime(archive, static_cast<zip_uint64_t>(index), 0, kDosDate, 0);
   }
 
+  PartialFile partial_;
   Spool t_, x_, y_, p_;
 };
 

@@ -10,7 +10,10 @@ namespace pecs::events {
 
 class OutputFile {
  public:
-  explicit OutputFile(const std::filesystem::path& path) : file_(path) { buffer_.reserve(kBytes); }
+  explicit OutputFile(const std::filesystem::path& path, AtomicFile::Order order = AtomicFile::Order::front_to_back)
+      : file_(path, order) {
+    buffer_.reserve(kBytes);
+  }
   template <class T>
   void put(const T& item) {
     put_bytes(std::as_bytes(std::span(&item, 1)));

@@ -6,6 +6,10 @@
 #include <charconv>
 #include <ctime>
 #include <string_view>
+#include <tuple>
+#include <utility>
+
+#include "pecs/error.h"
 
 namespace pecs::events {
 namespace {
@@ -25,6 +29,35 @@ std::string_view trimmed(std::string_view text) {
   const auto first = text.find_first_not_of(" \t\r");
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
+}
+
+// The sensor's size by the camera that the header names, where there is no geometry (before Metavision 2.1, or edited):
+// its plugin ("hal_plugin_gen31_fx3"), generation ("3.1") or the number of its system. 0x0 when none is known. Source:
+// OpenEB's hal_psee_plugins (device_system_id.h, PseeRawFileHeader, and raw_constants.h of OpenEB 2).
+std::pair<int, int> size_of_camera(std::map<std::string, std::string>& fields) {
+  constexpr std::pair<int, int> kVga{640, 480}, kHd{1280, 720}, kGenx{320, 320};
+  for (const char* integrator : {"camera_integrator_name", "integrator_name"})
+    if (!fields[integrator].empty() && fields[integrator] != "Prophesee") return {};  // numbers of its own
+  const auto of_generation = [&](std::string_view text) -> std::pair<int, int> {
+    if (text.starts_with("320") || text.starts_with("x320")) return kGenx;
+    return text.starts_with('3') ? kVga : text.starts_with('4') ? kHd : std::pair(0, 0);
+  };
+  for (const char* key : {"sensor_generation", "generation"})
+    if (const auto size = of_generation(fields[key]); size.first > 0) return size;
+  constexpr std::string_view kPlugin = "hal_plugin_gen";
+  if (const std::string& plugin = fields["plugin_name"]; plugin.starts_with(kPlugin))
+    if (const auto size = of_generation(std::string_view(plugin).substr(kPlugin.size())); size.first > 0) return size;
+  static const std::map<int, std::pair<int, int>> kSystems = [&] {
+    std::map<int, std::pair<int, int>> sizes;
+    for (const int id : {0x15, 0x17, 0x19, 0x1c, 0x1d, 0x21, 0x22, 0x23, 0x28, 0x29, 0x97, 0x99, 0xa1, 0xa2})
+      sizes[id] = kVga;
+    for (const int id : {0x1a, 0x1e, 0x1f, 0x20, 0x27, 0x2e, 0x30, 0x31, 0x32, 0x34, 0x35, 0x36, 0x3a, 0x42, 0x9a})
+      sizes[id] = kHd;
+    for (const int id : {0x3b, 0x40}) sizes[id] = kGenx;
+    return sizes;
+  }();
+  const auto system = kSystems.find(pixels(fields["system_id"]));
+  return system == kSystems.end() ? std::pair(0, 0) : system->second;
 }
 
 }  // namespace
@@ -56,7 +89,7 @@ RawHeader parse_raw_header(std::span<const std::byte> head) {
   }
   if (header.encoding.empty()) {  // before Metavision 4
     const std::string& evt = header.fields["evt"];
-    header.encoding = evt == "2.0" ? "EVT2" : evt == "2.1" ? "EVT21" : evt == "3.0" ? "EVT3" : "";
+    header.encoding = evt == "2.0" ? "EVT2" : evt == "2.1" ? "EVT21" : evt == "3.0" ? "EVT3" : evt;
   }
 
   // The size: in the format line, else in "geometry", else in DAT's "Width" and "Height".
@@ -69,8 +102,8 @@ RawHeader parse_raw_header(std::span<const std::byte> head) {
     info.width = x == std::string::npos ? pixels(header.fields["width"]) : pixels(geometry.substr(0, x));
     info.height = x == std::string::npos ? pixels(header.fields["height"]) : pixels(geometry.substr(x + 1));
   }
-  if (info.width == 0 || info.height == 0) info.width = info.height = 0;
-  info.camera = header.fields["sensor_name"];
+  if (info.width == 0 || info.height == 0) std::tie(info.width, info.height) = size_of_camera(header.fields);
+  info.camera = printable(header.fields["sensor_name"]);
   if (info.camera.empty() && header.fields["sensor_generation"] == "4.2") info.camera = "IMX636";
   return header;
 }

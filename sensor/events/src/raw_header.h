@@ -13,7 +13,7 @@ constexpr std::size_t kHeadBytes = 1 << 16;  // a longer header is refused
 struct RawHeader {
   std::map<std::string, std::string> fields;   // keys in lower case
   std::size_t bytes = 0;                       // of the header; the data begin here
-  std::string encoding;                        // "EVT3", …; empty when not said
+  std::string encoding;                        // "EVT3", …, or what else the file says; empty when it says nothing
   std::map<std::string, std::string> options;  // of the format line: height, width, endianness
   StreamInfo info;
 };

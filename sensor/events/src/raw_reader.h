@@ -16,6 +16,7 @@ template <class Word>
 class RawReader : public Reader {
  public:
   const StreamInfo& info() const final { return info_; }
+  std::string place() const final { return fmt::format("byte {}", file_.offset() - sizeof(Word)); }
 
  protected:
   RawReader(const std::filesystem::path& path, int max_size) : file_(path) {
@@ -34,9 +35,7 @@ class RawReader : public Reader {
   }
 
   const Event& inside(const Event& e) {
-    if (!extent_->add(e))
-      throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y),
-                   fmt::format("inside {}x{}", info_.width, info_.height));
+    if (!extent_->add(e)) throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y), extent_->wanted());
     return e;
   }
 

@@ -51,6 +51,8 @@ const Codec& codec_of_file(const std::filesystem::path& path, const std::optiona
   const std::vector<std::byte> head = head_of(path, kHeadBytes);
   for (const Codec& codec : codecs())
     if (codec.open_reader && codec.sniff(path, head)) return codec;
+  if (const std::string said = parse_raw_header(head).encoding; !said.empty())
+    throw bad_input(path.string(), "format", shortened(said, 40), "EVT2, EVT21 or EVT3");
   for (const Codec& codec : codecs())
     if (codec.open_reader && has_extension(codec, path)) return codec;
   throw bad_input(path.string(), "byte 0", "content of no known event format", "one of " + names(false));
@@ -72,6 +74,22 @@ std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std
 std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
                                     const std::optional<std::string>& format) {
   return codec_for_output(path, format).open_writer(path, info);
+}
+
+Error time_falls(const std::filesystem::path& path, const Codec& codec, const std::function<bool(const Event&)>& keep) {
+  const std::unique_ptr<Reader> reader = codec.open_reader(path);
+  Event event;
+  std::optional<std::int64_t> last_us;
+  for (std::uint64_t i = 0; reader->read(std::span(&event, 1)) > 0; ++i) {
+    if (!keep(event)) continue;
+    if (last_us && event.t_us < *last_us) {
+      const std::string place = reader->place();
+      return bad_input(path.string(), fmt::format("event {}{}", i, place.empty() ? "" : " (" + place + ")"),
+                       fmt::format("t = {} us", event.t_us), fmt::format("at least {} us, the event before", *last_us));
+    }
+    last_us = event.t_us;
+  }
+  return {ExitCode::internal, path.string() + ": times do not fall"};
 }
 
 Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format) {

@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "pecs/error.h"
 #include "pecs/events/event.h"
 
 namespace pecs::events {
@@ -34,6 +35,8 @@ class Reader {
   virtual const StreamInfo& info() const = 0;
   // Fills at most out.size() events, returns how many; 0 only at the end.
   virtual std::size_t read(std::span<Event> out) = 0;
+  // Where the event last read ends, as in errors ("byte 123"); empty when the format has no such place.
+  virtual std::string place() const { return {}; }
 };
 
 // Takes events sorted by t_us, inside width x height, with p of 0 or 1 (throws bad_input otherwise). The file appears
@@ -75,6 +78,10 @@ const Codec& codec_for_output(const std::filesystem::path& path, const std::opti
 std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format = {});
 std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
                                     const std::optional<std::string>& format = {});
+
+// The error for a file whose times fall: names the first event, of those that `keep` keeps, that is earlier than the
+// kept one before it. Reads the file again.
+Error time_falls(const std::filesystem::path& path, const Codec& codec, const std::function<bool(const Event&)>& keep);
 
 struct Stream {
   StreamInfo info;

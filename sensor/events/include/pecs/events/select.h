@@ -27,12 +27,15 @@ class Selector {
     return info;
   }
 
+  bool keeps(const Event& e) const {
+    const int n = s_.decimate, middle = n / 2;
+    return !(s_.t_start_us && e.t_us < *s_.t_start_us) && !(s_.t_end_us && e.t_us >= *s_.t_end_us) &&
+           e.x % n == middle && e.y % n == middle;
+  }
+
   void apply(std::vector<Event>& events) {
-    const int n = s_.decimate, middle = s_.decimate / 2;
-    std::erase_if(events, [&](const Event& e) {
-      return (s_.t_start_us && e.t_us < *s_.t_start_us) || (s_.t_end_us && e.t_us >= *s_.t_end_us) ||
-             e.x % n != middle || e.y % n != middle;
-    });
+    const int n = s_.decimate;
+    std::erase_if(events, [&](const Event& e) { return !keeps(e); });
     if (s_.rezero && !zero_us_ && !events.empty()) zero_us_ = events.front().t_us;
     for (Event& e : events) {
       e.x = static_cast<std::uint16_t>(e.x / n);

@@ -1,0 +1,49 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "commands.h"
+#include "pecs/files.h"
+
+namespace pecs::app {
+namespace {
+
+// CLI11 takes nan for any number, and -1 for an unsigned one.
+std::string finite(const std::string& text) {
+  double value = 0;
+  const bool odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
+  return odd ? fmt::format("got {}, wanted a finite number", text) : "";
+}
+
+std::string not_negative(const std::string& text) {
+  return text.starts_with('-') ? fmt::format("got {}, wanted 0 or more", text) : "";
+}
+
+constexpr std::string_view kOutputs[] = {"output", "OUT", "picture", "labels"};
+
+// What is given for kOutputs against all other values that are names of files.
+void check_files(const CLI::App& app) {
+  std::vector<std::filesystem::path> inputs, outputs;
+  for (const CLI::Option* option : app.get_options()) {
+    const bool writes = std::ranges::find(kOutputs, option->get_single_name()) != std::end(kOutputs);
+    std::error_code ec;
+    for (const std::string& value : option->results())
+      if (writes || std::filesystem::exists(value, ec)) (writes ? outputs : inputs).emplace_back(value);
+  }
+  check_outputs(inputs, outputs);
+}
+
+}  // namespace
+
+void check_options(CLI::App& app) {
+  for (CLI::Option* option : app.get_options()) {
+    const std::string type = option->get_type_name();
+    if (type.starts_with("FLOAT")) option->check(finite);
+    if (type.starts_with("UINT")) option->check(not_negative);
+  }
+  app.parse_complete_callback([&app] { check_files(app); });
+  for (CLI::App* sub : app.get_subcommands({})) check_options(*sub);
+}
+
+}  // namespace pecs::app

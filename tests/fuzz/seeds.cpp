@@ -1,0 +1,123 @@
+// fuzz_seeds FOLDER: the corpora that the fuzzers begin with, FOLDER/<target>/…, made by our own writers.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <random>
+
+#include "pecs/data_dir.h"
+#include "pecs/events/format.h"
+#include "pecs/lens/exchange.h"
+#include "pecs/lens/prescription.h"
+#include "stacks.h"
+
+namespace {
+
+using namespace pecs;
+namespace fs = std::filesystem;
+
+constexpr const char* kZemax = R"(MODE SEQ
+NAME seed
+UNIT MM X W X CM MR CPMM
+SURF 0
+  TYPE STANDARD
+  CURV 0.0
+  DISZ INFINITY
+SURF 1
+  TYPE STANDARD
+  STOP
+  CURV 0.0
+  DISZ 1
+  DIAM 5 0 0 0 1 ""
+SURF 2
+  TYPE EVENASPH
+  CURV 3.869969040247678E-002 0 0 0 0 ""
+  CONI -0.5
+  PARM 2 1e-7
+  DISZ 4
+  GLAS N-BK7 0 0 1.5168 64.17 0 0 0 0 0 0
+  DIAM 12.7 0 0 0 1 ""
+SURF 3
+  TYPE STANDARD
+  CURV 0.0
+  DISZ 47.36
+  DIAM 12.7 0 0 0 1 ""
+SURF 4
+  TYPE STANDARD
+  CURV 0.0
+  DISZ 0
+)";
+
+void put(const fs::path& path, std::string_view text) {
+  fs::create_directories(path.parent_path());
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+std::string text_of(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// Sparse events, a burst in one row, a long gap.
+std::vector<events::Event> stream(int width, int height) {
+  std::mt19937 random(1);
+  std::vector<events::Event> out;
+  std::int64_t t_us = 3;
+  for (int i = 0; i < 60; ++i)
+    out.push_back({t_us += random() % 300, static_cast<std::uint16_t>(random() % static_cast<unsigned>(width)),
+                   static_cast<std::uint16_t>(random() % static_cast<unsigned>(height)),
+                   static_cast<std::uint8_t>(random() % 2)});
+  for (int x = 0; x < width; x += 2) out.push_back({t_us, static_cast<std::uint16_t>(x), 1, 1});
+  out.push_back({t_us + 20'000'000, 0, 0, 0});
+  return out;
+}
+
+void put_events(const fs::path& folder) {
+  for (const events::Codec& codec : events::codecs()) {
+    if (!codec.open_writer) continue;
+    for (const auto& [name, width, height] : {std::tuple("vga", 640, 480), std::tuple("tiny", 40, 3)}) {
+      fs::create_directories(folder / codec.name);
+      const auto writer =
+          codec.open_writer(folder / codec.name / (name + codec.extensions.front()), {width, height, "IMX636"});
+      writer->write(stream(width, height));
+      writer->close();
+    }
+  }
+  // The HDF5 fuzzers make files of the input (hdf5.cpp); a block's bytes are a start.
+  for (const char* name : {"dsec", "metavision-hdf5"}) {
+    fs::remove_all(folder / name);
+    std::mt19937 random(2);
+    for (int i = 0; i < 16; ++i) {
+      std::string bytes(400, '\0');
+      std::ranges::generate(bytes, [&] { return static_cast<char>(random() % (i % 2 ? 256 : 4)); });
+      put(folder / name / std::to_string(i), bytes);
+    }
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  if (argc != 2) throw Error(ExitCode::usage, "fuzz_seeds: wanted a folder");
+  const fs::path folder = argv[1];
+  put_events(folder);
+  fs::create_directories(folder / "stack");
+  fuzz::write_stack(folder / "stack");
+  put(folder / "frame/own.exr", text_of(folder / "stack/frame_000000.exr"));
+  fs::remove_all(folder / "stack");
+  put(folder / "stack_json/own.json", fuzz::stack_json().dump());
+  for (const auto& [target, room] : {std::pair("chip", "sensor/chips"), std::pair("lens", "lens_data/lenses")})
+    for (const auto& entry : fs::directory_iterator(data_dir(room)))
+      if (entry.path().extension() == ".json") put(folder / target / entry.path().filename(), text_of(entry.path()));
+  put(folder / "zemax/own.zmx", kZemax);
+  put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("dgauss_50mm"), 550, 40));
+  for (const char* scene : {"rotating_disk", "board"})
+    put(folder / "aligned" / scene,
+        R"({"scene": "scene", "camera": {"rotation_deg": [90, 0.5, 0]}, "parameters": {"rpm": 300}})"
+        "\n---\n" +
+            text_of(data_dir("scenes") / scene / "scene.json"));
+  return 0;
+} catch (const std::exception& e) {
+  std::cerr << e.what() << '\n';
+  return static_cast<int>(as_error(e).code());
+}
