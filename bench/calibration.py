@@ -23,10 +23,11 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_lab.lab_views import Board, Camera, Disk, record, rotation, turn_of
+from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[1]
 
-PROGRAM = ROOT / "build/release/bin/pecs"
+
 # Name, focus, stop [mm], distance of the targets [mm], square of the board [mm]
 LENSES = [
     ("pecs_lab_15mm", 1.56, 1.0, 1560, 41.7),
@@ -38,7 +39,7 @@ SIZE, PITCH_MM = (640, 360), 0.00972
 
 
 def align(*arguments, cwd):
-    result = subprocess.run([PROGRAM, "align", *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
+    result = subprocess.run([program(), "align", *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
     if result.returncode:
         return {"failed": result.stderr.strip()}
     return json.loads(result.stdout)
@@ -240,8 +241,8 @@ def intrinsics(index: int, keep: Path) -> dict:
     fitted = result["camera"]
     # Distortion curve: image radii at the same field angles, the measured focal length scaled to the true one.
     r = np.linspace(5, np.hypot(width, height) / 2 * 0.95, 40)
-    angle = np.interp(r * camera.pitch_mm, camera.r_mm, camera.angle)
-    x = np.tan(angle)
+    along = camera.lens.directions(camera.axis_px + np.outer(r, [1, 0]), **camera.setting)
+    x = along[:, 0] / along[:, 2]
     k1, k2, k3 = fitted["radial"]
     m = fitted["focal_px"] * (x + k1 * x**3 + k2 * x**5 + k3 * x**7)
     shape = m * (m @ r) / (m @ m) - r

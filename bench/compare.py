@@ -1,4 +1,4 @@
-"""Speed of pecs.distance beside scipy's KD-tree doing the same distances on the same cores; prints JSON.
+"""Speed of pecs.compare beside scipy's KD-tree doing the same distances on the same cores; prints JSON.
 
     python bench/compare.py [--events 350000] [--passes 3] [--files REAL SIM]
 
@@ -61,7 +61,7 @@ def main() -> None:
     a, b = [pecs.read(f) for f in args.files] if args.files else [disk(args.events, seed) for seed in (1, 2)]
 
     def ours() -> float:
-        return pecs.distance(a, b, width=WIDTH, height=HEIGHT, normalisation="eq16", split_half=False)["chamfer"]
+        return pecs.compare(a, b, width=WIDTH, height=HEIGHT, normalisation="eq16", split_half=False)["chamfer"]
 
     seconds, value = timed(ours, args.passes)
     result = {"cores": os.cpu_count(), "events": [len(a), len(b)], "pecs_s": seconds, "chamfer": value}

@@ -9,17 +9,16 @@ the smooth and the sharp part of the disk, recall, precision, bias, and whether 
 import argparse
 import json
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pecs
 from pecs_lab import scenes
+from pecs_lab.peers import build_esim
 
 THRESHOLD = 0.2
 GROUP_US = 1e8  # longer than any sequence: keeps pixels and polarities apart on one axis
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def truth(light, end_us: float, fps: float = 1e5) -> np.ndarray:
@@ -76,9 +75,6 @@ def score(events: np.ndarray, true: np.ndarray, smooth: np.ndarray, frame_us: fl
 
 
 def esim(checkout: Path, frames: np.ndarray, t_us: np.ndarray) -> np.ndarray:
-    sys.path.insert(0, str(ROOT / "studies" / "peers"))
-    from compare import build_esim
-
     with tempfile.TemporaryDirectory() as folder:
         driver, raw, out = (Path(folder) / name for name in ("esim", "frames.f32", "out.f64"))
         build_esim(checkout, driver)

@@ -10,9 +10,10 @@ import argparse
 import json
 import statistics
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
+
+from pecs_lab.peers import build_esim
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZES = {"disk": (346, 260, 500), "board": (1280, 720, 100)}
@@ -24,8 +25,6 @@ def main() -> None:
     parser.add_argument("--build", type=Path, default=ROOT / "build/release")
     parser.add_argument("--passes", type=int, default=5)
     args = parser.parse_args()
-    sys.path.insert(0, str(ROOT / "studies" / "peers"))
-    from compare import build_esim
 
     def ours(sequence: str, *more: object) -> dict:
         command = [args.build / "bin/bench_pixel_speed", sequence, "--passes", "1", *map(str, more)]

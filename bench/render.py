@@ -35,16 +35,15 @@ def measure(args, banded: bool) -> list[list[float]]:
     cycles.configure(source.scene, args.width, args.width * 9 // 16, cycles.Sampling(args.samples, 1, source.bounces))
     source.camera(5.0, 6.2208)
     spectral = SpectralScene(load("d65"), source.folder) if banded else None
-    rows = []
-    with cycles.Film(source.scene) as film:
-        for frame in range(args.frames + 1):
-            source.set_time(frame * 1e-3)
-            row = []
-            for rgb_nm in PASSES_NM:
-                if spectral:
-                    spectral.set_pass(rgb_nm)
-                row.append(seconds(film))
-            rows.append(row)
+    rows, film = [], cycles.Film(source.scene)
+    for frame in range(args.frames + 1):
+        source.set_time(frame * 1e-3)
+        row = []
+        for rgb_nm in PASSES_NM:
+            if spectral:
+                spectral.set_pass(rgb_nm)
+            row.append(seconds(film))
+        rows.append(row)
     return rows[1:]
 
 

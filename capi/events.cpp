@@ -5,6 +5,7 @@
 #include "pecs/strict_json.h"
 
 using namespace pecs;
+using pecs::capi::given;
 using pecs::capi::guard;
 
 struct pecs_event_reader {
@@ -24,7 +25,7 @@ static_assert(sizeof(pecs_event) == sizeof(events::Event) &&
 extern "C" {
 
 char* pecs_event_formats(pecs_error* error) {
-  return guard(error, static_cast<char*>(nullptr), [] {
+  return guard(error, [] {
     Json list = Json::array();
     for (const events::Codec& c : events::codecs())
       list.push_back({{"name", c.name},
@@ -36,35 +37,36 @@ char* pecs_event_formats(pecs_error* error) {
   });
 }
 
-pecs_event_reader* pecs_events_open(const char* path, const char* format, pecs_error* error) {
-  return guard(error, static_cast<pecs_event_reader*>(nullptr), [&] {
-    const events::Codec& codec =
-        events::codec_of_file(path, format ? std::optional<std::string>(format) : std::optional<std::string>());
+pecs_event_reader* pecs_event_reader_open(const char* path, const char* format, pecs_error* error) {
+  return guard(error, [&] {
+    const events::Codec& codec = events::codec_of_file(
+        &given(path, "path"), format ? std::optional<std::string>(format) : std::optional<std::string>());
     return new pecs_event_reader{&codec, codec.open_reader(path)};
   });
 }
 
-char* pecs_events_info(const pecs_event_reader* reader, pecs_error* error) {
-  return guard(error, static_cast<char*>(nullptr), [&] {
-    const events::StreamInfo& info = reader->reader->info();
+char* pecs_event_reader_info(const pecs_event_reader* reader, pecs_error* error) {
+  return guard(error, [&] {
+    const events::StreamInfo& info = given(reader, "reader").reader->info();
     const Json json = {
         {"format", reader->codec->name}, {"width", info.width}, {"height", info.height}, {"camera", info.camera}};
     return capi::hand_over(json.dump());
   });
 }
 
-int64_t pecs_events_read(pecs_event_reader* reader, pecs_event* out, int64_t capacity, pecs_error* error) {
-  return guard(error, std::int64_t{-1}, [&] {
-    const std::span buffer(reinterpret_cast<events::Event*>(out), static_cast<std::size_t>(capacity));
-    return static_cast<std::int64_t>(reader->reader->read(buffer));
+int64_t pecs_event_reader_read(pecs_event_reader* reader, pecs_event* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    if (capacity < 1) throw Error(ExitCode::usage, fmt::format("capacity: got {}, wanted at least 1", capacity));
+    const std::span buffer(reinterpret_cast<events::Event*>(&given(out, "out")), static_cast<std::size_t>(capacity));
+    return static_cast<std::int64_t>(given(reader, "reader").reader->read(buffer));
   });
 }
 
-void pecs_events_close(pecs_event_reader* reader) { delete reader; }
+void pecs_event_reader_close(pecs_event_reader* reader) { delete reader; }
 
-pecs_event_writer* pecs_events_create(const char* path, const char* options_json, pecs_error* error) {
-  return guard(error, static_cast<pecs_event_writer*>(nullptr), [&] {
-    const Json json = parse_json(options_json, "options");
+pecs_event_writer* pecs_event_writer_create(const char* path, const char* options_json, pecs_error* error) {
+  return guard(error, [&] {
+    const Json json = capi::options_from(options_json);
     JsonObject options(json, "options");
     events::StreamInfo info;
     info.width = static_cast<int>(options.integer_or("width", 0, 0, 65536));
@@ -73,24 +75,27 @@ pecs_event_writer* pecs_events_create(const char* path, const char* options_json
     const std::string format = options.text_or("format", "");
     options.done();
     return new pecs_event_writer{
-        events::open_writer(path, info, format.empty() ? std::optional<std::string>() : format)};
+        events::open_writer(&given(path, "path"), info, format.empty() ? std::optional<std::string>() : format)};
   });
 }
 
-int pecs_events_write(pecs_event_writer* writer, const pecs_event* list, int64_t count, pecs_error* error) {
-  return guard(error, 1, [&] {
-    writer->writer->write({reinterpret_cast<const events::Event*>(list), static_cast<std::size_t>(count)});
+int pecs_event_writer_write(pecs_event_writer* writer, const pecs_event* list, int64_t count, pecs_error* error) {
+  return guard(error, [&] {
+    events::Writer& out = *given(writer, "writer").writer;
+    if (count < 0) throw Error(ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    if (count)
+      out.write({reinterpret_cast<const events::Event*>(&given(list, "events")), static_cast<std::size_t>(count)});
     return 0;
   });
 }
 
-int pecs_events_finish(pecs_event_writer* writer, pecs_error* error) {
-  return guard(error, 1, [&] {
-    writer->writer->close();
+int pecs_event_writer_finish(pecs_event_writer* writer, pecs_error* error) {
+  return guard(error, [&] {
+    given(writer, "writer").writer->close();
     return 0;
   });
 }
 
-void pecs_events_discard(pecs_event_writer* writer) { delete writer; }
+void pecs_event_writer_close(pecs_event_writer* writer) { delete writer; }
 
 }  // extern "C"

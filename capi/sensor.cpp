@@ -1,55 +1,110 @@
 // Bands, and the sensor on frames in memory.
 #include "pecs/sensor/sensor.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
 
 #include "guard.h"
 #include "pecs/sensor/choose_bands.h"
+#include "pecs/sensor/sense_options.h"
 
+using pecs::capi::given;
 using pecs::capi::guard;
+using namespace pecs::sensor;
 
 struct pecs_sensor {
-  pecs::sensor::Sensor sensor;
+  Sensor sensor;
   tbb::task_arena arena;
-  pecs::sensor::LabelledEvents found;
+  LabelledEvents found{};
+  bool finished = false;
+  double first_us = 0;  // time of the first frame
+  std::int64_t frames = 0, not_finite = 0, negative = 0;
 };
 
 namespace {
 
 pecs_sensor* open_sensor(const pecs::Json& json) {
-  using namespace pecs::sensor;
   pecs::JsonObject o(json, "options");
-  std::vector<std::string> overrides;
-  if (o.has("overrides")) {
-    const pecs::Json& given = o.any("overrides");
-    if (!given.is_object()) o.fail("overrides", given.dump().substr(0, 40), "{\"key\": value}");
-    for (const auto& [key, value] : given.items()) overrides.push_back(key + "=" + value.dump());
-  }
-  const Chip chip = load_chip(o.text_or("chip", "imx636"), overrides);
-  const int width = static_cast<int>(o.integer("width", 1, 8192)),
-            height = static_cast<int>(o.integer("height", 1, 8192));
-  const auto seed = static_cast<std::uint64_t>(o.integer_or("seed", 1, 0, std::numeric_limits<std::int64_t>::max()));
-  const int threads = static_cast<int>(o.integer_or("threads", 0, 0, 1024));
+  SenseOptions options;
+  read_sensor_options(o, options);
+  const Chip chip = load_chip(options.chip, options.overrides);
+  const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
+            height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
-  const bool no_noise = o.boolean_or("no_noise", false);
-  ModelChoice model;
-  model.name = o.text_or("model", "pecs");
-  if (o.has("parameters")) {
-    const pecs::Json& given = o.any("parameters");
-    if (!given.is_object()) o.fail("parameters", given.dump().substr(0, 40), "{\"key\": value}");
-    for (const auto& [key, value] : given.items()) {
-      if (!value.is_number()) o.fail("parameters." + key, value.dump().substr(0, 40), "a number");
-      model.parameters[key] = value.get<double>();
+  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false)};
+  o.done();
+  check_fits(chip, width, height, "frames");
+  return new pecs_sensor{Sensor(options.no_noise ? without_noise(chip) : chip, width, height, options.seed, gain_fa,
+                                options.model, extras),
+                         tbb::task_arena(options.threads ? options.threads : tbb::task_arena::automatic)};
+}
+
+// Frames closer than the events' resolution are nobody's: their times are in another unit.
+void check_unit(const pecs_sensor& sensor, std::span<const double> t_us) {
+  const std::int64_t frames = sensor.frames + std::ssize(t_us);
+  if (t_us.empty() || frames < 2) return;
+  const double step =
+      (t_us.back() - (sensor.frames ? sensor.first_us : t_us.front())) / static_cast<double>(frames - 1);
+  if (step > 0 && step < 1)
+    throw pecs::bad_input("frames", "t_us", fmt::format("{:.3g} between frames", step),
+                          "microseconds, 1 or more between frames");
+}
+
+// Whether all values are finite and >= 0.
+bool all_light(std::span<const float> values) {
+  std::atomic<bool> good = true;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values.size(), 1 << 15), [&](const auto& range) {
+    std::uint32_t top = 0;  // its highest bit: of a negative number, of infinity or NaN
+    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+      const auto bits = std::bit_cast<std::uint32_t>(values[i]);
+      top |= bits | (bits + 0x00800000u);
+    }
+    if (top >> 31) good = false;
+  });
+  return good;
+}
+
+// Values as `pecs sense` takes them: negative light is 0, what is not finite is NaN.
+std::vector<float> mended(std::span<const float> values, pecs_sensor& count) {
+  std::vector<float> out(values.begin(), values.end());
+  for (float& v : out) {
+    if (!std::isfinite(v)) {
+      v = std::numeric_limits<float>::quiet_NaN();
+      ++count.not_finite;
+    } else if (v < 0) {
+      v = 0;
+      ++count.negative;
     }
   }
-  const SensorExtras extras{!o.has("readout") || o.one_of("readout", {"chip", "ideal"}) == "chip",
-                            o.boolean_or("labels", false)};
-  o.done();
-  return new pecs_sensor{Sensor(no_noise ? without_noise(chip) : chip, width, height, seed, gain_fa, model, extras),
-                         tbb::task_arena(threads ? threads : tbb::task_arena::automatic),
-                         {}};
+  return out;
+}
+
+std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t_us, bool last) {
+  if (s.finished) throw pecs::Error(pecs::ExitCode::usage, "frames: got some after the last");
+  check_unit(s, t_us);
+  s.found.events.clear();
+  s.found.causes.clear();
+  s.arena.execute([&] {
+    const auto pixels = static_cast<std::size_t>(s.sensor.width()) * static_cast<std::size_t>(s.sensor.height());
+    std::vector<float> copy;
+    if (const std::span values(frames, pixels * t_us.size()); !all_light(values)) {
+      copy = mended(values, s);
+      frames = copy.data();
+    }
+    std::vector<const float*> planes;
+    for (std::size_t i = 0; i < t_us.size(); ++i) planes.push_back(frames + i * pixels);
+    s.sensor.push(planes, t_us, last, s.found);
+  });
+  if (!s.frames && !t_us.empty()) s.first_us = t_us.front();
+  s.frames += std::ssize(t_us);
+  s.finished = last;
+  return std::ssize(s.found.events);
 }
 
 }  // namespace
@@ -57,39 +112,48 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
 extern "C" {
 
 char* pecs_bands(const char* options_json, pecs_error* error) {
-  return guard(error, static_cast<char*>(nullptr), [&] {
-    return pecs::capi::hand_over(pecs::sensor::choose_bands(pecs::parse_json(options_json, "options")).dump());
-  });
+  return guard(error,
+               [&] { return pecs::capi::hand_over(choose_bands(pecs::capi::options_from(options_json)).dump()); });
 }
 
 pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error) {
-  return guard(error, static_cast<pecs_sensor*>(nullptr),
-               [&] { return open_sensor(pecs::parse_json(options_json, "options")); });
+  return guard(error, [&] { return open_sensor(pecs::capi::options_from(options_json)); });
 }
 
 int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                          pecs_error* error) {
-  return guard(error, std::int64_t{-1}, [&] {
-    const auto pixels = static_cast<std::int64_t>(sensor->sensor.width()) * sensor->sensor.height();
-    std::vector<const float*> planes;
-    for (std::int64_t i = 0; i < count; ++i) planes.push_back(frames + i * pixels);
-    sensor->found.events.clear();
-    sensor->found.causes.clear();
-    sensor->arena.execute(
-        [&] { sensor->sensor.push(planes, {t_us, static_cast<std::size_t>(count)}, last != 0, sensor->found); });
-    return static_cast<std::int64_t>(sensor->found.events.size());
+  return guard(error, [&] {
+    if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    if (count > 0) given(frames, "frames"), given(t_us, "t_us");
+    return push(given(sensor, "sensor"), frames, {t_us, static_cast<std::size_t>(count)}, last != 0);
   });
 }
 
-void pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out) {
-  std::ranges::copy(sensor->found.events, reinterpret_cast<pecs::events::Event*>(out));
+int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    return pecs::capi::copy_out(given(sensor, "sensor").found.events, reinterpret_cast<pecs::events::Event*>(out),
+                                capacity);
+  });
 }
 
-void pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out) {
-  std::ranges::transform(sensor->found.causes, out, [](auto cause) { return static_cast<std::uint8_t>(cause); });
+int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    return pecs::capi::copy_out(given(sensor, "sensor").found.causes, reinterpret_cast<Cause*>(out), capacity);
+  });
 }
 
-int64_t pecs_sensor_dropped(const pecs_sensor* sensor) { return sensor->sensor.dropped(); }
+int64_t pecs_sensor_dropped(const pecs_sensor* sensor, pecs_error* error) {
+  return guard(error, [&] { return given(sensor, "sensor").sensor.dropped(); });
+}
+
+int pecs_sensor_bad_values(const pecs_sensor* sensor, int64_t* not_finite, int64_t* negative, pecs_error* error) {
+  return guard(error, [&] {
+    const pecs_sensor& s = given(sensor, "sensor");
+    if (not_finite) *not_finite = s.not_finite;
+    if (negative) *negative = s.negative;
+    return 0;
+  });
+}
 
 void pecs_sensor_close(pecs_sensor* sensor) { delete sensor; }
 

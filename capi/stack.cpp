@@ -1,9 +1,12 @@
 // EXR stacks: writer and reader.
 #include "pecs/sensor/stack.h"
 
-#include "guard.h"
-#include "pecs/files.h"
+#include <algorithm>
 
+#include "guard.h"
+#include "handles.h"
+
+using pecs::capi::given;
 using pecs::capi::guard;
 using pecs::sensor::StackReader;
 using pecs::sensor::StackWriter;
@@ -11,55 +14,71 @@ using pecs::sensor::StackWriter;
 struct pecs_stack_writer {
   StackWriter writer;
 };
-struct pecs_stack_reader {
-  StackReader reader;
-};
 
 namespace {
-std::size_t values_per_frame(const pecs::sensor::StackInfo& info) {
-  return info.bands.size() * static_cast<std::size_t>(info.height) * static_cast<std::size_t>(info.width);
+
+// NULL is the light.
+std::string_view layer_name(const char* layer) { return layer ? layer : pecs::sensor::kLight; }
+
+std::size_t frame_values(const pecs::sensor::StackInfo& info, const char* layer, const std::filesystem::path& folder) {
+  return pecs::sensor::frame_values(info, layer_of(info, layer_name(layer), folder));
 }
+
+pecs::Json json_of(const pecs::sensor::Layer& layer) {
+  return {{"name", layer.name},
+          {"channels", layer.channels},
+          {"unit", layer.unit},
+          {"at", layer.per_interval ? "interval" : "instant"}};
+}
+
 }  // namespace
 
 extern "C" {
 
-pecs_stack_writer* pecs_stack_create(const char* folder, const char* stack_json, pecs_error* error) {
-  return guard(error, static_cast<pecs_stack_writer*>(nullptr), [&] {
-    const std::string file = std::string(folder) + "/stack.json";
-    return new pecs_stack_writer{StackWriter(folder, pecs::parse_json(stack_json, file))};
+pecs_stack_writer* pecs_stack_writer_create(const char* folder, const char* stack_json, pecs_error* error) {
+  return guard(error, [&] {
+    const std::string file = std::string(&given(folder, "folder")) + "/stack.json";
+    return new pecs_stack_writer{StackWriter(folder, pecs::parse_json(&given(stack_json, "stack_json"), file))};
   });
 }
 
-int pecs_stack_has_frame(const pecs_stack_writer* stack, int64_t index) {
-  return guard(nullptr, 0, [&] { return stack->writer.has_frame(index) ? 1 : 0; });
+int pecs_stack_writer_has_frame(const pecs_stack_writer* stack, const char* layer, int64_t index, pecs_error* error) {
+  return guard(error, [&] { return given(stack, "stack").writer.has_frame(index, layer_name(layer)) ? 1 : 0; });
 }
 
-int pecs_stack_write_frame(pecs_stack_writer* stack, int64_t index, const float* values, pecs_error* error) {
-  return guard(error, -1, [&] {
-    stack->writer.write_frame(index, {values, values_per_frame(stack->writer.info())});
+int pecs_stack_writer_write_frame(pecs_stack_writer* stack, const char* layer, int64_t index, const float* values,
+                                  int64_t count, pecs_error* error) {
+  return guard(error, [&] {
+    if (count) given(values, "values");
+    given(stack, "stack")
+        .writer.write_frame(index, {values, static_cast<std::size_t>(std::max<int64_t>(count, 0))}, layer_name(layer));
     return 0;
   });
 }
 
-void pecs_stack_close(pecs_stack_writer* stack) { delete stack; }
+void pecs_stack_writer_close(pecs_stack_writer* stack) { delete stack; }
 
-pecs_stack_reader* pecs_stack_open(const char* folder, double fps, pecs_error* error) {
-  return guard(error, static_cast<pecs_stack_reader*>(nullptr), [&] {
-    return new pecs_stack_reader{StackReader(folder, {fps > 0 ? std::optional(fps) : std::nullopt, {}})};
+pecs_stack_reader* pecs_stack_reader_open(const char* folder, double fps, pecs_error* error) {
+  return guard(error, [&] {
+    return new pecs_stack_reader{
+        StackReader(&given(folder, "folder"), {fps > 0 ? std::optional(fps) : std::nullopt, {}})};
   });
 }
 
 char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) {
-  return guard(error, static_cast<char*>(nullptr), [&] {
-    const auto& info = stack->reader.info();
-    pecs::Json bands = pecs::Json::array();
+  return guard(error, [&] {
+    const StackReader& reader = given(stack, "stack").reader;
+    const auto& info = reader.info();
+    pecs::Json bands = pecs::Json::array(), layers = pecs::Json::array();
     for (const auto& b : info.bands) bands.push_back({{"lambda_nm", b.lambda_nm}, {"weight_nm", b.weight_nm}});
+    for (const auto& layer : info.layers) layers.push_back(json_of(layer));
     pecs::Json out = {{"quantity", name_of(info.quantity)},
                       {"width", info.width},
                       {"height", info.height},
                       {"bands", bands},
+                      {"layers", layers},
                       {"times_ns", info.times_ns},
-                      {"frames", stack->reader.frames()},
+                      {"frames", reader.frames()},
                       {"pixel_pitch_m", nullptr},
                       {"period_ns", nullptr}};
     if (info.pixel_pitch_m) out["pixel_pitch_m"] = *info.pixel_pitch_m;
@@ -68,10 +87,12 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
   });
 }
 
-int pecs_stack_read_frame(const pecs_stack_reader* stack, int64_t index, float* values, pecs_error* error) {
-  return guard(error, -1, [&] {
-    const std::vector<float> frame = stack->reader.read_frame(index);
-    std::copy(frame.begin(), frame.end(), values);
+int pecs_stack_reader_read_frame(const pecs_stack_reader* stack, const char* layer, int64_t index, float* values,
+                                 int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const StackReader& reader = given(stack, "stack").reader;
+    pecs::capi::need_room(static_cast<int64_t>(frame_values(reader.info(), layer, reader.folder())), capacity);
+    pecs::capi::copy_out(reader.read_frame(index, layer_name(layer)), values, capacity);
     return 0;
   });
 }

@@ -7,7 +7,7 @@ function(pecs_target_defaults target)
     # These two misfire inside std::string at -O3 (GCC 12, bug 105651).
     $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict -Wno-maybe-uninitialized>)
   if(PECS_SANITIZE)
-    target_compile_options(${target} PRIVATE -fsanitize=${PECS_SANITIZE} -fno-omit-frame-pointer)
+    target_compile_options(${target} PRIVATE -fsanitize=${PECS_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
     target_link_options(${target} PUBLIC -fsanitize=${PECS_SANITIZE})
   endif()
 endfunction()
@@ -38,13 +38,6 @@ function(pecs_add_test name)
   target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   target_compile_definitions(${name} PRIVATE PECS_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
   gtest_discover_tests(${name} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60)
-endfunction()
-
-# pecs_add_bench(<name> SOURCES ... LIBS ...): a Google Benchmark program, never run as a test.
-function(pecs_add_bench name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
-  pecs_add_program(${name} SOURCES ${ARG_SOURCES} LIBS ${ARG_LIBS} benchmark::benchmark_main)
-  target_compile_definitions(${name} PRIVATE PECS_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
 endfunction()
 
 # pecs_add_fuzzer(<name> SOURCES ... LIBS ... [DEFINE ...]): a libFuzzer program, bin/fuzz_<name>; see tests/fuzz.

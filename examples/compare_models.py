@@ -1,4 +1,4 @@
-"""Five pixel models on the same frames: how many events, and how far from PECS' own (docs/metrics.md).
+"""All pixel models on the same frames: how many events, and how far from PECS' own (docs/metrics.md).
 
 python examples/compare_models.py
 """
@@ -9,13 +9,12 @@ from simulate_frames import moving_bar
 
 def main() -> None:
     frames = moving_bar()
-    height, width = frames.shape[1:]
     t_us = [1000.0 * i for i in range(len(frames))]
     reference = pecs.simulate(frames, t_us, seed=1)
     print(f"{'model':<10}{'events':>10}{'ON':>7}{'Chamfer':>10}{'Gaussian':>10}")
-    for model in ("pecs", "esim", "v2e", "voltmeter", "icns"):
+    for model in [m["name"] for m in pecs.models()]:
         events = pecs.simulate(frames, t_us, model=model, seed=2)
-        d = pecs.distance(reference, events, width=width, height=height, split_half=False)
+        d = pecs.compare(reference, events, split_half=False)
         print(f"{model:<10}{len(events):>10}{events['p'].mean():>7.2f}{d['chamfer']:>10.3f}", end="")
         print(f"{d['gaussian']:>10.4f}")
 

@@ -23,7 +23,7 @@ def main() -> None:
     t_us = 1000.0 * np.arange(len(frames))
     # imx636: the chip of Prophesee's EVK4. photocurrent_a: how bright white is; 1 pA lies in a well lit room.
     events = pecs.simulate(frames, t_us, chip="imx636", photocurrent_a=1e-12, seed=1)
-    pecs.write(output, events, width=frames.shape[2], height=frames.shape[1])
+    pecs.write(output, events)
     on = events["p"].mean()
     print(
         f"{len(events)} events in {t_us[-1] / 1000:.0f} ms, {100 * on:.0f} % ON, in {output}; look: pecs view {output}"

@@ -9,6 +9,20 @@ START_S=$SECONDS
 say() { printf '\n==> %s  [%d s]\n' "$*" $((SECONDS - START_S)); }
 die() { printf 'pecs: %s\n' "$1" >&2; exit "${2:-1}"; }
 
+# debian_packages NAME...: installs what is missing of these; without root it says what to install.
+debian_packages() {
+  local p missing=()
+  for p in "$@"; do
+    dpkg-query -W -f='${Status}' "$p" 2>/dev/null | grep -q 'ok installed' || missing+=("$p")
+  done
+  [ ${#missing[@]} -gt 0 ] || { echo "all there"; return; }
+  [ "$(id -u)" = 0 ] || die "$(basename "$0"): missing Debian packages; run as root:
+  apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" 3
+  echo "installing ${missing[*]}"
+  apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+}
+
 # stage NAME "INPUTS" OUTPUT COMMAND...: runs COMMAND unless OUTPUT exists and was made by the same command from the same
 # inputs (files or folders; compared by content).
 STAMPS="$ROOT/out/.stamps"

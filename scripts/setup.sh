@@ -8,27 +8,15 @@ source "$(dirname "$0")/lib.sh"
 WITH_TESTS=$([ "${1:-}" = --tests ] && echo ON || echo OFF)
 
 PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
-  libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libspdlog-dev libcli11-dev libtbb-dev
-  libopencolorio-dev libeigen3-dev libceres-dev libnanoflann-dev libhwy-dev libssl-dev zlib1g-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
+  libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libcli11-dev libtbb-dev
+  libopencolorio-dev libeigen3-dev libceres-dev libnanoflann-dev libhwy-dev libssl-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
   libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
-[ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev libbenchmark-dev)
+[ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev)
 
 say "Debian packages"
-missing=()
-for p in "${PACKAGES[@]}"; do
-  dpkg-query -W -f='${Status}' "$p" 2>/dev/null | grep -q 'ok installed' || missing+=("$p")
-done
-if [ ${#missing[@]} -gt 0 ]; then
-  [ "$(id -u)" = 0 ] || die "setup.sh: missing Debian packages; run as root:
-  apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" 3
-  echo "installing ${missing[*]}"
-  apt-get update -qq
-  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
-else
-  echo "all there"
-fi
+debian_packages "${PACKAGES[@]}"
 # Booting makes it; in a bare chroot, where nothing booted, Blender complains of its absence at every start.
 [ -e /etc/mtab ] || [ "$(id -u)" != 0 ] || ln -s ../proc/self/mounts /etc/mtab
 

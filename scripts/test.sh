@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Sets up and runs all tests: ctest (C++), pytest (Python, renders with Cycles), and the linters.
+# Sets up and runs all tests: ctest (C++), pytest (Python, renders with Cycles), the linters, and the fast C++ tests once
+# more under the address and undefined-behaviour sanitizers (scripts/check.sh has the other checks).
 source "$(dirname "$0")/lib.sh"
 scripts/setup.sh --tests
 say "clang-format, ruff"
@@ -9,4 +10,5 @@ say "ctest"
 ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
 "$PY" -m pytest -q tests/python
+scripts/check.sh asan --fast
 say "all tests passed"

@@ -73,7 +73,7 @@ def score(reference, light, truth, args) -> dict:
     h, w = light.shape[1:]
     if len(found) == 0:
         return {"events": 0}
-    d = pecs.distance(reference, found, width=w, height=h, origin="zero", split_half=False)
+    d = pecs.compare(reference, found, width=w, height=h, origin="zero", split_half=False)
     delays = delay_us(reference, found, w)
     return {
         "log_rms_percent": 100 * float(np.std(np.log(light) - np.log(truth))),

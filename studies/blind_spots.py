@@ -92,7 +92,7 @@ MEASURES = [
 
 def measured(real: np.ndarray, sim: np.ndarray, disk: dict, origin: str = "zero") -> np.ndarray:
     def compare(normalisation: str) -> dict:
-        return pecs.distance(
+        return pecs.compare(
             real, sim, width=SIZE[0], height=SIZE[1], normalisation=normalisation, window_us=round(SPAN_S * 1e6),
             origin=origin, split_half=False, disk=disk,
         )  # fmt: skip

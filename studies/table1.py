@@ -5,8 +5,8 @@ there is one, else against `pecs`. Stacks come from tools/sequences.py.
     studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
 
 Writes table1.json, .csv, .html and .tex into the folder. Published numbers stand beside ours in the paper's arithmetic
-and in shared normalisation (docs/metrics.md), with 95 % intervals. On the disk, delays behind the edge too: earth
-mover's distance in degrees between the histograms of both streams. A stack coarser than the sensor is compared with the
+and in shared normalisation (docs/metrics.md), with 95 % intervals. On the disk, delays behind the edge too: the earth
+mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
 recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
 ../shared/data/real/R_360_L.hdf5 if there.
 """
@@ -15,36 +15,26 @@ import argparse
 import csv
 import html
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pecs
+from pecs_lab import sequences
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "python")]
-
-import pecs  # noqa: E402
-import sequences  # noqa: E402
-
-MODELS = ("pecs", "esim", "voltmeter", "v2e", "icns")
 WIDTH, HEIGHT = 1280, 720
 DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
-BIN_DEG = 2.0
 
 
-def sensed(sequence, folder: Path, info: dict, model: str, light: np.ndarray | None):
-    """Events on the stack's grid; time as in the recording, where there is one. light: of a periodic stack."""
-    periodic, parameters = info["period_ns"] is not None, {}
+def sensed(sequence, folder: Path, info: dict, model: str):
+    """Events on the stack's grid; time as in the recording, where there is one."""
+    parameters = {}
     if model == "icns":  # its photoreceptor follows the light
         parameters["white_lux"] = sequence.parameters["illuminance_lux"]
-    if periodic and model != "pecs":
-        return looped(sequence, light, info, model, parameters)
-    output = folder / f"{model}.raw"
-    command = [ROOT / "build/release/bin/pecs", "sense", folder / "stack", "-o", output, "--model", model, "--quiet"]
-    command += [f"--param={key}={value}" for key, value in parameters.items()]
-    command += sequences.sense_arguments(sequence, None if periodic else info["times_ns"][-1])
-    subprocess.run(list(map(str, command)), check=True)
+    output, periodic = folder / f"{model}.raw", info["period_ns"] is not None
+    window = sequence.sense if periodic else {"chip": sequence.sense["chip"]}  # a part of a period is not looped
+    pecs.sense(folder / "stack", output, model=model, parameters=parameters, **window)
     events = pecs.read(output)
     events["t"] += sequence.sense.get("start_us", 0) if periodic else 0  # a window's events count from its start
     return events
@@ -55,54 +45,20 @@ def onto_sensor(folder: Path) -> Path:
     stands for all, with the same photocurrent."""
     import cv2
 
+    chip = pecs.Chip("imx636")
     info = json.loads((folder / "stack/stack.json").read_text())
+    band = info["bands"][len(info["bands"]) // 2]
+    (ampere,) = chip.amperes_per_unit([band])
     fine = folder / "onto_sensor"
-    light, scale, band = _photocurrent(folder / "stack", info, "imx636")
     fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
     fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
-    with pecs.StackWriter(fine / "stack", fine_info) as writer:
-        for i, picture in enumerate(light):
+    with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
+        for i in range(len(info["times_ns"])):
             if not writer.has_frame(i):
-                grown = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-                writer.write_frame(i, np.ascontiguousarray(grown[None] / np.float32(scale)))
+                light = chip.photocurrent(reader, i) / np.float32(ampere)
+                grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+                writer.write_frame(i, np.ascontiguousarray(grown[None]))
     return fine
-
-
-def light_of(stack: Path, info: dict, chip: str) -> np.ndarray:
-    """[T, H, W]: 1 = white, which is the first frame's 99.5 % as in `pecs sense`."""
-    light = _photocurrent(stack, info, chip)[0]
-    return light / np.float32(np.percentile(light[0], 99.5))
-
-
-def _photocurrent(stack: Path, info: dict, chip: str):
-    """[T, H, W], the same of a unit of light in the middle band, and that band."""
-    curve = json.loads((pecs.data_dir("sensor/chips") / f"{chip}.json").read_text())["relative_qe"]
-    nm = np.array([band["lambda_nm"] for band in info["bands"]])
-    weight = nm * np.interp(nm, curve["lambda_nm"], curve["value"]) * [band["weight_nm"] for band in info["bands"]]
-    light = np.empty((len(info["times_ns"]), info["height"], info["width"]), np.float32)
-    with pecs.StackReader(stack) as reader:
-        for i in range(len(light)):
-            light[i] = np.tensordot(weight.astype(np.float32), reader.read_frame(i), 1)
-    middle = len(nm) // 2
-    return light, weight[middle], info["bands"][middle]
-
-
-def looped(sequence, light: np.ndarray, info: dict, model: str, parameters: dict):
-    """Other models on a periodic stack, which `pecs sense` loops for its own alone; one period to settle."""
-    period_us, times_us = info["period_ns"] * 1e-3, np.array(info["times_ns"]) * 1e-3
-    begin_us = period_us + sequence.sense.get("start_us", 0)
-    end_us = begin_us + sequence.sense["duration_us"]
-    sensor = pecs.Sensor(info["width"], info["height"], sequence.sense["chip"], model=model, parameters=parameters)
-    chunks = []
-    for loop in range(int(end_us // period_us) + 1):
-        needed = times_us + loop * period_us <= end_us + 2 * period_us / len(times_us)
-        for first in range(0, int(needed.sum()), 32):
-            part = slice(first, min(first + 32, int(needed.sum())))
-            chunks.append(sensor.push(light[part], times_us[part] + loop * period_us))
-    events = np.concatenate([*chunks, sensor.finish()])
-    events = events[(events["t"] >= begin_us) & (events["t"] < end_us)]
-    events["t"] -= round(period_us)
-    return events
 
 
 def on_the_sensor(events, factor: int):
@@ -119,36 +75,27 @@ def decimated(events, factor: int):
     return events[kept]
 
 
-def delays_deg(events, parameters) -> list[np.ndarray]:
-    """OFF and ON events on the disk: by how much the edge that caused them is ahead, modulo half a turn."""
-    x, y = events["x"] + 0.5 - DISK_CENTRE_PX[0], DISK_CENTRE_PX[1] - events["y"] - 0.5
-    radius = np.hypot(x, y)
-    on_disk = (radius > 0.2 * DISK_RADIUS_PX) & (radius < 0.97 * DISK_RADIUS_PX)
-    edge = parameters["phase_deg"] + parameters["rpm"] * 6e-6 * events["t"]
-    behind = edge - np.degrees(np.arctan2(y, x))
-    return [(behind[on_disk & (events["p"] == p)] + (90 if p == 0 else 0)) % 180 for p in (0, 1)]
-
-
-def histogram_distance_deg(a: np.ndarray, b: np.ndarray) -> float | None:
-    """Earth mover's distance on the circle of 180 degrees."""
-    if not len(a) or not len(b):
+def disk_of(parameters: dict) -> dict | None:
+    """The disk as `pecs align detect --json` prints it, by the sequence's parameters."""
+    if "rpm" not in parameters:
         return None
-    bins = np.arange(0, 180 + BIN_DEG, BIN_DEG)
-    difference = np.cumsum(np.histogram(a, bins)[0] / len(a) - np.histogram(b, bins)[0] / len(b))
-    return float(BIN_DEG * np.abs(difference - np.median(difference)).sum())
+    x, y = DISK_CENTRE_PX
+    values = {"centre_x": x, "centre_y": y, "speed_deg_s": 6 * parameters["rpm"]}
+    values |= {"on_edge_deg": parameters["phase_deg"], "off_edge_deg": parameters["phase_deg"] + 90}
+    rim = {"axis_a_px": 2 * DISK_RADIUS_PX, "axis_b_px": 2 * DISK_RADIUS_PX}
+    return {k: {"value": v} for k, v in values.items()} | {"sectors": 4, "phase_time_us": 0, "rim": rim}
 
 
 def scores(sequence, reference, found) -> dict:
-    row = {}
-    for kind in ("paper", "shared"):
-        d = pecs.distance(reference, found, width=WIDTH, height=HEIGHT, normalisation=kind, split_half=kind == "shared")
+    row, sizes = {}, {"width": WIDTH, "height": HEIGHT}
+    paper = pecs.compare(reference, found, normalisation="paper", split_half=False, **sizes)
+    shared = pecs.compare(reference, found, disk=disk_of(sequence.parameters), **sizes)
+    for kind, d in (("paper", paper), ("shared", shared)):
         for metric in ("chamfer", "gaussian"):
             row[f"{metric}_{kind}"], row[f"{metric}_{kind}_interval"] = d[metric], d[f"{metric}_interval"]
-        if kind == "shared":
-            row["floor"] = d["split_half"]
-    if "rpm" in sequence.parameters:
-        pairs = zip(delays_deg(reference, sequence.parameters), delays_deg(found, sequence.parameters), strict=True)
-        row["delay_off_deg"], row["delay_on_deg"] = (histogram_distance_deg(*pair) for pair in pairs)
+    row["floor"] = shared["split_half"]
+    if shared["delays"]:
+        row |= {f"delay_{p}_deg": shared["delays"][p]["earth_mover_deg"] for p in ("off", "on")}
     return row
 
 
@@ -156,9 +103,7 @@ def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
     sequence = sequences.load(name)
     info = json.loads((folder / "stack/stack.json").read_text())
     factor = WIDTH // info["width"]
-    light = light_of(folder / "stack", info, sequence.sense["chip"]) if info["period_ns"] else None
-    streams = {m: on_the_sensor(sensed(sequence, folder, info, m, light), factor) for m in MODELS}
-    del light
+    streams = {m: on_the_sensor(sensed(sequence, folder, info, m), factor) for m in sequence.published["chamfer"]}
     reference = decimated(pecs.read(real), factor) if real else streams["pecs"]
     rows = []
     for model, events in streams.items():

@@ -12,40 +12,11 @@ import argparse
 import json
 from pathlib import Path
 
-import fit_chip
 import numpy as np
-from scipy.optimize import least_squares
+from pecs_lab import disk_fit, lamp_fit
 
 ROOT = Path(__file__).resolve().parents[1]
-ELEMENTS = (24, 3)  # of the lamp, along its length and width
-
-
-def illuminance(x_mm: np.ndarray, up_mm: np.ndarray, lamp: dict, walls: float) -> np.ndarray:
-    """Relative, at points of the disk's plane; lamp_before_mm: in front of that plane."""
-    along, across = (((np.arange(n) + 0.5) / n - 0.5) for n in ELEMENTS)
-    total = 0
-    for right in lamp["lamp_right_mm"] + lamp["lamp_length_mm"] * along:
-        for d in lamp["lamp_before_mm"] + lamp["lamp_width_mm"] * across:
-            h = lamp["lamp_up_mm"] - up_mm
-            total = total + d * h / ((right - x_mm) ** 2 + h**2 + d**2) ** 2
-    return total / total.mean() + walls
-
-
-def fit(corner_hz, x_mm, up_mm, cos4, area, size: dict, walls: float) -> tuple[dict, float]:
-    """The lamp, and the RMS of what ln of the light misses; `area`: of the map's regions, relative."""
-    root = np.sqrt(area)
-
-    def lamp(v: np.ndarray) -> dict:
-        return dict(zip(("lamp_right_mm", "lamp_up_mm", "lamp_before_mm"), v.tolist(), strict=True)) | size
-
-    def misses(v: np.ndarray) -> np.ndarray:
-        ratio = np.log(illuminance(x_mm, up_mm, lamp(v), walls) * cos4 / corner_hz)
-        return ((ratio - np.average(ratio, weights=area)) * root).ravel()
-
-    starts = [(right, above, before) for right in (-300, 300) for above in (200, 500) for before in (200, 500)]
-    bounds = (-3000, up_mm.max() + 5, size["lamp_width_mm"]), (3000, 3000, 3000)  # above the disk and before it
-    best = min((least_squares(misses, s, bounds=bounds) for s in starts), key=lambda found: found.cost)
-    return lamp(best.x), float(np.sqrt(np.mean(best.fun**2)))
+SIZE = (1280, 720)
 
 
 def main() -> None:
@@ -55,27 +26,26 @@ def main() -> None:
     parser.add_argument("--length-mm", type=float, default=1200, help="of the lamp, left to right")
     parser.add_argument("--width-mm", type=float, default=120)
     parser.add_argument("--walls", type=float, default=0.05, help="light from the walls / mean light from the lamp")
-    parser.add_argument("--program", default="build/release/bin/pecs")
     parser.add_argument("--chip", default="imx636")
     parser.add_argument("--contrast", type=float, default=12.0, help="white / black of the disk")
     args = parser.parse_args()
 
-    disk, _, _, seen, real = fit_chip.examine(args.program, args.recording)
-    table = fit_chip.tabulate(args.chip, {}, args.contrast, disk)
-    corner_hz = fit_chip.light_map(table, real.region_events, seen).reshape(fit_chip.REGIONS)
+    disk, _, _, seen = disk_fit.examine(args.recording, *SIZE)
+    table = disk_fit.tabulate(args.chip, {}, args.contrast, disk)
+    corner_hz = disk_fit.light_map(table, seen).reshape(seen.regions)
 
     p = json.loads(args.sequence.read_text())["parameters"]
-    mm_per_px = p["disk_radius_mm"] / (disk.radius + 6)
-    around, along = fit_chip.REGIONS
-    angle = np.radians((np.arange(around) + 0.5) / around * 360)[:, None]
-    radius_mm = mm_per_px * (disk.inner + (np.arange(along) + 0.5) / along * (disk.radius - disk.inner))
+    (around, along), of = seen.regions, seen.delays["regions"]
+    angle = np.radians(((np.arange(around) + 0.5) / around - 0.5) * 360)[:, None]
+    radius_px = of["inner_px"] + (np.arange(along) + 0.5) / along * (of["outer_px"] - of["inner_px"])
+    radius_mm = p["disk_radius_mm"] / disk.radius * radius_px
     x = p["disk_right_mm"] + radius_mm * np.cos(angle)
     up = p["disk_up_mm"] + radius_mm * np.sin(angle)
     cos4 = (1 + (x**2 + up**2) / p["disk_distance_mm"] ** 2) ** -2
     area = np.broadcast_to(radius_mm / radius_mm.mean(), corner_hz.shape)
 
     size = {"lamp_length_mm": args.length_mm, "lamp_width_mm": args.width_mm}
-    found, rms = fit(corner_hz, x, up, cos4, area, size, args.walls)
+    found, rms = lamp_fit.fit(corner_hz, x, up, cos4, area, size, args.walls)
     found = {key: round(value, 1) for key, value in found.items()}
     found["lamp_distance_mm"] = round(p["disk_distance_mm"] - found.pop("lamp_before_mm"), 1)
     low, middle, high = np.percentile(corner_hz, (0, 50, 100)).tolist()

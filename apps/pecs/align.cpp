@@ -16,19 +16,12 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/run_record.h"
+#include "picture_file.h"
 
 namespace pecs::app {
 namespace {
 
 using namespace calibration;
-
-void write_png(const std::string& path, const cv::Mat& picture) {
-  std::vector<std::uint8_t> png;
-  cv::imencode(".png", picture, png);
-  AtomicFile file(path);
-  file.write(std::as_bytes(std::span(png)));
-  file.commit();
-}
 
 void warn(const std::string& line) { fmt::print(stderr, "pecs: warning: {}\n", line); }
 
@@ -133,7 +126,7 @@ void detect(const DetectArguments& a) {
     write_png(a.output, picture);
     write_run_record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
   }
-  if (a.json) fmt::print("{}\n", json.dump(2));
+  if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
 
 // ---- intrinsics -----------------------------------------------------------------------------------------------------
@@ -226,12 +219,12 @@ void intrinsics(IntrinsicsArguments& a) {
   if (!a.picture.empty()) write_png(a.picture, coverage_picture(g.views, in, shape, curve));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
-    out.write(json.dump(2) + "\n");
+    out.write(text_of(json, 2) + "\n");
     out.commit();
     write_run_record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
   }
   if (a.json) {
-    fmt::print("{}\n", json.dump(2));
+    fmt::print("{}\n", text_of(json, 2));
     return;
   }
   const CameraModel &c = in.camera, &d = in.deviation;
@@ -291,7 +284,7 @@ void align_recording(const AlignArguments& a) {
   if (!a.sim_of.empty()) apply_aligned(scene, a.sim_of);
   const events::Recording real = read_recording(a.real);
   const Optics optics = optics_for(a, scene, {real.width, real.height});
-  const Found found = find_in_recording(real, scene, optics, a.search, a.real);
+  const TargetEstimate found = find_in_recording(real, scene, optics, a.search, a.real);
   const Clock clock = a.clock == "file" ? Clock::file : a.clock == "offset" ? Clock::offset : Clock::offset_and_rate;
   std::optional<events::Recording> sim;
   Aligned aligned;
@@ -302,26 +295,24 @@ void align_recording(const AlignArguments& a) {
     if (sim->width != real.width || sim->height != real.height)
       throw bad_input(a.sim, "size", fmt::format("{} x {} pixels", sim->width, sim->height),
                       fmt::format("{} x {}, as {}", real.width, real.height, a.real));
-    const Found in_sim = find_in_recording(*sim, scene, optics, a.search, a.sim);
+    const TargetEstimate in_sim = find_in_recording(*sim, scene, optics, a.search, a.sim);
     aligned = align_scene(scene, found, in_sim, clock);
-    const auto apart = [&](double r, double s) { return r - s; };
-    aligned.json["simulation"] = {{"right_mm", apart(found.right_mm, in_sim.right_mm)},
-                                  {"up_mm", apart(found.up_mm, in_sim.up_mm)},
-                                  {"distance_mm", apart(found.distance_mm, in_sim.distance_mm)},
-                                  {"residual", in_sim.residual}};
+    const cv::Vec3d apart = found.place_mm - in_sim.place_mm;
+    aligned.json["simulation"] = {
+        {"right_mm", apart[0]}, {"up_mm", apart[1]}, {"distance_mm", apart[2]}, {"residual", in_sim.residual}};
   }
   for (const auto& line : aligned.json["warnings"]) warn(line.get<std::string>());
   if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
-    out.write(aligned.json.dump(2) + "\n");
+    out.write(text_of(aligned.json, 2) + "\n");
     out.commit();
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
     write_run_record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
   }
   if (a.json) {
-    fmt::print("{}\n", aligned.json.dump(2));
+    fmt::print("{}\n", text_of(aligned.json, 2));
     return;
   }
   for (const auto& [key, value] : aligned.json["parameters"].items())
@@ -330,7 +321,7 @@ void align_recording(const AlignArguments& a) {
   const cv::Vec3d r = aligned.scene.rotation_deg;
   fmt::print("{:<18}{:.4f} {:.4f} {:.4f} deg (Blender, XYZ)\n", "camera rotation", r[0], r[1], r[2]);
   fmt::print("{:<18}offset {:.1f} us, rate {:.6f}\n", "clock", aligned.clock_offset_us, aligned.clock_rate);
-  for (const auto& [key, value] : found.residual.items()) fmt::print("{:<26}{}\n", key, value.dump());
+  for (const auto& [key, value] : found.residual.items()) fmt::print("{:<26}{}\n", key, text_of(value));
 }
 
 }  // namespace

@@ -27,15 +27,16 @@ struct Arguments {
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
 
-void print_table(const metrics::Comparison& c) {
+void print_table(const metrics::Comparison& c, const Arguments& a) {
   const auto row = [](const char* name, const std::string& value, const std::string& floor, const std::string& note) {
     fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
   };
   const auto parts = [](const std::array<double, 2>& p) {
-    return fmt::format("real to sim {:.4f}, sim to real {:.4f}", p[0], p[1]);
+    return fmt::format("REAL to SIM {:.4f}, SIM to REAL {:.4f}", p[0], p[1]);
   };
   const auto& d = c.distance;
-  row("distance", "real-sim", "split half",
+  fmt::print("REAL: {}\nSIM:  {}\n\n", a.real, a.sim);
+  row("distance", "REAL-SIM", "split half",
       fmt::format("({} normalisation, {}x{}, window {} us)", metrics::name_of(c.options.normalisation), c.width,
                   c.height, c.window_us));
   row("Chamfer", fmt::format("{:.4f}", d.chamfer()), c.floor ? fmt::format("{:.4f}", c.floor->chamfer()) : "none",
@@ -47,7 +48,7 @@ void print_table(const metrics::Comparison& c) {
              "95 % intervals", "", c.chamfer_interval.low, c.chamfer_interval.high, c.gaussian_interval.low,
              c.gaussian_interval.high);
   fmt::print("\n");
-  row("stream", "real", "simulated", "");
+  row("stream", "REAL", "SIM", "");
   row("events", fmt::format("{}", c.real.events), fmt::format("{}", c.sim.events),
       fmt::format("ratio {:.4f}", static_cast<double>(c.sim.events) / static_cast<double>(c.real.events)));
   row("events per second", fmt::format("{:.4g}", c.real.rate_hz), fmt::format("{:.4g}", c.sim.rate_hz),
@@ -62,7 +63,7 @@ void print_table(const metrics::Comparison& c) {
 
   const auto& e = *c.delays;
   fmt::print("\n");
-  row("delay behind the edge", "real", "simulated", "(degrees; 10, 50, 90 %)");
+  row("delay behind the edge", "REAL", "SIM", "(degrees; 10, 50, 90 %)");
   const auto quantiles = [](const metrics::Delays& s, std::size_t p) -> std::string {
     const auto& q = s.quantiles_deg[p];
     return q ? fmt::format("{:.0f} {:.0f} {:.0f}", (*q)[0], (*q)[1], (*q)[2]) : "none";
@@ -99,9 +100,9 @@ void run(const Arguments& a) {
                      {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
-    fmt::print("{}\n", metrics::to_json(comparison).dump(2));
+    fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
   else
-    print_table(comparison);
+    print_table(comparison, a);
 }
 
 }  // namespace
@@ -118,8 +119,8 @@ void add_compare(CLI::App& app) {
       ->check(CLI::IsMember({"first-event", "zero"}))
       ->capture_default_str();
   command
-      ->add_option("--metric-compat", a->normalisation,
-                   "Normalisation: shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
+      ->add_option("--normalisation", a->normalisation,
+                   "shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
                    "behind its tables, integer overflow included)")
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();

@@ -1,5 +1,6 @@
 // pecs info: what an event file or an EXR stack holds.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <cmath>
 
@@ -45,12 +46,19 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
                      {"weight_nm", info.bands[b].weight_nm},
                      {"first_frame", {{"min", low}, {"mean", sum / static_cast<double>(plane)}, {"max", high}}}});
   }
+  Json layers = Json::array();
+  for (const sensor::Layer& layer : info.layers)
+    layers.push_back({{"name", layer.name},
+                      {"channels", layer.channels},
+                      {"unit", layer.unit},
+                      {"at", layer.per_interval ? "interval" : "instant"}});
   Json out = {{"format", "exr-stack"},
               {"width", info.width},
               {"height", info.height},
               {"quantity", name_of(info.quantity)},
               {"unit", unit_of(info.quantity)},
               {"bands", bands},
+              {"layers", layers},
               {"frames", stack.frames()},
               {"frames_planned", info.times_ns.size()},
               {"t_first_us", static_cast<double>(info.times_ns.front()) * 1e-3},
@@ -73,10 +81,15 @@ void print_stack(const std::string& path, const Json& info) {
   for (const char* key : {"lens", "scene"})
     if (info.contains(key) && info[key].is_object() && info[key].contains("name") && info[key]["name"].is_string())
       fmt::print("{:<12} {}\n", key, info[key]["name"].get<std::string>());
+  for (const Json& layer : info["layers"])
+    if (layer["name"] != sensor::kLight)
+      fmt::print("layer        {}: {} [{}], per {}\n", layer["name"].get<std::string>(),
+                 fmt::join(layer["channels"].get<std::vector<std::string>>(), ", "), layer["unit"].get<std::string>(),
+                 layer["at"].get<std::string>());
   fmt::print("band [nm]    weight [nm]    first frame: least, mean, greatest [{}]\n", info["unit"].get<std::string>());
   for (const Json& band : info["bands"]) {
     const Json& v = band["first_frame"];
-    fmt::print("{:<12} {:<14.4g} {:.4g} {:.4g} {:.4g}\n", band["lambda_nm"].get<double>(),
+    fmt::print("{:<12.2f} {:<14.4g} {:.4g} {:.4g} {:.4g}\n", band["lambda_nm"].get<double>(),
                band["weight_nm"].get<double>(), v["min"].get<double>(), v["mean"].get<double>(),
                v["max"].get<double>());
   }

@@ -1,10 +1,7 @@
 // pecs lens info|trace|draw: the lens room's answers on the command line.
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
-#include <charconv>
 #include <cstdio>
-#include <exception>
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -15,6 +12,7 @@
 #include "pecs/lens/draw.h"
 #include "pecs/lens/exchange.h"
 #include "pecs/lens/report.h"
+#include "pecs/lens/trace_csv.h"
 #include "pecs/run_record.h"
 #include "picture_file.h"
 
@@ -107,7 +105,7 @@ void add_lens_info(CLI::App& parent) {
     o->info.stop = o->stop;
     const Json report = lens::info(lens::load_prescription(o->lens), o->info);
     if (o->json)
-      fmt::print("{}\n", report.dump(2));
+      fmt::print("{}\n", text_of(report, 2));
     else
       print_text(report);
   });
@@ -149,7 +147,7 @@ void add_lens_pupil(CLI::App& parent) {
                                    .results = Json::object()});
     }
     if (o->json) {
-      fmt::print("{}\n", report.dump(2));
+      fmt::print("{}\n", text_of(report, 2));
       return;
     }
     fmt::print("{}: {} nm, film z {:.6g} mm, direction plane z {:.6g} mm, missed {:.2g}\n", prescription.name,
@@ -181,7 +179,7 @@ void add_lens_convert(CLI::App& parent) {
     const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
     std::string text;
     if (o->output.ends_with(".json")) {
-      text = lens::load_lens_json(o->lens).dump(1) + "\n";
+      text = text_of(lens::load_lens_json(o->lens), 1) + "\n";
     } else if (o->output.ends_with(".dat")) {
       const double bands[] = {o->lambda_nm};
       text = lens::export_pbrt(prescription, o->lambda_nm, lens::best_focus(prescription, bands, o->focus_m).film_z_mm);
@@ -198,59 +196,6 @@ void add_lens_convert(CLI::App& parent) {
                                  .results = Json::object()});
   });
 }
-
-// x,y,z,dx,dy,dz from one line; throws bad_input.
-lens::Ray parse_ray(const std::string& line, std::size_t line_number) {
-  double v[6];
-  const char *at = line.data(), *end = at + line.size();
-  for (int i = 0; i < 6; ++i) {
-    while (at < end && *at == ' ') ++at;
-    const auto [next, ec] = std::from_chars(at, end, v[i]);
-    const bool last = i == 5;
-    const bool ends_well =
-        last ? (next == end || *next == ',' || *next == '\r' || *next == ' ') : (next < end && *next == ',');
-    if (ec != std::errc() || !std::isfinite(v[i]) || !ends_well)
-      throw bad_input("stdin", fmt::format("line {}", line_number), '"' + line.substr(0, 60) + '"', "x,y,z,dx,dy,dz");
-    at = next + 1;
-  }
-  const lens::Vec3 d{v[3], v[4], v[5]};
-  if (!(lens::dot(d, d) > 0) || d.z == 0)
-    throw bad_input("stdin", fmt::format("line {}", line_number), "a direction across the axis or zero",
-                    "dz > 0 or dz < 0");
-  return {{v[0], v[1], v[2]}, lens::normalized(d)};
-}
-
-// Lines of rays, traced on all cores and written in their order.
-struct RayBatch {
-  static constexpr std::size_t kMost = 1 << 17, kBlock = 1 << 10;
-  std::vector<std::pair<std::string, std::size_t>> lines;  // and their numbers
-
-  void trace(const lens::Tracer& tracer, lens::Tracer::Clip clip, double to_z_mm) {
-    struct Block {
-      std::string text;
-      std::exception_ptr error;
-    };
-    std::vector<Block> blocks((lines.size() + kBlock - 1) / kBlock);
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t k) {
-      try {
-        for (std::size_t i = k * kBlock; i < std::min(lines.size(), (k + 1) * kBlock); ++i) {
-          const lens::Ray ray = parse_ray(lines[i].first, lines[i].second);
-          lens::Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
-          if (t.fate == lens::Fate::ok) t.ray.p = t.ray.at_z(to_z_mm);
-          fmt::format_to(std::back_inserter(blocks[k].text), "{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n",
-                         t.ray.p.x, t.ray.p.y, t.ray.p.z, t.ray.d.x, t.ray.d.y, t.ray.d.z, lens::fate_text(t));
-        }
-      } catch (...) {
-        blocks[k].error = std::current_exception();
-      }
-    });
-    for (const Block& block : blocks) {
-      std::fwrite(block.text.data(), 1, block.text.size(), stdout);
-      if (block.error) std::rethrow_exception(block.error);  // the first bad line
-    }
-    lines.clear();
-  }
-};
 
 void add_lens_trace(CLI::App& parent) {
   struct Options : LensArguments {
@@ -273,15 +218,7 @@ void add_lens_trace(CLI::App& parent) {
     const lens::Tracer tracer(prescription, o->lambda_nm, lens::resolve_stop(prescription, o->stop));
     const auto clip = o->no_clip ? lens::Tracer::Clip::none : lens::Tracer::Clip::housing;
     std::ios::sync_with_stdio(false);
-    fmt::print("x,y,z,dx,dy,dz,status\n");
-    RayBatch batch;
-    std::string line;
-    for (std::size_t number = 1; std::getline(std::cin, line); ++number) {
-      if (line.empty() || line == "\r" || line[0] == '#' || (number == 1 && line.starts_with("x"))) continue;
-      batch.lines.emplace_back(std::move(line), number);
-      if (batch.lines.size() == RayBatch::kMost) batch.trace(tracer, clip, o->to_z_mm);
-    }
-    batch.trace(tracer, clip, o->to_z_mm);
+    lens::trace_csv(std::cin, "stdin", stdout, tracer, clip, o->to_z_mm);
     if (std::fflush(stdout) != 0) throw bad_output("stdout", "not all rays were written");
   });
 }

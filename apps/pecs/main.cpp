@@ -7,6 +7,7 @@
 #include "pecs/error.h"
 #include "pecs/program.h"
 #include "pecs/version.h"
+#include "usage.h"
 
 namespace pecs::app {
 namespace {
@@ -40,10 +41,12 @@ int main(int argc, char** argv) {
     pecs::app::add_lens(app);
     pecs::app::check_options(app);
     try {
+      pecs::app::check_commands(app, argc, argv);
       app.parse(argc, argv);
+    } catch (const CLI::Success& e) {  // --help, --version
+      return app.exit(e);
     } catch (const CLI::ParseError& e) {
-      const int code = app.exit(e);
-      return code == 0 ? 0 : static_cast<int>(pecs::ExitCode::usage);
+      throw pecs::Error(pecs::ExitCode::usage, pecs::app::usage_line(app, e));
     }
     return 0;
   });

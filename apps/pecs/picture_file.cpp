@@ -6,6 +6,8 @@
 
 #include <cmath>
 #include <memory>
+#include <opencv2/imgcodecs.hpp>
+#include <span>
 
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -72,6 +74,14 @@ std::string drawn_as_png(const std::string& svg, int width_px) {
 }
 
 }  // namespace
+
+void write_png(const std::string& path, const cv::Mat& picture) {
+  std::vector<std::uint8_t> png;
+  cv::imencode(".png", picture, png);
+  AtomicFile file(path);
+  file.write(std::as_bytes(std::span(png)));
+  file.commit();
+}
 
 void write_picture(const std::string& path, const std::string& svg, int width_px) {
   const bool png = path.ends_with(".png"), pdf = path.ends_with(".pdf");

@@ -6,26 +6,26 @@
 #include <cmath>
 #include <functional>
 #include <memory>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <span>
-#include <sstream>
 
 #include "commands.h"
-#include "pecs/data_dir.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/input/display.h"
 #include "pecs/progress.h"
 #include "pecs/run_record.h"
+#include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/stack.h"
+#include "pecs/view/band_colours.h"
+#include "picture_file.h"
 
 namespace pecs::app {
 namespace {
 
 struct Arguments {
-  std::string stack, output;
+  std::string stack, output, illuminant;
   std::int64_t frame = 0;
   double exposure_ev = 0, fps = 30;
   std::optional<double> band_nm;
@@ -35,39 +35,15 @@ struct Arguments {
 
 using Triple = std::array<double, 3>;
 
-// Colour matching functions at lambda_nm, linear in between, zero outside.
-Triple cie1931(double lambda_nm) {
-  static const std::vector<std::array<double, 4>> table = [] {
-    std::istringstream lines(read_text(data_dir("lens_data/spectra") / "basis" / "cie1931.csv", 1 << 20));
-    std::vector<std::array<double, 4>> rows;
-    for (std::string line; std::getline(lines, line);) {
-      std::array<double, 4> r{};
-      if (std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf", &r[0], &r[1], &r[2], &r[3]) == 4) rows.push_back(r);
-    }
-    return rows;
-  }();
-  const auto above = std::lower_bound(table.begin(), table.end(), lambda_nm,
-                                      [](const std::array<double, 4>& row, double nm) { return row[0] < nm; });
-  if (above == table.end() || (above == table.begin() && (*above)[0] > lambda_nm)) return {};
-  if (above == table.begin()) return {(*above)[1], (*above)[2], (*above)[3]};
-  const auto& a = *(above - 1);
-  const auto& b = *above;
-  const double f = (lambda_nm - a[0]) / (b[0] - a[0]);
-  return {a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2]), a[3] + f * (b[3] - a[3])};
-}
-
-// Linear sRGB per unit of band: X = sum w_k x(lambda_k) S_k, then IEC 61966-2-1's matrix.
-std::vector<Triple> rgb_of_bands(const std::vector<sensor::Band>& bands) {
-  constexpr double kRgbFromXyz[3][3] = {
-      {3.2406, -1.5372, -0.4986}, {-0.9689, 1.8758, 0.0415}, {0.0557, -0.2040, 1.0570}};
-  std::vector<Triple> rgb;
-  for (const sensor::Band& band : bands) {
-    const Triple xyz = cie1931(band.lambda_nm);
-    Triple& c = rgb.emplace_back();
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) c[i] += kRgbFromXyz[i][j] * xyz[j] * band.weight_nm;
-  }
-  return rgb;
+// That of the lamps: asked for, or what stack.json says of the scene, or d65.
+std::string illuminant_of(const Arguments& a) {
+  if (!a.illuminant.empty()) return a.illuminant;
+  const auto file = std::filesystem::path(a.stack) / "stack.json";
+  if (!std::filesystem::exists(file)) return "d65";
+  const Json scene = parse_json_file(file, std::size_t{64} << 20).value("scene", Json::object());
+  for (const char* place : {"/illuminant", "/parameters/lamp_spectrum"})
+    if (const Json::json_pointer key(place); scene.contains(key) && scene[key].is_string()) return scene[key];
+  return "d65";
 }
 
 // What is shown of a frame: three planes (colour) or one (a band), linear.
@@ -116,14 +92,6 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
 
-void write_png(const cv::Mat& picture, const std::filesystem::path& output) {
-  std::vector<std::uint8_t> png;
-  cv::imencode(".png", picture, png);
-  AtomicFile file(output);
-  file.write(std::as_bytes(std::span(png)));
-  file.commit();
-}
-
 void run(const Arguments& a) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
@@ -144,7 +112,8 @@ void run(const Arguments& a) {
     band = static_cast<std::size_t>(nearest - bands.begin());
   }
   const Encoder encode = input::display_encoder(a.display);
-  const std::vector<Triple> rgb = rgb_of_bands(bands);
+  const std::string illuminant = illuminant_of(a);
+  const std::vector<Triple> rgb = view::rgb_of_bands(bands, sensor::named_spectrum(illuminant));
   cv::Mat picture = linear_picture(stack, first, rgb, band);
   const double scale = std::exp2(a.exposure_ev) / white_level(picture);
 
@@ -152,7 +121,7 @@ void run(const Arguments& a) {
   if (band) result["band_nm"] = bands[*band].lambda_nm;
   if (extension == ".png") {
     result["frames"] = 1;
-    write_png(to_display(picture, scale, encode), output);
+    write_png(a.output, to_display(picture, scale, encode));
   } else {
     PartialFile partial(output);
     // OpenCV takes the container from the extension, so the unfinished file keeps it. H.264 wants even sizes.
@@ -177,6 +146,7 @@ void run(const Arguments& a) {
   const Json config = {{"frame", first},
                        {"exposure_ev", a.exposure_ev},
                        {"fps", a.fps},
+                       {"illuminant", illuminant},
                        {"band_nm", a.band_nm ? Json(*a.band_nm) : Json(nullptr)},
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
                        {"display", text_or_null(a.display.display)},
@@ -187,7 +157,7 @@ void run(const Arguments& a) {
                             .inputs = {a.stack},
                             .results = result});
   if (a.json)
-    fmt::print("{}\n", result.dump(2));
+    fmt::print("{}\n", text_of(result, 2));
   else
     fmt::print("{}: {} frame{}\n", a.output, result["frames"].get<std::int64_t>(), result["frames"] == 1 ? "" : "s");
 }
@@ -203,12 +173,14 @@ void add_render_preview(CLI::App& app) {
   command->add_option("--exposure-ev", a->exposure_ev, "Stops brighter than: 1 % of the first frame is white")
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
+  command->add_option("--illuminant", a->illuminant,
+                      "Under which white is neutral: a name of lens_data/spectra, a CSV, blackbody:T or daylight:T "
+                      "(default: the scene's, as stack.json says, or d65)");
   auto* view =
       command->add_option("--view", a->display.view, "View transform of an OpenColorIO config (default: sRGB)");
   auto* display = command->add_option("--display", a->display.display, "Display of that config (default: its own)");
   auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
-  command
-      ->add_option("--band-nm", a->band_nm, "The nearest band alone, in false colour (default: true colour, CIE 1931)")
+  command->add_option("--band-nm", a->band_nm, "The nearest band alone, in false colour (default: colour)")
       ->check(CLI::Range(100.0, 10000.0))
       ->excludes(view)
       ->excludes(display)

@@ -2,6 +2,7 @@
 #include "pecs/sensor/sense.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <charconv>
 
@@ -26,32 +27,21 @@ std::pair<std::string, double> key_value(const std::string& text, const std::str
   throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted KEY=NUMBER", option, text));
 }
 
-}  // namespace
+struct Options : sensor::SenseOptions {
+  bool json = false;
+  std::vector<std::string> parameters;
+  std::string readout = "chip", bands = "all";
+  std::optional<std::string> colour_space, live_source;
+  bool view = false;
+  input::LiveOptions live;
+  std::optional<std::filesystem::path> ocio_config;
+  double white_a = 0;
+  const CLI::Option *seconds = nullptr, *picture_us = nullptr;  // have no meaning but with --view
+};
 
-void add_sense(CLI::App& app) {
-  struct Options : sensor::SenseOptions {
-    bool json = false;
-    std::vector<std::string> parameters;
-    std::string readout = "chip", bands = "all";
-    std::optional<std::string> colour_space, live_source;
-    bool view = false;
-    input::LiveOptions live;
-    std::optional<std::filesystem::path> ocio_config;
-    double white_a = 0;
-  };
-  const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
-  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
-  sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
-  sub->add_option("--format", o->format, "format of the output, whatever its name");
-  sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
-  sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (repeatable)")
-      ->allow_extra_args(false);
-  sub->add_flag("--no-noise", o->no_noise, "without photon noise, leak, background events and mismatch");
-  sub->add_option("--seed", o->seed, "of all random numbers")->capture_default_str();
-  sub->add_option("--threads", o->threads, "0: all; the events do not depend on it")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
+
+void add_frames(CLI::App* sub, Options* o) {
   sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
       ->check(CLI::PositiveNumber);
   sub->add_option("--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
@@ -75,7 +65,19 @@ void add_sense(CLI::App& app) {
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
       ->check(CLI::PositiveNumber);
-  sub->add_option("--model", o->model.name, "pixel: pecs, or another simulator's: esim, v2e, voltmeter, icns")
+}
+
+void add_pixels(CLI::App* sub, Options* o) {
+  sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
+  sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (repeatable)")
+      ->allow_extra_args(false);
+  sub->add_flag("--no-noise", o->no_noise, "without photon noise, leak, background events and mismatch");
+  sub->add_option("--seed", o->seed, "of all random numbers")->capture_default_str();
+  sub->add_option("--threads", o->threads, "0: all; the events do not depend on it")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  sub->add_option("--model", o->model.name,
+                  fmt::format("pixel: {}; all but pecs are other simulators'", fmt::join(sensor::model_names(), ", ")))
       ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
       ->allow_extra_args(false);
@@ -86,12 +88,18 @@ void add_sense(CLI::App& app) {
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
   sub->add_option("--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
-  sub->add_option("--warmup-loops", o->warmup_loops, "loops of a periodic stack before the output begins")
+}
+
+void add_window(CLI::App* sub, Options* o) {
+  sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--start-us", o->start_us, "output begins this long after the start (or the warm-up), us")
+  sub->add_option("--start-us", o->window.start_us, "output begins this long after the start (or the warm-up), us")
       ->check(CLI::Range(std::int64_t{0}, kDay_us));
-  sub->add_option("--duration-us", o->duration_us, "length of the output, us; a periodic stack is looped for it")
+  sub->add_option("--duration-us", o->window.duration_us, "length of the output, us; a periodic stack is looped for it")
       ->check(CLI::Range(std::int64_t{1}, kDay_us));
+}
+
+void add_live(CLI::App* sub, Options* o) {
   sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
       ->check(CLI::Validator(
           [](std::string& text) {
@@ -102,55 +110,80 @@ void add_sense(CLI::App& app) {
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
-  sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
-      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
-      ->capture_default_str();
+  o->seconds = sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
+  o->picture_us = sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
+                      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
+                      ->capture_default_str();
+}
+
+// What the words say, in numbers; throws usage for those that do not go together.
+void resolve(Options& o) {
+  o.ideal_readout = o.readout == "ideal";
+  o.model.white_fa = o.white_a * 1e15;
+  for (const std::string& text : o.parameters) o.model.parameters.insert(key_value(text, "--param"));
+  if (o.bands != "all") o.monte_carlo_bands = std::stoi(o.bands.substr(3));
+  const bool camera = is_camera(o);
+  if (o.live_source && !o.view) throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o.live_source));
+  for (const CLI::Option* live : {o.seconds, o.picture_us})
+    if (live->count() && !o.view) throw Error(ExitCode::usage, fmt::format("{}: got no --view", live->get_name()));
+  if (camera != o.stack.empty())
+    throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
+                                                      o.stack.string(), *o.live_source)
+                                        : "input: got nothing, wanted a stack, pictures or a video");
+}
+
+sensor::SenseReport run(Options& o) {
+  const input::PictureOptions pictures{o.times, o.colour_space, o.ocio_config};
+  if (!o.view) {
+    o.source = input::open_frames(o.stack, pictures);
+    return sensor::sense(o);
+  }
+  if (is_camera(o)) o.live.camera = o.live_source->size() > 7 ? std::stoi(o.live_source->substr(7)) : 0;
+  o.live.file = o.stack;
+  o.live.video = o.output.string() + ".mp4";
+  return input::sense_live(o.live, o, pictures);
+}
+
+void say(const Options& o, const sensor::SenseReport& report) {
+  const Json& r = report.results;
+  if (o.json) {
+    fmt::print("{}\n", text_of(r));
+    return;
+  }
+  fmt::print("{}: {} events, {}x{}\n", o.output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
+             r["height"].get<int>());
+  if (const auto dropped = r["dropped"].get<std::int64_t>())
+    fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o.output.string(), dropped);
+  for (const auto& warning : r["warnings"]) fmt::print(stderr, "pecs: {}\n", warning.get<std::string>());
+  if (o.view) {
+    if (const auto recording = report.config["view"].get<std::string>(); recording != "window")
+      fmt::print(stderr, "pecs: no display: the events are shown in {}\n", recording);
+  }
+  const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
+  if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o.stack.string(), bad);
+}
+
+}  // namespace
+
+void add_sense(CLI::App& app) {
+  const auto o = std::make_shared<Options>();
+  CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
+  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
+  sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
+  sub->add_option("--format", o->format, "format of the output, whatever its name");
+  add_pixels(sub, o.get());
+  add_frames(sub, o.get());
+  add_window(sub, o.get());
+  add_live(sub, o.get());
   sub->add_flag("--json", o->json, "machine output");
   sub->add_flag("--quiet", o->quiet, "no progress");
   sub->callback([o] {
-    o->ideal_readout = o->readout == "ideal";
-    o->model.white_fa = o->white_a * 1e15;
-    for (const std::string& text : o->parameters) o->model.parameters.insert(key_value(text, "--param"));
-    if (o->bands != "all") o->monte_carlo_bands = std::stoi(o->bands.substr(3));
-    const input::PictureOptions pictures{o->times, o->colour_space, o->ocio_config};
-    const bool camera = o->live_source && *o->live_source != "video";
-    if (o->live_source && !o->view)
-      throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o->live_source));
-    if (camera != o->stack.empty())
-      throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
-                                                        o->stack.string(), *o->live_source)
-                                          : "input: got nothing, wanted a stack, pictures or a video");
-    sensor::SenseReport report;
-    if (o->view) {
-      if (camera) o->live.camera = o->live_source->size() > 7 ? std::stoi(o->live_source->substr(7)) : 0;
-      o->live.file = o->stack;
-      o->live.video = o->output.string() + ".mp4";
-      report = input::sense_live(o->live, *o, pictures);
-    } else {
-      o->source = input::open_frames(o->stack, pictures);
-      report = sensor::sense(*o);
-    }
+    resolve(*o);
+    const sensor::SenseReport report = run(*o);
     std::vector<std::filesystem::path> inputs;
-    if (!camera) inputs.push_back(o->stack);
+    if (!is_camera(*o)) inputs.push_back(o->stack);
     write_run_record(o->output, {"sense", arguments(), report.config, inputs, report.results});
-    const Json& r = report.results;
-    if (o->json) {
-      fmt::print("{}\n", text_of(r));
-      return;
-    }
-    fmt::print("{}: {} events, {}x{}\n", o->output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
-               r["height"].get<int>());
-    if (const auto dropped = r["dropped"].get<std::int64_t>())
-      fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o->output.string(), dropped);
-    if (o->view) {
-      if (const auto recording = report.config["view"].get<std::string>(); recording != "window")
-        fmt::print(stderr, "pecs: no display: the events are shown in {}\n", recording);
-      return;
-    }
-    const auto bad =
-        r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
-    if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o->stack.string(), bad);
+    say(*o, report);
   });
 }
 

@@ -4,13 +4,12 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <opencv2/imgcodecs.hpp>
 
 #include "commands.h"
 #include "pecs/error.h"
-#include "pecs/files.h"
 #include "pecs/run_record.h"
 #include "pecs/view/event_pictures.h"
+#include "picture_file.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -53,11 +52,7 @@ void run(const Arguments& a) {
     const std::int64_t window = a.window_us > 0 ? std::llround(a.window_us)
                                                 : view::readable_window_us(recording, recording.span_us / a.count + 1);
     result["window_us"] = window;
-    std::vector<std::uint8_t> png;
-    cv::imencode(".png", view::contact_sheet(recording, window, a.count, theme), png);
-    AtomicFile file(output);
-    file.write(std::as_bytes(std::span(png)));
-    file.commit();
+    write_png(a.output, view::contact_sheet(recording, window, a.count, theme));
   } else if (extension == ".mp4") {
     view::VideoOptions video{.fps = a.fps,
                              .slow_motion = a.slow_motion > 0 ? a.slow_motion : readable_slow_motion(recording.span_us),
@@ -77,7 +72,7 @@ void run(const Arguments& a) {
       output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
-    fmt::print("{}\n", result.dump(2));
+    fmt::print("{}\n", text_of(result, 2));
     return;
   }
   fmt::print("{}: {} events in {:.3f} ms", a.output, recording.events.size(),

@@ -2,7 +2,6 @@
 """python -m pecs_blender …, and the same after `--` for `blender --background --python`."""
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
@@ -11,11 +10,12 @@ if __package__ in (None, ""):  # blender --background --python …/__main__.py -
     sys.path[:0] = [str(here.parent), str(here.parents[1] / "python")]
 
 from pecs_blender.cli import main
+from pecs_blender.core import stop
 
 if __name__ == "__main__":
     code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
     if "bpy" in sys.modules:  # its own exit may hang, or print of memory it kept
-        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
+        stop.clean_up()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -1,50 +1,28 @@
 #include "pecs/calibration/disk.h"
 
-#include <ceres/gradient_problem.h>
-#include <ceres/gradient_problem_solver.h>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <complex>
 #include <functional>
-#include <numbers>
 #include <opencv2/core/optim.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
 
+#include "disk_parts.h"
 #include "pecs/error.h"
 
 namespace pecs::calibration {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
+using namespace disk;
+
 constexpr std::size_t kMostEvents = 400'000, kCoarseEvents = 30'000, kWideEvents = 20'000;
 constexpr int kMostHarmonics = 8;        // up to 16 sectors
 constexpr double kLeastCoherence = 0.2;  // noise gives about 1 / sqrt(events)
-constexpr double kLeastRadius_px = 10;   // nearer to the centre an angle means nothing
 constexpr int kEighths = 8;
 constexpr std::array kWidths = {0.045, 0.022, 0.011, 0.007};  // of the looks at the steps, parts of the period
-
-struct Sample {
-  double x, y, t_s;  // pixel centre; time from the middle of the recording
-  int p;
-};
-
-// Parameters of a fit: centre, speed and the phases of the two sharp steps (ON events', OFF events').
-using Fit = std::array<double, 5>;
-enum { kX, kY, kSpeed, kOnStep, kOffStep };
-
-double wrapped(double angle_deg, double period_deg) {  // to [-period/2, period/2)
-  return angle_deg - period_deg * std::floor(angle_deg / period_deg + 0.5);
-}
-
-// Angle in the frame that turns with the disk.
-double phase_deg(const Sample& s, double x, double y, double speed_deg_s) {
-  return std::atan2(y - s.y, s.x - x) / kDegree - speed_deg_s * s.t_s;
-}
 
 // Minimises f from `start`; `steps` spans the first simplex (Nelder and Mead).
 template <std::size_t N>
@@ -87,232 +65,8 @@ Coherence coherence(std::span<const Sample> samples, int m, double x, double y, 
   return {cv::norm(sums(0, best)) / static_cast<double>(samples.size()), turns * 360 / m};
 }
 
-// ---- fine: the sharp steps of the event density in the turning frame ------------------------------------------------
-
-struct Step {
-  double phase_deg = 0, sign = 0, contrast = 0;  // sign +1: density is higher at larger phase
-};
-
-// Derivative of a Gaussian: positive beyond the step.
-double kernel(double d_deg, double width_deg) {
-  const double u = d_deg / width_deg;
-  return std::abs(u) > 5 ? 0 : u * std::exp(-u * u / 2);
-}
-
-std::array<Step, 2> steepest(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg) {
-  constexpr int kBins = 720;
-  std::array<std::array<double, kBins>, 2> histogram{};
-  for (const Sample& s : samples) {
-    const double part = wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]), period_deg) / period_deg + 0.5;
-    histogram[s.p][std::min(kBins - 1, static_cast<int>(part * kBins))] += 1;
-  }
-  std::array<Step, 2> steps;
-  const double bin_deg = period_deg / kBins;
-  for (int p = 0; p < 2; ++p)
-    for (int i = 0; i < kBins; ++i) {
-      double sum = 0;
-      for (int k = 0; k < kBins; ++k)
-        if (histogram[p][k] > 0)
-          sum += histogram[p][k] * kernel(wrapped((k + 0.5 - i) * bin_deg, period_deg), width_deg);
-      if (std::abs(sum) > steps[p].contrast)
-        steps[p] = {(i - kBins / 2) * bin_deg, sum > 0 ? 1.0 : -1.0, std::abs(sum)};
-    }
-  return steps;
-}
-
-std::vector<Sample> near_steps(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg) {
-  std::vector<Sample> near;
-  for (const Sample& s : samples)
-    if (std::hypot(s.x - fit[kX], s.y - fit[kY]) > kLeastRadius_px &&
-        std::abs(wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]) - fit[s.p ? kOnStep : kOffStep], period_deg)) <
-            6 * width_deg)
-      near.push_back(s);
-  return near;
-}
-
-// Minus the sharpness of both steps. Parameters: the fit's, in units of `unit` from `start`, so that all are of one
-// size.
-class Dullness : public ceres::FirstOrderFunction {
- public:
-  Dullness(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
-           double width_deg, double span_s)
-      : near_(near),
-        start_(start),
-        steps_(steps),
-        period_deg_(period_deg),
-        width_deg_(width_deg),
-        unit_{width_deg, width_deg, width_deg / span_s, width_deg / 2, width_deg / 2} {}
-  int NumParameters() const override { return static_cast<int>(unit_.size()); }
-
-  Fit fit(const double* parameters) const {
-    Fit f = start_;
-    for (std::size_t k = 0; k < f.size(); ++k) f[k] += parameters[k] * unit_[k];
-    return f;
-  }
-
-  bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
-    const Fit f = fit(parameters);
-    double sum = 0;
-    Fit by{};
-    for (const Sample& s : near_) {
-      const int step = s.p ? kOnStep : kOffStep;
-      const double u = wrapped(phase_deg(s, f[kX], f[kY], f[kSpeed]) - f[step], period_deg_) / width_deg_;
-      if (std::abs(u) > 5) continue;
-      const double bell = steps_[s.p].sign * std::exp(-u * u / 2), slope = (1 - u * u) * bell / width_deg_;
-      sum -= u * bell;
-      const double dx = s.x - f[kX], dy = f[kY] - s.y, squared = (dx * dx + dy * dy) * kDegree;
-      by[kX] -= slope * dy / squared, by[kY] -= slope * dx / squared;
-      by[kSpeed] += slope * s.t_s, by[step] += slope;
-    }
-    const double scale = 1.0 / static_cast<double>(near_.size());
-    *cost = sum * scale;
-    if (gradient)
-      for (std::size_t k = 0; k < by.size(); ++k) gradient[k] = by[k] * unit_[k] * scale;
-    return true;
-  }
-
- private:
-  std::span<const Sample> near_;
-  Fit start_;
-  std::array<Step, 2> steps_;
-  double period_deg_, width_deg_;
-  Fit unit_;
-};
-
-// Moves all five parameters to where the two steps are steepest.
-Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
-              double width_deg, double span_s) {
-  auto* dullness = new Dullness(near, start, steps, period_deg, width_deg, span_s);
-  const ceres::GradientProblem problem(dullness);  // which owns it
-  std::array<double, 5> x{};
-  ceres::GradientProblemSolver::Options options;
-  options.logging_type = ceres::SILENT;
-  options.line_search_direction_type = ceres::BFGS;
-  options.max_num_iterations = 60;
-  options.function_tolerance = 1e-8;
-  ceres::GradientProblemSolver::Summary summary;
-  ceres::Solve(options, problem, x.data(), &summary);
-  return dullness->fit(x.data());
-}
-
-// ---- edges of fast pixels -------------------------------------------------------------------------------------------
-
-// Fast pixels answer an edge with a short burst that begins as soon as the blurred edge touches them: ahead of its
-// middle by a number of pixels, so by an angle that falls as 1 / radius. Returns where bursts would begin far out,
-// degrees behind the step, and its deviation.
-Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, double period_deg) {
-  constexpr std::size_t kRings = 8;
-  constexpr double kBegin = 0.05;  // part of a burst: early, yet no stray event
-  const double direction = fit[kSpeed] > 0 ? 1 : -1;
-  std::vector<std::pair<double, double>> events;  // radius, delay
-  for (const Sample& s : samples) {
-    const double r = std::hypot(s.x - fit[kX], s.y - fit[kY]);
-    const double late =
-        -direction * wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]) - fit[p ? kOnStep : kOffStep], period_deg);
-    if (s.p == p && r > kLeastRadius_px && std::abs(late) < period_deg / 16) events.emplace_back(r, late);
-  }
-  if (events.size() < 100 * kRings) return {};
-  std::sort(events.begin(), events.end());
-  // A line through the rings' 1 / radius and beginnings; the innermost ring is too blurred.
-  std::array<double, kRings> inverse{}, begin{};
-  double mean = 0, mean_begin = 0, squares = 0, slope = 0, left = 0;
-  for (std::size_t k = 1; k < kRings; ++k) {
-    const std::span ring(events.data() + events.size() * k / kRings, events.data() + events.size() * (k + 1) / kRings);
-    for (const auto& e : ring) inverse[k] += 1 / e.first / static_cast<double>(ring.size());
-    const auto at = ring.begin() + static_cast<std::ptrdiff_t>(kBegin * static_cast<double>(ring.size()));
-    std::nth_element(ring.begin(), at, ring.end(), [](const auto& u, const auto& v) { return u.second < v.second; });
-    begin[k] = at->second;
-    mean += inverse[k] / (kRings - 1), mean_begin += begin[k] / (kRings - 1);
-  }
-  for (std::size_t k = 1; k < kRings; ++k) {
-    squares += (inverse[k] - mean) * (inverse[k] - mean);
-    slope += (inverse[k] - mean) * (begin[k] - mean_begin);
-  }
-  slope /= squares;
-  for (std::size_t k = 1; k < kRings; ++k) {
-    const double off = begin[k] - mean_begin - slope * (inverse[k] - mean);
-    left += off * off / (kRings - 3);
-  }
-  return {mean_begin - slope * mean, std::sqrt(left * (1.0 / (kRings - 1) + mean * mean / squares))};
-}
-
-// ---- rim ------------------------------------------------------------------------------------------------------------
-
-// `picture`: outline of what the camera sees; events that stop there end no disk.
-void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, Disk& disk) {
-  constexpr int kWedges = 90, kPerPixel = 4, kReach = 6 * kPerPixel;  // compares 6 px inside with 6 px outside
-  constexpr double kLeastContrast = 4.5;                              // standard deviations; chance reaches about 4
-  const auto farthest = std::max_element(samples.begin(), samples.end(), [&](const Sample& a, const Sample& b) {
-    const double cx = disk.centre_x.value, cy = disk.centre_y.value;
-    return std::hypot(a.x - cx, a.y - cy) < std::hypot(b.x - cx, b.y - cy);
-  });
-  const double far = std::hypot(farthest->x - disk.centre_x.value, farthest->y - disk.centre_y.value);
-  const int bins = static_cast<int>(far * kPerPixel) + kReach + 2;
-  std::vector<std::vector<double>> events(kWedges, std::vector<double>(bins));  // by radius, then summed up to it
-  for (const Sample& s : samples) {
-    const double dx = s.x - disk.centre_x.value, dy = s.y - disk.centre_y.value;
-    const int wedge =
-        std::min(kWedges - 1, static_cast<int>((std::atan2(dy, dx) / (2 * std::numbers::pi) + 0.5) * kWedges));
-    events[wedge][static_cast<int>(std::hypot(dx, dy) * kPerPixel)] += 1;
-  }
-
-  // In each wedge the outermost radius where events stop: the step that stands out most against chance.
-  std::vector<cv::Point2f> points;
-  for (int w = 0; w < kWedges; ++w) {
-    auto& sum = events[w];
-    for (int i = 1; i < bins; ++i) sum[i] += sum[i - 1];
-    const double angle = ((w + 0.5) / kWedges - 0.5) * 2 * std::numbers::pi;
-    const auto place = [&](double radius) {
-      return cv::Point2f(static_cast<float>(disk.centre_x.value + radius * std::cos(angle)),
-                         static_cast<float>(disk.centre_y.value + radius * std::sin(angle)));
-    };
-    int end = bins;
-    while (end > 0 && cv::pointPolygonTest(picture, place(static_cast<double>(end) / kPerPixel), false) < 0) --end;
-    double best = kLeastContrast;
-    int rim = 0;
-    for (int i = kReach + 2; i + kReach < end; ++i) {
-      const double r = static_cast<double>(i + 1) / kPerPixel, half = 0.5 * kReach / kPerPixel;
-      const double inside = sum[i] - sum[i - kReach], outside = (sum[i + kReach] - sum[i]) * (r - half) / (r + half);
-      const double contrast = (inside - outside) / std::sqrt(inside + outside + 1);
-      if (contrast > best) best = contrast, rim = i + 1;
-    }
-    if (rim > 0) points.push_back(place(static_cast<double>(rim) / kPerPixel));
-  }
-
-  // An ellipse through them, again and again without outliers.
-  const auto distance = [&](const cv::Point2f& p) {
-    const double a = disk.rim.angle * kDegree, dx = p.x - disk.rim.center.x, dy = p.y - disk.rim.center.y;
-    const double u = (dx * std::cos(a) + dy * std::sin(a)) / (disk.rim.size.width / 2);
-    const double v = (-dx * std::sin(a) + dy * std::cos(a)) / (disk.rim.size.height / 2);
-    return (std::hypot(u, v) - 1) * (disk.rim.size.width + disk.rim.size.height) / 4;
-  };
-  for (int pass = 0; pass < 4; ++pass) {
-    if (points.size() < 20) {
-      disk.rim = {};
-      disk.warnings.push_back("rim: too few directions with enough events");
-      return;
-    }
-    disk.rim = cv::fitEllipseDirect(points);
-    std::vector<double> off;
-    for (const auto& p : points) off.push_back(std::abs(distance(p)));
-    std::vector<double> sorted = off;
-    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-    const double limit = std::max(0.5, 4 * sorted[sorted.size() / 2]);
-    std::vector<cv::Point2f> kept;
-    double squares = 0;
-    for (std::size_t i = 0; i < points.size(); ++i)
-      if (off[i] <= limit) kept.push_back(points[i]), squares += off[i] * off[i];
-    disk.rim_rms_px = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, kept.size())));
-    points = std::move(kept);
-  }
-}
-
-Json json_of(const Measured& m) { return {{"value", m.value}, {"deviation", m.deviation}}; }
-
-}  // namespace
-
-Disk find_disk(const events::Recording& recording, const std::string& file, const PlaceOnPlane& place) {
-  // Samples, at random if there are very many.
+// At random if there are very many; in random order.
+std::vector<Sample> samples_of(const events::Recording& recording, const PlaceOnPlane& place) {
   std::mt19937_64 random(1);
   std::vector<Sample> samples;
   const double span_s = static_cast<double>(recording.span_us) * 1e-6;
@@ -323,12 +77,22 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
       if (place) at = place(at);
       samples.push_back({at.x, at.y, static_cast<double>(e.t_us) * 1e-6 - span_s / 2, e.p});
     }
-  if (samples.size() < 2000)
-    throw bad_input(file, "disk", fmt::format("nothing found: {} events", samples.size()), "at least 2000 events");
   std::shuffle(samples.begin(), samples.end(), random);
-  const std::span few(samples.data(), std::min(samples.size(), kCoarseEvents));
+  return samples;
+}
 
-  // Coarse: the harmonics that add up best about the median event, each with its best centre.
+// The harmonics that add up best about the median event, each with its best centre.
+struct Candidate {
+  int harmonic = 0;
+  double coherence = 0;
+  Fit fit{};
+  double period_deg() const { return 360.0 / harmonic; }
+  std::string text() const {
+    return fmt::format("best candidate: {} sectors about ({:.1f}, {:.1f}), {:.1f} deg/s, coherence {:.3f}",
+                       2 * harmonic, fit[kX], fit[kY], fit[kSpeed], coherence);
+  }
+};
+Candidate best_candidate(std::span<const Sample> few, double span_s, double reach_px) {
   std::vector<double> xs, ys;
   for (const Sample& s : few) xs.push_back(s.x), ys.push_back(s.y);
   const auto middle = static_cast<std::ptrdiff_t>(few.size() / 2);
@@ -339,78 +103,75 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
   for (int m = 1; m <= kMostHarmonics; ++m)
     ranked.emplace_back(coherence(few, m, median[0], median[1], span_s).value, m);
   std::sort(ranked.rbegin(), ranked.rend());
-  int harmonic = 0;
-  Coherence best;
-  Fit fit{};
+  Candidate best;
   for (int i = 0; i < 3; ++i) {
     const int m = ranked[i].second;
-    const double reach = 0.05 * recording.width;
     const auto centre = minimise<2>([&](const double* c) { return -coherence(few, m, c[0], c[1], span_s).value; },
-                                    median, {reach, reach}, 80, 1e-4);
+                                    median, {reach_px, reach_px}, 80, 1e-4);
     const Coherence c = coherence(few, m, centre[0], centre[1], span_s);
-    if (c.value > best.value) best = c, harmonic = m, fit = {centre[0], centre[1], c.speed_deg_s, 0, 0};
+    if (c.value > best.coherence) best = {m, c.value, {centre[0], centre[1], c.speed_deg_s, 0, 0}};
   }
-  const std::string candidate =
-      fmt::format("best candidate: {} sectors about ({:.1f}, {:.1f}), {:.1f} deg/s, coherence {:.3f}", 2 * harmonic,
-                  fit[kX], fit[kY], fit[kSpeed], best.value);
-  if (best.value < kLeastCoherence)
-    throw bad_input(file, "disk", "nothing found (" + candidate + ")",
-                    fmt::format("a coherence of at least {}", kLeastCoherence));
+  return best;
+}
 
-  // Fine: ever narrower looks at the steps.
-  const double period_deg = 360.0 / harmonic;
+// Ever narrower looks at the steps; returns the last one, and the fit in its candidate.
+struct Look {
   std::array<Step, 2> steps;
   std::vector<Sample> near;
   double width_deg = 0;
+};
+Look last_look(std::span<const Sample> samples, Candidate& c, double span_s, const std::string& file) {
+  const std::string text = c.text();
+  const double period_deg = c.period_deg();
+  Look look;
   for (const double part : kWidths) {
-    width_deg = part * period_deg;
-    steps = steepest(samples, fit, period_deg, width_deg);
-    fit[kOnStep] = steps[1].phase_deg, fit[kOffStep] = steps[0].phase_deg;
-    near = near_steps(samples, fit, period_deg, width_deg);
-    if (near.size() < 200 || steps[0].contrast < 5 * std::sqrt(static_cast<double>(near.size())) / 2)
-      throw bad_input(file, "disk", "nothing found (" + candidate + ")", "edges that stand out in the turning frame");
-    const bool last = width_deg == kWidths.back() * period_deg;
-    const std::span used(near.data(), last ? near.size() : std::min(near.size(), kWideEvents));
-    fit = sharpened(used, fit, steps, period_deg, width_deg, span_s);
+    look.width_deg = part * period_deg;
+    look.steps = steepest(samples, c.fit, period_deg, look.width_deg);
+    c.fit[kOnStep] = look.steps[1].phase_deg, c.fit[kOffStep] = look.steps[0].phase_deg;
+    look.near = near_steps(samples, c.fit, period_deg, look.width_deg);
+    if (look.near.size() < 200 || look.steps[0].contrast < 5 * std::sqrt(static_cast<double>(look.near.size())) / 2)
+      throw bad_input(file, "disk", "nothing found (" + text + ")", "edges that stand out in the turning frame");
+    const bool last = part == kWidths.back();
+    const std::span used(look.near.data(), last ? look.near.size() : std::min(look.near.size(), kWideEvents));
+    c.fit = sharpened(used, c.fit, look.steps, period_deg, look.width_deg, span_s);
   }
+  return look;
+}
 
-  // How sure: the same fit on random eighths; how steady: on the two halves in time.
-  std::array<std::vector<Sample>, kEighths> eighths;
-  std::array<std::vector<Sample>, 2> halves;
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    eighths[i % kEighths].push_back(near[i]);
-    halves[near[i].t_s > 0].push_back(near[i]);
+// How sure: the same fit on random eighths; how steady: on the two halves in time.
+struct Refits {
+  Fit deviation{};
+  double first_half_deg_s = 0, second_half_deg_s = 0;
+};
+Refits refits_of(const Look& look, const Candidate& c, double span_s) {
+  std::array<std::vector<Sample>, kEighths + 2> parts;
+  for (std::size_t i = 0; i < look.near.size(); ++i) {
+    parts[i % kEighths].push_back(look.near[i]);
+    parts[look.near[i].t_s > 0 ? kEighths + 1 : kEighths].push_back(look.near[i]);
   }
-  std::array<Fit, kEighths + 2> refits;
+  std::array<Fit, kEighths + 2> fits;
   tbb::parallel_for(0, kEighths + 2, [&](int i) {
-    const auto& part = i < kEighths ? eighths[i] : halves[i - kEighths];
-    refits[i] = sharpened(part, fit, steps, period_deg, width_deg, span_s);
+    fits[i] = sharpened(parts[i], c.fit, look.steps, c.period_deg(), look.width_deg, span_s);
   });
-  std::array<double, 5> squares{};
-  for (int i = 0; i < kEighths; ++i)
-    for (std::size_t k = 0; k < fit.size(); ++k) squares[k] += (refits[i][k] - fit[k]) * (refits[i][k] - fit[k]);
-  const auto measured = [&](int k) { return Measured{fit[k], std::sqrt(squares[k] / (kEighths - 1.0) / kEighths)}; };
+  Refits out{{}, fits[kEighths][kSpeed], fits[kEighths + 1][kSpeed]};
+  for (std::size_t k = 0; k < c.fit.size(); ++k) {
+    double squares = 0;
+    for (int i = 0; i < kEighths; ++i) squares += (fits[i][k] - c.fit[k]) * (fits[i][k] - c.fit[k]);
+    out.deviation[k] = std::sqrt(squares / (kEighths - 1.0) / kEighths);
+  }
+  return out;
+}
 
-  Disk disk;
-  disk.centre_x = measured(kX), disk.centre_y = measured(kY), disk.speed_deg_s = measured(kSpeed);
-  disk.sectors = 2 * harmonic;
-  disk.phase_time_us = recording.first_us + recording.span_us / 2;
-  disk.coherence = best.value;
-  disk.events = samples.size();
-  const double first_half = refits[kEighths][kSpeed], second_half = refits[kEighths + 1][kSpeed];
-  const double change = second_half - first_half;
-  if (std::abs(change) > 0.02 * std::abs(fit[kSpeed]) && std::abs(change) > 10 * disk.speed_deg_s.deviation)
-    disk.warnings.push_back(fmt::format("the speed changes: {:.1f} deg/s in the first half, {:.1f} deg/s in the second",
-                                        first_half, second_half));
-
-  // Does it turn so throughout: polarities must add up in every quarter of the recording, at the same phase.
+// Does it turn so throughout: polarities must add up in every quarter of the recording, at the same phase.
+void check_quarters(std::span<const Sample> samples, const Candidate& c, double span_s,
+                    std::vector<std::string>& warnings) {
   std::array<std::complex<double>, 4> sums{};
   std::array<double, 4> counts{};
   for (const Sample& s : samples) {
     const auto quarter = static_cast<std::size_t>(std::clamp((s.t_s / span_s + 0.5) * 4, 0.0, 3.0));
     counts[quarter] += 1;
     sums[quarter] +=
-        (s.p ? 1.0 : -1.0) * std::polar(1.0, harmonic * kDegree * phase_deg(s, fit[kX], fit[kY], fit[kSpeed]));
+        (s.p ? 1.0 : -1.0) * std::polar(1.0, c.harmonic * kDegree * phase_deg(s, c.fit[kX], c.fit[kY], c.fit[kSpeed]));
   }
   const auto strongest =
       *std::max_element(sums.begin(), sums.end(), [](auto a, auto b) { return std::abs(a) < std::abs(b); });
@@ -423,25 +184,27 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
   const double average = static_cast<double>(samples.size()) / 4;
   for (std::size_t q = 0; q < 4; ++q)
     if (parts[q] < 0.5 * most || counts[q] < 0.2 * average) {
-      disk.warnings.push_back(fmt::format(
+      warnings.push_back(fmt::format(
           "the disk does not turn so throughout: by quarters of the recording {:.0f} {:.0f} {:.0f} {:.0f} events, "
           "coherence {:.2f} {:.2f} {:.2f} {:.2f}",
           counts[0], counts[1], counts[2], counts[3], parts[0], parts[1], parts[2], parts[3]));
-      break;
+      return;
     }
+}
 
-  // Later events lie at smaller phases (counter-clockwise). Events that begin at their step begin at their own edge;
-  // events that end there are ended by the edge of the other polarity.
-  const double direction = fit[kSpeed] > 0 ? 1 : -1;
+// Where the two edges are. Later events lie at smaller phases (counter-clockwise). Events that begin at their step
+// begin at their own edge; events that end there are ended by the edge of the other polarity.
+void place_edges(std::span<const Sample> samples, const Candidate& c, const std::array<Step, 2>& steps,
+                 const Fit& deviation, Disk& disk) {
+  const double direction = c.fit[kSpeed] > 0 ? 1 : -1, period_deg = c.period_deg();
   disk.on_starts_sharply = steps[1].sign * direction < 0;
   disk.off_starts_sharply = steps[0].sign * direction < 0;
   const bool both_at_off = !disk.on_starts_sharply && disk.off_starts_sharply;
   const bool both_at_on = disk.on_starts_sharply && !disk.off_starts_sharply;
   const auto edge = [&](int step, double shift_deg) {
-    Measured m = measured(step);
-    m.value += shift_deg;
+    Measured m{c.fit[step] + shift_deg, deviation[step]};
     if (step == kOnStep ? disk.on_starts_sharply : disk.off_starts_sharply) {
-      const Measured begin = burst_begins(samples, fit, step == kOnStep, period_deg);
+      const Measured begin = burst_begins(samples, c.fit, step == kOnStep, period_deg);
       m.value -= direction * begin.value;
       m.deviation = std::hypot(m.deviation, begin.deviation);
     }
@@ -453,17 +216,117 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
   if (both_at_off || both_at_on)
     disk.warnings.push_back(fmt::format("only the {} edge is sharp; the other one is taken from equal sectors",
                                         both_at_off ? "OFF" : "ON"));
+}
 
-  std::vector<cv::Point2f> picture;
+// Outline of what the camera sees, on the disk's plane.
+std::vector<cv::Point2f> outline_of(const events::Recording& recording, const PlaceOnPlane& place) {
   const auto width = static_cast<double>(recording.width), height = static_cast<double>(recording.height);
   const std::array<cv::Point2d, 5> corners = {{{0, 0}, {width, 0}, {width, height}, {0, height}, {0, 0}}};
   constexpr int kParts = 16;
+  std::vector<cv::Point2f> outline;
   for (std::size_t i = 0; i < 4; ++i)
     for (int k = 0; k < kParts; ++k) {
       const cv::Point2d at = corners[i] + (corners[i + 1] - corners[i]) * k / kParts;
-      picture.emplace_back(place ? place(at) : at);
+      outline.emplace_back(place ? place(at) : at);
     }
-  find_rim(samples, picture, disk);
+  return outline;
+}
+
+// What an edge of a polarity made, and what it should have: events behind it, by the edge.
+struct Shares {
+  std::array<std::vector<double>, 2> found, expected;
+};
+Shares shares_of(std::span<const Sample> samples, const Disk& disk, double span_s) {
+  constexpr double kEarly = 0.1;      // parts of a period: blurred edges are answered early
+  constexpr double kMostTurn = 1080;  // [deg]; longer recordings show all edges alike
+  const auto edges = static_cast<std::size_t>(disk.sectors / 2);
+  const double period_deg = 720.0 / disk.sectors, speed = disk.speed_deg_s.value;
+  // The last edge before a pixel at `angle_deg`, when the edges have turned by `turned_deg`.
+  const auto edge_of = [&](int p, double angle_deg, double turned_deg) {
+    const double ahead = (p ? disk.on_edge_deg : disk.off_edge_deg).value + turned_deg - angle_deg;
+    const auto k = static_cast<long>(std::floor((speed > 0 ? ahead : -ahead) / period_deg + kEarly));
+    const long m = static_cast<long>(edges);
+    return static_cast<std::size_t>((k % m + m) % m);
+  };
+  Shares shares;
+  for (auto* v : {&shares.found, &shares.expected}) v->fill(std::vector<double>(edges));
+  std::array<double, 360> seen{};  // by the pixel's angle: how much of the disk is in view there
+  for (const Sample& s : samples) {
+    const double dx = s.x - disk.centre_x.value, dy = disk.centre_y.value - s.y;
+    if (std::hypot(dx, dy) < kLeastRadius_px) continue;
+    const double angle = std::atan2(dy, dx) / kDegree;
+    shares.found[s.p][edge_of(s.p, angle, speed * s.t_s)] += 1;
+    seen[static_cast<std::size_t>(angle + 360) % 360] += 1;
+  }
+  const double turn = std::min(kMostTurn, std::abs(speed) * span_s) * (speed > 0 ? 1 : -1);
+  const int steps = std::max(1, static_cast<int>(std::abs(turn) / 2));
+  for (int p = 0; p < 2; ++p) {
+    double events = 0, all = 0;
+    for (int i = 0; i < steps; ++i)
+      for (std::size_t a = 0; a < seen.size(); ++a)
+        shares.expected[p][edge_of(p, static_cast<double>(a) + 0.5, turn * ((i + 0.5) / steps - 0.5))] += seen[a];
+    for (std::size_t k = 0; k < edges; ++k) events += shares.found[p][k], all += shares.expected[p][k];
+    for (double& e : shares.expected[p]) e *= events / std::max(1.0, all);
+  }
+  return shares;
+}
+
+// Are they sectors? Then all edges of a kind make events alike, as far as they are in view, and ON and OFF edges lie
+// half a period apart. All events of a spot on the disk come from one of the edges.
+void check_sectors(std::span<const Sample> samples, const Disk& disk, double span_s, const std::string& file) {
+  constexpr double kLeastShare = 0.35, kEnough = 50;
+  const auto refuse = [&](const std::string& why) {
+    throw bad_input(file, "disk",
+                    fmt::format("something that turns at {:.1f} deg/s about ({:.1f}, {:.1f}), but {}",
+                                disk.speed_deg_s.value, disk.centre_x.value, disk.centre_y.value, why),
+                    "a disk of alternating black and white sectors of equal width");
+  };
+  const Shares shares = shares_of(samples, disk, span_s);
+  for (const std::size_t p : {1, 0})
+    for (std::size_t k = 0; k < shares.found[p].size(); ++k)
+      if (shares.expected[p][k] > kEnough && shares.found[p][k] < kLeastShare * shares.expected[p][k])
+        refuse(fmt::format("one of its {} {} edges made {:.0f} events where all alike would make {:.0f}",
+                           shares.found[p].size(), p ? "ON" : "OFF", shares.found[p][k], shares.expected[p][k]));
+  const double period_deg = 720.0 / disk.sectors;
+  const double off = std::remainder(disk.off_edge_deg.value - disk.on_edge_deg.value - period_deg / 2, period_deg);
+  if (std::abs(off) > period_deg / 6)
+    refuse(
+        fmt::format("its edges lie {:.0f} and {:.0f} deg apart by turns", period_deg / 2 + off, period_deg / 2 - off));
+}
+
+Json json_of(const Measured& m) { return {{"value", m.value}, {"deviation", m.deviation}}; }
+
+}  // namespace
+
+Disk find_disk(const events::Recording& recording, const std::string& file, const PlaceOnPlane& place) {
+  const std::vector<Sample> samples = samples_of(recording, place);
+  const double span_s = static_cast<double>(recording.span_us) * 1e-6;
+  if (samples.size() < 2000)
+    throw bad_input(file, "disk", fmt::format("nothing found: {} events", samples.size()), "at least 2000 events");
+  Candidate c =
+      best_candidate({samples.data(), std::min(samples.size(), kCoarseEvents)}, span_s, 0.05 * recording.width);
+  if (c.coherence < kLeastCoherence)
+    throw bad_input(file, "disk", "nothing found (" + c.text() + ")",
+                    fmt::format("a coherence of at least {}", kLeastCoherence));
+  const Look look = last_look(samples, c, span_s, file);
+  const Refits refits = refits_of(look, c, span_s);
+
+  Disk disk;
+  disk.centre_x = {c.fit[kX], refits.deviation[kX]};
+  disk.centre_y = {c.fit[kY], refits.deviation[kY]};
+  disk.speed_deg_s = {c.fit[kSpeed], refits.deviation[kSpeed]};
+  disk.sectors = 2 * c.harmonic;
+  disk.phase_time_us = recording.first_us + recording.span_us / 2;
+  disk.coherence = c.coherence;
+  disk.events = samples.size();
+  const double change = refits.second_half_deg_s - refits.first_half_deg_s;
+  if (std::abs(change) > 0.02 * std::abs(c.fit[kSpeed]) && std::abs(change) > 10 * disk.speed_deg_s.deviation)
+    disk.warnings.push_back(fmt::format("the speed changes: {:.1f} deg/s in the first half, {:.1f} deg/s in the second",
+                                        refits.first_half_deg_s, refits.second_half_deg_s));
+  check_quarters(samples, c, span_s, disk.warnings);
+  place_edges(samples, c, look.steps, refits.deviation, disk);
+  check_sectors(samples, disk, span_s, file);
+  find_rim(samples, outline_of(recording, place), disk);
   return disk;
 }
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "pecs/error.h"
-#include "pecs/lens/field.h"
+#include "pecs/lens/image_map.h"
 #include "pecs/lens/report.h"
 
 namespace pecs::calibration {
@@ -59,25 +59,28 @@ cv::Point2d Optics::normalised(const cv::Point2d& pixel) const {
 
 Optics optics_of(const LensSetting& s, cv::Size size) {
   const lens::Prescription prescription = lens::load_prescription(s.lens);
-  const double stop = lens::resolve_stop(prescription, {s.stop_diameter_mm, {}});
-  const double bands[] = {s.lambda_nm};
-  const lens::Focus focus = lens::best_focus(prescription, bands, s.focus_m, stop);
-  const lens::Tracer tracer(prescription, s.lambda_nm, stop);
-  const double pitch_mm = s.pixel_pitch_um * 1e-3, corner_px = std::hypot(size.width, size.height) / 2;
+  lens::ImageSetting setting{.width_px = size.width, .height_px = size.height};
+  setting.pixel_pitch_mm = s.pixel_pitch_um * 1e-3;
+  setting.lambda_nm = s.lambda_nm;
+  setting.focus_m = s.focus_m;
+  setting.stop_diameter_mm = lens::resolve_stop(prescription, {s.stop_diameter_mm, {}});
+  const lens::ImageMap map(prescription, setting);
+  const cv::Point2d middle(size.width / 2.0, size.height / 2.0);
+  const double corner_px = cv::norm(middle);
   std::vector<double> angle = {0}, radius = {0};
   // A little beyond the corner, so that what is half out of view still has a place.
   for (int i = 1; i <= kSteps; ++i) {
-    const double r = 1.1 * corner_px * i / kSteps;
-    const auto a = lens::field_angle_deg(tracer, prescription.stop, focus.film_z_mm, r * pitch_mm);
-    if (!a || *a * CV_PI / 180 <= angle.back()) {
+    const double r = 1.099 * corner_px * i / kSteps;
+    const auto d = map.direction_from_pixel({middle.x + r, middle.y});
+    if (!d) {
       if (r > corner_px) break;
       throw bad_input(
-          s.lens, "field", fmt::format("no chief ray {:.3f} mm off the axis", r * pitch_mm),
+          s.lens, "field", fmt::format("no chief ray {:.3f} mm off the axis", r * setting.pixel_pitch_mm),
           fmt::format("a lens that covers {} x {} pixels of {} um", size.width, size.height, s.pixel_pitch_um));
     }
-    angle.push_back(*a * CV_PI / 180), radius.push_back(r);
+    angle.push_back(std::atan2(d->x, d->z)), radius.push_back(r);
   }
-  return resampled(angle, radius, {size.width / 2.0, size.height / 2.0});
+  return resampled(angle, radius, middle);
 }
 
 Optics optics_of(const CameraModel& c) {

@@ -1,28 +1,38 @@
-"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h)."""
+"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h; docs/python.md)."""
 
-from ._library import PecsError, data_dir, version
-from .compare import distance
-from .events import EVENT_DTYPE, EventReader, EventWriter, event_formats, read, write
+from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version
+from ._sense import sense
+from .chip import Chip, bands, models
+from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
-from .sensor import Sensor, bands, simulate
+from .metrics import compare, delays
+from .sensor import Sensor, simulate
 from .stack import StackReader, StackWriter
 
 __version__ = version()
 __all__ = [
     "Camera",
+    "Chip",
     "EVENT_DTYPE",
     "EventReader",
     "EventWriter",
+    "Events",
     "Lens",
     "PecsError",
+    "PecsInputError",
+    "PecsNotFoundError",
+    "PecsOutputError",
     "Sensor",
     "StackReader",
     "StackWriter",
     "bands",
+    "compare",
     "data_dir",
-    "distance",
+    "delays",
     "event_formats",
+    "models",
     "read",
+    "sense",
     "simulate",
     "version",
     "write",

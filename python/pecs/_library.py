@@ -9,7 +9,9 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +20,33 @@ if TYPE_CHECKING:
 
 
 class PecsError(RuntimeError):
-    """An error from the library. `code` is one of the program's exit codes (docs/exit_codes.md)."""
+    """An error from the library, one line. `code` is one of the program's exit codes (docs/exit_codes.md).
+
+    Its kinds are also Python's own: `PecsNotFoundError` a FileNotFoundError, `PecsInputError` a ValueError,
+    `PecsOutputError` an OSError.
+    """
 
     def __init__(self, message: str, code: int):
         super().__init__(message)
         self.code = code
+
+    def __reduce__(self) -> tuple[type[PecsError], tuple[str, int]]:
+        return type(self), (str(self), self.code)
+
+
+class PecsNotFoundError(PecsError, FileNotFoundError):
+    """An input is missing or cannot be opened."""
+
+
+class PecsInputError(PecsError, ValueError):
+    """An argument, or what an input says, is wrong."""
+
+
+class PecsOutputError(PecsError, OSError):
+    """An output cannot be written: no permission, disk full, exists and differs."""
+
+
+_KINDS = {2: PecsInputError, 3: PecsNotFoundError, 4: PecsInputError, 5: PecsOutputError}
 
 
 class _CError(ctypes.Structure):
@@ -41,19 +65,28 @@ def _find() -> Path:
     raise ImportError("libpecs.so not found; looked at " + ", ".join(map(str, tried)) + " (scripts/setup.sh builds it)")
 
 
-_lib = ctypes.CDLL(str(_find()))
+def _load(path: Path) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as e:
+        raise ImportError(f"{path}: {e}; a plain wheel needs the libraries of the system that built it") from None
+
+
+_lib = _load(_find())
 _lib.pecs_version.restype = ctypes.c_char_p
 _lib.pecs_text_free.argtypes = [ctypes.c_void_p]
 _lib.pecs_text_free.restype = None
 
 
 def version() -> str:
-    return _lib.pecs_version().decode()
+    """The library's version."""
+    text: bytes = _lib.pecs_version()
+    return text.decode()
 
 
-def function(name: str, restype: Any, *argtypes: Any, error: bool = True):
+def function(name: str, restype: Any, *argtypes: Any, error: bool = True) -> Callable[..., Any]:
     """A callable for C function `name`. With `error`, the trailing pecs_error* is added and raised as PecsError."""
-    f = getattr(_lib, name)
+    f = _lib[name]  # not shared, unlike an attribute
     f.restype = restype
     f.argtypes = [*argtypes, ctypes.POINTER(_CError)] if error else list(argtypes)
     if not error:
@@ -63,7 +96,8 @@ def function(name: str, restype: Any, *argtypes: Any, error: bool = True):
         status = _CError()
         result = f(*args, ctypes.byref(status))
         if status.code:
-            raise PecsError(status.message.decode(errors="replace"), status.code)
+            kind = _KINDS.get(status.code, PecsError)
+            raise kind(status.message.decode(errors="replace"), status.code)
         return result
 
     return call
@@ -86,7 +120,7 @@ def data_dir(room: str) -> Path:
     return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(room.encode())))
 
 
-def json_function(name: str, *argtypes: Any):
+def json_function(name: str, *argtypes: Any) -> Callable[..., Any]:
     """As `function`, for functions that take JSON text last and return JSON text."""
     f = function(name, ctypes.c_void_p, *argtypes, ctypes.c_char_p)
 
@@ -98,13 +132,23 @@ def json_function(name: str, *argtypes: Any):
 
 
 class Handle:
-    """An opaque handle of the library; `_free` of the subclass gives it back."""
+    """An opaque handle of the library; `_free` of the subclass gives it back.
+
+    Any thread may call any method at any time: calls of one object wait for each other, `close` too. After `close`
+    every method raises ValueError.
+    """
 
     _handle: int | None = None
+    _lock: threading.RLock
     _free: Callable[[int], None]
 
+    def __init__(self, handle: int):
+        self._lock = threading.RLock()
+        self._handle = handle
+
     def __enter__(self) -> Self:
-        return self
+        with self._use():
+            return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -113,11 +157,18 @@ class Handle:
         self.close()
 
     def close(self) -> None:
-        if self._handle:
+        """Frees it; may be called again."""
+        if self._handle is None:  # or never opened
+            return
+        with self._lock:
             handle, self._handle = self._handle, None
-            self._free(handle)
+            if handle is not None:
+                self._free(handle)
 
-    def _alive(self) -> int:
-        if not self._handle:
-            raise ValueError(f"this {type(self).__name__} is closed")
-        return self._handle
+    @contextmanager
+    def _use(self) -> Iterator[int]:
+        """The handle, for this thread alone."""
+        with self._lock:
+            if self._handle is None:
+                raise ValueError(f"this {type(self).__name__} is closed")
+            yield self._handle

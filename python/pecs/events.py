@@ -1,7 +1,8 @@
 """Event files as structured NumPy arrays: t (int64, microseconds), x, y (uint16) and p (uint8, 1 = brighter).
 
     events = pecs.read("recording.raw")
-    pecs.write("events.h5", events, width=1280, height=720)
+    bright = events[events["p"] == 1]                # keeps events.width and events.height
+    pecs.write("events.h5", bright)
 
 `EventReader` and `EventWriter` do the same in blocks, for files larger than memory. Formats: `event_formats()`.
 """
@@ -10,12 +11,12 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ._library import Handle, function, take_json
 
@@ -24,80 +25,157 @@ EVENT_DTYPE = np.dtype(
 )
 _BLOCK = 1 << 16
 
+if TYPE_CHECKING:
+    _Array = np.ndarray[Any, np.dtype[Any]]
+else:
+    _Array = np.ndarray
+
+
+class Events(_Array):
+    """Events that know the size of their pixel array: `width`, `height` in pixels, 0 if unknown.
+
+    A structured array with the fields t, x, y, p, whose slices, masks and copies keep the size; a single field is a
+    plain array. `pecs.Events(array, width, height)` makes one of any structured array.
+    """
+
+    width: int
+    height: int
+    __array_priority__ = 1.0  # np.concatenate gives Events
+
+    def __new__(cls, events: ArrayLike, width: int = 0, height: int = 0) -> Events:
+        out: Events = np.asarray(events).view(cls)
+        out.width, out.height = width, height
+        return out
+
+    def __array_finalize__(self, source: object) -> None:
+        self.width, self.height = getattr(source, "width", 0), getattr(source, "height", 0)
+
+    def __getitem__(self, key: Any) -> Any:
+        return _plain_fields(super().__getitem__(key))
+
+    def __array_function__(
+        self, func: Callable[..., Any], types: Iterable[type], args: Iterable[Any], kwargs: Mapping[str, Any]
+    ) -> Any:
+        out = _plain_fields(super().__array_function__(func, types, args, kwargs))
+        if isinstance(out, Events) and not out.width:  # np.concatenate
+            out.width, out.height = self.width, self.height
+        return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        reduced: Any = super().__reduce__()
+        make, arguments, state = reduced
+        return make, arguments, (*state, self.width, self.height)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        *plain, self.width, self.height = state
+        super().__setstate__(tuple(plain))
+
+
+def _plain_fields(value: Any) -> Any:
+    return value.view(np.ndarray) if isinstance(value, Events) and value.dtype.names is None else value
+
+
 _formats = function("pecs_event_formats", ctypes.c_void_p)
-_open = function("pecs_events_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_info = function("pecs_events_info", ctypes.c_void_p, ctypes.c_void_p)
-_read = function("pecs_events_read", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_close = function("pecs_events_close", None, ctypes.c_void_p, error=False)
-_create = function("pecs_events_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_write = function("pecs_events_write", ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_finish = function("pecs_events_finish", ctypes.c_int, ctypes.c_void_p)
-_discard = function("pecs_events_discard", None, ctypes.c_void_p, error=False)
+_open = function("pecs_event_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
+_info = function("pecs_event_reader_info", ctypes.c_void_p, ctypes.c_void_p)
+_read = function("pecs_event_reader_read", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+_reader_close = function("pecs_event_reader_close", None, ctypes.c_void_p, error=False)
+_create = function("pecs_event_writer_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
+_write = function("pecs_event_writer_write", ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+_finish = function("pecs_event_writer_finish", ctypes.c_int, ctypes.c_void_p)
+_writer_close = function("pecs_event_writer_close", None, ctypes.c_void_p, error=False)
 
 
 def event_formats() -> list[dict[str, Any]]:
     """[{"name", "description", "extensions", "reads", "writes"}, ...]"""
-    return take_json(_formats())
+    formats: list[dict[str, Any]] = take_json(_formats())
+    return formats
 
 
 class EventReader(Handle):
-    """Iterates over a file's events in blocks. `format`: a name of `event_formats()`, or None: by content."""
+    """Iterates over a file's events in blocks. `format`: a name of `event_formats()`, or None: by content.
 
-    _free = staticmethod(_close)
+        with pecs.EventReader("recording.raw") as reader:
+            on = sum(int(block["p"].sum()) for block in reader)
+
+    Raises PecsNotFoundError for no file, PecsInputError for a wrong one; what came before its damage is good.
+    """
+
+    _free = staticmethod(_reader_close)
 
     def __init__(self, path: str | PathLike[str], format: str | None = None):
-        self._handle = _open(fspath(path).encode(), format.encode() if format else None)
+        super().__init__(_open(fspath(path).encode(), format.encode() if format else None))
 
     @property
     def info(self) -> dict[str, Any]:
         """format, width, height, camera. Width and height of a file that does not say are 0 until all is read."""
-        return take_json(_info(self._alive()))
+        with self._use() as handle:
+            info: dict[str, Any] = take_json(_info(handle))
+            return info
 
-    def read(self, count: int = _BLOCK) -> NDArray[np.void]:
+    def read(self, count: int = _BLOCK) -> Events:
         """At most `count` events; empty at the end."""
         block = np.empty(count, EVENT_DTYPE)
-        return block[: self.read_into(block)]
+        with self._use():
+            block = block[: self.read_into(block)]
+            return self._sized(block)
+
+    def _sized(self, events: NDArray[np.void]) -> Events:
+        info = self.info
+        return Events(events, info["width"], info["height"])
 
     def read_into(self, block: NDArray[np.void]) -> int:
         """Fills an array of EVENT_DTYPE; returns how many events, 0 only at the end."""
         if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
             raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
-        return _read(self._alive(), block.ctypes.data, len(block))
+        with self._use() as handle:
+            count: int = _read(handle, block.ctypes.data, len(block))
+            return count
 
-    def __iter__(self) -> Iterator[NDArray[np.void]]:
+    def __iter__(self) -> Iterator[Events]:
         while len(block := self.read()):
             yield block
 
 
 class EventWriter(Handle):
-    """Writes events in blocks, sorted by t. The file appears when the `with` block ends without an exception."""
+    """Writes events in blocks, sorted by t. The file appears when the `with` block ends without an exception.
 
-    _free = staticmethod(_discard)
+        with pecs.EventWriter("events.raw", 1280, 720) as writer:
+            writer.write(events)
+
+    Raises PecsOutputError for what cannot be written, PecsInputError for events that the format does not hold.
+    """
+
+    _free = staticmethod(_writer_close)
 
     def __init__(
         self, path: str | PathLike[str], width: int = 0, height: int = 0, format: str | None = None, camera: str = ""
     ):
         options = {"width": width, "height": height, "camera": camera, "format": format}
-        self._handle = _create(fspath(path).encode(), json.dumps(options).encode())
+        super().__init__(_create(fspath(path).encode(), json.dumps(options).encode()))
 
-    def write(self, events: NDArray[np.void]) -> None:
+    def write(self, events: NDArray[Any]) -> None:
         """A structured array with the fields t, x, y and p, of integers (p also boolean)."""
         events = as_events(events)
-        _write(self._alive(), events.ctypes.data, len(events))
+        with self._use() as handle:
+            _write(handle, events.ctypes.data, len(events))
 
     def finish(self) -> None:
         """Completes the file and gives it its name."""
-        _finish(self._alive())
-        self.close()
+        with self._use() as handle:
+            _finish(handle)
+            self.close()
 
-    def __exit__(self, exception: object, *_: object) -> None:
-        if exception is None and self._handle:
-            self.finish()
-        self.close()
+    def __exit__(self, *exception: object) -> None:
+        try:
+            if exception[0] is None and self._handle:
+                self.finish()
+        finally:
+            self.close()
 
 
-def read(path: str | PathLike[str], format: str | None = None) -> NDArray[np.void]:
-    """All events of a file."""
+def read(path: str | PathLike[str], format: str | None = None) -> Events:
+    """All events of a file, with its `width` and `height`."""
     with EventReader(path, format) as reader:
         events = np.empty(_BLOCK, EVENT_DTYPE)
         size = 0
@@ -105,24 +183,30 @@ def read(path: str | PathLike[str], format: str | None = None) -> NDArray[np.voi
             size += count
             if size == len(events):
                 events.resize(2 * size, refcheck=False)  # the block just filled is gone
-    events.resize(size, refcheck=False)
-    return events
+        events.resize(size, refcheck=False)
+        return reader._sized(events)
 
 
 def write(
     path: str | PathLike[str],
-    events: NDArray[np.void],
+    events: NDArray[Any],
     width: int = 0,
     height: int = 0,
     format: str | None = None,
     camera: str = "",
 ) -> None:
-    """Writes a whole file. RAW and DAT need the width and height of the pixel array."""
+    """Writes a whole file: `pecs.write("events.raw", events)`.
+
+    `width` and `height` (pixels; RAW and DAT need them) are those of `events` if not given; `format`: a name of
+    `event_formats()`, or None: by the extension. Errors as of `EventWriter`.
+    """
+    width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     with EventWriter(path, width, height, format, camera) as writer:
         writer.write(events)
 
 
-def as_events(events: NDArray[np.void]) -> NDArray[np.void]:
+def as_events(events: NDArray[Any]) -> NDArray[np.void]:
+    """A plain, contiguous array of EVENT_DTYPE."""
     events = np.asarray(events)
     if events.dtype == EVENT_DTYPE:
         return np.ascontiguousarray(events)

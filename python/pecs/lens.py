@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
+from os import PathLike, fspath
 from typing import Any
 
-from ._library import function, json_function, take_text
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._library import Handle, function, json_function, take_text
 
 _open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
 _close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
@@ -17,6 +21,10 @@ _pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
 _draw = function("pecs_lens_draw", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 _camera = json_function("pecs_lens_camera", ctypes.c_void_p)
 
+_doubles = ctypes.POINTER(ctypes.c_double)
+_bulk = (ctypes.c_void_p, ctypes.c_char_p, _doubles, ctypes.c_int64, _doubles, ctypes.c_int64)
+_directions = function("pecs_lens_directions", ctypes.c_int64, *_bulk)
+_pixels = function("pecs_lens_pixels", ctypes.c_int64, *_bulk)
 _diffract = function(
     "pecs_lens_diffract",
     ctypes.c_int,
@@ -68,7 +76,7 @@ class Camera:
     file: str
     sha256: str
 
-    def diffract(self, pixels: Any, band: int) -> None:
+    def diffract(self, pixels: NDArray[np.float32], band: int) -> None:
         """Blurs one band's rendered picture in place; pixels: C-contiguous float32 array [height, width]."""
         if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
             raise ValueError("pixels must be a C-contiguous float32 array [height, width]")
@@ -77,40 +85,165 @@ class Camera:
         _diffract(pointer, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
 
 
-class Lens:
-    """A prescription, by path or by the name of one of lens_data/lenses."""
+def _given(arguments: dict[str, Any], *without: str) -> dict[str, Any]:
+    """The options among a method's arguments, as JSON has them."""
+    out: dict[str, Any] = {}
+    for key, value in arguments.items():
+        if value is not None and key not in ("self", *without):
+            if key.endswith("bands_nm"):
+                out[key] = [float(v) for v in value]
+            else:
+                out[key] = value if isinstance(value, int) else float(value)
+    return out
+
+
+def _image_setting(arguments: dict[str, Any]) -> bytes:
+    setting = _given(arguments, "pixels", "directions", "film_shift_mm", "film_tilt_deg")
+    setting["film_shift_x_mm"], setting["film_shift_y_mm"] = map(float, arguments["film_shift_mm"])
+    setting["film_tilt_x_deg"], setting["film_tilt_y_deg"] = map(float, arguments["film_tilt_deg"])
+    return json.dumps(setting).encode()
+
+
+class Lens(Handle):
+    """A prescription, by path or by the name of one of lens_data/lenses.
+
+        with pecs.Lens("dgauss_50mm_tronnier") as lens:
+            lens.info(focus_m=1.5, fnumber=4)["film_z_mm"]
+
+    Lengths are in mm, focus distances in m from the entrance pupil; None is infinity for `focus_m`, wide open for
+    `stop_diameter_mm` and `fnumber` (of which one at most is given), and elsewhere what docs/lens.md says.
+    """
+
+    _free = staticmethod(_close)
 
     def __init__(self, path: str | PathLike[str]):
-        self._handle = None
-        self._handle = _open(str(path).encode())
+        super().__init__(_open(fspath(path).encode()))
 
-    def info(self, **options: Any) -> dict[str, Any]:
-        """lambda_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm."""
-        return _info(self._handle, options)
+    def info(
+        self,
+        *,
+        lambda_nm: float | None = None,
+        focus_m: float | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_width_mm: float | None = None,
+        film_height_mm: float | None = None,
+        bands_nm: Sequence[float] | None = None,
+        field_rows: int | None = None,
+    ) -> dict[str, Any]:
+        """First-order data, film position, field of view, and "field": illumination, distortion, colour along the film.
 
-    def pupil(self, **options: Any) -> dict[str, Any]:
-        """The pupil over the film radius; options as for info."""
-        return _pupil(self._handle, options)
+        `lambda_nm`: 587.56 if None. `bands_nm`: for the colour. `field_rows`: points from the centre to the corner.
+        """
+        return self._answer(_info, _given(locals()))
 
-    def draw(self, **options: Any) -> str:
-        """The lens in section with its rays, as SVG text; options as for info."""
-        return take_text(_draw(self._handle, json.dumps(options).encode()))
+    def pupil(
+        self,
+        *,
+        lambda_nm: float | None = None,
+        focus_m: float | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_width_mm: float | None = None,
+        film_height_mm: float | None = None,
+    ) -> dict[str, Any]:
+        """The pupil over the film radius ("pupil": r_mm, ellipse, exact area, irradiance per radiance, ...)."""
+        return self._answer(_pupil, _given(locals()))
 
-    def camera(self, **options: Any) -> Camera:
-        """bands_nm, focus_bands_nm, focus_m, stop_diameter_mm or fnumber, film_width_mm, film_height_mm,
-        film_shift_x_mm, film_shift_y_mm, film_tilt_x_deg, film_tilt_y_deg, pixel_pitch_mm, colour_tolerance_px."""
-        return Camera(**_camera(self._handle, options))
+    def draw(
+        self,
+        *,
+        focus_m: float | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_width_mm: float | None = None,
+        film_height_mm: float | None = None,
+        bands_nm: Sequence[float] | None = None,
+    ) -> str:
+        """The lens in section with its rays (of the wavelengths `bands_nm`), as SVG text."""
+        options = json.dumps(_given(locals())).encode()
+        with self._use() as handle:
+            return take_text(_draw(handle, options))
 
-    def close(self) -> None:
-        if self._handle:
-            _close(self._handle)
-            self._handle = None
+    def camera(
+        self,
+        *,
+        bands_nm: Sequence[float],
+        focus_bands_nm: Sequence[float] | None = None,
+        focus_m: float | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_width_mm: float | None = None,
+        film_height_mm: float | None = None,
+        film_shift_x_mm: float = 0,
+        film_shift_y_mm: float = 0,
+        film_tilt_x_deg: float = 0,
+        film_tilt_y_deg: float = 0,
+        pixel_pitch_mm: float | None = None,
+        colour_tolerance_px: float | None = None,
+        unit_m: float | None = None,
+    ) -> Camera:
+        """The OSL camera of one pass of up to three bands. `focus_bands_nm`: all bands of the stack, for one focus.
 
-    def __enter__(self) -> Lens:
-        return self
+        `film_shift`: of the film's centre (+x right, +y up, seen from behind). `colour_tolerance_px`: up to which shift
+        of colour the pass is traced at one wavelength. `unit_m`: metres per unit of the scene, 1 if None.
+        """
+        return Camera(**self._answer(_camera, _given(locals())))
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def directions(
+        self,
+        pixels: ArrayLike,
+        *,
+        width: int,
+        height: int,
+        pixel_pitch_mm: float = 0.00486,
+        lambda_nm: float = 550,
+        focus_m: float | None = None,
+        focus_bands_nm: Sequence[float] | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_shift_mm: tuple[float, float] = (0, 0),
+        film_tilt_deg: tuple[float, float] = (0, 0),
+    ) -> NDArray[np.float64]:
+        """Unit vectors [..., 3] of the chief rays of pixels [..., 2]; NaN where none arrives.
 
-    def __del__(self) -> None:
-        self.close()
+        Camera axes: x right, y down, z forward, origin at the entrance pupil. Pixel (0, 0) has its centre at
+        (0.5, 0.5).
+        """
+        setting = _image_setting(locals())
+        return self._mapped(_directions, setting, pixels, 2, 3)
+
+    def pixels(
+        self,
+        directions: ArrayLike,
+        *,
+        width: int,
+        height: int,
+        pixel_pitch_mm: float = 0.00486,
+        lambda_nm: float = 550,
+        focus_m: float | None = None,
+        focus_bands_nm: Sequence[float] | None = None,
+        stop_diameter_mm: float | None = None,
+        fnumber: float | None = None,
+        film_shift_mm: tuple[float, float] = (0, 0),
+        film_tilt_deg: tuple[float, float] = (0, 0),
+    ) -> NDArray[np.float64]:
+        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions`; NaN where the lens sees
+        nothing."""
+        setting = _image_setting(locals())
+        return self._mapped(_pixels, setting, directions, 3, 2)
+
+    def _answer(self, call: Any, options: dict[str, Any]) -> dict[str, Any]:
+        with self._use() as handle:
+            answer: dict[str, Any] = call(handle, options)
+            return answer
+
+    def _mapped(self, call: Any, setting: bytes, given: ArrayLike, size: int, result_size: int) -> NDArray[np.float64]:
+        given = np.ascontiguousarray(given, np.float64)
+        if given.ndim < 1 or given.shape[-1] != size:
+            raise ValueError(f"got an array of shape {given.shape}, wanted [..., {size}]")
+        result = np.empty((*given.shape[:-1], result_size))
+        count = given.size // size
+        with self._use() as handle:
+            call(handle, setting, given.ctypes.data_as(_doubles), count, result.ctypes.data_as(_doubles), count)
+        return result

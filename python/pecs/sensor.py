@@ -1,4 +1,4 @@
-"""The sensor on frames in memory, and the bands to render for a chip.
+"""The sensor on frames in memory.
 
     events = pecs.simulate(frames, t_us, chip="imx636", seed=1)   # frames [T, H, W], linear light
 
@@ -9,24 +9,25 @@
 
 `photocurrent_a` is the photocurrent of a pixel of value 1 (255 in uint8, 65535 in uint16): it decides how fast the
 photoreceptor is. Frames may be NumPy arrays, or tensors of PyTorch and others on the CPU. uint8 is taken as sRGB,
-everything else as linear light; `encoding` overrides.
+everything else as linear light; `encoding` ("linear", "srgb") overrides.
 """
 
 from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Mapping, Sequence
-from os import PathLike, fspath
+import warnings
+from collections.abc import Callable, Mapping
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import Handle, function, json_function
-from .events import EVENT_DTYPE
+from ._library import Handle, function
+from .chip import Chip, chip_options
+from .events import EVENT_DTYPE, Events
 
-_bands = json_function("pecs_bands")
 _open = function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
 _push = function(
     "pecs_sensor_push",
@@ -37,9 +38,11 @@ _push = function(
     ctypes.c_int64,
     ctypes.c_int,
 )
-_events = function("pecs_sensor_events", None, ctypes.c_void_p, ctypes.c_void_p, error=False)
-_labels = function("pecs_sensor_labels", None, ctypes.c_void_p, ctypes.c_void_p, error=False)
-_dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p, error=False)
+_events = function("pecs_sensor_events", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+_labels = function("pecs_sensor_labels", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+_dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p)
+_int64 = ctypes.POINTER(ctypes.c_int64)
+_bad_values = function("pecs_sensor_bad_values", ctypes.c_int, ctypes.c_void_p, _int64, _int64)
 _close = function("pecs_sensor_close", None, ctypes.c_void_p, error=False)
 
 _CHUNK_BYTES = 64 << 20
@@ -50,7 +53,7 @@ LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")
 def _as_array(frames: ArrayLike) -> NDArray[Any]:
     """NumPy's view of anything with the array interface, or of a tensor on the CPU with DLPack alone."""
     if not hasattr(frames, "__array__") and hasattr(frames, "__dlpack__"):
-        return np.from_dlpack(frames)
+        return np.from_dlpack(frames)  # type: ignore[arg-type]
     return np.asarray(frames)
 
 
@@ -65,7 +68,8 @@ def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
         table = np.arange(top + 1, dtype=np.float64) / top if top < 1 << 16 else None
         if table is None:
             raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
-        return (_from_srgb(table) if srgb else table).astype(np.float32)[frames]
+        linear: NDArray[np.float32] = (_from_srgb(table) if srgb else table).astype(np.float32)[frames]
+        return linear
     if frames.dtype.kind != "f":
         raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
     return np.ascontiguousarray(_from_srgb(frames) if srgb else frames, np.float32)
@@ -79,9 +83,17 @@ def _from_srgb(v: NDArray[Any]) -> NDArray[Any]:
 class Sensor(Handle):
     """Frames in, events out. An interval's events come with the second frame after it, or at `finish`.
 
-    `model`: pecs, or another simulator's (esim, v2e, voltmeter, icns; docs/models.md) with its `parameters`; 1 is then
-    white. `overrides`: values of the chip. `readout`: "chip" (row arbiter, rate limit, time base) or "ideal".
-    `labels`: events have a field `label`, why each came (index into `pecs.sensor.LABELS`).
+        with pecs.Sensor(640, 480, "davis346", overrides={"contrast_threshold_on": 0.25}, seed=2) as sensor:
+            events = [sensor.push(frame, t_us) for frame, t_us in frames]
+
+    `chip`: a name, a path, or a `pecs.Chip`; `overrides`: values of it, by the keys and units of `Chip.info`. `model`:
+    one of `pecs.models()` with its `parameters`; for those that take no light 1 is white. `noise`: photon noise, leak,
+    background events and mismatch. `readout`: "chip" (row arbiter, rate limit, time base) or "ideal". `labels`: events
+    have a field `label`, why each came (index into `pecs.sensor.LABELS`). `photocurrent_a`: A for a value of 1.
+    `encoding` of the frames: "linear", "srgb", or None (srgb for uint8). `threads`: 0 is all; they change no event.
+
+    Any thread may push; pushes wait for each other. Raises PecsNotFoundError for an unknown chip, PecsInputError for a
+    wrong option, or a picture larger than the chip.
     """
 
     _free = staticmethod(_close)
@@ -90,7 +102,7 @@ class Sensor(Handle):
         self,
         width: int,
         height: int,
-        chip: str | PathLike[str] = "imx636",
+        chip: str | PathLike[str] | Chip = "imx636",
         *,
         seed: int = 1,
         overrides: Mapping[str, float] | None = None,
@@ -107,13 +119,13 @@ class Sensor(Handle):
         self.encoding = encoding
         self.labels = labels
         self.dropped = 0  # events that the readout lost, so far
-        options = {
+        self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
+        self._warns = True
+        options = chip_options(chip, overrides) | {
             "width": width,
             "height": height,
-            "chip": fspath(chip),
-            "overrides": {k: float(v) for k, v in (overrides or {}).items()},
             "model": model,
-            "parameters": {k: float(v) for k, v in (parameters or {}).items()},
+            "param": {k: float(v) for k, v in (parameters or {}).items()},
             "no_noise": not noise,
             "readout": readout,
             "labels": labels,
@@ -121,10 +133,15 @@ class Sensor(Handle):
             "threads": threads,
             "photocurrent_a": photocurrent_a,
         }
-        self._handle = _open(json.dumps(options).encode())
+        super().__init__(_open(json.dumps(options).encode()))
 
-    def push(self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False) -> NDArray[np.void]:
-        """One frame [H, W], or several [T, H, W], at rising times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`)."""
+    def push(self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False) -> Events:
+        """One frame [H, W], or several [T, H, W], at rising times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`).
+
+        `last`: no frame follows; the sensor closes. Negative values are taken as 0, a pixel whose value is not finite
+        keeps its last one; both are counted in `bad_values`, and the first push that has some warns.
+        Raises ValueError for a wrong shape, and for times that do not rise or lie less than 1 us apart.
+        """
         frames = _to_linear(frame, self.encoding)
         times = np.ascontiguousarray(np.atleast_1d(t_us), np.float64)
         if frames.ndim == 2:
@@ -135,59 +152,90 @@ class Sensor(Handle):
             )
         return self._push(frames, times, last)
 
-    def finish(self) -> NDArray[np.void]:
+    def finish(self) -> Events:
         """The events of the last interval; nothing can be pushed after it."""
         return self._push(np.empty((0, *self.shape), np.float32), np.empty(0), True)
 
-    def _push(self, frames: NDArray[np.float32], times: NDArray[np.float64], last: bool) -> NDArray[np.void]:
-        out = np.empty(_push(self._alive(), frames, times, len(frames), last), EVENT_DTYPE)
-        _events(self._alive(), out.ctypes.data)
-        self.dropped = _dropped(self._alive())
-        if self.labels:
-            labels = np.empty(len(out), np.uint8)
-            _labels(self._alive(), labels.ctypes.data)
-            plain, out = out, np.empty(len(out), LABELLED_DTYPE)
-            for name in EVENT_DTYPE.names:
-                out[name] = plain[name]
-            out["label"] = labels
-        if last:
-            self.close()
-        return out
+    def _push(self, frames: NDArray[np.float32], times: NDArray[np.float64], last: bool) -> Events:
+        with self._use() as handle:
+            out = np.empty(_push(handle, frames, times, len(frames), last), EVENT_DTYPE)
+            _events(handle, out.ctypes.data, len(out))
+            self.dropped = _dropped(handle)
+            if self.labels:
+                labels = np.empty(len(out), np.uint8)
+                _labels(handle, labels.ctypes.data, len(labels))
+                plain, out = out, np.empty(len(out), LABELLED_DTYPE)
+                for name in "txyp":
+                    out[name] = plain[name]
+                out["label"] = labels
+            self._count_bad_values(handle)
+            if last:
+                self.close()
+        return Events(out, self.shape[1], self.shape[0])
+
+    def _count_bad_values(self, handle: int) -> None:
+        counts = ctypes.c_int64(), ctypes.c_int64()
+        _bad_values(handle, *map(ctypes.byref, counts))
+        self.bad_values = {"not_finite": counts[0].value, "negative": counts[1].value}
+        if self._warns and any(self.bad_values.values()):
+            self._warns = False
+            _warn(self.bad_values, 4)
+
+
+def _warn(bad_values: Mapping[str, int], depth: int) -> None:
+    if any(bad_values.values()):
+        counts = f"{bad_values['not_finite']} not finite, {bad_values['negative']} negative"
+        warnings.warn(f"frames: values that no light has: {counts}", stacklevel=depth + 1)
 
 
 def simulate(
-    frames: ArrayLike, t_us: ArrayLike, chip: str | PathLike[str] = "imx636", **options: Any
-) -> NDArray[np.void]:
-    """All events of frames [T, H, W] at times `t_us` (us, rising); options as for `Sensor`."""
+    frames: ArrayLike,
+    t_us: ArrayLike,
+    chip: str | PathLike[str] | Chip = "imx636",
+    *,
+    seed: int = 1,
+    overrides: Mapping[str, float] | None = None,
+    model: str = "pecs",
+    parameters: Mapping[str, float] | None = None,
+    noise: bool = True,
+    readout: str = "chip",
+    labels: bool = False,
+    photocurrent_a: float = 1e-12,
+    encoding: str | None = None,
+    threads: int = 0,
+    progress: Callable[[float], object] | None = None,
+) -> Events:
+    """All events of frames [T, H, W] at times `t_us` (us, rising); options and errors as of `Sensor`.
+
+        events = pecs.simulate(frames, 1000 * np.arange(len(frames)), chip="imx636", photocurrent_a=1e-12)
+
+    `progress` is called with the share done, 0 to 1; an exception from it stops the work.
+    """
     frames, times = _as_array(frames), np.asarray(t_us, np.float64)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
     step = max(1, _CHUNK_BYTES // (4 * frames[0].size))
-    with Sensor(frames.shape[2], frames.shape[1], chip, **options) as sensor:
-        chunks = [sensor.push(frames[i : i + step], times[i : i + step]) for i in range(0, len(times), step)]
-        return np.concatenate([*chunks, sensor.finish()])
-
-
-def bands(
-    chip: str | PathLike[str] = "imx636",
-    n: int = 6,
-    placement: str = "gauss",
-    illuminant: Sequence[tuple[float, float]] | None = None,
-    min_nm: float | None = None,
-    max_nm: float | None = None,
-) -> list[dict[str, float]]:
-    """Wavelengths and quadrature weights: [{"lambda_nm": .., "weight_nm": ..}, ...], rising.
-
-    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: (lambda_nm, power)
-    pairs, linear in between; the bands then integrate reflectances under it.
-    """
-    return _bands(
-        {
-            "chip": fspath(chip),
-            "n": n,
-            "placement": placement,
-            "illuminant": None if illuminant is None else [[float(x), float(p)] for x, p in illuminant],
-            "min_nm": min_nm,
-            "max_nm": max_nm,
-        }
-    )["bands"]
+    with Sensor(
+        frames.shape[2],
+        frames.shape[1],
+        chip,
+        seed=seed,
+        overrides=overrides,
+        model=model,
+        parameters=parameters,
+        noise=noise,
+        readout=readout,
+        labels=labels,
+        photocurrent_a=photocurrent_a,
+        encoding=encoding,
+        threads=threads,
+    ) as sensor:
+        sensor._warns = False
+        parts = []
+        for i in range(0, len(times), step):
+            parts.append(sensor.push(frames[i : i + step], times[i : i + step]))
+            if progress:
+                progress(min(1.0, (i + step) / len(times)))
+        parts.append(sensor.finish())
+        _warn(sensor.bad_values, 2)
+        return Events(np.concatenate(parts, dtype=parts[0].dtype), frames.shape[2], frames.shape[1])

@@ -1,4 +1,4 @@
-"""EXR stacks (docs/exr_stack.md): one spectral OpenEXR file per instant, written whole or not at all."""
+"""EXR stacks (docs/exr_stack.md): OpenEXR files, one per instant and layer, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,59 +8,84 @@ from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._library import Handle, function, take_json
 
+LIGHT = "light"  # the layer of the bands
+
 _floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
-_create = function("pecs_stack_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_has_frame = function("pecs_stack_has_frame", ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, error=False)
-_write_frame = function("pecs_stack_write_frame", ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, _floats)
-_close = function("pecs_stack_close", None, ctypes.c_void_p, error=False)
-_open = function("pecs_stack_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
+_frame = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64)  # stack, layer, index
+_create = function("pecs_stack_writer_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
+_has_frame = function("pecs_stack_writer_has_frame", ctypes.c_int, *_frame)
+_write_frame = function("pecs_stack_writer_write_frame", ctypes.c_int, *_frame, _floats, ctypes.c_int64)
+_writer_close = function("pecs_stack_writer_close", None, ctypes.c_void_p, error=False)
+_open = function("pecs_stack_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
 _info = function("pecs_stack_reader_info", ctypes.c_void_p, ctypes.c_void_p)
-_read_frame = function("pecs_stack_read_frame", ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, _floats)
+_read_frame = function("pecs_stack_reader_read_frame", ctypes.c_int, *_frame, _floats, ctypes.c_int64)
 _reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error=False)
 
 
 class StackWriter(Handle):
     """Opens a new stack, or continues one whose stack.json says the same as `stack`."""
 
-    _free = staticmethod(_close)
+    _free = staticmethod(_writer_close)
 
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
-        self._handle = _create(fspath(folder).encode(), json.dumps(stack).encode())
+        super().__init__(_create(fspath(folder).encode(), json.dumps(stack).encode()))
         self.shape = (len(stack["bands"]), stack["height"], stack["width"])
+        self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
     def has_frame(self, index: int) -> bool:
-        """Whether the frame is whole on disk."""
-        return bool(_has_frame(self._alive(), index))
+        """Whether the light's frame is whole on disk."""
+        return self.has_layer(LIGHT, index)
 
-    def write_frame(self, index: int, values: np.ndarray) -> None:
+    def has_layer(self, name: str, index: int) -> bool:
+        """Whether a layer's frame is whole on disk."""
+        with self._use() as handle:
+            return bool(_has_frame(handle, name.encode(), index))
+
+    def write_frame(self, index: int, values: NDArray[np.float32]) -> None:
         """values: [bands, height, width], row 0 at the top, in the stack's unit."""
+        self.write_layer(LIGHT, index, values)
+
+    def write_layer(self, name: str, index: int, values: NDArray[np.float32]) -> None:
+        """values: [channels, height, width], row 0 at the top, in the layer's unit."""
         values = np.ascontiguousarray(values, np.float32)
-        if values.shape != self.shape:
-            raise ValueError(f"frame: got shape {values.shape}, wanted {self.shape} (bands, height, width)")
-        _write_frame(self._alive(), index, values)
+        shape = (self._channels.get(name, self.shape[0]), *self.shape[1:])
+        if values.shape != shape:
+            raise ValueError(f"{name}: got shape {values.shape}, wanted {shape} (channels, height, width)")
+        with self._use() as handle:
+            _write_frame(handle, name.encode(), index, values, values.size)
 
 
 class StackReader(Handle):
-    """Reads a stack; `info` says size, bands, times and how many frames are on disk."""
+    """Reads a stack. `info` says size, bands, times and how many frames are on disk; `layers` names, channels, unit
+    and `at` ("instant" or "interval") of its layers, the light first."""
 
     _free = staticmethod(_reader_close)
 
     def __init__(self, folder: str | PathLike[str], fps: float | None = None):
-        self._handle = _open(fspath(folder).encode(), fps or 0.0)
-        self.info: dict[str, Any] = take_json(_info(self._handle))
+        super().__init__(_open(fspath(folder).encode(), fps or 0.0))
+        with self._use() as handle:
+            self.info: dict[str, Any] = take_json(_info(handle))
+        self.layers: list[dict[str, Any]] = self.info["layers"]
         self.shape = (len(self.info["bands"]), self.info["height"], self.info["width"])
 
-    def read_frame(self, index: int) -> np.ndarray:
-        """[bands, height, width], float32."""
-        frame = np.empty(self.shape, np.float32)
-        _read_frame(self._alive(), index, frame)
+    def read_frame(self, index: int) -> NDArray[np.float32]:
+        """The light: [bands, height, width], float32."""
+        return self.read_layer(LIGHT, index)
+
+    def read_layer(self, name: str, index: int) -> NDArray[np.float32]:
+        """[channels, height, width], float32."""
+        channels = next((len(layer["channels"]) for layer in self.layers if layer["name"] == name), 0)
+        frame = np.empty((channels, *self.shape[1:]), np.float32)
+        with self._use() as handle:
+            _read_frame(handle, name.encode(), index, frame, frame.size)
         return frame
 
 
-def read_frame(folder: str | PathLike[str], index: int) -> np.ndarray:
+def read_frame(folder: str | PathLike[str], index: int) -> NDArray[np.float32]:
     """One frame of a stack with stack.json, as [bands, height, width], float32."""
     with StackReader(folder) as stack:
         return stack.read_frame(index)

@@ -1,1 +1,4 @@
-"""What benches, tools and studies share: scenes with a known truth, recordings drawn from them. Not in the wheel."""
+"""What benches, tools and studies share: scenes with a known truth, recordings drawn from them, sequences, peers.
+
+Not in the wheel.
+"""

@@ -34,28 +34,22 @@ class Camera:
     def __init__(
         self, lens: str, focus_m: float, width=1280, height=720, pitch_mm=0.00486, shift_px=(0.0, 0.0), **stop
     ):
-        self.width, self.height, self.pitch_mm = width, height, pitch_mm
-        size = {"film_width_mm": width * pitch_mm * 1.3, "film_height_mm": height * pitch_mm * 1.3}
-        rows = pecs.Lens(lens).info(focus_m=focus_m, lambda_nm=550, field_rows=200, **size, **stop)["field"]
-        rows = [r for r in rows if r["angle_deg"] is not None]
-        self.r_mm, self.angle = np.array([r["r_mm"] for r in rows]), np.radians([r["angle_deg"] for r in rows])
+        self.lens, self.width, self.height = pecs.Lens(lens), width, height
+        shift_mm = (shift_px[0] * pitch_mm, -shift_px[1] * pitch_mm)
+        self.setting = {"width": width, "height": height, "pixel_pitch_mm": pitch_mm, "focus_m": focus_m, **stop}
+        self.setting |= {"film_shift_mm": shift_mm}
         self.axis_px = np.array([width / 2, height / 2]) + shift_px
-        self.focal_px = 1 / np.polyfit(self.r_mm[1:9] ** 2, np.tan(self.angle[1:9]) / self.r_mm[1:9], 1)[1] / pitch_mm
+        self.focal_px = 1e3 * (self.pixels([1e-3, 0, 1])[0] - self.axis_px[0])
 
     def rays(self) -> np.ndarray:
         """[height, width, 3], z = 1."""
         y, x = np.mgrid[0 : self.height, 0 : self.width] + 0.5
-        x, y = x - self.axis_px[0], y - self.axis_px[1]
-        r = np.maximum(np.hypot(x, y), 1e-9)
-        scale = np.tan(np.interp(r * self.pitch_mm, self.r_mm, self.angle)) / r
-        return np.stack([x * scale, y * scale, np.ones_like(x)], axis=-1)
+        rays = self.lens.directions(np.stack([x, y], axis=-1), **self.setting)
+        return rays / rays[..., 2:]
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Of points [..., 3] in camera axes."""
-        points = np.asarray(points, float)
-        across = np.hypot(points[..., 0], points[..., 1])
-        r = np.interp(np.arctan2(across, points[..., 2]), self.angle, self.r_mm) / self.pitch_mm
-        return self.axis_px + points[..., :2] * (r / np.maximum(across, 1e-12))[..., None]
+        return self.lens.pixels(points, **self.setting)
 
 
 @dataclass

@@ -141,6 +141,12 @@ Chip without_noise(Chip chip) {
   return chip;
 }
 
+void check_fits(const Chip& chip, int width, int height, const std::string& source) {
+  if ((chip.width > 0 && width > chip.width) || (chip.height > 0 && height > chip.height))
+    throw bad_input(source, "size", fmt::format("{}x{}", width, height),
+                    fmt::format("at most {}'s {}x{}", chip.name, chip.width, chip.height));
+}
+
 Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};

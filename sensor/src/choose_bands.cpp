@@ -5,6 +5,7 @@
 #include "pecs/error.h"
 #include "pecs/sensor/bands.h"
 #include "pecs/sensor/chip.h"
+#include "pecs/sensor/named_spectrum.h"
 
 namespace pecs::sensor {
 namespace {
@@ -33,8 +34,11 @@ Json choose_bands(const Json& json) {
   const int n = static_cast<int>(o.integer_or("n", 6, 1, 1000));
   const std::string placement = o.has("placement") ? o.one_of("placement", {"gauss", "strata", "uniform"}) : "gauss";
   const Json& given = o.any("illuminant");
-  if (!given.is_null() && !given.is_array()) o.fail("illuminant", "no list", "[[lambda_nm, power], ...]");
-  const Spectrum lamp = given.is_null() ? Spectrum{} : illuminant_from(given);
+  if (!given.is_null() && !given.is_array() && !given.is_string())
+    o.fail("illuminant", "no list", "a name, or [[lambda_nm, power], ...]");
+  const Spectrum lamp = given.is_null()     ? Spectrum{}
+                        : given.is_string() ? named_spectrum(given)
+                                            : illuminant_from(given);
   double min_nm = chip.relative_qe.min_nm(), max_nm = chip.relative_qe.max_nm();
   if (!given.is_null()) {
     min_nm = std::max(min_nm, lamp.min_nm());

@@ -4,14 +4,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
+#include "light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
 
 namespace pecs::sensor {
 
-std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const LightOptions& options) {
+std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options) {
   constexpr double kElectron_c = 1.602176634e-19, kPlanck_js = 6.62607015e-34, kLight_m_per_s = 299792458;
   const bool absolute = stack.quantity != Quantity::relative && !options.gain;
   double film_per_value = 1;
@@ -52,6 +54,97 @@ std::vector<double> monte_carlo(const std::vector<double>& amperes, const std::v
     weights[b] += amperes[b] / (n * p);                   // Eq. 11
   }
   return weights;
+}
+
+namespace {
+
+// The first frame's spectra: [band][pixel], what is no light as 0.
+struct FirstFrame {
+  explicit FirstFrame(const FrameSource& source)
+      : pixels(static_cast<std::size_t>(source.info().width) * static_cast<std::size_t>(source.info().height)),
+        mean(source.info().bands.size()) {
+    values.resize(mean.size() * pixels);
+    const auto width = static_cast<std::size_t>(source.info().width);
+    source.read_rows(0, [&](int y, int rows, std::span<const float> block) {
+      const std::size_t n = width * static_cast<std::size_t>(rows);
+      for (std::size_t b = 0; b < mean.size(); ++b)
+        for (std::size_t i = 0; i < n; ++i) {
+          const float v = block[b * n + i];
+          if (std::isfinite(v) && v > 0) mean[b] += values[b * pixels + static_cast<std::size_t>(y) * width + i] = v;
+        }
+    });
+    for (double& m : mean) m /= static_cast<double>(pixels);
+  }
+  // RMS over the pixels of ln of the ratio of two weighted sums, their mean ratio taken out.
+  double log_difference(const std::vector<double>& a, const std::vector<double>& b) const {
+    double n = 0, sum = 0, square = 0;
+    for (std::size_t i = 0; i < pixels; ++i) {
+      double x = 0, y = 0;
+      for (std::size_t k = 0; k < mean.size(); ++k) {
+        x += a[k] * values[k * pixels + i];
+        y += b[k] * values[k * pixels + i];
+      }
+      if (!(x > 0 && y > 0)) continue;
+      const double d = std::log(x / y);
+      n += 1;
+      sum += d;
+      square += d * d;
+    }
+    return n > 0 ? std::sqrt(std::max(0.0, square / n - sum / n * (sum / n))) : 0;
+  }
+  std::size_t pixels;
+  std::vector<double> mean;
+  std::vector<float> values;
+};
+
+}  // namespace
+
+DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& amperes, int n, std::uint64_t seed) {
+  const FirstFrame first(source);
+  const std::vector<double> drawn = monte_carlo(amperes, first.mean, n, seed);
+  return {drawn, first.log_difference(drawn, amperes)};
+}
+
+PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes)
+    : source_(source) {
+  for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
+}
+
+void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* plane) {
+  const auto width = static_cast<std::size_t>(info().width);
+  source_.read_rows(
+      frame,
+      [&](int y, int rows, std::span<const float> values) {
+        const std::size_t n = width * static_cast<std::size_t>(rows);
+        float* out = plane + static_cast<std::size_t>(y - begin) * width;
+        if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out);
+      },
+      begin, end);
+}
+
+void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out) {
+  for (std::size_t i = 0; i < n; ++i) {
+    bool negative = false, not_finite = false;
+    for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
+      negative |= values[b * n + i] < 0;
+      not_finite |= !std::isfinite(values[b * n + i]);
+    }
+    if (not_finite) {
+      out[i] = std::numeric_limits<float>::quiet_NaN();
+      ++not_finite_;
+    } else if (negative) {
+      out[i] = std::max(out[i], 0.0f);
+      ++negative_;
+    }
+  }
+}
+
+double quantile_fa(std::vector<float>& values_fa, double part) {
+  std::erase_if(values_fa, [](float v) { return !std::isfinite(v); });
+  if (values_fa.empty()) return 0;
+  const auto at = values_fa.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values_fa.size() - 1));
+  std::ranges::nth_element(values_fa, at);
+  return *at;
 }
 
 }  // namespace pecs::sensor

@@ -22,7 +22,7 @@ Readout::Readout(const Chip& chip, int width, int height, std::uint64_t seed)
       waits_(width_ * static_cast<std::size_t>(height)) {}
 
 void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
-  causes_ = !in.causes.empty();
+  causes_ |= !in.causes.empty();
   for (std::size_t i = 0; i < in.events.size(); ++i) {
     const events::Event& e = in.events[i];
     const auto t_us = static_cast<double>(e.t_us);

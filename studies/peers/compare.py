@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_lab import scenes
+from pecs_lab.peers import build_esim
 
 HERE = Path(__file__).resolve().parent
 
@@ -124,14 +125,6 @@ class Peers:
         )  # fmt: skip
         x, y, t, p = np.fromfile(out).reshape(-1, 4).T
         return np.stack([t * 1e6, x, y, p > 0], axis=1), float(done.stdout)
-
-
-def build_esim(checkout: Path, driver: Path) -> None:
-    flags = ["-I/usr/include/opencv4", "-I/usr/include/eigen3", "-lboost_filesystem", "-lboost_system"]
-    flags += [f"-lopencv_{part}" for part in ("core", "imgproc", "imgcodecs", "videoio", "highgui")]
-    source = [str(HERE / "esim_driver.cpp"), str(checkout / "esim_py/src/esim.cpp")]
-    command = ["g++", "-std=c++17", "-O3", "-march=native", "-o", str(driver), *source, f"-I{checkout}/esim_py/include"]
-    subprocess.run([*command, *flags], check=True)
 
 
 def in_whole_us(run: tuple[np.ndarray, float]) -> tuple[np.ndarray, float]:

@@ -67,7 +67,8 @@ TEST(Align, ADiskBeforeATurnedCamera) {
   auto truth = scene.values;
   truth["disk_right_mm"] = 60, truth["disk_up_mm"] = 35, truth["disk_distance_mm"] = 1500, truth["phase_deg"] = 40,
   truth["rpm"] = 355;
-  const Found found = find_in_recording(disk_recording(optics, camera, truth, size), scene, optics, {}, "x.raw");
+  const TargetEstimate found =
+      find_in_recording(disk_recording(optics, camera, truth, size), scene, optics, {}, "x.raw");
   const Aligned aligned = align_scene(scene, found, Clock::file);
   const auto& v = aligned.scene.values;
   EXPECT_NEAR(v.at("rpm"), 355, 0.4);
@@ -124,7 +125,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
     return events::recording_of({{320, 180, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
   };
   const events::Recording recording = recorded(60, 0.8, 12, 1500);
-  const Found real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
+  const TargetEstimate real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
   const Aligned first = align_scene(scene, real, Clock::file);
   const auto& a = first.scene.values;
   EXPECT_NEAR(a.at("speed_m_per_s"), 0.8, 0.004);
@@ -150,8 +151,8 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
 
   // One that stops, and one that is partly out of view at first: measured where it can be, and the rest named.
   for (const events::Recording& part : {recorded(60, 0.8, 12, 1500, 100), recorded(300, 0.8, 12, 1500)}) {
-    const Found found = find_in_recording(part, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
-    EXPECT_NEAR(found.rate, -800, 8);
+    const TargetEstimate found = find_in_recording(part, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
+    EXPECT_NEAR(std::get<BoardMotion>(found.motion).per_s, -800, 8);
     ASSERT_FALSE(found.warnings.empty());
     EXPECT_NE(found.warnings[0].find("no board at t = "), std::string::npos) << found.warnings[0];
   }
@@ -161,7 +162,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   LabScene other = scene;
   other.values["start_right_mm"] = 70, other.values["speed_m_per_s"] = 0.8, other.values["board_up_mm"] = 8;
   other.values["board_distance_mm"] = 1520;
-  const Found sim =
+  const TargetEstimate sim =
       find_in_recording(recorded(70, 0.8, 8, 1520), other, optics, {.views = 6, .hold_camera = true}, "x.raw");
   const Aligned second = align_scene(other, real, sim, Clock::offset);
   EXPECT_NEAR(second.scene.values.at("speed_m_per_s"), 0.8, 0.004);

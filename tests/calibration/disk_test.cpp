@@ -100,6 +100,34 @@ TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
   }
 }
 
+// Dark spots on a bright disk, or a rotor of few blades: they turn, but are no sectors.
+TEST(Disk, WhatTurnsButHasNoSectorsIsSaid) {
+  for (const int spots : {1, 3})
+    for (const double width_deg : {12.0, 24.0}) {
+      std::mt19937 random(2);
+      std::uniform_real_distribution<double> unit(0, 1);
+      std::vector<events::Event> events;
+      while (events.size() < 40'000) {
+        const auto t_us = static_cast<std::int64_t>(unit(random) * static_cast<double>(kSpan_us) * 4);
+        const bool on = unit(random) < 0.5;  // behind the spot it grows bright again
+        const double behind_deg = -3 * std::log(1 - unit(random)) + (on ? width_deg : 0);
+        const int spot = static_cast<int>(unit(random) * spots);  // 0, 40 and 80 degrees on
+        const double angle = (40 * spot - behind_deg + 2100 * 1e-6 * static_cast<double>(t_us)) * M_PI / 180;
+        const double r = 60 + 20 * unit(random);
+        events.push_back({t_us, static_cast<std::uint16_t>(160 + r * std::cos(angle)),
+                          static_cast<std::uint16_t>(120 - r * std::sin(angle)), on});
+      }
+      try {
+        const Disk d = find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
+        FAIL() << spots << " spots of " << width_deg << " deg: found a disk of " << d.sectors << " sectors";
+      } catch (const Error& e) {
+        EXPECT_EQ(e.code(), ExitCode::bad_input);
+        const bool said = std::string(e.what()).find("of equal width") != std::string::npos;
+        EXPECT_TRUE(said || spots > 1) << e.what();  // several may lack the coherence
+      }
+    }
+}
+
 // Half way it stops, or turns back: then that is said, in whatever way.
 TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
   const events::Recording turning = recording({}, 5);

@@ -1,5 +1,5 @@
 #pragma once
-// Every prescription that must work: those shipped, and those of shared/ where it is there.
+// Every prescription that must work: those shipped, those of tests/lens/lenses, and those of shared/ where it is there.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,9 +11,11 @@
 
 namespace pecs::lens::tests {
 
+inline std::filesystem::path test_lens_dir() { return pecs::tests::source_dir() / "tests" / "lens" / "lenses"; }
+
 inline std::vector<std::string> lens_files(bool shared = true) {
   std::vector<std::string> files;
-  std::vector dirs{pecs::tests::source_dir() / "lens_data" / "lenses"};
+  std::vector dirs{pecs::tests::source_dir() / "lens_data" / "lenses", test_lens_dir()};
   if (shared) dirs.push_back(pecs::tests::shared_dir() / "lenses");
   for (const auto& dir : dirs)
     if (std::filesystem::is_directory(dir))
@@ -27,8 +29,11 @@ inline std::vector<std::string> lens_files(bool shared = true) {
 // "lens_data/lenses/x.json" -> "lenses_x", for test names.
 inline std::string test_name(const std::string& file) {
   const std::filesystem::path path(file);
-  std::string name =
-      (path.string().find("lens_data") != std::string::npos ? "ours_" : "shared_") + path.stem().string();
+  const std::string text = path.string();
+  std::string name = (text.find("lens_data") != std::string::npos     ? "ours_"
+                      : text.find("tests/lens/") != std::string::npos ? "test_"
+                                                                      : "shared_") +
+                     path.stem().string();
   std::replace_if(name.begin(), name.end(), [](unsigned char c) { return !std::isalnum(c); }, '_');
   return name;
 }

@@ -31,8 +31,7 @@ def open_scene(path):
 def plain(path):
     source = open_scene(path)
     source.set_time(T_S)
-    with cycles.Film(source.scene) as film:
-        return film.render()
+    return cycles.Film(source.scene).render()
 
 
 def banded(path, matrix):
@@ -42,8 +41,7 @@ def banded(path, matrix):
     source.set_time(T_S)
     spectral.after_instant()
     spectral.set_pass(np.array([620.0, 540.0, 460.0]) if not matrix else np.full(3, 560.0))
-    with cycles.Film(source.scene) as film:
-        return film.render(), spectral.emitters.norm([620.0, 540.0, 460.0])
+    return cycles.Film(source.scene).render(), spectral.emitters.norm([620.0, 540.0, 460.0])
 
 
 def main(out, paths):

@@ -1,72 +1,12 @@
-"""Ten .blend files that together use every kind of colour socket: `python blend_files.py FOLDER` (with bpy)."""
+"""Twelve .blend files that together use every kind of colour socket, and others (with bpy):
+`python blend_files.py FOLDER [NAME...]`."""
 
 import math
 import sys
 from pathlib import Path
 
 import bpy
-
-RED, GREEN, BLUE, GREY = (0.8, 0.2, 0.1, 1), (0.1, 0.7, 0.2, 1), (0.1, 0.2, 0.9, 1), (0.5, 0.5, 0.5, 1)
-
-
-def start():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = 48, 32
-    scene.frame_end = 10
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location, camera.rotation_euler = (0, -4, 1), (math.radians(80), 0, 0)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    return scene
-
-
-def lamp(kind="POINT", colour=(1, 0.8, 0.6), energy=200):
-    light = bpy.data.lights.new("lamp", kind)
-    light.color, light.energy = colour, energy
-    thing = bpy.data.objects.new("lamp", light)
-    thing.location = (1.5, -2, 3)
-    bpy.context.scene.collection.objects.link(thing)
-    return light
-
-
-def material(name, *closures):
-    """A surface of the sum of closures: (type, {socket: value})."""
-    m = bpy.data.materials.new(name)
-    m.use_nodes = True
-    tree = m.node_tree
-    tree.nodes.clear()
-    out = tree.nodes.new("ShaderNodeOutputMaterial")
-    total = None
-    for kind, values in closures:
-        node = tree.nodes.new(kind)
-        for key, value in values.items():
-            node.inputs[key].default_value = value
-        if total is None:
-            total = node
-        else:
-            add = tree.nodes.new("ShaderNodeAddShader")
-            tree.links.new(total.outputs[0], add.inputs[0])
-            tree.links.new(node.outputs[0], add.inputs[1])
-            total = add
-    if total:
-        tree.links.new(total.outputs[0], out.inputs["Surface"])
-    return m, tree, out
-
-
-def ball(m, location=(0, 0, 0.6), radius=0.6):
-    bpy.ops.mesh.primitive_uv_sphere_add(location=location, radius=radius, segments=24, ring_count=12)
-    thing = bpy.context.object
-    if m:
-        thing.data.materials.append(m)
-    return thing
-
-
-def floor(m=None):
-    bpy.ops.mesh.primitive_plane_add(size=8)
-    if m:
-        bpy.context.object.data.materials.append(m)
-    return bpy.context.object
+from blend_parts import BLUE, GREEN, GREY, RED, ball, floor, lamp, material, start
 
 
 def closures():
@@ -315,6 +255,67 @@ def drivers():
     scene.frame_set(4)
 
 
+def _keyed(thing, action, slot, path, values):
+    """Keyframes of frames 1 and 10 in a slot of an action that others share."""
+    animation = thing.animation_data or thing.animation_data_create()
+    animation.action, animation.action_slot = action, slot
+    holder, key = (thing, path) if isinstance(path, str) else path
+    for frame, value in zip((1, 10), values, strict=True):
+        setattr(holder, key, value)
+        assert holder.keyframe_insert(key, frame=frame)
+
+
+def _animated_things():
+    """Each with what moves its colour: a lamp, a node tree, one without nodes, a world; and shape keys."""
+    light = lamp()
+    m, tree, _ = material("moving", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))
+    plain = bpy.data.materials.new("no nodes")
+    plain.use_nodes = False
+    sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    bpy.context.scene.world = sky
+    background = sky.node_tree.nodes["Background"].inputs["Color"]
+    thing = ball(m)
+    thing.shape_key_add(name="rest")
+    key = thing.shape_key_add(name="tall")
+    for point in key.data:
+        point.co.z *= 1.5
+    floor(plain)
+    return [
+        ("LIGHT", light, "color", ((1, 0, 0), (0, 1, 1))),
+        ("NODETREE", tree, (tree.nodes["Diffuse BSDF"].inputs["Color"], "default_value"), (GREY, GREEN)),
+        ("MATERIAL", plain, "diffuse_color", (GREY, RED)),
+        ("NODETREE", sky.node_tree, (background, "default_value"), (GREY, BLUE)),
+        ("KEY", thing.data.shape_keys, (key, "value"), (0.0, 1.0)),
+    ]
+
+
+def slots():
+    """One action moves everything, each thing by a slot of its own."""
+    action = bpy.data.actions.new("all")
+    for i, (kind, thing, path, values) in enumerate(_animated_things()):
+        _keyed(thing, action, action.slots.new(kind, f"slot {i}"), path, values)
+    bpy.context.scene.frame_set(1)
+
+
+def strips():
+    """The same in strips; above each lies a track that is off."""
+    action = bpy.data.actions.new("all")
+    for i, (kind, thing, path, values) in enumerate(_animated_things()):
+        slot = action.slots.new(kind, f"slot {i}")
+        _keyed(thing, action, slot, path, values)
+        animation = thing.animation_data
+        animation.action = None
+        for on in (True, False):
+            track = animation.nla_tracks.new()
+            strip = track.strips.new("strip", 1 if on else 4, action)
+            strip.action_slot = slot
+            strip.action_frame_start, strip.action_frame_end = 1, 10
+            strip.frame_end = strip.frame_start + 9
+            track.mute = not on
+    bpy.context.scene.frame_set(1)
+
+
 def world():
     """A textured environment (packed image) and a world without nodes in a second scene."""
     image = bpy.data.images.new("sky", 16, 8, float_buffer=True)
@@ -342,20 +343,52 @@ def linked():
         bpy.context.scene.collection.objects.link(thing)
 
 
-FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, world, linked]
+PLANE, BALL, BALL_RADIUS = ((0, 5, 0), 20), (0.3, 3, -0.2), 0.5  # a wall turned about z by so many degrees
+
+
+def measured(unit_m=1.0):
+    """A wall and a ball before a camera in the origin that looks along +y, in metres whatever the unit; a lamp."""
+    scene = bpy.context.scene
+    scene.unit_settings.scale_length = unit_m
+    camera = scene.camera
+    camera.location, camera.rotation_euler = (0, 0, 0), (math.radians(90), 0, 0)
+    camera.data.lens, camera.data.sensor_width, camera.data.shift_x = 40, 36, 0.05
+    camera.data.dof.use_dof, camera.data.dof.focus_distance, camera.data.dof.aperture_fstop = True, 3 / unit_m, 1.0
+    (x, y, z), turn_deg = PLANE
+    location = tuple(v / unit_m for v in (x, y, z))
+    bpy.ops.mesh.primitive_plane_add(
+        size=4 / unit_m, location=location, rotation=(math.radians(90), 0, math.radians(turn_deg))
+    )
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        radius=BALL_RADIUS / unit_m, location=tuple(v / unit_m for v in BALL), segments=256, ring_count=128
+    )
+    thing = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    thing.data.energy, thing.data.shadow_soft_size = 100, 0.1 / unit_m
+    thing.location = (1 / unit_m, 0, 1 / unit_m)
+    scene.collection.objects.link(thing)
+    scene.cycles.diffuse_bounces = 0
+
+
+def centimetres():
+    measured(0.01)
+
+
+FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, slots, strips, world, linked]
 LIBRARY = Path()
 
-OTHERS = [temperatures, spectra, python_driver, missing_texture, no_camera]
+OTHERS = [temperatures, spectra, python_driver, missing_texture, no_camera, measured, centimetres]
 
 
-def main(folder):
+def main(folder, *names):
     global LIBRARY
     LIBRARY = Path(folder).absolute()
     for make in FILES + OTHERS:
+        if names and make.__name__ not in names:
+            continue
         start()
         make()
         bpy.ops.wm.save_as_mainfile(filepath=str(LIBRARY / f"{make.__name__}.blend"), compress=False, copy=False)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

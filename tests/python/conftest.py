@@ -1,6 +1,7 @@
 """Fixtures. `shared` is the folder of recordings and prescriptions beside a developer's checkout; tests that need it
 skip on a machine without it."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -14,6 +15,14 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="session")
 def root() -> Path:
     return ROOT
+
+
+def load_script(path: Path):
+    """A script of bench/, studies/ or tools/ as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -131,11 +131,10 @@ def test_the_real_recording(pecs_program, shared, tmp_path):
     assert json.loads((tmp_path / "found.png.run.json").read_text())["results"] == disk
 
 
-def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_path, monkeypatch):
-    """A recording drawn through the lens by bench/lab_views.py; aligned; rendered by Cycles: the same picture."""
+def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_path):
+    """A recording drawn through the lens by pecs_lab; aligned; rendered by Cycles: the same picture."""
     pytest.importorskip("bpy")
-    monkeypatch.syspath_prepend(str(root / "bench"))
-    import lab_views as lab
+    from pecs_lab import lab_views as lab
 
     size = (640, 360)
     camera = lab.Camera("pecs_lab_15mm", 1.56, *size, 0.00972, stop_diameter_mm=1.0)

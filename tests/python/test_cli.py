@@ -33,7 +33,45 @@ def test_every_subcommand_answers_help(pecs_program):
 
 def test_usage_errors_exit_2(pecs_program):
     for args in ([], ["nonsense"], *([*c, "--no-such-option"] for c in subcommands(pecs_program))):
-        assert pecs_program(*args).returncode == 2, args
+        result = pecs_program(*args)
+        assert result.returncode == 2, args
+        assert re.fullmatch(r"pecs: [^\n]+\n", result.stderr) and not result.stdout, args
+
+
+@pytest.mark.parametrize("more", [[], ["--help"], ["x.raw", "-o", "y"]], ids=lambda more: " ".join(more) or "alone")
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["sens"], "pecs: sens: no such command; nearest: sense\n"),
+        (["covnert"], "pecs: covnert: no such command; nearest: convert\n"),
+        (["lens", "inof"], "pecs: lens: inof: no such command; nearest: info\n"),
+    ],
+)
+def test_an_unknown_command_is_named(pecs_program, command, line, more):
+    result = pecs_program(*command, *more)
+    assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
+
+
+def test_a_time_without_unit_is_named(pecs_program):
+    result = pecs_program("view", "x.raw", "-o", "x.png", "--from", "20")
+    assert result.returncode == 2 and result.stderr.startswith(
+        "pecs: view: --from: got '20', wanted a time with its unit"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("scene.blend", b"BLENDER-v405RENDH", "render it first"),
+        ("events.csv", b"t_us,x,y,p\n1,2,3,1\n", "got events (csv)"),
+        ("notes.mp4", b"not a video, but words\n" * 50, "wanted a video"),
+    ],
+)
+def test_sense_names_what_is_no_light(pecs_program, tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    result = pecs_program("sense", name, "-o", "x.raw", cwd=tmp_path)
+    assert result.returncode == 4 and words in result.stderr
+    assert re.fullmatch(rf"pecs: {re.escape(name)}: [^\n]+\n", result.stderr)
 
 
 @pytest.mark.parametrize(

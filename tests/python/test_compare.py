@@ -19,8 +19,8 @@ def test_tiny_example():
     r = np.array([(0, 0, 0, 0), (1000, 10, 10, 1), (2000, 20, 20, 1)], pecs.EVENT_DTYPE)
     q = r.copy()
     q["t"][1] = 1001
-    eq16 = pecs.distance(r, q, width=64, height=48, normalisation="eq16")
-    paper = pecs.distance(r, q, width=64, height=48, normalisation="paper")
+    eq16 = pecs.compare(r, q, width=64, height=48, normalisation="eq16")
+    paper = pecs.compare(r, q, width=64, height=48, normalisation="paper")
     assert eq16["chamfer"] == pytest.approx(0.33333, abs=1e-5)
     assert eq16["gaussian"] == pytest.approx(0.30983, abs=1e-5)
     assert paper["chamfer"] == pytest.approx(0.66667, abs=1e-5)
@@ -30,11 +30,11 @@ def test_tiny_example():
 def test_wrong_input():
     a = stream(100, 1)
     with pytest.raises(pecs.PecsError, match="event .*: got x .* wanted x < 32, y < 48"):
-        pecs.distance(a, a, width=32, height=48)
+        pecs.compare(a, a, width=32, height=48)
     with pytest.raises(pecs.PecsError, match="sim: got 0 events, wanted at least 1"):
-        pecs.distance(a, stream(0, 1), width=64, height=48)
+        pecs.compare(a, stream(0, 1), width=64, height=48)
     with pytest.raises(pecs.PecsError, match="normalisation: got 'float'"):
-        pecs.distance(a, a, width=64, height=48, normalisation="float")
+        pecs.compare(a, a, width=64, height=48, normalisation="float")
 
 
 def test_program_says_the_same(pecs_program, tmp_path):
@@ -42,12 +42,12 @@ def test_program_says_the_same(pecs_program, tmp_path):
     names = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for name, s in zip(names, streams, strict=True):
         pecs.write(name, s)
-    result = pecs_program("compare", *names, "--metric-compat", "eq16", "--json")
+    result = pecs_program("compare", *names, "--normalisation", "eq16", "--json")
     assert result.returncode == 0, result.stderr
-    ours = pecs.distance(*streams, width=64, height=48, normalisation="eq16")
+    ours = pecs.compare(*streams, width=64, height=48, normalisation="eq16")
     theirs = json.loads(result.stdout)
     assert theirs == ours
-    table = pecs_program("compare", *names, "--metric-compat", "eq16").stdout
+    table = pecs_program("compare", *names, "--normalisation", "eq16").stdout
     assert f"{ours['chamfer']:.4f}" in table and f"{ours['gaussian']:.5f}" in table
 
 
@@ -72,11 +72,21 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
         assert theirs["delays"][p]["earth_mover_deg"] == pytest.approx(5, abs=0.5)
         assert 0.3 < theirs["delays"][p]["overlap"] < 0.9
     disk = json.loads((tmp_path / "disk.json").read_text())
-    assert pecs.distance(*streams, width=320, height=300, disk=disk) == theirs
+    assert pecs.compare(*streams, width=320, height=300, disk=disk) == theirs
     assert (tmp_path / "delays.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "delays.png.run.json").read_text())["results"] == theirs
     table = pecs_program("compare", *names, "--disk", "find", cwd=tmp_path)
     assert "delay behind the edge" in table.stdout and "sd of ON + next OFF" in table.stdout
+    # One stream alone: the same numbers, and what a model needs to predict them.
+    alone = pecs.delays(streams[0], disk=disk, width=320, height=300, duration_us=int(theirs["rate_curve_us"]))
+    for p in ("on", "off"):
+        assert alone[p]["histogram"] == pytest.approx(theirs["delays"][p]["histogram"]["real"], rel=1e-9)
+        passes = np.array(alone[p]["passes"])
+        assert passes.shape == (alone["regions"]["around"] * alone["regions"]["along"], 55)
+        assert (np.array(alone[p]["histogram"]) * passes.sum(0)).sum() == pytest.approx(30_000 * 0.92, rel=0.02)
+    assert sum(alone["regions"]["events"]) == pytest.approx(60_000 * (0.98**2 - 0.2**2), rel=0.02)
+    with pytest.raises(pecs.PecsError, match="time order"):
+        pecs.delays(streams[0][::-1], disk=disk, width=320, height=300, duration_us=60_000)
     (tmp_path / "no.json").write_text('{"sectors": 4}')
     result = pecs_program("compare", *names, "--disk", "no.json", cwd=tmp_path)
     assert result.returncode == 4 and "no.json: centre_x" in result.stderr
@@ -87,7 +97,7 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
     [
         (["--window", "100"], 2, "--window"),
         (["--window", "0ms"], 2, "--window"),
-        (["--metric-compat", "float"], 2, "--metric-compat"),
+        (["--normalisation", "float"], 2, "--normalisation"),
         (["--origin", "middle"], 2, "--origin"),
     ],
 )

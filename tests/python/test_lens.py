@@ -5,6 +5,7 @@ import io
 import json
 import math
 
+import numpy as np
 import pecs
 import pytest
 
@@ -130,9 +131,70 @@ def test_a_narrow_pass_is_traced_at_its_mean():
     assert wide.channel_mode == "per_channel" and wide.colour_shift_px > 0.1
 
 
-@pytest.mark.parametrize(
-    "options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "no_such": 1}, {}]
-)
+@pytest.mark.parametrize("options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "fnumber": 0}])
 def test_camera_refuses_bad_options(options):
-    with pytest.raises(pecs.PecsError):
+    with pytest.raises(pecs.PecsInputError):
         pecs.Lens(LENS).camera(**options)
+
+
+def test_arguments_are_named():
+    with pytest.raises(TypeError, match="no_such"):
+        pecs.Lens(LENS).camera(bands_nm=[550], no_such=1)
+    with pytest.raises(TypeError, match="bands_nm"):
+        pecs.Lens(LENS).camera()
+
+
+def test_a_closed_lens_raises():
+    lens = pecs.Lens(LENS)
+    lens.close()
+    lens.close()
+    size = {"width": 64, "height": 48}
+    for call in (
+        lens.info,
+        lens.pupil,
+        lens.draw,
+        lambda: lens.camera(bands_nm=[550]),
+        lambda: lens.pixels([0, 0, 1], **size),
+        lambda: lens.directions([1, 2], **size),
+        lens.__enter__,
+    ):
+        with pytest.raises(ValueError, match="this Lens is closed"):
+            call()
+
+
+PICTURE = {"width": 64, "height": 36, "pixel_pitch_mm": 0.0972, "focus_m": 2.0}
+
+
+def test_directions_and_pixels():
+    with pecs.Lens("cmount_8mm_f2p8") as lens:
+        y, x = np.mgrid[0:36, 0:64] + 0.5
+        pixels = np.stack([x, y], axis=-1)
+        directions = lens.directions(pixels, **PICTURE)
+        assert directions.shape == (36, 64, 3)
+        assert np.linalg.norm(directions, axis=-1) == pytest.approx(1)
+        assert directions[0, 0, 0] < 0 and directions[0, 0, 1] < 0 and (directions[..., 2] > 0).all()
+        assert lens.pixels(3 * directions, **PICTURE) == pytest.approx(pixels, abs=1e-6)
+        # The chief rays of `info`, along the film radius.
+        rows = lens.info(lambda_nm=550, focus_m=2.0, field_rows=6)["field"]
+        along = [[32 + row["r_mm"] / 0.0972, 18] for row in rows]
+        angle = [math.degrees(math.atan2(d[0], d[2])) for d in lens.directions(along, **PICTURE)]
+        assert angle == pytest.approx([row["angle_deg"] for row in rows], abs=1e-5)
+
+
+def test_directions_end_where_the_lens_does():
+    lens = pecs.Lens("cmount_8mm_f2p8")
+    wide = PICTURE | {"width": 640, "height": 360}
+    assert np.isnan(lens.directions([0, 0], **wide)).all()
+    assert np.isnan(lens.pixels([[0, 0, -1], [np.nan, 0, 1]], **wide)).all()
+    assert lens.directions(np.empty((0, 2)), **PICTURE).shape == (0, 3)
+
+
+@pytest.mark.parametrize("more", [{"width": 0}, {"focus_m": -1}, {"fnumber": 0.5}, {"film_tilt_deg": (60, 0)}])
+def test_directions_refuse_bad_settings(more):
+    with pytest.raises(pecs.PecsError, match="got"):
+        pecs.Lens(LENS).directions([1, 1], **(PICTURE | more))
+
+
+def test_directions_refuse_bad_arrays():
+    with pytest.raises(ValueError, match="wanted"):
+        pecs.Lens(LENS).directions([[1, 2, 3]], **PICTURE)

@@ -11,15 +11,16 @@ import pytest
 LAMBDA_NM = 550.0
 
 
-def shipped(root):
-    return sorted((root / "lens_data/lenses").glob("*.json"))
+def prescriptions(root):
+    """Those shipped, and those whose stop's plane cuts its neighbour."""
+    return sorted([*(root / "lens_data/lenses").glob("*.json"), *(root / "tests/lens/lenses").glob("*.json")])
 
 
 def pytest_generate_tests(metafunc):
     from conftest import ROOT
 
     if "lens_path" in metafunc.fixturenames:
-        metafunc.parametrize("lens_path", shipped(ROOT), ids=lambda p: p.stem)
+        metafunc.parametrize("lens_path", prescriptions(ROOT), ids=lambda p: p.stem)
 
 
 @pytest.fixture

@@ -1,16 +1,11 @@
 """Event times from 1 kHz frames against the same scene at 100 kHz (bench/pixel_accuracy.py, on a smaller picture)."""
 
-import sys
-
 import pytest
+from conftest import load_script
 
 
 def test_times_against_100_khz(root):
-    sys.path.insert(0, str(root / "bench"))
-    try:
-        import pixel_accuracy
-    finally:
-        sys.path.pop(0)
+    pixel_accuracy = load_script(root / "bench/pixel_accuracy.py")
     got = pixel_accuracy.measure(12, 1000, (150, 130))["pecs"]
     assert got["true_events"] > 10_000
     assert got["recall"] > 0.997 and got["precision"] > 0.997

@@ -11,7 +11,7 @@ pecs = pytest.importorskip("pecs")
 WIDTH, HEIGHT = 24, 4  # a column per patch
 
 
-def checker_stack(root, folder, bands=12, frames=1, lamp="d65"):
+def checker_stack(root, folder, bands=12, frames=1, lamp="d65", scene=None):
     """The 24 patches under a lamp, as spectral radiance."""
     spectra = root / "lens_data" / "spectra"
     read = lambda name: np.loadtxt(spectra / f"{name}.csv", delimiter=",", skiprows=2).T  # noqa: E731
@@ -24,7 +24,7 @@ def checker_stack(root, folder, bands=12, frames=1, lamp="d65"):
     stack = {
         "pecs_stack": 1, "quantity": "radiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": None,
         "bands": chosen, "times_ns": [i * 1000 for i in range(frames)], "period_ns": None,
-        "lens": None, "scene": {}, "render": {}, "versions": {},
+        "lens": None, "scene": scene or {}, "render": {}, "versions": {},
     }  # fmt: skip
     with pecs.StackWriter(folder, stack) as writer:
         for i in range(frames):
@@ -55,6 +55,35 @@ def test_colours_are_those_of_the_chart(root, pecs_program, tmp_path, bands, mos
     difference = np.linalg.norm(lab - seen_lab, axis=1)[inside]
     print(f"{bands} bands, CIE76: mean {difference.mean():.2f}, largest {difference.max():.2f}")
     assert inside.sum() >= 20 and difference.mean() < most
+
+
+@pytest.mark.parametrize("lamp", ["d65", "led_b3", "a"])
+def test_few_bands_have_the_charts_colours(root, pecs_program, tmp_path, lamp):
+    """Three bands: patches have about the colours that 31 bands under D65 give, and greys are neutral."""
+
+    def seen(folder, *options, **stack):
+        checker_stack(root, folder, **stack)
+        result = pecs_program("render-preview", folder, "-o", tmp_path / "x.png", *options)
+        assert result.returncode == 0, result.stderr
+        shown = cv2.imread(str(tmp_path / "x.png"))[1] / 255
+        linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+        return linear / linear[white].mean()
+
+    names = [p.stem for p in sorted((root / "lens_data/spectra/colorchecker").glob("*.csv"))]
+    greys = [i for i, name in enumerate(names) if name.startswith(("white", "neutral", "black"))]
+    white = names.index("neutral_6p5")
+    assert len(greys) == 6
+    truth = seen(tmp_path / "truth", bands=31)
+    few = seen(tmp_path / "few", bands=3, lamp=lamp, scene={"parameters": {"lamp_spectrum": lamp}})
+    assert np.array_equal(few, seen(tmp_path / "asked", "--illuminant", lamp, bands=3, lamp=lamp))
+    assert np.abs(few[greys] - few[greys].mean(axis=1, keepdims=True)).max() < 0.2  # they are not quite flat
+    print(f"{lamp}: mean difference {np.abs(few - truth).mean():.3f}, the grey is 1")
+    if lamp == "a":  # two of its bands lie beyond 640 nm
+        return
+    for kind in ("red", "green", "blue", "yellow"):
+        i = names.index(kind)
+        assert np.argsort(few[i])[-1] == np.argsort(truth[i])[-1], kind
+    assert np.abs(few - truth).mean() < 0.6
 
 
 def test_exposure_is_in_stops(root, pecs_program, tmp_path):

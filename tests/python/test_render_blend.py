@@ -120,7 +120,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
         ("textures", ["--illuminant", "blackbody:12"], 4, "blackbody"),
         ("textures", ["--set", "rpm=3"], 2, "--set"),
         ("no_such_file", [], 3, "no such file"),
-        ("textures", ["--frames", "100000", "--width", "40000"], 5, "disk"),
+        ("textures", ["--frames", "100000", "--width", "8000"], 5, "disk"),
     ],
 )
 def test_bad_input_is_one_line(blends, tmp_path, name, args, code, says):
@@ -157,3 +157,22 @@ def test_a_scene_whose_name_is_a_path(blends, tmp_path):
     result = render(blends / "world.blend", "-o", tmp_path / "s", *SMALL, "--scene-name", "../other/scene")
     assert result.returncode == 4 and "camera" in result.stderr  # found, and it has none
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_worlds_map_is_as_fine_as_its_picture(blends):
+    """16 pixels here. One that a file chooses stays."""
+    code = """
+import bpy, os, sys
+from pecs_blender.scene import cycles
+for chosen in (False, True):
+    bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+    settings = bpy.context.scene.world.cycles
+    if chosen:
+        settings.sampling_method, settings.sample_map_resolution = "MANUAL", 512
+    cycles.configure(bpy.context.scene, 8, 8, cycles.Sampling(1, 1, {}))
+    print(settings.sampling_method, settings.sample_map_resolution, flush=True)
+os._exit(0)
+"""
+    command = [sys.executable, "-c", code, str(blends / "world.blend")]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert [line for line in result.stdout.splitlines() if "MANUAL" in line] == ["MANUAL 16", "MANUAL 512"]

@@ -123,18 +123,45 @@ def test_the_noise_target_is_met(root, tmp_path, target):
 
     import numpy as np
     import pecs
+    from pecs_blender.core.chip import load_chip
 
     currents = []
     for seed in (1, 7):
         folder = tmp_path / str(seed)
         run(*command(root, "rotating_disk", folder, *SMALL, "--frames", 1, "--seed", seed, "--noise-target", target))
         stack = json.loads((folder / "stack.json").read_text())
-        weight = [b["weight_nm"] * b["lambda_nm"] for b in stack["bands"]]
+        weight = load_chip("imx636").weights(stack["bands"])
         with pecs.StackReader(folder) as reader:
             currents.append(np.einsum("k,kyx->yx", weight, reader.read_frame(0)))
     noise = np.sqrt(np.mean(np.log(currents[0] / currents[1]) ** 2) / 2)
     assert 0.4 * target * 0.25 < noise < 1.15 * target * 0.25  # thresholds of the imx636: .25 and .29
     assert stack["render"]["device"] == "CPU"
+
+
+def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
+    """Light in one band of a pair at a time: the photocurrents that `pecs sense` reports are as the weights."""
+    import json
+
+    import numpy as np
+    import pecs
+    from pecs_blender.core.chip import load_chip
+
+    bands = [{"lambda_nm": 450.0, "weight_nm": 30.0}, {"lambda_nm": 850.0, "weight_nm": 50.0}]
+    currents = []
+    for band in (0, 1):
+        stack = {"pecs_stack": 1, "quantity": "irradiance", "width": 4, "height": 4, "pixel_pitch_m": 4.86e-6}
+        stack |= {"bands": bands, "times_ns": [0, 1000], "period_ns": None, "lens": None}
+        with pecs.StackWriter(tmp_path / f"s{band}", stack | {"scene": {}, "render": {}, "versions": {}}) as writer:
+            light = np.zeros((2, 4, 4), np.float32)
+            light[band] = 1e-3
+            for index in (0, 1):
+                writer.write_frame(index, light)
+        result = pecs_program("sense", tmp_path / f"s{band}", "-o", tmp_path / f"{band}.csv")
+        assert result.returncode == 0, result.stderr
+        record = json.loads((tmp_path / f"{band}.csv.run.json").read_text())
+        currents.append(record["results"]["photocurrent_a"]["median"])
+    weights = load_chip("imx636").weights(bands)
+    assert currents[1] / currents[0] == pytest.approx(weights[1] / weights[0], rel=1e-3)
 
 
 def test_a_device_that_is_not_there_is_one_line(root, tmp_path):

@@ -59,7 +59,7 @@ def test_everything(pecs_program, inputs):
     assert result.returncode == 0, result.stderr
     page = text_of(inputs / "report.html")
     summary = json.loads(result.stdout)
-    direct = pecs.distance(events(1), events(2), width=WIDTH, height=HEIGHT)
+    direct = pecs.compare(events(1), events(2), width=WIDTH, height=HEIGHT)
     assert summary["compare"]["chamfer"] == direct["chamfer"]
     for wanted in (
         f"{direct['chamfer']:.3f}",

@@ -1,6 +1,7 @@
 """Bands: quadrature against a dense sum."""
 
 import json
+import subprocess
 
 import numpy as np
 import pecs
@@ -88,3 +89,26 @@ def test_refused(options, code):
     with pytest.raises(pecs.PecsError) as e:
         pecs.bands(**options)
     assert e.value.code == code
+
+
+@pytest.mark.parametrize("lamp", ["d65", "led_b3", "blackbody:2856", "daylight:6500", "daylight:9300", "lamp.csv"])
+def test_both_programs_know_the_same_lamps(lamp, python, pecs_program, tmp_path):
+    (tmp_path / "lamp.csv").write_text("# mine\nwavelength_nm,value\n400,1\n500,3\n900,2\n")
+    options = ("bands", "--illuminant", lamp, "-n", "5", "--json")
+    ours = pecs_program(*options, cwd=tmp_path)
+    assert ours.returncode == 0, ours.stderr
+    done = subprocess.run([python, "-m", "pecs_blender", *options], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for a, b in zip(json.loads(ours.stdout)["bands"], json.loads(done.stdout)["bands"], strict=True):
+        assert a == pytest.approx(b, rel=1e-9)
+    if lamp != "lamp.csv":
+        assert pecs.bands(illuminant=lamp, n=5) == json.loads(ours.stdout)["bands"]
+
+
+@pytest.mark.parametrize(
+    ("lamp", "words"),
+    [("blackbody:hot", "blackbody:T"), ("daylight:100", "4000"), ("d99", "led_b3"), ("x.csv", "x.csv")],
+)
+def test_unknown_lamps_are_named(lamp, words, pecs_program, tmp_path):
+    result = pecs_program("bands", "--illuminant", lamp, cwd=tmp_path)
+    assert result.returncode in (3, 4) and words in result.stderr and result.stderr.count("\n") == 1

@@ -102,15 +102,74 @@ def test_errors():
         pecs.simulate(frames, t, overrides={"threshold": 1})
     with pytest.raises(pecs.PecsError, match="more than"):
         pecs.simulate(frames, t[::-1])
-    with pytest.raises(pecs.PecsError, match="none of"):
+    with pytest.raises(pecs.PecsNotFoundError, match="none of"):
         pecs.Sensor(W, H, "nope")
+    with pytest.raises(pecs.PecsInputError, match="size: got 1400x800, wanted at most imx636's 1280x720"):
+        pecs.Sensor(1400, 800)
+    with pytest.raises(TypeError, match="no_such"):
+        pecs.simulate(frames, t, no_such=1)
     sensor = pecs.Sensor(W, H)
     sensor.finish()
     with pytest.raises(ValueError, match="closed"):
         sensor.push(frames[0], 0)
 
 
-@pytest.mark.parametrize("model", ["esim", "v2e", "voltmeter", "icns"])
+def test_times_in_seconds():
+    frames, t = waves()
+    with pytest.raises(ValueError, match="t_us: got 0.001 between frames, wanted microseconds"):
+        pecs.simulate(frames, t * 1e-6)
+    with pecs.Sensor(W, H) as sensor:
+        sensor.push(frames[0], 0)
+        with pytest.raises(ValueError, match="wanted microseconds"):
+            sensor.push(frames[1], 0.033)
+        assert len(sensor.push(frames[1:], t[1:], last=True))  # a refused push changes nothing
+
+
+def test_a_refused_push_changes_nothing():
+    frames, t = waves()
+    whole = pecs.simulate(frames, t)
+    with pecs.Sensor(W, H) as sensor:
+        parts = []
+        for i in range(len(t)):
+            parts.append(sensor.push(frames[i], t[i]))
+            with pytest.raises(ValueError, match="more than"):
+                sensor.push(frames[:3], [t[i] + 1, t[i] + 9, t[i] + 5])
+        parts.append(sensor.finish())
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_values_that_no_light_has(recwarn):
+    frames, t = waves()
+    clean = frames.copy()
+    clean[3, 4, 5:9] = 0
+    frames[3, 4, 5:9] = -0.5
+    with pytest.warns(UserWarning, match="frames: values that no light has: 0 not finite, 4 negative"):
+        events = pecs.simulate(frames, t)
+    np.testing.assert_array_equal(events, pecs.simulate(clean, t))  # darkness
+    frames[10, :2] = np.nan
+    frames[11, 2] = np.inf
+    recwarn.clear()
+    with pecs.Sensor(W, H) as sensor:
+        for frame, time in zip(frames, t, strict=True):
+            sensor.push(frame, time)
+        assert sensor.bad_values == {"not_finite": 3 * W, "negative": 4}
+    assert len(recwarn) == 1  # the first push that had some
+
+
+def test_progress_can_stop():
+    frames, t = waves()
+    done = []
+    pecs.simulate(frames, t, progress=done.append)
+    assert done[-1] == 1
+
+    def stop(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pecs.simulate(frames, t, progress=stop)
+
+
+@pytest.mark.parametrize("model", [m["name"] for m in pecs.models() if not m["takes_light"]])
 def test_other_simulators(model):
     frames, t = waves()
     events = pecs.simulate(frames / 3, t, chip="davis346", model=model)
@@ -125,6 +184,7 @@ def test_labels():
     events = pecs.simulate(frames, t, photocurrent_a=1e-14, labels=True)
     for name in ("t", "x", "y", "p"):
         np.testing.assert_array_equal(events[name], plain[name])
+    assert (events.width, events.height) == (W, H)
     assert events["label"].max() <= 3 and (events["label"] == 0).mean() > 0.5
 
 

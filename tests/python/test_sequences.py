@@ -1,6 +1,5 @@
 """The lab's six sequences: files that their scenes take, steps below a pixel, events from one command."""
 
-import importlib.util
 import json
 import math
 import subprocess
@@ -8,20 +7,13 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import load_script
+from pecs_lab import sequences
 
 PX_PER_MM = 82.6 / 41.7  # on the target, of 1280 pixels (scenes/board)
 
 
-@pytest.fixture(scope="module")
-def sequences(root):
-    spec = importlib.util.spec_from_file_location("sequences", root / "tools/sequences.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["sequences"] = module  # dataclasses look it up
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_all_are_there_and_fit_their_scenes(sequences):
+def test_all_are_there_and_fit_their_scenes():
     from pecs_blender.core.scene_file import load_scene
 
     assert sequences.names() == ["R_360_H", "R_360_L", "R_60_H", "T_0.6_H", "T_1_H", "T_1_L"]
@@ -32,7 +24,7 @@ def test_all_are_there_and_fit_their_scenes(sequences):
 
 
 @pytest.mark.parametrize("coarser", [1, 2, 4, 8])
-def test_edges_move_less_than_a_pixel(sequences, coarser):
+def test_edges_move_less_than_a_pixel(coarser):
     for name in sequences.names():
         s = sequences.load(name)
         if "rpm" in s.parameters:
@@ -66,18 +58,17 @@ def test_the_lamp_stands_where_the_recordings_light_asks_for_it(rendered):
     assert 2.3 / 5.0 * 0.8 < top / bottom < 2.3 / 5.0 * 1.2
 
 
-def test_a_lamp_is_found_from_its_light(root, monkeypatch):
+def test_a_lamp_is_found_from_its_light():
     pytest.importorskip("scipy")
-    monkeypatch.syspath_prepend(str(root / "studies"))
-    import fit_lamp
+    from pecs_lab import lamp_fit
 
     angle, radius = np.radians(np.arange(7.5, 360, 15))[:, None], np.array([45.0, 75, 105, 135])
     x, up = 160 + radius * np.cos(angle), radius * np.sin(angle)
     size = {"lamp_length_mm": 800, "lamp_width_mm": 100}
     truth = {"lamp_right_mm": 120, "lamp_up_mm": 260, "lamp_before_mm": 310}
     area = np.broadcast_to(radius, x.shape)
-    light = fit_lamp.illuminance(x, up, truth | size, 0.1) * np.exp(np.random.default_rng(1).normal(0, 0.01, x.shape))
-    found, rms = fit_lamp.fit(5 * light, x, up, 1.0, area, size, 0.1)
+    light = lamp_fit.illuminance(x, up, truth | size, 0.1) * np.exp(np.random.default_rng(1).normal(0, 0.01, x.shape))
+    found, rms = lamp_fit.fit(5 * light, x, up, 1.0, area, size, 0.1)
     assert all(found[key] == pytest.approx(value, abs=15) for key, value in truth.items()) and rms < 0.2
     assert found["lamp_length_mm"] == 800
 
@@ -93,11 +84,9 @@ def test_table_of_five_models(root, rendered, tmp_path):
     """Against a recording (here one of the models' own: no distance) and, without one, against pecs."""
     import pecs
 
-    sys.path.insert(0, str(root / "studies"))
-    import table1
-
+    table1 = load_script(root / "studies/table1.py")
     info = json.loads((rendered / "R_360_L/stack/stack.json").read_text())
-    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", info, "esim", None)
+    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", info, "esim")
     pecs.write(tmp_path / "real.raw", table1.on_the_sensor(first, 8), width=1280, height=720)
     command = [sys.executable, root / "studies/table1.py", "-o", rendered, "--real", f"R_360_L={tmp_path}/real.raw"]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)

@@ -107,6 +107,72 @@ def test_bad_stack_json(tmp_path, change, message):
     assert not (tmp_path / "stack.json").exists()
 
 
+DEPTH = {"name": "depth", "files": "depth_%06d.exr", "channels": ["distance", "z"], "unit": "m", "at": "instant"}
+FLOW = {"name": "flow", "files": "flow_%06d.exr", "channels": ["x", "y"], "unit": "px", "at": "interval"}
+
+
+def test_layers_lie_beside_the_light(tmp_path, pecs_program):
+    values = frame(1) * np.float32(1.2345678)
+    values[0, 0, :3] = [np.inf, -np.inf, np.nan]
+    with StackWriter(tmp_path, stack_json() | {"layers": [DEPTH, FLOW]}) as stack:
+        stack.write_frame(0, frame())
+        assert not stack.has_layer("depth", 0)
+        stack.write_layer("depth", 0, values)
+        stack.write_layer("flow", 1, values)
+        assert stack.has_layer("depth", 0) and stack.has_layer("light", 0) and not stack.has_layer("depth", 1)
+        assert stack.has_layer("flow", 1) and not stack.has_layer("flow", 2)
+        with pytest.raises(pecs.PecsError, match="frame: got 2, wanted 0 to 1"):
+            stack.write_layer("flow", 2, values)  # three instants have two intervals
+        with pytest.raises(ValueError, match="depth: got shape"):
+            stack.write_layer("depth", 0, values[:1])
+        with pytest.raises(pecs.PecsError, match="layer: got normals, wanted one of light, depth, flow"):
+            stack.has_layer("normals", 0)
+    with StackReader(tmp_path) as reader:
+        assert [layer["name"] for layer in reader.layers] == ["light", "depth", "flow"]
+        assert reader.layers[0]["unit"] == "W.m^-2.nm^-1" and reader.layers[2]["at"] == "interval"
+        np.testing.assert_array_equal(reader.read_layer("depth", 0), values)  # every bit
+        np.testing.assert_array_equal(reader.read_layer("light", 0), reader.read_frame(0))
+        with pytest.raises(pecs.PecsError, match=r"depth_000001.exr: cannot be opened: no such file") as e:
+            reader.read_layer("depth", 1)
+        assert e.value.code == 3
+        (tmp_path / "depth_000001.exr").write_bytes((tmp_path / "depth_000000.exr").read_bytes())
+        with pytest.raises(pecs.PecsError, match="pecsTimeNs: got 0, wanted 100001"):
+            reader.read_layer("depth", 1)
+        (tmp_path / "depth_000001.exr").write_bytes((tmp_path / "frame_000000.exr").read_bytes())
+        with pytest.raises(pecs.PecsError, match="channels: got 2 others, wanted distance"):
+            reader.read_layer("depth", 1)
+        with pytest.raises(pecs.PecsError, match="wanted one of light, depth, flow"):
+            reader.read_layer("normals", 0)
+    assert "layer        depth: distance, z [m], per instant" in pecs_program("info", tmp_path).stdout
+
+
+def test_a_periodic_stack_has_an_interval_more(tmp_path):
+    stack = StackWriter(tmp_path, stack_json() | {"period_ns": 300_003, "layers": [FLOW]})
+    stack.write_layer("flow", 2, frame())
+    assert stack.has_layer("flow", 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": "light"}, r"layers\[0\].name: got light, wanted one that no other layer has"),
+        ({"name": "../x"}, "name"),
+        ({"files": "/tmp/%06d.exr"}, "files"),
+        ({"files": "frame_%06d.exr"}, "files"),
+        ({"files": "depth.exr"}, "depth_%06d.exr"),
+        ({"channels": []}, "channels"),
+        ({"channels": ["a", "a"]}, "a twice"),
+        ({"channels": [1]}, "channels"),
+        ({"at": "frame"}, "at"),
+        ({"colour": 1}, "colour"),
+    ],
+)
+def test_bad_layers(tmp_path, change, message):
+    with pytest.raises(pecs.PecsError, match=message):
+        StackWriter(tmp_path, stack_json() | {"layers": [DEPTH | change]})
+    assert not (tmp_path / "stack.json").exists()
+
+
 def test_bad_folders(tmp_path):
     with pytest.raises(pecs.PecsError, match="no such folder") as e:
         StackReader(tmp_path / "none")

@@ -9,7 +9,10 @@ import zipfile
 def test_tag_and_contents(wheel):
     assert "-py3-none-linux_" in wheel.name
     names = zipfile.ZipFile(wheel).namelist()
-    assert "pecs/_lib/libpecs.so" in names
+    assert [n for n in names if "libpecs" in n] == ["pecs/_lib/libpecs.so"]  # a zip has no links
+    data = "pecs/_lib/share/pecs"
+    for name in ("pecs/py.typed", f"{data}/sensor/chips/imx636.json", f"{data}/lens_data/lenses/pecs_lab_15mm.json"):
+        assert name in names
     assert not [n for n in names if n.startswith(("tests/", "include/", "bin/"))]
 
 

@@ -1,6 +1,7 @@
 #pragma once
-// A pixel in double precision, one at a time: what the kernels do in vectors of floats (sensor/src/pixel_kernel.cpp) is
-// compared with it.
+// The same algorithm in double precision, one pixel at a time: what the kernels do in vectors of floats
+// (sensor/src/models/pecs/) is compared with it. The product's photoreceptor meets Runge-Kutta in
+// photoreceptor_test.cpp.
 //
 // The charge-type (logistic) photoreceptor (docs/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi * corner per
 // ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its corner,

@@ -53,34 +53,6 @@ TEST(Photoreceptor, ConstantLightIsTheLogisticCurve) {
   }
 }
 
-// V all along the interval, in light that bends, rises and falls, at speeds from slow to stiff.
-TEST(Photoreceptor, VaryingLightAgainstRungeKutta) {
-  for (const LogLight light : {LogLight{0.0, 1.5, 0.3, 2.0}, {0, -1.5, 0, 0}, {0, 0.2, 0.5, -0.1}, {0, 2.3, 0, 6}})
-    for (const double a : {0.01, 0.3, 1.0, 5.0, 20.0, 200.0}) {
-      const int n = 100000;
-      double v = a < 3 ? -0.7 : light.l0 - light.m0 / a;
-      Receptor receptor(light, a, std::exp(-v));
-      auto step = receptor.next();
-      double worst = 0;
-      int steps = 1;
-      const auto slope = [&](double s, double at) { return a * (std::exp(light.at(s)) - std::exp(at)); };
-      for (int i = 0; i < n; ++i) {
-        const double s = static_cast<double>(i) / n, h = 1.0 / n;
-        if (s >= step.s1) {
-          step = receptor.next();
-          ++steps;
-        }
-        const double ds = step.s1 - step.s0;
-        worst = std::max(worst, std::abs(hermite(step.v0, step.v1, step.m0, step.m1).at((s - step.s0) / ds) - v));
-        const double k1 = slope(s, v), k2 = slope(s + h / 2, v + h / 2 * k1), k3 = slope(s + h / 2, v + h / 2 * k2);
-        v += h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(s + h, v + h * k3));
-      }
-      EXPECT_LT(worst, 1e-3) << light.l1 << " a " << a << " in " << steps << " steps";
-      EXPECT_NEAR(-std::log(receptor.w()), v, 1e-3);
-      EXPECT_LT(steps, 20) << a;
-    }
-}
-
 namespace {
 
 // ln I as the monotone cubic between frames (Fritsch & Butland): slopes per us at the frames.

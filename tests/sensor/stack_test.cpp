@@ -91,6 +91,26 @@ TEST_F(Stack, RefusesATruncatedFileAtAnyLength) {
   }
 }
 
+TEST_F(Stack, RefusesAnAttributeLongerThanTheFile) {  // OpenEXR allocates what is declared
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  const std::size_t at = bytes.find(std::string("chlist\0", 7)) + 7;
+  bytes.replace(at, 4, "\xff\xff\xff\x70");
+  std::ofstream(frame(), std::ios::binary) << bytes;
+  EXPECT_NE(refusal().find("got attribute channels of 1895825407 bytes"), std::string::npos) << refusal();
+}
+
+TEST_F(Stack, RefusesPixelsThatTheFileCannotHold) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  for (std::size_t at = 0; (at = bytes.find(std::string("box2i\0", 6), at)) != std::string::npos; ++at)
+    bytes[at + 6 + 4 + 8 + 1] = bytes[at + 6 + 4 + 12 + 1] = '\x20';  // the greatest x and y: 8192 and more
+  std::ofstream(frame(), std::ios::binary) << bytes;
+  EXPECT_NE(refusal().find("dataWindow: got "), std::string::npos) << refusal();
+}
+
 TEST_F(Stack, RefusesAGiantHeaderBeforeAllocating) {
   write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
   std::fstream file(frame(), std::ios::in | std::ios::out | std::ios::binary);
@@ -104,6 +124,36 @@ TEST_F(Stack, RefusesAGiantHeaderBeforeAllocating) {
   }
   file.close();
   EXPECT_NE(refusal(), "");
+}
+
+TEST_F(Stack, LayersOfInstantsAndIntervals) {
+  Json json = {{"pecs_stack", 1}, {"quantity", "radiance"}, {"width", 5}, {"height", 3}, {"pixel_pitch_m", nullptr}};
+  json["bands"] = {{{"lambda_nm", 550}, {"weight_nm", 1}}};
+  json["times_ns"] = {0, 10, 20};
+  json["period_ns"] = nullptr;
+  json["layers"] = {
+      {{"name", "depth"}, {"files", "d_%06d.exr"}, {"channels", {"z"}}, {"unit", "m"}, {"at", "instant"}},
+      {{"name", "flow"}, {"files", "f_%06d.exr"}, {"channels", {"x", "y"}}, {"unit", "px"}, {"at", "interval"}}};
+  for (const char* key : {"scene", "render", "versions"}) json[key] = Json::object();
+  const StackWriter writer(dir_, json);
+  ASSERT_EQ(writer.info().layers.size(), 3u);
+  EXPECT_EQ(writer.info().layers[0].channels[0], "S0.550nm");
+  EXPECT_EQ(planned_frames(writer.info(), writer.info().layers[1]), 3);
+  EXPECT_EQ(planned_frames(writer.info(), writer.info().layers[2]), 2);
+  std::vector<float> light(15, 1), flow(30);
+  for (std::size_t i = 0; i < flow.size(); ++i) flow[i] = 1 + 1e-6f * static_cast<float>(i);
+  writer.write_frame(0, light);
+  writer.write_frame(1, flow, "flow");
+  EXPECT_THROW(writer.write_frame(2, flow, "flow"), Error);
+  EXPECT_THROW(writer.write_frame(0, flow, "depth"), Error);
+  EXPECT_TRUE(writer.has_frame(1, "flow"));
+  EXPECT_FALSE(writer.has_frame(0, "flow"));
+  const StackReader reader(dir_);
+  EXPECT_EQ(reader.frames(), 1);
+  EXPECT_EQ(reader.read_frame(1, "flow"), flow);
+  EXPECT_THROW(reader.read_frame(0, "flow"), Error);
+  EXPECT_THROW(reader.read_frame(0, "normals"), Error);
+  EXPECT_THROW(reader.read_frame(-1), Error);
 }
 
 TEST_F(Stack, NeedsTimes) {

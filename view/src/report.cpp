@@ -61,7 +61,7 @@ std::string text_of(const Json& value) {
     for (const auto& item : value) list += (list.empty() ? "" : ", ") + text_of(item);
     return list;
   }
-  return value.is_null() ? "none" : value.dump();
+  return value.is_null() ? "none" : pecs::text_of(value);
 }
 
 std::string png_source(const cv::Mat& image) {
@@ -249,7 +249,7 @@ std::string bands_section(const Stack* stack, const std::optional<sensor::Chip>&
 
 std::string details(const std::string& name, const Json& json) {
   return fmt::format("<details><summary>{}</summary><pre>{}</pre></details>", html_escaped(name),
-                     html_escaped(json.dump(2)));
+                     html_escaped(pecs::text_of(json, 2)));
 }
 
 std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
@@ -266,128 +266,154 @@ std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
   }
 }
 
+// What the page is made from.
+struct Material {
+  std::optional<Loaded> real, sim;
+  std::optional<Stack> stack;
+  std::optional<sensor::Chip> chip;
+  std::vector<std::string> warnings;
+};
+
+Material read(const ReportInputs& inputs) {
+  Material m;
+  if (inputs.real) m.real = load(*inputs.real);
+  if (inputs.sim) m.sim = load(*inputs.sim);
+  if (inputs.stack)
+    m.stack = Stack{sensor::StackReader(*inputs.stack), parse_json_file(*inputs.stack / "stack.json"),
+                    sha256_of_file(*inputs.stack / "stack.json")};
+  m.chip = chip_of(m.sim ? &*m.sim : nullptr, m.stack ? &*m.stack : nullptr);
+  if (!m.sim || !m.stack || !m.sim->run.is_object()) return m;
+  bool same = false;
+  for (const auto& input : m.sim->run.value("inputs", Json::array()))
+    same |= input.value("sha256", "") == m.stack->sha256;
+  if (!same)
+    m.warnings.push_back("The simulated events were not made from this stack (their run record names another one).");
+  return m;
+}
+
+std::string cards_of(const metrics::Comparison& c) {
+  std::string cards;
+  const auto card = [&](const std::string& value, const std::string& name, const std::string& note) {
+    cards += fmt::format("<div class=\"card\"><span>{}</span><b>{}</b><span>{}</span></div>", name, value, note);
+  };
+  const auto floor = [&](double (metrics::Distances::*of)() const) {
+    return c.floor ? fmt::format("floor {:.3f} (0 is identical)", ((*c.floor).*of)()) : "";
+  };
+  card(fmt::format("{:.3f}", c.distance.chamfer()), "Chamfer distance", floor(&metrics::Distances::chamfer));
+  card(fmt::format("{:.3f}", c.distance.gaussian()), "Gaussian distance", floor(&metrics::Distances::gaussian));
+  card(fmt::format("{:.3f}", static_cast<double>(c.sim.events) / static_cast<double>(c.real.events)),
+       "events, simulated / real", fmt::format("{} / {}", c.sim.events, c.real.events));
+  card(fmt::format("{:.3f} / {:.3f}", c.sim.on_fraction, c.real.on_fraction), "ON fraction", "simulated / real");
+  return "<div class=\"cards\">" + cards + "</div>";
+}
+
+std::string shift_sentence(const metrics::TimeShift& shift) {
+  const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, against {:.3f} as it is",
+                                     shift.correlation, shift.correlation_now);
+  if (shift.correlation < kSeen) return fmt::format("<p>No shift in time makes the two agree ({}).</p>", at);
+  return fmt::format(
+      "<p>In time the two agree best when the simulation is moved by {:+.2f} ms ({}). Pictures and scores show it as "
+      "it is.</p>",
+      -shift.shift_us * 1e-3, at);
+}
+
+// A simulation beside its recording; empty without both.
+struct Scored {
+  std::optional<metrics::Comparison> shared;
+  std::string table, cards, shift;
+};
+
+Scored score(Material& m, metrics::CompareOptions options, Json& summary) {
+  Scored out;
+  if (!m.real || !m.sim) return out;
+  const auto compared = [&](metrics::Normalisation normalisation) {
+    options.normalisation = normalisation;
+    return metrics::compare(m.real->stream, m.real->path.string(), m.sim->stream, m.sim->path.string(), options);
+  };
+  out.shared = compared(metrics::Normalisation::shared);
+  out.table = scores(*out.shared, compared(metrics::Normalisation::eq16), compared(metrics::Normalisation::paper));
+  out.cards = cards_of(*out.shared);
+  summary["compare"] = to_json(*out.shared);
+  m.warnings.insert(m.warnings.end(), out.shared->warnings.begin(), out.shared->warnings.end());
+  const auto range_us = std::min(m.real->recording.span_us, m.sim->recording.span_us) / 2;
+  if (const auto shift = metrics::time_shift(m.real->recording, m.sim->recording, range_us)) {
+    out.shift = shift_sentence(*shift);
+    summary["time_shift"] = {{"shift_us", shift->shift_us},
+                             {"correlation", shift->correlation},
+                             {"correlation_unshifted", shift->correlation_now}};
+  }
+  return out;
+}
+
+std::string counts(const metrics::Comparison& c) {
+  std::string html = "<table><tr><th></th><th>real</th><th>simulated</th></tr>";
+  const auto line = [&](const std::string& name, const std::string& a, const std::string& b) {
+    html += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>", name, a, b);
+  };
+  const auto on = [](const metrics::StreamSummary& s) {
+    return std::llround(s.on_fraction * static_cast<double>(s.events));
+  };
+  line("ON events", fmt::format("{}", on(c.real)), fmt::format("{}", on(c.sim)));
+  line("OFF events", fmt::format("{}", static_cast<long long>(c.real.events) - on(c.real)),
+       fmt::format("{}", static_cast<long long>(c.sim.events) - on(c.sim)));
+  line("events per second", fmt::format("{:.4g}", c.real.rate_hz), fmt::format("{:.4g}", c.sim.rate_hz));
+  return html + "</table>";
+}
+
+std::string configuration(const Material& m) {
+  std::string html;
+  if (m.sim)
+    html += m.sim->run.is_object() ? details("Simulation: " + m.sim->path.filename().string() + ".run.json", m.sim->run)
+                                   : missing("The simulation has no run record beside it.");
+  if (m.real && m.real->run.is_object())
+    html += details("Recording: " + m.real->path.filename().string() + ".run.json", m.real->run);
+  if (m.stack) {
+    Json shortened = m.stack->json;
+    shortened["times_ns"] = fmt::format("{} instants", m.stack->reader.info().times_ns.size());
+    html += details("Render: stack.json", shortened);
+  }
+  return html;
+}
+
+// Most wanted part first.
+std::string body_of(const Material& m, const Scored& scored, const ReportInputs& inputs) {
+  std::string body = "<h1>";
+  body += m.real && m.sim ? "Simulated events beside a real recording"
+          : m.sim         ? "Simulated events"
+          : m.real        ? "A recording"
+                          : "A render";
+  body += fmt::format("</h1><p class=\"soft\">PECS {}</p>", kVersion) + scored.cards;
+  for (const auto& w : m.warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
+  std::vector<const Loaded*> streams;
+  std::vector<std::string> names;
+  if (m.real) streams.push_back(&*m.real), names.push_back("real");
+  if (m.sim) streams.push_back(&*m.sim), names.push_back("simulated");
+  if (!streams.empty()) {
+    body += "<h2>Events at the same instants</h2>" + event_pictures(streams, names) + scored.shift;
+    if (!m.real) body += missing("No real recording was given (--real).");
+    if (!m.sim) body += missing("No simulated events were given (--sim).");
+  }
+  body += "<h2>Scores</h2>";
+  body += scored.shared ? scored.table : missing("Needs a real recording (--real) and simulated events (--sim).");
+  if (!streams.empty())
+    body += "<h2>Event rate over time</h2>" + rates(scored.shared ? &*scored.shared : nullptr, *streams[0]);
+  if (scored.shared) body += counts(*scored.shared);
+  const Stack* stack = m.stack ? &*m.stack : nullptr;
+  body += "<h2>What was rendered</h2>" + (stack ? rendered(*stack, m.chip) : missing("No stack was given (--stack)."));
+  body += "<h2>The lens</h2>" + lens_section(inputs, stack);
+  body += "<h2>Quantum efficiency and bands</h2>" + bands_section(stack, m.chip);
+  return body + "<h2>Configuration and versions</h2>" + configuration(m);
+}
+
 }  // namespace
 
 Json write_report(const ReportInputs& inputs, const std::filesystem::path& output) {
   if (!inputs.real && !inputs.sim && !inputs.stack)
     throw Error(ExitCode::usage, "report: got no input, wanted at least one of --real, --sim, --stack");
-
-  // Read what there is.
-  std::optional<Loaded> real, sim;
-  std::optional<Stack> stack;
-  if (inputs.real) real = load(*inputs.real);
-  if (inputs.sim) sim = load(*inputs.sim);
-  if (inputs.stack)
-    stack = Stack{sensor::StackReader(*inputs.stack), parse_json_file(*inputs.stack / "stack.json"),
-                  sha256_of_file(*inputs.stack / "stack.json")};
-  const auto chip = chip_of(sim ? &*sim : nullptr, stack ? &*stack : nullptr);
-  std::vector<std::string> warnings;
-  if (sim && stack && sim->run.is_object()) {
-    bool same = false;
-    for (const auto& input : sim->run.value("inputs", Json::array()))
-      same |= input.value("sha256", "") == stack->sha256;
-    if (!same)
-      warnings.push_back("The simulated events were not made from this stack (their run record names another one).");
-  }
-
-  // Score it.
+  Material m = read(inputs);
   Json summary = Json::object();
-  std::optional<metrics::Comparison> shared;
-  std::string scored, cards, shift_text;
-  if (real && sim) {
-    metrics::CompareOptions options = inputs.compare;
-    options.normalisation = metrics::Normalisation::shared;
-    shared = metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
-    options.normalisation = metrics::Normalisation::eq16;
-    const metrics::Comparison eq16 =
-        metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
-    options.normalisation = metrics::Normalisation::paper;
-    const metrics::Comparison paper =
-        metrics::compare(real->stream, real->path.string(), sim->stream, sim->path.string(), options);
-    scored = scores(*shared, eq16, paper);
-    summary["compare"] = to_json(*shared);
-    warnings.insert(warnings.end(), shared->warnings.begin(), shared->warnings.end());
-
-    const auto card = [&](const std::string& value, const std::string& name, const std::string& note) {
-      cards += fmt::format("<div class=\"card\"><span>{}</span><b>{}</b><span>{}</span></div>", name, value, note);
-    };
-    const auto floor = [&](double value) { return fmt::format("floor {:.3f} (0 is identical)", value); };
-    card(fmt::format("{:.3f}", shared->distance.chamfer()), "Chamfer distance",
-         shared->floor ? floor(shared->floor->chamfer()) : "");
-    card(fmt::format("{:.3f}", shared->distance.gaussian()), "Gaussian distance",
-         shared->floor ? floor(shared->floor->gaussian()) : "");
-    card(fmt::format("{:.3f}", static_cast<double>(shared->sim.events) / static_cast<double>(shared->real.events)),
-         "events, simulated / real", fmt::format("{} / {}", shared->sim.events, shared->real.events));
-    card(fmt::format("{:.3f} / {:.3f}", shared->sim.on_fraction, shared->real.on_fraction), "ON fraction",
-         "simulated / real");
-    cards = "<div class=\"cards\">" + cards + "</div>";
-
-    if (const auto shift = metrics::time_shift(real->recording, sim->recording,
-                                               std::min(real->recording.span_us, sim->recording.span_us) / 2)) {
-      const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, against {:.3f} as it is",
-                                         shift->correlation, shift->correlation_now);
-      shift_text = shift->correlation < kSeen
-                       ? fmt::format("<p>No shift in time makes the two agree ({}).</p>", at)
-                       : fmt::format(
-                             "<p>In time the two agree best when the simulation is moved by {:+.2f} ms ({}). "
-                             "Pictures and scores show it as it is.</p>",
-                             -shift->shift_us * 1e-3, at);
-      summary["time_shift"] = {{"shift_us", shift->shift_us},
-                               {"correlation", shift->correlation},
-                               {"correlation_unshifted", shift->correlation_now}};
-    }
-  }
-
-  // The page, most wanted part first.
-  const std::string both = "Needs a real recording (--real) and simulated events (--sim).";
-  std::string body = "<h1>";
-  body += real && sim ? "Simulated events beside a real recording"
-          : sim       ? "Simulated events"
-          : real      ? "A recording"
-                      : "A render";
-  body += fmt::format("</h1><p class=\"soft\">PECS {}</p>", kVersion) + cards;
-  for (const auto& w : warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
-  std::vector<const Loaded*> streams;
-  std::vector<std::string> names;
-  if (real) streams.push_back(&*real), names.push_back("real");
-  if (sim) streams.push_back(&*sim), names.push_back("simulated");
-  if (!streams.empty()) {
-    body += "<h2>Events at the same instants</h2>" + event_pictures(streams, names) + shift_text;
-    if (!real) body += missing("No real recording was given (--real).");
-    if (!sim) body += missing("No simulated events were given (--sim).");
-  }
-  body += "<h2>Scores</h2>" + (scored.empty() ? missing(both) : scored);
-  if (!streams.empty()) body += "<h2>Event rate over time</h2>" + rates(shared ? &*shared : nullptr, *streams[0]);
-  if (shared) {
-    body += "<table><tr><th></th><th>real</th><th>simulated</th></tr>";
-    const auto line = [&](const std::string& name, const std::string& a, const std::string& b) {
-      body += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>", name, a, b);
-    };
-    const auto on = [](const metrics::StreamSummary& s) {
-      return std::llround(s.on_fraction * static_cast<double>(s.events));
-    };
-    line("ON events", fmt::format("{}", on(shared->real)), fmt::format("{}", on(shared->sim)));
-    line("OFF events", fmt::format("{}", static_cast<long long>(shared->real.events) - on(shared->real)),
-         fmt::format("{}", static_cast<long long>(shared->sim.events) - on(shared->sim)));
-    line("events per second", fmt::format("{:.4g}", shared->real.rate_hz), fmt::format("{:.4g}", shared->sim.rate_hz));
-    body += "</table>";
-  }
-  body += "<h2>What was rendered</h2>" + (stack ? rendered(*stack, chip) : missing("No stack was given (--stack)."));
-  body += "<h2>The lens</h2>" + lens_section(inputs, stack ? &*stack : nullptr);
-  body += "<h2>Quantum efficiency and bands</h2>" + bands_section(stack ? &*stack : nullptr, chip);
-  body += "<h2>Configuration and versions</h2>";
-  if (sim)
-    body += sim->run.is_object() ? details("Simulation: " + sim->path.filename().string() + ".run.json", sim->run)
-                                 : missing("The simulation has no run record beside it.");
-  if (real && real->run.is_object())
-    body += details("Recording: " + real->path.filename().string() + ".run.json", real->run);
-  if (stack) {
-    Json shortened = stack->json;
-    shortened["times_ns"] = fmt::format("{} instants", stack->reader.info().times_ns.size());
-    body += details("Render: stack.json", shortened);
-  }
-
-  const Loaded* title = sim ? &*sim : real ? &*real : nullptr;
+  const Scored scored = score(m, inputs.compare, summary);
+  const Loaded* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;
   AtomicFile file(output);
   file.write(fill_template(web::kReport,
                            {{"title", html_escaped(title ? title->recording.name : inputs.stack->filename().string())},
@@ -395,10 +421,10 @@ Json write_report(const ReportInputs& inputs, const std::filesystem::path& outpu
                             {"off_light", kLight.off.hex()},
                             {"on_dark", kDark.on.hex()},
                             {"off_dark", kDark.off.hex()},
-                            {"body", body}}));
+                            {"body", body_of(m, scored, inputs)}}));
   file.commit();
   summary["output"] = output.string();
-  summary["warnings"] = warnings;
+  summary["warnings"] = m.warnings;
   return summary;
 }
 

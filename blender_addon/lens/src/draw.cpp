@@ -12,7 +12,7 @@
 namespace pecs::lens {
 namespace {
 
-constexpr double kWidth = 960, kMargin = 24;
+constexpr double kWidth = 960, kMargin = 24, kSpotSize = 170;
 
 // One colour per field (Okabe-Ito, told apart by the colour-blind), dashes per wavelength.
 constexpr const char* kFieldColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
@@ -23,10 +23,6 @@ std::string escaped(const std::string& text) {
   for (const char c : text) out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : std::string(1, c);
   return out;
 }
-
-}  // namespace
-
-namespace {
 
 struct Section {
   std::string svg;  // without the frame
@@ -78,7 +74,7 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
     const Tracer tracer(lens, o.bands_nm[w], o.stop_diameter_mm);
     for (std::size_t k = 0; k < o.fields.size(); ++k) {
       for (const auto& line :
-           ray_fan(tracer, focus.film_z_mm, o.fields[k] * o.film_half_diagonal_mm, o.rays_per_fan, ahead)) {
+           ray_fan(tracer, lens.stop, focus.film_z_mm, o.fields[k] * o.film_half_diagonal_mm, o.rays_per_fan, ahead)) {
         std::string points;
         for (const Vec3& p : line)
           if (std::abs(p.x) <= 1.5 * half_height) points += fmt::format("{:.2f},{:.2f} ", sx(p.z), sy(p.x));
@@ -160,27 +156,23 @@ std::string plot(double left, double top, double width, double height, const std
 // One colour per wavelength: blue, green, red, as far as the colour-blind need.
 constexpr const char* kBandColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
 
-}  // namespace
+// What a chart shows, made once: the spots of all fields and bands, through the lens as focused.
+struct Chart {
+  const Prescription& lens;
+  const DrawOptions& o;
+  Focus focus = best_focus(lens, o.bands_nm, o.focus_m, o.stop_diameter_mm);
+  double reference_nm = o.bands_nm[o.bands_nm.size() / 2];
+  Tracer reference{lens, reference_nm, o.stop_diameter_mm};
+  double pupil_z = first_order(lens, reference_nm, o.stop_diameter_mm).entrance_pupil_z_mm;
+  std::vector<std::vector<std::vector<Vec3>>> spots;  // [field][band]
+  double most_mm = 1e-4;                              // from a field's point to its farthest hit
 
-std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
-  const Section section = draw_section(lens, o);
-  return framed(lens.name, section.height, section.svg);
-}
+  Chart(const Prescription& l, const DrawOptions& options);
+  std::string spot_diagrams(double top) const;
+  std::vector<Curve> mtf(double working_fnumber) const;
+};
 
-std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
-  const Section section = draw_section(lens, o);
-  const Focus focus = best_focus(lens, o.bands_nm, o.focus_m, o.stop_diameter_mm);
-  const double reference_nm = o.bands_nm[o.bands_nm.size() / 2];
-  const Tracer reference(lens, reference_nm, o.stop_diameter_mm);
-  const double pupil_z = first_order(lens, reference_nm, o.stop_diameter_mm).entrance_pupil_z_mm;
-  const auto rows = field_rows(lens, o.bands_nm, reference_nm, o.stop_diameter_mm, focus, o.film_half_diagonal_mm, 21);
-  std::string svg = section.svg;
-
-  // Spot diagrams, all on one scale.
-  double top = section.height + 8;
-  const double cell = (kWidth - 2 * kMargin) / static_cast<double>(o.fields.size());
-  std::vector<std::vector<std::vector<Vec3>>> spots(o.fields.size());
-  double most_mm = 1e-4;
+Chart::Chart(const Prescription& l, const DrawOptions& options) : lens(l), o(options), spots(options.fields.size()) {
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm;
     const auto object = object_point(reference, lens.stop, focus, pupil_z, r);
@@ -191,10 +183,16 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
       for (const Vec3& p : spots[k].back()) most_mm = std::max({most_mm, std::abs(p.x - r), std::abs(p.y)});
     }
   }
-  const double spot_size = 170, spot_scale = 0.46 * spot_size / most_mm;
+}
+
+// All fields on one scale.
+std::string Chart::spot_diagrams(double top) const {
+  const double cell = (kWidth - 2 * kMargin) / static_cast<double>(o.fields.size());
+  const double spot_scale = 0.46 * kSpotSize / most_mm;
+  std::string svg;
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm, cx = kMargin + (static_cast<double>(k) + 0.5) * cell,
-                 cy = top + 0.5 * spot_size + 16;
+                 cy = top + 0.5 * kSpotSize + 16;
     svg += fmt::format(
         "<text x=\"{:.0f}\" y=\"{:.0f}\" text-anchor=\"middle\" font-weight=\"bold\">Spots at {:.3g} mm</text>\n", cx,
         top + 10, r);
@@ -208,29 +206,14 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
         "<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"black\"/><text x=\"{:.1f}\" "
         "y=\"{:.1f}\" "
         "text-anchor=\"middle\" font-size=\"10\">{:.3g} um</text>\n",
-        cx - most_mm * spot_scale, cx, cy + 0.5 * spot_size + 4, cy + 0.5 * spot_size + 4,
-        cx - 0.5 * most_mm * spot_scale, cy + 0.5 * spot_size + 15, 1e3 * most_mm);
+        cx - most_mm * spot_scale, cx, cy + 0.5 * kSpotSize + 4, cy + 0.5 * kSpotSize + 4,
+        cx - 0.5 * most_mm * spot_scale, cy + 0.5 * kSpotSize + 15, 1e3 * most_mm);
   }
-  top += spot_size + 44;
+  return svg;
+}
 
-  std::vector<double> r_mm, illumination, distortion;
-  for (const FieldRow& row : rows) {
-    r_mm.push_back(row.r_mm);
-    illumination.push_back(row.relative_illumination);
-    distortion.push_back(row.distortion_percent);
-  }
-  std::vector<Curve> colour, spot_curves, mtf;
-  for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
-    Curve lateral{r_mm, {}, kBandColours[w % 6], "none", fmt::format("{:.4g} nm", o.bands_nm[w])}, size = lateral;
-    for (const FieldRow& row : rows) {
-      lateral.y.push_back(row.lateral_colour_um[w]);
-      size.y.push_back(row.rms_spot_um[w]);
-    }
-    colour.push_back(lateral);
-    spot_curves.push_back(size);
-  }
-  const double e0 = exact_pupil(reference, focus.film_z_mm, 0).irradiance_per_radiance;
-  const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);
+std::vector<Curve> Chart::mtf(double working) const {
+  std::vector<Curve> curves;
   const auto band = spots.front().size() / 2;
   Curve limit{{}, {}, "#999", "2 2", "diffraction"};
   for (int i = 0; i <= 40; ++i) {
@@ -246,28 +229,64 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
       t_geometric.y.push_back(m.tangential);
       s_geometric.y.push_back(m.sagittal);
     }
-    mtf.push_back(std::move(t_geometric));
-    mtf.push_back(std::move(s_geometric));
+    curves.push_back(std::move(t_geometric));
+    curves.push_back(std::move(s_geometric));
     const auto object = object_point(reference, lens.stop, focus, pupil_z, r);
     if (!object) continue;
     const MtfCurve wave = wavefront_mtf(lens, reference, *object, focus, r, limit.x.back());
-    mtf.push_back(
+    curves.push_back(
         {wave.cycles_per_mm, wave.tangential, shade, "none", fmt::format("{:.3g} mm (solid T, dashed S)", r)});
-    mtf.push_back({wave.cycles_per_mm, wave.sagittal, shade, "5 2", ""});
+    curves.push_back({wave.cycles_per_mm, wave.sagittal, shade, "5 2", ""});
   }
-  mtf.push_back(limit);
-  const double third = (kWidth - kMargin) / 3, tall = 210;
-  svg += plot(8, top, third, tall, "Relative illumination", "film radius, mm",
+  curves.push_back(limit);
+  return curves;
+}
+
+}  // namespace
+
+std::string draw_svg(const Prescription& lens, const DrawOptions& o) {
+  const Section section = draw_section(lens, o);
+  return framed(lens.name, section.height, section.svg);
+}
+
+std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
+  const Section section = draw_section(lens, o);
+  const Chart chart(lens, o);
+  const double top = section.height + 8, third = (kWidth - kMargin) / 3, tall = 210;
+  std::string svg = section.svg + chart.spot_diagrams(top);
+  const double first_row = top + kSpotSize + 44, second_row = first_row + tall + 6;
+
+  const auto rows =
+      field_rows(lens, o.bands_nm, chart.reference_nm, o.stop_diameter_mm, chart.focus, o.film_half_diagonal_mm, 21);
+  std::vector<double> r_mm, illumination, distortion;
+  for (const FieldRow& row : rows) {
+    r_mm.push_back(row.r_mm);
+    illumination.push_back(row.relative_illumination);
+    distortion.push_back(row.distortion_percent);
+  }
+  std::vector<Curve> colour, spot_curves;
+  for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
+    Curve lateral{r_mm, {}, kBandColours[w % 6], "none", fmt::format("{:.4g} nm", o.bands_nm[w])}, size = lateral;
+    for (const FieldRow& row : rows) {
+      lateral.y.push_back(row.lateral_colour_um[w]);
+      size.y.push_back(row.rms_spot_um[w]);
+    }
+    colour.push_back(lateral);
+    spot_curves.push_back(size);
+  }
+  svg += plot(8, first_row, third, tall, "Relative illumination", "film radius, mm",
               {{r_mm, illumination, "#0072B2", "none", ""}}, 0, 1);
-  svg += plot(8 + third, top, third, tall, "Distortion, %", "film radius, mm",
+  svg += plot(8 + third, first_row, third, tall, "Distortion, %", "film radius, mm",
               {{r_mm, distortion, "#0072B2", "none", ""}}, -0.1, 0.1);
-  svg += plot(8 + 2 * third, top, third, tall, "Lateral colour, um", "film radius, mm", colour, -0.5, 0.5);
-  top += tall + 6;
-  svg += plot(8, top, third, tall, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
-  svg += plot(8 + third, top, 2 * third, tall + 40,
-              fmt::format("MTF at {:.4g} nm with diffraction (F/{:.3g}); thin: geometric", reference_nm, working),
-              "cycles per mm (pixels of 4.86 um: Nyquist 103)", mtf, 0, 1);
-  return framed(lens.name, top + tall + 50, svg);
+  svg += plot(8 + 2 * third, first_row, third, tall, "Lateral colour, um", "film radius, mm", colour, -0.5, 0.5);
+  svg += plot(8, second_row, third, tall, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
+
+  const double e0 = exact_pupil(chart.reference, chart.focus.film_z_mm, 0).irradiance_per_radiance;
+  const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);
+  svg += plot(8 + third, second_row, 2 * third, tall + 40,
+              fmt::format("MTF at {:.4g} nm with diffraction (F/{:.3g}); thin: geometric", chart.reference_nm, working),
+              "cycles per mm (pixels of 4.86 um: Nyquist 103)", chart.mtf(working), 0, 1);
+  return framed(lens.name, second_row + tall + 50, svg);
 }
 
 std::string draw_pupils_svg(const Prescription& lens, double lambda_nm, double stop_diameter_mm, double film_z_mm,

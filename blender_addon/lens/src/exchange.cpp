@@ -88,14 +88,16 @@ void add_powers(Json& surface, const ZemaxSurface& s, bool even, double unit_mm)
   if (!odd_coeffs.empty()) surface["odd_coeffs"] = odd_coeffs;
 }
 
-}  // namespace
-
-Json import_zmx(const std::string& bytes, const std::string& file) {
-  std::istringstream lines(utf8(bytes));
-  std::vector<ZemaxSurface> surfaces;
-  std::vector<std::string> catalogs;
+struct ZemaxFile {
   std::string name;
   double unit_mm = 1;
+  std::vector<std::string> catalogs;
+  std::vector<ZemaxSurface> surfaces;  // the object first, the image last
+};
+
+ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
+  std::istringstream lines(utf8(bytes));
+  ZemaxFile zemax;
   std::size_t number = 0;
   for (std::string line; std::getline(lines, line);) {
     const Place place{file, ++number};
@@ -105,23 +107,23 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
     if (key == "MODE" && words.size() > 1 && words[1] != "SEQ") place.fail("mode " + words[1], "sequential (SEQ)");
     if (key == "UNIT" && words.size() > 1) {
       if (words[1] == "MM")
-        unit_mm = 1;
+        zemax.unit_mm = 1;
       else if (words[1] == "CM")
-        unit_mm = 10;
+        zemax.unit_mm = 10;
       else if (words[1] == "IN")
-        unit_mm = 25.4;
+        zemax.unit_mm = 25.4;
       else
         place.fail("unit " + words[1], "MM, CM or IN");
     }
-    if (key == "NAME") name = line.substr(line.find("NAME") + 4);
-    if (key == "GCAT") catalogs.assign(words.begin() + 1, words.end());
+    if (key == "NAME") zemax.name = line.substr(line.find("NAME") + 4);
+    if (key == "GCAT") zemax.catalogs.assign(words.begin() + 1, words.end());
     if (key == "SURF") {
-      surfaces.emplace_back();
-      surfaces.back().place = place;
+      zemax.surfaces.emplace_back();
+      zemax.surfaces.back().place = place;
       continue;
     }
-    if (surfaces.empty()) continue;
-    ZemaxSurface& s = surfaces.back();
+    if (zemax.surfaces.empty()) continue;
+    ZemaxSurface& s = zemax.surfaces.back();
     if (key == "TYPE" && words.size() > 1) s.type = words[1];
     if (key == "CURV") s.curvature = place.number(words, 1);
     if (key == "DISZ")
@@ -142,9 +144,15 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
       }
     }
   }
-  if (surfaces.size() < 3) throw bad_input(file, "", fmt::format("{} surfaces", surfaces.size()), "a Zemax lens");
+  if (zemax.surfaces.size() < 3)
+    throw bad_input(file, "", fmt::format("{} surfaces", zemax.surfaces.size()), "a Zemax lens");
+  return zemax;
+}
 
-  // Surface 0 is the object, the last the image.
+}  // namespace
+
+Json import_zmx(const std::string& bytes, const std::string& file) {
+  const auto [name, unit_mm, catalogs, surfaces] = read_zemax(bytes, file);
   Json out_surfaces = Json::array();
   std::optional<std::size_t> stop;
   for (std::size_t i = 1; i + 1 < surfaces.size(); ++i) {
@@ -229,11 +237,18 @@ std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_
     if (s.conic != 0 || !s.powers.empty())
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no aspheres", lens.file, i));
-    const bool diaphragm =
-        i == lens.stop && s.curvature == 0 && s.after.is_air() && (i == 0 || lens.surfaces[i - 1].after.is_air());
+    const bool diaphragm = i == lens.stop && s.after.is_air() && lens.stop_is_diaphragm();
     if (i == lens.stop && !diaphragm)
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no stop on a glass surface", lens.file, i));
+    for (const std::size_t neighbour : {i - 1, i + 1}) {  // pbrt follows rays forward only
+      if (!diaphragm || neighbour >= lens.surfaces.size()) continue;
+      const double edge = std::min(s.semi_diameter_mm, lens.surfaces[neighbour].semi_diameter_mm);
+      if (lens.gap_mm(std::min(i, neighbour), std::max(i, neighbour), edge) < 0)
+        throw Error(ExitCode::unsupported,
+                    fmt::format("{}: surfaces[{}]: pbrt traces no stop whose plane cuts surfaces[{}]", lens.file, i,
+                                neighbour));
+    }
     const double thickness = (i + 1 < lens.surfaces.size() ? lens.surfaces[i + 1].z_mm : film_z_mm) - s.z_mm;
     const double radius = diaphragm ? 0 : s.curvature == 0 ? kPlaneRadius : 1 / s.curvature;
     out += fmt::format("{:.9g} {:.9g} {:.9g} {:.9g}\n", radius, thickness, n[i], 2 * s.semi_diameter_mm);

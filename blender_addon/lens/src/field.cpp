@@ -48,7 +48,7 @@ std::optional<double> field_angle_deg(const Tracer& tracer, std::size_t stop, do
   return std::atan2(std::abs(ray->d.x), -ray->d.z) * 180.0 / std::numbers::pi;
 }
 
-std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, double film_z_mm, double r_mm, int count,
+std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, std::size_t stop, double film_z_mm, double r_mm, int count,
                                        double ahead_mm) {
   std::vector<std::vector<Vec3>> fan;
   const ExactPupil pupil = exact_pupil(tracer, film_z_mm, r_mm, 180);
@@ -61,6 +61,9 @@ std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, double film_z_mm, d
                                           Tracer::Clip::housing, &line);
     if (traced.fate != Fate::ok) continue;
     line.push_back(traced.ray.at_z(std::min(-ahead_mm, traced.ray.p.z - 1e-3)));
+    // A diaphragm that cuts its neighbour lies on the ray's line, but not on its way.
+    const auto at_stop = line.begin() + static_cast<std::ptrdiff_t>(tracer.surface_count() - stop);
+    if (at_stop->z > at_stop[-1].z || at_stop[1].z > at_stop->z) line.erase(at_stop);
     fan.push_back(std::move(line));
   }
   return fan;
@@ -165,7 +168,7 @@ MtfCurve wavefront_mtf(const Prescription& lens, const Tracer& tracer, const Obj
       double path = 0;  // n behind the last surface is that of air, 1
       for (std::size_t k = 1; k < hits.size(); ++k) {
         const Vec3 way = hits[k] - hits[k - 1];
-        path += n[n.size() - k] * std::sqrt(dot(way, way));
+        path += n[n.size() - k] * std::copysign(std::sqrt(dot(way, way)), -way.z);  // back from a diaphragm: less
       }
       // On to the plane wave through the origin, or to where the ray passes the object point.
       const Vec3 from = hits.back();

@@ -78,6 +78,26 @@ Surface read_surface(JsonObject& json) {
   return s;
 }
 
+// Neighbours must not cross. At the rim they may: housing radii are often estimates, and an air gap that closes there
+// only means that the real housing is narrower. Patents set a diaphragm at the vertex of a curved surface, whose sag
+// its plane then cuts: there the glass on both sides of it must not cross.
+void check_order(const Prescription& lens, const std::vector<JsonObject>& list) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < lens.surfaces.size(); ++i)
+    if (i != lens.stop || !lens.stop_is_diaphragm()) order.push_back(i);
+  for (std::size_t k = 0; k + 1 < order.size(); ++k) {
+    const std::size_t a = order[k], b = order[k + 1];
+    const double edge = 0.9 * std::min(lens.surfaces[a].semi_diameter_mm, lens.surfaces[b].semi_diameter_mm);
+    for (int step = 0; step <= 16; ++step) {
+      const double r = edge * step / 16.0, gap = lens.gap_mm(a, b, r);
+      if (gap < -1e-6)
+        list[a].fail("thickness",
+                     fmt::format("surfaces {} and {} crossing at r = {:.4g} mm by {:.3g} mm", a, b, r, -gap),
+                     "surfaces apart");
+    }
+  }
+}
+
 }  // namespace
 
 double Surface::sag_mm(double r) const {
@@ -99,6 +119,16 @@ double Surface::slope(double r) const {
     rp *= r;
   }
   return dz;
+}
+
+double Prescription::gap_mm(std::size_t i, std::size_t j, double r) const {
+  return surfaces[j].z_mm + surfaces[j].sag_mm(r) - surfaces[i].z_mm - surfaces[i].sag_mm(r);
+}
+
+bool Prescription::stop_is_diaphragm() const {
+  const Surface& s = surfaces[stop];
+  const double n_before = stop ? surfaces[stop - 1].after.nd() : 1.0;
+  return s.curvature == 0 && s.powers.empty() && s.after.nd() == n_before;
 }
 
 std::vector<double> Prescription::indices(double lambda_nm) const {
@@ -178,20 +208,7 @@ Prescription load_prescription(const std::string& name_or_path) {
   if (!lens.surfaces.back().after.is_air())
     list.back().fail("medium_after", "glass", "air, the medium before the film");
 
-  // Neighbours must not cross. At the rim they may: housing radii are often estimates, and an air gap that closes there
-  // only means that the real housing is narrower.
-  for (std::size_t i = 0; i + 1 < lens.surfaces.size(); ++i) {
-    const Surface &a = lens.surfaces[i], &b = lens.surfaces[i + 1];
-    const double edge = 0.9 * std::min(a.semi_diameter_mm, b.semi_diameter_mm);
-    for (int step = 0; step <= 16; ++step) {
-      const double r = edge * step / 16.0;
-      const double gap = b.z_mm + b.sag_mm(r) - a.z_mm - a.sag_mm(r);
-      if (gap < -1e-6)
-        list[i].fail("thickness",
-                     fmt::format("surfaces {} and {} crossing at r = {:.4g} mm by {:.3g} mm", i, i + 1, r, -gap),
-                     "surfaces apart");
-    }
-  }
+  check_order(lens, list);
   return lens;
 }
 

@@ -4,10 +4,10 @@ lens itself is traced with the full formulas.)"""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 
 from .errors import NOT_FOUND, RenderError, bad_input
+from .strict_json import JsonObject, read_json
 
 C_NM, D_NM, F_NM = 656.2725, 587.5618, 486.1327  # Fraunhofer lines
 
@@ -35,5 +35,5 @@ def glass(name_or_abbe: str | float, nd: float) -> Glass:
         raise RenderError(
             NOT_FOUND, f"pecs_glass: got {name_or_abbe!r}, wanted an Abbe number or one of {', '.join(sorted(files))}"
         )
-    data = json.loads(files[name_or_abbe].read_text())
-    return Glass(data["nd"], data["vd"])
+    data = JsonObject(read_json(files[name_or_abbe]), files[name_or_abbe])
+    return Glass(data.number("nd", 1, 5), data.number("vd", 1, 200))

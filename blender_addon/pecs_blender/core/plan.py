@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from .errors import USAGE, RenderError
 
+MAX_INSTANTS = 1_000_000  # of a stack
+
 
 @dataclass(frozen=True)
 class Timeline:
@@ -17,17 +19,15 @@ class Timeline:
 def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
     """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as
     fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
-    if not fps > 0:
-        raise RenderError(USAGE, f"--fps: got {fps}, wanted a rate above 0 Hz")
     if frames == "period":
         if period_s is None:
             raise RenderError(USAGE, "--frames: got 'period', wanted a number: this scene does not repeat")
-        n = max(1, round(period_s * fps))
+        n = _checked(round(period_s * fps))
         return Timeline([round(i * period_s * 1e9 / n) for i in range(n)], round(period_s * 1e9))
     if frames == "all":
         if duration_s is None:
             raise RenderError(USAGE, "--frames: got 'all', wanted a number: only a .blend has a range of frames")
-        return Timeline([round(i * 1e9 / fps) for i in range(max(1, round(duration_s * fps)))], None)
+        return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
     first, colon, last = frames.partition(":")
     try:
         begin, end = (int(first), int(last)) if colon else (0, int(first))
@@ -35,7 +35,14 @@ def timeline(frames: str, fps: float, period_s: float | None, duration_s: float 
         begin, end = 0, 0
     if not 0 <= begin < end:
         raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
+    _checked(end - begin)
     return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
+
+
+def _checked(instants: int) -> int:
+    if instants > MAX_INSTANTS:
+        raise RenderError(USAGE, f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
+    return max(1, instants)
 
 
 def passes(n_bands: int, per_pass: int = 3) -> list[slice]:

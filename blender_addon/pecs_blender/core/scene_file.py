@@ -4,13 +4,42 @@
 from __future__ import annotations
 
 import importlib.util
-import json
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .errors import NOT_FOUND, USAGE, RenderError, bad_input
+from .errors import BAD_INPUT, NOT_FOUND, USAGE, RenderError, bad_input
 from .spectra import Spectrum, spectrum
+from .strict_json import JsonObject, read_json, shown, wanted_number
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A parameter as scene.json has it; a spectral one may also be text that names a spectrum."""
+
+    value: float | str
+    unit: str
+    range: tuple[float, float]
+    spectral: bool
+
+    def check(self, file: object, place: str, value: Any) -> None:
+        low, high = self.range
+        if isinstance(value, str) and self.spectral:
+            return
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:  # nor NaN
+            raise bad_input(file, place, shown(value), f"{wanted_number(low, high)} {self.unit}")
+
+
+class _Parameters(dict):
+    """What build() gets: a parameter that scene.json lacks is its fault."""
+
+    def __init__(self, file: Path, values: dict[str, Any]):
+        super().__init__(values)
+        self._file = file
+
+    def __missing__(self, key: str):
+        raise bad_input(self._file, f"parameters.{key}", "nothing", "a parameter that scene.py asks for")
 
 
 @dataclass(frozen=True)
@@ -26,14 +55,25 @@ class SceneFile:
     def build(self):
         """Runs scene.py's build() with spectra loaded."""
         path = self.folder / "scene.py"
+        if not path.is_file():
+            raise RenderError(NOT_FOUND, f"{path}: no such file")
         spec = importlib.util.spec_from_file_location(f"pecs_scene_{self.name}", path)
         module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module.build(self.loaded())
+        parameters = self.loaded()
+        try:
+            spec.loader.exec_module(module)
+            return module.build(parameters)
+        except RenderError:
+            raise
+        except Exception as e:
+            lines = [f.lineno for f in traceback.extract_tb(e.__traceback__) if f.filename == str(path)]
+            place = f"line {lines[-1]}" if lines else f"line {getattr(e, 'lineno', None) or 1}"
+            raise RenderError(BAD_INPUT, f"{path}: {place}: {type(e).__name__}: {e}") from e
 
     def loaded(self) -> dict[str, Any]:
         """Parameters with spectra as Spectrum."""
-        return {k: self._spectrum(v) if _is_spectral(k) else v for k, v in self.parameters.items()}
+        values = {k: self._spectrum(v) if _is_spectral(k) else v for k, v in self.parameters.items()}
+        return _Parameters(self.folder / "scene.json", values)
 
     def _spectrum(self, value: float | str) -> Spectrum:
         return spectrum(value, self.folder)
@@ -48,43 +88,66 @@ def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
     path = folder / "scene.json"
     if not path.is_file():
         raise RenderError(NOT_FOUND, f"{path}: no such file; a scene is a folder with scene.json and scene.py")
-    try:
-        description = json.loads(path.read_text())
-    except json.JSONDecodeError as e:
-        raise bad_input(path, f"line {e.lineno} column {e.colno}", e.msg, "valid JSON") from None
-    unknown = {k for k in description if not k.startswith("_")} - {"camera", "parameters"}
-    if unknown:
-        raise bad_input(path, sorted(unknown)[0], "an unknown key", "one of camera, parameters")
-    declared = description["parameters"]
-    values = {key: declaration["value"] for key, declaration in declared.items()}
-    camera = dict(description["camera"])
+    top = JsonObject(read_json(path), path)
+    camera = _camera(top.object("camera"))
+    declared = _declarations(top.object("parameters"))
+    top.done()
+    values = {key: declaration.value for key, declaration in declared.items()}
     for text in overrides:
         if text.startswith("@"):
-            aligned = _aligned(Path(text[1:]), folder.resolve().name, declared)
-            camera |= aligned["camera"]
-            values |= aligned["parameters"]
+            rotation_deg, parameters = _aligned(Path(text[1:]), folder.resolve().name, declared)
+            camera["rotation_deg"] = rotation_deg
+            values |= parameters
             continue
         key, equals, value = text.partition("=")
         if not equals or key not in declared:
             raise RenderError(USAGE, f"--set {text}: got an unknown parameter, wanted one of {', '.join(declared)}")
         values[key] = _parsed(key, value)
-    for key, value in values.items():
-        _check(path, key, value, declared[key])
+        declared[key].check("--set", key, values[key])
     return SceneFile(folder, camera, values)
 
 
-def _aligned(path: Path, scene: str, declared: dict[str, Any]) -> dict[str, Any]:
-    try:
-        aligned = json.loads(path.read_text())
-        name, parameters, rotation = aligned["scene"], aligned["parameters"], aligned["camera"]["rotation_deg"]
-    except (OSError, ValueError, KeyError) as e:
-        raise bad_input(path, "", f"{type(e).__name__}: {e}", "an aligned.json of pecs align") from None
-    if name != scene:
-        raise bad_input(path, "scene", name, scene)
-    for key in parameters:
+def _camera(camera: JsonObject) -> dict[str, Any]:
+    found = {
+        "lens": camera.text("lens"),
+        "stop_diameter_mm": camera.maybe_number("stop_diameter_mm", 1e-3, 1e3),
+        "focus_m": camera.maybe_number("focus_m", 1e-3, 1e9),
+    }
+    if camera.has("rotation_deg"):
+        found["rotation_deg"] = camera.numbers("rotation_deg", -360, 360, 3)
+    camera.done()
+    return found
+
+
+def _declarations(parameters: JsonObject) -> dict[str, Declaration]:
+    declared = {}
+    for key in parameters.keys():
+        entry = parameters.object(key)
+        low, high = entry.numbers("range", count=2) if entry.has("range") else (float("-inf"), float("inf"))
+        if low > high:
+            raise entry.fail("range", f"[{low}, {high}]", "the lower end first")
+        if entry.has("about"):
+            entry.text("about")
+        unit = entry.text("unit") if entry.has("unit") else ""
+        declared[key] = Declaration(entry.any("value"), unit, (low, high), _is_spectral(key))
+        declared[key].check(entry.file, f"{entry.place}.value", declared[key].value)
+        entry.done()
+    return declared
+
+
+def _aligned(path: Path, scene: str, declared: dict[str, Declaration]) -> tuple[list[float], dict[str, Any]]:
+    """Rotation of the camera, and parameters, of an aligned.json of `pecs align`."""
+    aligned = JsonObject(read_json(path), path)
+    if (name := aligned.text("scene")) != scene:
+        raise aligned.fail("scene", shown(name), scene)
+    parameters = aligned.object("parameters")
+    for key in parameters.keys():
         if key not in declared:
-            raise bad_input(path, key, "an unknown parameter", f"one of {', '.join(declared)}")
-    return {"camera": {"rotation_deg": rotation}, "parameters": parameters}
+            raise parameters.fail(shown(key)[1:-1], "an unknown parameter", f"one of {', '.join(declared)}")
+        declared[key].check(path, f"parameters.{key}", parameters.any(key))
+    return aligned.object("camera").numbers("rotation_deg", -360, 360, 3), {
+        key: parameters.any(key) for key in parameters.keys()
+    }
 
 
 def _parsed(key: str, text: str) -> float | str:
@@ -94,12 +157,3 @@ def _parsed(key: str, text: str) -> float | str:
         if _is_spectral(key):
             return text
         raise RenderError(USAGE, f"--set {key}: got {text!r}, wanted a number") from None
-
-
-def _check(path: Path, key: str, value: Any, declared: dict[str, Any]) -> None:
-    low, high = declared.get("range", (float("-inf"), float("inf")))
-    if isinstance(value, str):
-        if not _is_spectral(key):
-            raise bad_input(path, key, repr(value), f"a number in [{low}, {high}] {declared['unit']}")
-    elif not low <= value <= high:  # also false for NaN
-        raise bad_input(path, key, value, f"a number in [{low}, {high}] {declared['unit']}")

@@ -3,47 +3,62 @@
 
 from __future__ import annotations
 
-import json
 import os
+import re
 import shutil
 from pathlib import Path
 
-from .errors import NOT_FOUND, RenderError, bad_input
+from .errors import bad_input
+from .strict_json import JsonObject, read_json, shown
 
 
 def merge(shards: list[Path], output: Path) -> None:
-    """Writes the stack of all the shards' instants. Shards differ in times_ns and in the frames they have; a frame file
-    is a hard link where that is possible."""
+    """Writes the stack of all the shards' instants, in every layer. Shards differ in times_ns and in the frames they
+    have; a frame file is a hard link where that is possible."""
     import pecs
 
-    stacks = [_stack(shard) for shard in shards]
-    whole = {**stacks[0], "times_ns": sorted({t for stack in stacks for t in stack["times_ns"]})}
-    frames = {}
-    for shard, stack in zip(shards, stacks, strict=True):
-        for key in whole.keys() | stack.keys():
-            if key != "times_ns" and whole.get(key) != stack.get(key):
-                raise bad_input(shard / "stack.json", key, "something else", f"what {shards[0]} says")
-        for index, time_ns in enumerate(stack["times_ns"]):
-            path = shard / f"frame_{index:06d}.exr"
-            if path.is_file():
-                frames[time_ns] = path
-    missing = [t for t in whole["times_ns"] if t not in frames]
-    if missing:
-        raise bad_input(shards[0], f"instant {missing[0]} ns", f"{len(missing)} frames missing", "all frames")
+    stacks = [_Shard(shard) for shard in shards]
+    whole = {**stacks[0].json, "times_ns": sorted({t for stack in stacks for t in stack.times_ns})}
+    for stack in stacks:
+        for key in whole.keys() | stack.json.keys():
+            if key != "times_ns" and whole.get(key) != stack.json.get(key):
+                raise bad_input(stack.folder / "stack.json", key, "something else", f"what {shards[0]} says")
+    files = {layer: {} for layer in stacks[0].patterns}
+    for stack in stacks:
+        for layer, found in files.items():
+            found |= stack.files(layer)
+    for layer, found in files.items():
+        missing = [t for t in whole["times_ns"] if t not in found]
+        if missing:
+            place = f"{layer}: instant {missing[0]} ns"
+            raise bad_input(shards[0], place, f"{len(missing)} frames missing", "all frames")
     with pecs.StackWriter(output, whole) as writer:
-        for index, time_ns in enumerate(whole["times_ns"]):
-            if not writer.has_frame(index):
-                _place(frames[time_ns], output / f"frame_{index:06d}.exr")
+        for layer, found in files.items():
+            for index, time_ns in enumerate(whole["times_ns"]):
+                if not writer.has_layer(layer, index):
+                    _place(found[time_ns], output / (stacks[0].patterns[layer] % index))
 
 
-def _stack(shard: Path) -> dict:
-    path = shard / "stack.json"
-    if not path.is_file():
-        raise RenderError(NOT_FOUND, f"{path}: no such file")
-    try:
-        return json.loads(path.read_text())
-    except json.JSONDecodeError as e:
-        raise bad_input(path, f"line {e.lineno} column {e.colno}", e.msg, "valid JSON") from None
+class _Shard:
+    def __init__(self, folder: Path):
+        path = folder / "stack.json"
+        self.folder, self.json = folder, read_json(path, 64 << 20)
+        top = JsonObject(self.json, path)
+        self.times_ns = top.numbers("times_ns")
+        self.patterns = {"light": "frame_%06d.exr"}
+        for i, entry in enumerate(top.any("layers") if top.has("layers") else ()):
+            layer = JsonObject(entry, path, f"layers[{i}]")
+            if layer.text("at") != "instant":
+                raise layer.fail("at", layer.text("at"), "a layer per instant: intervals do not merge")
+            pattern = layer.text("files")
+            if not re.fullmatch(r"[A-Za-z0-9_-]+%06d\.exr", pattern):
+                raise layer.fail("files", shown(pattern), "a name such as depth_%06d.exr")
+            self.patterns[layer.text("name")] = pattern
+
+    def files(self, layer: str) -> dict[int, Path]:
+        """By time in ns."""
+        paths = ((t, self.folder / (self.patterns[layer] % i)) for i, t in enumerate(self.times_ns))
+        return {t: path for t, path in paths if path.is_file()}
 
 
 def _place(source: Path, target: Path) -> None:

@@ -100,7 +100,7 @@ def _table(path: Path, columns: int) -> np.ndarray:
         known = ", ".join(sorted(p.stem for p in spectra_dir().glob("*.csv")))
         raise RenderError(NOT_FOUND, f"{path}: no such spectrum; the library has {known}, colorchecker/...")
     rows = []
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         if not line.strip() or line.startswith("#") or line.startswith("wavelength_nm"):
             continue
         try:

@@ -40,6 +40,7 @@ class BlendScene(Source):
         self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
         self._fps = render.fps / render.fps_base
         self.duration_s = (self.scene.frame_end - self.scene.frame_start + 1) / self._fps
+        self.unit_m = self.scene.unit_settings.scale_length
         self.lens = {"lens": "none", "stop_diameter_mm": None, "focus_m": None}
         self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
         self.record = {"name": path.stem, "scene": self.scene.name, "illuminant": illuminant.name}

@@ -6,13 +6,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
+from ..core import stop
 from ..core.errors import UNSUPPORTED, RenderError
 
 SETTINGS = {  # what is the same for every render, and recorded with it
@@ -32,6 +32,7 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "use_fast_gi": False,
     "film_exposure": 1.0,
 }
+WORLD_MAP_WIDTH = 2048  # at most; half of it misses the sun in a picture of 4096
 BOUNCES = (  # a .blend's own
     "max_bounces",
     "diffuse_bounces",
@@ -112,9 +113,27 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     if sampling.denoise:
         scene.cycles.use_denoising, scene.cycles.denoiser = True, "OPENIMAGEDENOISE"
         scene.cycles.denoising_input_passes, scene.cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
-    image = scene.render.image_settings
+    image = scene.render.image_settings  # of what layers save
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"
+    _limit_world_map(scene.world)
+
+
+def _limit_world_map(world: bpy.types.World | None) -> None:
+    """Cycles rebuilds the map that says where an environment's light comes from in every pass, for each has other
+    colours; its own choice is 4096 wide for any picture, which takes longer than rendering."""
+    widths = [image.size[0] for image in _images(world.node_tree)] if world and world.node_tree else []
+    if widths and world.cycles.sampling_method == "AUTOMATIC":
+        world.cycles.sampling_method = "MANUAL"
+        world.cycles.sample_map_resolution = min(max(*widths, 4), WORLD_MAP_WIDTH)
+
+
+def _images(tree: bpy.types.NodeTree):
+    for node in tree.nodes:
+        if node.bl_idname in ("ShaderNodeTexEnvironment", "ShaderNodeTexImage") and node.image:
+            yield node.image
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
+            yield from _images(node.node_tree)
 
 
 def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
@@ -156,33 +175,100 @@ def quiet(*descriptors: int):
 
 
 class Film:
-    """Renders the scene and hands over linear float pixels. One temporary file, removed at close()."""
+    """Renders the scene and hands over linear float pixels, without a file: Blender keeps no result in the background,
+    but Cycles' engine has it."""
 
     def __init__(self, scene: bpy.types.Scene):
         self._scene = scene
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="pecs_", dir="/dev/shm" if Path("/dev/shm").is_dir() else None
-        )
-        scene.render.filepath = str(Path(self._folder.name) / "film.exr")
-
-    def __enter__(self) -> Film:
-        return self
-
-    def __exit__(self, *_) -> None:
-        self._folder.cleanup()
 
     def render(self) -> np.ndarray:
         """[3, height, width], float32, row 0 at the top."""
-        with quiet():
-            bpy.ops.render.render(write_still=True, scene=self._scene.name)
-            image = bpy.data.images.load(self._scene.render.filepath, check_existing=False)
-        try:
-            width, height = image.size
-            pixels = np.empty(height * width * image.channels, np.float32)
-            image.pixels.foreach_get(pixels)
-        finally:
-            bpy.data.images.remove(image)
-        return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3].transpose(2, 0, 1))
+        return self.passes("Combined")["Combined"][:3]
+
+    def passes(self, *names: str) -> dict[str, np.ndarray]:
+        """Passes of Cycles by name, each [channels, height, width]."""
+        stop.check()
+        self._scene.update_tag()  # else Cycles, which keeps its data, would not look at its own settings
+        with _engine_results() as results, quiet():
+            bpy.ops.render.render(scene=self._scene.name)
+        stop.check()
+        if not results or any(name not in results[-1] for name in names):
+            raise RenderError(UNSUPPORTED, f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}")
+        return {name: self._whole(results[-1][name]) for name in names}
+
+    def _whole(self, part: np.ndarray) -> np.ndarray:
+        """A border's part, in its place in a black picture."""
+        render = self._scene.render
+        if not render.use_border:
+            return part
+        width, height = render.resolution_x, render.resolution_y
+        left, top = round(render.border_min_x * width), height - round(render.border_max_y * height)
+        whole = np.zeros((len(part), height, width), np.float32)
+        whole[:, top : top + part.shape[1], left : left + part.shape[2]] = part
+        return whole
+
+
+@contextlib.contextmanager
+def _engine_results():
+    """What Cycles' engine renders meanwhile: for each view layer its passes by name, row 0 at the top."""
+    from cycles import CyclesRender  # Blender's add-on
+
+    render, results = CyclesRender.render, []
+
+    def render_and_keep(engine, depsgraph):
+        render(engine, depsgraph)
+        result = engine.get_result()
+        for layer in result.layers:
+            size = result.resolution_y, result.resolution_x
+            values = np.empty(sum(p.channels for p in layer.passes) * size[0] * size[1], np.float32)
+            layer.passes.foreach_get("rect", values)
+            passes = {}
+            for p in layer.passes:
+                count = p.channels * size[0] * size[1]
+                picture, values = values[:count].reshape(*size, p.channels), values[count:]
+                passes[p.name] = np.ascontiguousarray(picture[::-1].transpose(2, 0, 1))
+            results.append(passes)
+
+    CyclesRender.render = render_and_keep
+    try:
+        yield results
+    finally:
+        CyclesRender.render = render
+
+
+@contextlib.contextmanager
+def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object):
+    """What lies first on each ray through a pixel's centre, in the whole picture; then all is as before."""
+    layer = scene.view_layers[0]
+    changes = (
+        (scene, {"camera": camera}),
+        (scene.render, {"use_border": False}),
+        (scene.cycles, {"samples": 1, "max_bounces": 0, "use_denoising": False, "filter_width": 0.01}),
+        (layer, {"use_pass_position": True, "use_pass_z": True}),
+    )
+    saved = [(thing, {key: getattr(thing, key) for key in values}) for thing, values in changes]
+    try:
+        _set_all(changes)
+        yield
+    finally:
+        _set_all(saved)
+
+
+def _set_all(changes) -> None:
+    for thing, values in changes:
+        for key, value in values.items():
+            setattr(thing, key, value)
+
+
+def save_picture(picture: np.ndarray, path: Path, scene: bpy.types.Scene) -> None:
+    """[height, width, 3] as an EXR file, bit by bit (`configure` has chosen its kind)."""
+    height, width, _ = picture.shape
+    image = bpy.data.images.new(path.stem, width, height, float_buffer=True, is_data=True)
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = picture[::-1]  # Blender's row 0 is at the bottom
+    image.pixels.foreach_set(rgba.ravel())
+    image.save_render(str(path), scene=scene)
+    bpy.data.images.remove(image)
 
 
 def interpolated(lambda_nm, values):
@@ -191,7 +277,8 @@ def interpolated(lambda_nm, values):
 
 def _new_camera(name: str) -> bpy.types.Object:
     camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-    camera.data.clip_start, camera.data.clip_end = 1e-5, 1e4
+    unit_m = bpy.context.scene.unit_settings.scale_length
+    camera.data.clip_start, camera.data.clip_end = 1e-5 / unit_m, 1e4 / unit_m
     bpy.context.scene.collection.objects.link(camera)
     return camera
 
@@ -211,7 +298,7 @@ def orthographic_camera(name: str, width_m: float) -> bpy.types.Object:
     return camera
 
 
-def lens_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
+def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
     """A camera whose rays come from OSL source (pecs.Lens.camera); compiled into `folder`."""
     import _cycles
 

@@ -67,9 +67,8 @@ class FolderScene(Source):
         scene.camera = camera
         self.set_time(0.0)
         spectral.set_pass(METER_LAMBDA_NM)
-        with cycles.Film(scene) as film:
-            # Lambert: E = pi L / reflectance
-            irradiance = math.pi / METER_REFLECTANCE * film.render().astype(float).mean(axis=(1, 2))
+        # Lambert: E = pi L / reflectance
+        irradiance = math.pi / METER_REFLECTANCE * cycles.Film(scene).render().astype(float).mean(axis=(1, 2))
         scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = saved
         for thing in (camera, plane):
             bpy.data.objects.remove(thing, do_unlink=True)

@@ -11,9 +11,9 @@ import bpy
 
 
 class Source(ABC):
-    """scene: the Blender scene, as Cycles shall render it. lens: `lens` (a name or "none"), `stop_diameter_mm`,
-    `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says of it. folder: where files that it
-    names lie."""
+    """scene: the Blender scene, as Cycles shall render it. unit_m: metres per unit of its coordinates. lens: `lens` (a
+    name or "none"), `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says
+    of it. folder: where files that it names lie."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -22,6 +22,7 @@ class Source(ABC):
     bounces: dict[str, Any]
     record: dict[str, Any]
     period_s: float | None = None
+    unit_m: float = 1.0
     duration_s: float | None = None  # what `--frames all` covers
 
     @abstractmethod

@@ -12,7 +12,7 @@ Only this process's copy changes: nothing here is ever saved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -54,9 +54,10 @@ class Role:
     emitter: float | str | None = None
     named: bool = False
     reflectance: Spectrum | None = None
+    strength: float = 1.0
 
     def matrix(self, of_colours: np.ndarray, rgb_nm: np.ndarray, emitters: Emitters) -> np.ndarray:
-        rows = np.tile(LUMINANCE, (3, 1)) if self.named else of_colours
+        rows = self.strength * (np.tile(LUMINANCE, (3, 1)) if self.named else of_colours)
         return rows if self.emitter is None else emitters.relative(self.emitter, rgb_nm)[:, None] * rows
 
 
@@ -68,7 +69,7 @@ class _Constant:
     key: str
     role: Role
     base: np.ndarray
-    curves: list
+    movers: list
 
     def read(self) -> None:
         self.base = np.array(getattr(self.owner, self.key)[:3])
@@ -80,12 +81,13 @@ class _Constant:
 
 class SpectralScene:
     """The rewriting of everything in bpy.data. `illuminant`: the spectrum of whatever emits RGB without naming one.
-    `folder`: where a CSV that is not absolute lies. `matrix`: of colours, at the three wavelengths of a pass."""
+    `folder`: where a CSV that is not absolute lies. `unit_m`: metres per unit of its coordinates: light that falls with
+    the distance falls with its square. `matrix`: of colours, at the three wavelengths of a pass."""
 
-    def __init__(self, illuminant: Spectrum, folder, matrix=band_matrix):
+    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix=band_matrix):
         self.emitters = Emitters(illuminant)
         self.approximated: list[str] = []
-        self._folder, self._matrix = folder, matrix
+        self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
         self._constants: list[_Constant] = []
         self._groups: dict[Role, bpy.types.NodeTree] = {}
         self._glasses: list[tuple[object, Glass]] = []
@@ -106,15 +108,15 @@ class SpectralScene:
     def before_instant(self) -> None:
         """Lets animation set the file's own colours; then `after_instant` takes them over."""
         for constant in self._constants:
-            for curve in constant.curves:
-                curve.mute = False
+            for mover in constant.movers:
+                mover.mute = False
 
     def after_instant(self) -> None:
         for constant in self._constants:
-            if constant.curves:
+            if constant.movers:
                 constant.read()
-                for curve in constant.curves:
-                    curve.mute = True
+                for mover in constant.movers:
+                    mover.mute = True
 
     def set_pass(self, rgb_nm: np.ndarray) -> None:
         """rgb_nm: the wavelengths of the red, green and blue channel."""
@@ -150,7 +152,7 @@ class SpectralScene:
             role = Role(self._emitter(spectrum(f"blackbody:{light.temperature:g}")))
         if getattr(light, "use_temperature", False):
             light.use_temperature = False
-            if self._curves(light, "temperature"):
+            if self._animation(light, "temperature"):
                 self.approximated.append(f"{light.name}: animated temperature: that of the first frame")
         if light.use_nodes and light.node_tree and not own:
             for socket in [n.inputs["Color"] for n in light.node_tree.nodes if n.bl_idname == "ShaderNodeEmission"]:
@@ -158,7 +160,9 @@ class SpectralScene:
                     _unlink(light.node_tree, socket)
                     socket.default_value = (1.0, 1.0, 1.0, 1.0)
                     role = Role(self._emitter(spectrum(source)))
-        self._constant(light, "color", light, role)
+        # The sun's strength is per area, all others' is in watts.
+        strength = 1.0 if light.type == "SUN" else self._unit_m**-2
+        self._constant(light, "color", light, replace(role, strength=strength))
         if light.use_nodes and light.node_tree:  # filters in front of the lamp's own spectrum
             self._tree(light.node_tree, _Named(light, filters=True))
 
@@ -244,18 +248,21 @@ class SpectralScene:
 
     def _constant(self, owner, key, id_block, role) -> None:
         path = key if isinstance(owner, bpy.types.ID) else f"{owner.path_from_id()}.{key}"
-        constant = _Constant(owner, key, role, np.zeros(3), self._curves(id_block, path))
+        constant = _Constant(owner, key, role, np.zeros(3), self._animation(id_block, path))
         constant.read()
         self._constants.append(constant)
 
     @staticmethod
-    def _curves(id_block, path) -> list:
+    def _animation(id_block, path) -> list:
+        """What moves a property, each with a `mute`: drivers, curves, and tracks of strips."""
         animation = id_block.animation_data
         if not animation:
             return []
-        curves = list(animation.drivers)
-        curves += _action_curves(animation)
-        return [curve for curve in curves if curve.data_path == path]
+        curves = [*animation.drivers, *_slot_curves(animation.action, animation.action_slot)]
+        tracks = animation.nla_tracks if animation.use_nla else ()
+        found = [curve for curve in curves if curve.data_path == path]
+        found += [track for track in tracks if any(_strip_moves(strip, path) for strip in track.strips)]
+        return [mover for mover in found if not mover.mute]
 
     def _spectrum(self, owner, key) -> Spectrum | None:
         value = owner.get(key)
@@ -316,11 +323,14 @@ def _blackbody(node) -> str | None:
     return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range it has in Cycles
 
 
-def _action_curves(animation) -> list:
-    action = animation.action
-    if not action:
+def _slot_curves(action, slot) -> list:
+    """An action moves several things, each by its own slot; `action.fcurves` are those of the first."""
+    if not action or not slot:
         return []
-    if hasattr(action, "fcurves"):
-        return list(action.fcurves)
-    slot = animation.action_slot  # Blender 5
-    return [c for layer in action.layers for strip in layer.strips for c in strip.channelbag(slot).fcurves]
+    bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips)
+    return [curve for bag in bags if bag for curve in bag.fcurves]
+
+
+def _strip_moves(strip, path) -> bool:
+    inside = any(_strip_moves(s, path) for s in strip.strips)  # of a meta strip
+    return inside or any(curve.data_path == path for curve in _slot_curves(strip.action, strip.action_slot))

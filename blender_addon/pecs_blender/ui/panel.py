@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.resources import BYTES_PER_VALUE
-from .operators import running
+from .background import state
 from .settings import instants
 
 
@@ -30,21 +30,22 @@ class PECS_PT_render(bpy.types.Panel):
                 layout.label(text="No lens: this Blender has no OSL", icon="ERROR")
 
         column = layout.column(align=True)
-        for name in ("bands", "placement", "chip", "illuminant", "samples"):
+        for name in ("bands", "placement", "chip", "illuminant", "light_scale", "samples", "device", "layers"):
             column.prop(s, name)
 
         column = layout.column(align=True)
         column.prop(s, "output")
-        column.prop(s, "rate_hz")
+        column.prop(s, "overwrite")
+        column.prop(s, "fps")
         column.prop(s, "whole_range")
         if not s.whole_range:
             column.prop(s, "frames")
         width, height = (n * scene.render.resolution_percentage // 100 for n in _size(scene))
-        megabytes = instants(scene) * s.bands * width * height * BYTES_PER_VALUE / 1e6
+        megabytes = instants(scene) * s.channels * width * height * BYTES_PER_VALUE / 1e6
         layout.label(text=f"{instants(scene)} instants x {s.pass_count} passes")
         layout.label(text=f"{width} x {height} pixels, up to {megabytes:,.0f} MB")
 
-        if job := running():
+        if job := state.job:
             row = layout.row()
             row.progress(factor=job.progress, text=f"{job.progress:.0%}")
             row.operator("pecs.stop", icon="CANCEL", text="")
@@ -53,6 +54,8 @@ class PECS_PT_render(bpy.types.Panel):
             row.operator("pecs.draw_lens", icon="CAMERA_DATA")
             row.operator("pecs.preview", icon="IMAGE_DATA")
             layout.operator("pecs.render", icon="RENDER_ANIMATION")
+            if state.message:
+                layout.label(text=state.message, icon="ERROR" if state.is_error else "INFO")
 
 
 def _size(scene) -> tuple[int, int]:

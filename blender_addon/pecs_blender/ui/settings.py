@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panel asks for: options of `blender --command pecs render`, kept in the .blend."""
+"""What the panel asks for: options of `pecs render` (core/options.py), kept in the .blend."""
 
+import dataclasses
+import math
 from functools import cache
+from zlib import crc32
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
+from ..core.options import DEFAULTS, LAYERS, RULES, Options, flag
 from ..core.plan import passes
 
 
@@ -20,14 +24,52 @@ _lens_items: list[tuple] = []  # Blender wants the very same texts each time
 
 
 def _lenses(_self, _context) -> list[tuple]:
+    """A lens is saved as its number: one that does not change when others are added."""
     if not _lens_items:
-        _lens_items.append(("none", "Scene's camera", "Render radiance with the camera as Blender has it"))
-        _lens_items.extend((name, name, "A lens of the library") for name in _names("lens_data/lenses", "*.json"))
+        _lens_items.append(("none", "Scene's camera", "Render radiance with the camera as Blender has it", 0))
+        for name in _names("lens_data/lenses", "*.json"):
+            _lens_items.append((name, name, "A lens of the library", crc32(name.encode()) >> 1))
     return _lens_items
 
 
 def _searched(room: str, pattern: str, *more: str):
     return lambda _self, _context, text: [n for n in (*more, *_names(room, pattern)) if text.lower() in n]
+
+
+# Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
+_SHOWN = {
+    "focus_m": ("Focus", {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH"}),
+    "fnumber": ("f-number", {}),
+    "film_width_mm": ("Film width (mm)", {"precision": 4}),
+    "bands": ("Bands", {}),
+    "placement": ("Placement", {}),
+    "chip": ("Chip", {"search": _searched("sensor/chips", "*.json")}),
+    "illuminant": (
+        "Lamps' spectrum",
+        {"search": _searched("lens_data/spectra", "*.csv", "blackbody:2856", "daylight:6500")},
+    ),
+    "light_scale": ("Light scale", {}),
+    "samples": ("Samples", {}),
+    "device": ("Device", {}),
+    "fps": ("Instants per second", {}),
+}
+_KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
+
+
+def _property(name: str):
+    label, more = _SHOWN[name]
+    rule, default, kind = RULES[name], DEFAULTS[name], _KINDS[name]
+    text = rule.help[0].upper() + rule.help[1:]
+    if rule.choices:
+        return EnumProperty(name=label, items=[(c, c, "") for c in rule.choices], default=default, description=text)
+    if kind == "str":
+        return StringProperty(name=label, default=default, description=text, **more)
+    low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
+    bounds = {"min": low} if low > -math.inf else {}
+    bounds |= {"max": rule.high} if rule.high < math.inf else {}
+    text += "; 0: not given" if default is None else ""
+    make = IntProperty if kind == "int" else FloatProperty
+    return make(name=label, default=default or 0, description=text, **bounds, **more)
 
 
 class PecsSettings(bpy.types.PropertyGroup):
@@ -38,38 +80,28 @@ class PecsSettings(bpy.types.PropertyGroup):
         default="//stack",
         description="Folder of the EXR stack",
     )
-    whole_range: BoolProperty(name="Frame range", default=True, description="Cover the scene's frame range")
-    frames: IntProperty(name="Instants", default=100, min=1, description="From the scene's first frame on")
-    rate_hz: FloatProperty(name="Instants per second", default=1000, min=1e-3, max=1e9, description="Of scene time")
-
+    overwrite: BoolProperty(name="Overwrite", description="Remove a stack that is there, instead of continuing it")
+    whole_range: BoolProperty(name="Frame range", description="Cover the scene's frame range")
+    frames: IntProperty(
+        name="Instants", default=int(DEFAULTS["frames"]), min=1, description="From the scene's first frame on"
+    )
     lens: EnumProperty(name="Lens", items=_lenses, description="It stands where the scene's camera does")
-    focus_m: FloatProperty(name="Focus", default=2.0, min=1e-3, precision=3, subtype="DISTANCE", unit="LENGTH")
-    fnumber: FloatProperty(name="f-number", default=4.0, min=0.1, max=1000)
-    film_width_mm: FloatProperty(
-        name="Film (mm)", default=6.2208, min=0.01, max=1000, precision=4, description="Its width"
+    layers: EnumProperty(
+        name="Layers",
+        items=[(name, name.capitalize(), "") for name in LAYERS],
+        options={"ENUM_FLAG"},
+        description="What to render beside the light",
     )
-
-    bands: IntProperty(name="Bands", default=6, min=1, max=64, description="Wavelengths; three share a pass")
-    placement: EnumProperty(
-        name="Placement",
-        items=[
-            ("gauss", "Gauss", "Quadrature for the chip under the scene's lamps"),
-            ("strata", "Strata", "Medians of equal shares of the light"),
-            ("uniform", "Uniform", "Equal intervals"),
-        ],
-    )
-    chip: StringProperty(name="Chip", default="imx636", search=_searched("sensor/chips", "*.json"))
-    illuminant: StringProperty(
-        name="Light",
-        default="d65",
-        description="Spectrum of RGB lamps and skies: a name, CSV file, blackbody:T or daylight:T",
-        search=_searched("lens_data/spectra", "*.csv", "blackbody:2856", "daylight:6500"),
-    )
-    samples: IntProperty(name="Samples", default=8, min=1, max=65536, description="Paths per pixel and band")
+    __annotations__ |= {name: _property(name) for name in _SHOWN}
 
     @property
     def pass_count(self) -> int:
         return len(passes(self.bands))
+
+    @property
+    def channels(self) -> int:
+        """Of all layers, about: for the room on the disk."""
+        return self.bands + 2 * len(self.layers)
 
 
 def instants(scene: bpy.types.Scene) -> int:
@@ -77,26 +109,23 @@ def instants(scene: bpy.types.Scene) -> int:
     if not settings.whole_range:
         return settings.frames
     duration_s = (scene.frame_end - scene.frame_start + 1) * scene.render.fps_base / scene.render.fps
-    return max(1, round(duration_s * settings.rate_hz))
+    return max(1, round(duration_s * settings.fps))
+
+
+def focus_m(scene: bpy.types.Scene) -> float | None:
+    """Blender keeps lengths in units of the scene."""
+    return scene.pecs.focus_m * scene.unit_settings.scale_length or None
 
 
 def arguments(scene: bpy.types.Scene) -> list[str]:
     """Of `pecs render`, but for output, frames and size."""
-    s = scene.pecs
-    pairs = {
-        "--scene-name": scene.name,
-        "--bands": s.bands,
-        "--placement": s.placement,
-        "--chip": s.chip,
-        "--illuminant": s.illuminant,
-        "--fps": repr(s.rate_hz),
-        "--samples": s.samples,
-        "--lens": s.lens,
-    }
-    if s.lens != "none":
-        pairs |= {
-            "--focus-m": f"{s.focus_m:.6g}",
-            "--fnumber": f"{s.fnumber:.6g}",
-            "--film-width-mm": f"{s.film_width_mm:.6g}",
-        }
-    return [str(word) for pair in pairs.items() for word in pair]
+    s, given = scene.pecs, {"lens": scene.pecs.lens}
+    for name in _SHOWN:
+        value = focus_m(scene) if name == "focus_m" else getattr(s, name)
+        of_lens = name in ("focus_m", "fnumber", "film_width_mm")
+        if value and not (of_lens and s.lens == "none"):
+            given[name] = f"{value:.6g}" if isinstance(value, float) else value
+    if s.layers:
+        given["layers"] = ",".join(sorted(s.layers))
+    words = [word for name, value in given.items() for word in (flag(name), str(value))]
+    return ["--scene-name", scene.name, *words]

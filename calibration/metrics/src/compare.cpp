@@ -8,6 +8,7 @@
 #include <random>
 
 #include "pecs/error.h"
+#include "pecs/metrics/earth_mover.h"
 
 namespace pecs::metrics {
 namespace {
@@ -222,14 +223,8 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   const auto sim_intervals = log_intervals(sim.events, sim.info.width, sim.info.height);
   if (!real_intervals.empty()) c.real.interval_median_us = std::pow(10, quantile(real_intervals, 0.5));
   if (!sim_intervals.empty()) c.sim.interval_median_us = std::pow(10, quantile(sim_intervals, 0.5));
-  if (!real_intervals.empty() && !sim_intervals.empty()) {
-    constexpr int kQuantiles = 1000;
-    double distance = 0;
-    for (int i = 0; i < kQuantiles; ++i)
-      distance +=
-          std::abs(quantile(real_intervals, (i + 0.5) / kQuantiles) - quantile(sim_intervals, (i + 0.5) / kQuantiles));
-    c.interval_distance_decades = distance / kQuantiles;
-  }
+  if (!real_intervals.empty() && !sim_intervals.empty())
+    c.interval_distance_decades = earth_mover_of_sorted(real_intervals, sim_intervals);
 
   // How the events follow the edges of a disk; both streams are in time order by now.
   if (options.disk) {

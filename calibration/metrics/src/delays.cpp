@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numbers>
 #include <numeric>
 
 #include "pecs/error.h"
+#include "pecs/metrics/earth_mover.h"
 
 namespace pecs::metrics {
 namespace {
@@ -18,9 +20,8 @@ using events::Event;
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kBins = 90, kBefore = 5,
               kShown = 55;  // of a period; before the edge; of the histogram: later is the next edge's
-constexpr double kInner = 0.2, kOuter = 0.98;  // radii that count: near the centre edges are slow
-constexpr int kAround = 24, kAlong = 4;        // regions
-constexpr int kFine = 8;                       // parts of a bin, for the exposures
+constexpr int kRegions = kRegionsAround * kRegionsAlong;
+constexpr int kFine = 8;  // parts of a bin, for the exposures
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 class Frame {  // that turns with the disk
@@ -32,7 +33,7 @@ class Frame {  // that turns with the disk
   // How far the edge of polarity p is past a pixel. Empty outside the ring.
   std::optional<double> delay_deg(int x, int y, double t_us, int p) const {
     const double dx = x + 0.5 - d_.centre_x, dy = d_.centre_y - (y + 0.5), r = std::hypot(dx, dy);
-    if (r < kInner * d_.radius_px || r >= kOuter * d_.radius_px) return {};
+    if (r < kInnerRadius * d_.radius_px || r >= kOuterRadius * d_.radius_px) return {};
     const double edge = (p ? d_.on_edge_deg : d_.off_edge_deg) + d_.speed_deg_s * 1e-6 * (t_us - d_.time_us);
     const double past = (edge - std::atan2(dy, dx) / kDegree) * (d_.speed_deg_s < 0 ? -1 : 1);
     return past - period_deg_ * std::floor(past / period_deg_ + static_cast<double>(kBefore) / kBins);
@@ -40,9 +41,9 @@ class Frame {  // that turns with the disk
   int region(int x, int y) const {
     const double dx = x + 0.5 - d_.centre_x, dy = d_.centre_y - (y + 0.5);
     const double around = std::atan2(dy, dx) / (2 * std::numbers::pi) + 0.5,
-                 along = (std::hypot(dx, dy) / d_.radius_px - kInner) / (kOuter - kInner);
-    return std::min(kAround - 1, static_cast<int>(around * kAround)) * kAlong +
-           std::min(kAlong - 1, static_cast<int>(along * kAlong));
+                 along = (std::hypot(dx, dy) / d_.radius_px - kInnerRadius) / (kOuterRadius - kInnerRadius);
+    return std::min(kRegionsAround - 1, static_cast<int>(around * kRegionsAround)) * kRegionsAlong +
+           std::min(kRegionsAlong - 1, static_cast<int>(along * kRegionsAlong));
   }
 
  private:
@@ -50,21 +51,34 @@ class Frame {  // that turns with the disk
   double period_deg_;
 };
 
-// Pixels times the part of each bin of delay that an edge of polarity p goes through over them.
-std::vector<double> exposures(const Frame& frame, double turned_deg, int width, int height, int p) {
+using Passes = std::vector<std::vector<double>>;
+
+// [region][bin]: pixels times the part of each bin of delay that an edge of polarity p goes through over them.
+Passes passes_of(const Frame& frame, double turned_deg, int width, int height, int p) {
   constexpr int kSteps = kBins * kFine;
-  std::vector<double> start(kSteps), out(kBins);
+  std::vector<std::vector<double>> start(kRegions, std::vector<double>(kSteps));
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
       if (const auto d = frame.delay_deg(x, y, 0, p))
-        start[std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(frame.bin(*d) * kFine))] += 1;
+        start[static_cast<std::size_t>(frame.region(x, y))]
+             [std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(frame.bin(*d) * kFine))] += 1;
   const auto steps = std::llround(turned_deg / frame.period_deg() * kSteps);
-  const double whole = static_cast<double>(steps / kSteps) * std::accumulate(start.begin(), start.end(), 0.0) / kFine;
-  for (int i = 0; i < kSteps; ++i) {
-    out[static_cast<std::size_t>(i / kFine)] += whole;
-    for (int k = 0; k < steps % kSteps; ++k)
-      out[static_cast<std::size_t>((i + k) % kSteps / kFine)] += start[i] / kFine;
+  Passes out(kRegions, std::vector<double>(kBins));
+  for (std::size_t r = 0; r < kRegions; ++r) {
+    const double all = std::accumulate(start[r].begin(), start[r].end(), 0.0);
+    const double whole = static_cast<double>(steps / kSteps) * all / kFine;
+    for (int i = 0; i < kSteps; ++i) {
+      out[r][static_cast<std::size_t>(i / kFine)] += whole;
+      for (int k = 0; k < steps % kSteps && start[r][i] > 0; ++k)
+        out[r][static_cast<std::size_t>((i + k) % kSteps / kFine)] += start[r][i] / kFine;
+    }
   }
+  return out;
+}
+
+std::vector<double> summed(const Passes& passes) {
+  std::vector<double> out(kBins);
+  for (const auto& region : passes) std::transform(out.begin(), out.end(), region.begin(), out.begin(), std::plus<>());
   return out;
 }
 
@@ -72,14 +86,16 @@ Delays measure(std::span<const Event> events, const Frame& frame, int width, int
                const std::array<std::vector<double>, 2>& seen) {
   Delays m;
   for (auto& h : m.histogram) h.resize(kShown);
+  m.region_events.resize(kRegions);
   std::vector<double> on_before(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNone);
-  std::vector<std::array<double, 3>> pairs(kAround * kAlong);  // count, sum, squares
+  std::vector<std::array<double, 3>> pairs(kRegionsAround * kRegionsAlong);  // count, sum, squares
   for (const Event& e : events) {
     const auto delay = frame.delay_deg(e.x, e.y, static_cast<double>(e.t_us), e.p);
     if (!delay) continue;
     const auto bin = static_cast<std::size_t>(frame.bin(*delay));
     const bool counts = bin < kShown;
     if (counts && seen[e.p][bin] > 0) m.histogram[e.p][bin] += 1 / seen[e.p][bin];
+    if (counts) m.region_events[static_cast<std::size_t>(frame.region(e.x, e.y))] += 1;
 
     double& before = on_before[static_cast<std::size_t>(e.y) * static_cast<std::size_t>(width) + e.x];
     if (!e.p && counts && !std::isnan(before)) {
@@ -134,40 +150,61 @@ DelayComparison compare_delays(std::span<const Event> real, std::span<const Even
   c.bin_deg = frame.period_deg() / kBins;
   c.first_deg = -kBefore * c.bin_deg;
   const double turned_deg = std::abs(disk.speed_deg_s) * 1e-6 * static_cast<double>(end_us);
-  const std::array seen = {exposures(frame, turned_deg, width, height, 0),
-                           exposures(frame, turned_deg, width, height, 1)};
+  const std::array seen = {summed(passes_of(frame, turned_deg, width, height, 0)),
+                           summed(passes_of(frame, turned_deg, width, height, 1))};
   c.real = measure(real, frame, width, height, c.bin_deg, seen);
   c.sim = measure(sim, frame, width, height, c.bin_deg, seen);
   for (std::size_t p = 0; p < 2; ++p) {
     if (c.real.per_edge[p] <= 0 || c.sim.per_edge[p] <= 0) continue;
-    double common = 0, ahead = 0, moved = 0;
-    for (std::size_t i = 0; i < kShown; ++i) {
-      const double a = c.real.histogram[p][i] / c.real.per_edge[p], b = c.sim.histogram[p][i] / c.sim.per_edge[p];
-      common += std::min(a, b);
-      ahead += a - b;
-      moved += std::abs(ahead) * c.bin_deg;
-    }
-    c.overlap[p] = common, c.earth_mover_deg[p] = moved;
+    double common = 0;
+    for (std::size_t i = 0; i < kShown; ++i)
+      common += std::min(c.real.histogram[p][i] / c.real.per_edge[p], c.sim.histogram[p][i] / c.sim.per_edge[p]);
+    c.overlap[p] = common;
+    c.earth_mover_deg[p] = earth_mover(c.real.histogram[p], c.sim.histogram[p], c.bin_deg);
   }
   return c;
 }
 
-Json to_json(const DelayComparison& c) {
-  const auto or_null = [](const auto& value) { return value ? Json(*value) : Json(nullptr); };
+MeasuredDelays measure_delays(std::span<const Event> events, int width, int height, std::int64_t end_us,
+                              const TurningDisk& disk) {
+  MeasuredDelays m;
+  m.disk = disk;
+  const Frame frame(disk);
+  m.bin_deg = frame.period_deg() / kBins, m.first_deg = -kBefore * m.bin_deg;
+  const double turned_deg = std::abs(disk.speed_deg_s) * 1e-6 * static_cast<double>(end_us);
+  std::array<std::vector<double>, 2> seen;
+  for (int p = 0; p < 2; ++p) {
+    m.passes[p] = passes_of(frame, turned_deg, width, height, p);
+    seen[p] = summed(m.passes[p]);
+  }
+  m.delays = measure(events, frame, width, height, m.bin_deg, seen);
+  for (auto& polarity : m.passes)
+    for (auto& region : polarity) region.resize(kShown);
+  return m;
+}
+
+namespace {
+
+Json or_null(const auto& value) { return value ? Json(*value) : Json(nullptr); }
+
+Json json_of(const TurningDisk& d) {
+  return {{"centre_x", d.centre_x},         {"centre_y", d.centre_y}, {"radius_px", d.radius_px},
+          {"speed_deg_s", d.speed_deg_s},   {"sectors", d.sectors},   {"on_edge_deg", d.on_edge_deg},
+          {"off_edge_deg", d.off_edge_deg}, {"time_us", d.time_us}};
+}
+
+std::vector<double> bin_edges(double first_deg, double bin_deg) {
   std::vector<double> edges;
-  for (int i = 0; i <= kShown; ++i) edges.push_back(c.first_deg + i * c.bin_deg);
-  const TurningDisk& d = c.disk;
-  Json json = {{"disk",
-                {{"centre_x", d.centre_x},
-                 {"centre_y", d.centre_y},
-                 {"radius_px", d.radius_px},
-                 {"speed_deg_s", d.speed_deg_s},
-                 {"sectors", d.sectors},
-                 {"on_edge_deg", d.on_edge_deg},
-                 {"off_edge_deg", d.off_edge_deg},
-                 {"time_us", d.time_us}}},
-               {"bin_edges_deg", edges},
-               {"us_per_deg", 1e6 / std::abs(d.speed_deg_s)},
+  for (int i = 0; i <= kShown; ++i) edges.push_back(first_deg + i * bin_deg);
+  return edges;
+}
+
+}  // namespace
+
+Json to_json(const DelayComparison& c) {
+  Json json = {{"disk", json_of(c.disk)},
+               {"bin_edges_deg", bin_edges(c.first_deg, c.bin_deg)},
+               {"us_per_deg", 1e6 / std::abs(c.disk.speed_deg_s)},
                {"pair_sd_deg", {{"real", or_null(c.real.pair_sd_deg)}, {"sim", or_null(c.sim.pair_sd_deg)}}}};
   for (const std::size_t p : {1, 0})
     json[p ? "on" : "off"] = {
@@ -176,6 +213,25 @@ Json to_json(const DelayComparison& c) {
         {"events_per_edge", {{"real", c.real.per_edge[p]}, {"sim", c.sim.per_edge[p]}}},
         {"quantiles_deg", {{"real", or_null(c.real.quantiles_deg[p])}, {"sim", or_null(c.sim.quantiles_deg[p])}}},
         {"histogram", {{"real", c.real.histogram[p]}, {"sim", c.sim.histogram[p]}}}};
+  return json;
+}
+
+Json to_json(const MeasuredDelays& m) {
+  Json json = {{"disk", json_of(m.disk)},
+               {"bin_edges_deg", bin_edges(m.first_deg, m.bin_deg)},
+               {"us_per_deg", 1e6 / std::abs(m.disk.speed_deg_s)},
+               {"pair_sd_deg", or_null(m.delays.pair_sd_deg)},
+               {"regions",
+                {{"around", kRegionsAround},
+                 {"along", kRegionsAlong},
+                 {"inner_px", kInnerRadius * m.disk.radius_px},
+                 {"outer_px", kOuterRadius * m.disk.radius_px},
+                 {"events", m.delays.region_events}}}};
+  for (const std::size_t p : {1, 0})
+    json[p ? "on" : "off"] = {{"events_per_edge", m.delays.per_edge[p]},
+                              {"quantiles_deg", or_null(m.delays.quantiles_deg[p])},
+                              {"histogram", m.delays.histogram[p]},
+                              {"passes", m.passes[p]}};
   return json;
 }
 

@@ -14,10 +14,8 @@
 
 #include "linear.h"
 #include "pecs/error.h"
-#include "pecs/events/format.h"
 #include "pecs/files.h"
 #include "pecs/sensor/photocurrent.h"
-#include "pecs/sensor/sensor.h"
 
 namespace pecs::input {
 namespace {
@@ -62,14 +60,13 @@ class EventView {
       throw bad_output(live.video.string(), "OpenCV has no MPEG-4 encoder");
   }
 
-  // Events before `until_us` are complete. False when the user has had enough.
-  bool add(std::span<const events::Event> events, std::int64_t until_us) {
+  // False when the user has had enough.
+  bool add(std::span<const events::Event> events) {
     bool goes_on = true;
     for (const events::Event& e : events) {
       while (e.t_us >= next_us_) goes_on &= flush();
       picture_.at<cv::Vec3b>(e.y, e.x) = e.p ? cv::Vec3b(178, 114, 0) : cv::Vec3b(0, 94, 213);
     }
-    while (until_us >= next_us_) goes_on &= flush();
     return goes_on;
   }
   void close() {
@@ -116,76 +113,78 @@ cv::VideoCapture open_source(const LiveOptions& live) {
   return capture;
 }
 
+// Frames as they come. A camera's have the time of their arrival, a video's the file's rate.
+class Live : public sensor::FrameSource {
+ public:
+  Live(const LiveOptions& live, const PictureOptions& pictures)
+      : live_(live), linear_(pictures), capture_(open_source(live)) {
+    if (!capture_.read(frame_)) throw bad_input(name(), "", "no frame", "a video");
+    info_.quantity = sensor::Quantity::relative;
+    info_.width = frame_.cols;
+    info_.height = frame_.rows;
+    info_.bands = linear_.bands_of(frame_);
+    rate_hz_ = pictures.times.fps.value_or(capture_.get(cv::CAP_PROP_FPS));
+    if (!live.camera && !(rate_hz_ > 0)) throw bad_input(name(), "times", "none", "--fps");
+  }
+  const sensor::StackInfo& info() const override { return info_; }
+  std::int64_t frames() const override { return frames_; }
+  std::string name() const override {
+    return live_.camera ? fmt::format("camera {}", *live_.camera) : live_.file.string();
+  }
+  std::string layout() const override { return live_.camera ? "camera" : "video"; }
+  bool is_live() const override { return true; }
+
+  std::optional<double> next_us() override {
+    const bool enough = frames_ > 0 && live_.seconds && t_us_ >= *live_.seconds * 1e6;
+    if (enough || (frames_ > 0 && !capture_.read(frame_))) return {};
+    if (frame_.cols != info_.width || frame_.rows != info_.height)
+      throw bad_input(name(), fmt::format("frame {}", frames_), fmt::format("{}x{}", frame_.cols, frame_.rows),
+                      fmt::format("{}x{} as the first", info_.width, info_.height));
+    if (frames_ == 0) start_ = Clock::now();
+    t_us_ = frames_ == 0   ? 0
+            : live_.camera ? std::max(microseconds_since(start_), t_us_ + 1)
+                           : static_cast<double>(frames_) * 1e6 / rate_hz_;
+    ++frames_;
+    return t_us_;
+  }
+  void read_rows(std::int64_t, const sensor::RowSink& sink, int begin, int end) const override {
+    if (end == 0) end = info_.height;
+    sink(begin, end - begin, linear_(frame_.rowRange(begin, end)));
+  }
+
+ private:
+  const LiveOptions& live_;
+  Linear linear_;
+  cv::VideoCapture capture_;
+  cv::Mat frame_;
+  sensor::StackInfo info_;
+  double rate_hz_ = 0, t_us_ = 0;
+  std::int64_t frames_ = 0;
+  Clock::time_point start_;
+};
+
 }  // namespace
 
-sensor::SenseReport sense_live(const LiveOptions& live, const sensor::SenseOptions& sense,
-                               const PictureOptions& pictures) {
-  const bool camera = live.camera.has_value();
-  const std::string name = camera ? fmt::format("camera {}", *live.camera) : live.file.string();
+sensor::SenseReport sense_live(const LiveOptions& live, sensor::SenseOptions sense, const PictureOptions& pictures) {
   const bool shows = display_answers();
-  cv::VideoCapture capture = open_source(live);
-  if (camera && !shows && !live.seconds)
-    throw Error(ExitCode::usage, name + ": got no display to stop it at, wanted --seconds");
-  const Linear linear(pictures);
-  cv::Mat frame;
-  if (!capture.read(frame)) throw bad_input(name, "", "no frame", "a video");
-
-  const sensor::Chip given = sensor::load_chip(sense.chip, sense.overrides);
-  const sensor::Chip chip = sense.no_noise ? without_noise(given) : given;
-  sensor::StackInfo info;
-  info.quantity = sensor::Quantity::relative;
-  info.width = frame.cols;
-  info.height = frame.rows;
-  info.bands = linear.bands_of(frame);
-  const std::vector<double> amperes = amperes_per_unit(chip, info, sense.light);
-  sensor::ModelChoice model = sense.model;
-  if (model.white_fa == 0) model.white_fa = sense.light.photocurrent_a.value_or(sensor::kDefaultWhite_a) * 1e15;
-  sensor::Sensor sensor(chip, info.width, info.height, sense.seed, 1.0, model, {!sense.ideal_readout, false});
-  const auto writer = events::open_writer(sense.output, {info.width, info.height, chip.name}, sense.format);
-  EventView view(live, frame.size(), shows);
-
-  const double rate = pictures.times.fps.value_or(capture.get(cv::CAP_PROP_FPS));
-  if (!camera && !(rate > 0)) throw bad_input(name, "times", "none", "--fps");
+  if (live.camera && !shows && !live.seconds)
+    throw Error(ExitCode::usage,
+                fmt::format("camera {}: got no display to stop it at, wanted --seconds", *live.camera));
+  if (pictures.times.file_us) throw Error(ExitCode::usage, "--times-us: got --view, wanted a file's frames");
+  if (live.camera && pictures.times.fps)
+    throw Error(ExitCode::usage, "--fps: got a camera, whose frames have the times of their arrival, wanted a video");
+  const auto source = std::make_shared<Live>(live, pictures);
+  if (sense.model.white_fa == 0 &&
+      !sensor::model_traits(sense.model.name).takes_light)  // white is the same from the first picture to the last
+    sense.model.white_fa = sense.light.photocurrent_a.value_or(sensor::kDefaultWhite_a) * 1e15;
+  EventView view(live, {source->info().width, source->info().height}, shows);
+  sense.source = source;
+  sense.watch = [&](std::span<const events::Event> events) { return view.add(events); };
   const auto start = Clock::now();
-  const std::size_t pixels = frame.total();
-  std::vector<float> plane(pixels);
-  std::int64_t frames = 0, count = 0;
-  double t_us = 0;
-  bool last = false;
-  sensor::LabelledEvents found;
-  while (!last) {
-    const std::vector<float> values = linear(frame);
-    std::ranges::fill(plane, 0.0f);
-    for (std::size_t b = 0; b < amperes.size(); ++b)
-      for (std::size_t i = 0; i < pixels; ++i)
-        plane[i] += static_cast<float>(amperes[b] * 1e15) * values[b * pixels + i];
-    const double now_us = t_us;
-    ++frames;
-    last = !capture.read(frame) || (live.seconds && now_us >= *live.seconds * 1e6);
-    t_us = camera ? std::max(microseconds_since(start), t_us + 1) : static_cast<double>(frames) * 1e6 / rate;
-
-    const float* pointer = plane.data();
-    found.events.clear();
-    sensor.push({&pointer, 1}, {&now_us, 1}, last, found);
-    writer->write(found.events);
-    count += static_cast<std::int64_t>(found.events.size());
-    if (!view.add(found.events, 0)) last = true;
-    if (!last && (frame.cols != info.width || frame.rows != info.height))
-      throw bad_input(name, fmt::format("frame {}", frames), fmt::format("{}x{}", frame.cols, frame.rows),
-                      fmt::format("{}x{} as the first", info.width, info.height));
-  }
+  sensor::SenseReport report = sensor::sense(sense);
   view.close();
-  writer->close();
-  const double seconds = microseconds_since(start) * 1e-6;
-  sensor::SenseReport report;
-  report.config = {{"chip", sensor::chip_to_json(chip)},
-                   {"model", sensor::model_to_json(model)},
-                   {"seed", sense.seed},
-                   {"input", camera ? "camera" : "video"},
-                   {"view", shows ? "window" : live.video.string()}};
-  report.results = {
-      {"width", info.width}, {"height", info.height},       {"frames", frames},
-      {"events", count},     {"dropped", sensor.dropped()}, {"frames_per_s", static_cast<double>(frames) / seconds}};
+  report.config["view"] = shows ? "window" : live.video.string();
+  report.results["frames_per_s"] = static_cast<double>(source->frames()) / (microseconds_since(start) * 1e-6);
   return report;
 }
 

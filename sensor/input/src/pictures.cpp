@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <fstream>
 #include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
@@ -10,6 +12,7 @@
 
 #include "linear.h"
 #include "pecs/error.h"
+#include "pecs/events/format.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::input {
@@ -101,7 +104,8 @@ class Video : public Pictures {
 
  private:
   void open() const {
-    capture_.open(path_.string());
+    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // what is wrong is said once, by us
+    capture_.open(path_.string(), cv::CAP_FFMPEG);
     next_ = 0;
     early_.clear();
   }
@@ -129,18 +133,42 @@ class Video : public Pictures {
   mutable std::map<std::int64_t, cv::Mat> early_;
 };
 
+// Files that are taken for light by mistake.
+void refuse_other_files(const fs::path& path) {
+  std::vector<std::byte> head(4096);
+  std::ifstream file(path, std::ios::binary);
+  file.read(reinterpret_cast<char*>(head.data()), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(file.gcount()));
+  const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+  if (text.starts_with("BLENDER") || path.extension() == ".blend")
+    throw bad_input(path.string(), "", "a .blend", "a stack of it: render it first (python -m pecs_blender render)");
+  for (const events::Codec& codec : events::codecs())
+    if (codec.sniff && codec.sniff(path, head))
+      throw bad_input(path.string(), "", fmt::format("events ({})", codec.name), "light: a stack, pictures or a video");
+}
+
 }  // namespace
 
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
   if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
+  refuse_other_files(path);
   return std::make_unique<Video>(path, options);
 }
 
 std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
   if (!fs::exists(path)) throw not_found(path.string(), "no such folder");
   static const std::string kExr[] = {".exr"};
-  if (fs::is_directory(path) && (fs::exists(path / "stack.json") || !sensor::files_in_order(path, kExr).empty()))
+  const bool has_json = fs::exists(path / "stack.json");
+  const auto refuse = [&](const char* option, const char* wanted) {
+    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, path.string(), wanted));
+  };
+  if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
+    if (options.colour_space) refuse("--colorspace", "pictures or a video");
+    if (options.ocio_config) refuse("--ocio", "pictures or a video");
+    if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
+    if (has_json && options.times.file_us) refuse("--times-us", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
+  }
   return open_pictures(path, options);
 }
 

@@ -13,28 +13,21 @@ constexpr ModelParameter kParameters[] = {
 class Esim : public PixelModel {
  public:
   explicit Esim(const ModelSetup& s)
-      : grey_per_unit_(s.grey_per_unit),
+      : grey_per_unit_(s.per_unit),
         log_eps_(static_cast<float>(s.at("log_eps"))),
         on_(static_cast<float>(s.chip.contrast_threshold_on)),
         off_(static_cast<float>(s.chip.contrast_threshold_off)),
         refractory_us_(s.chip.refractory_period_s * 1e6),
         pixels_(s.pixels()) {}
 
-  void advance(const FrameBatch& batch, EventSorter& order) override {
-    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
-      for (std::size_t i = 0; i < batch.planes.size(); ++i) {
-        const Picture picture(batch, i, grey_per_unit_);
-        if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
-          for (std::size_t k = first; k < end; ++k) {
-            Pixel& p = pixels_[k];
-            p.log = p.reference = log_of(p.grey = picture.grey(k, 0));
-          }
-          continue;
-        }
-        const Interval t = interval_before(batch, i);
-        for (std::size_t k = first; k < end; ++k) step(pixels_[k], static_cast<std::uint32_t>(k), picture, t, events);
-      }
-    });
+  void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
+    each_frame(
+        batch, range, grey_per_unit_,
+        [&](std::uint32_t k, const Picture& picture) {
+          Pixel& p = pixels_[k];
+          p.log = p.reference = log_of(p.grey = picture.grey(k, 0));
+        },
+        [&](std::uint32_t k, const Picture& picture, const Interval& t) { step(pixels_[k], k, picture, t, events); });
   }
 
  private:
@@ -70,7 +63,6 @@ class Esim : public PixelModel {
 
 }  // namespace
 
-const ModelEntry kEsim{"esim", "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters,
-                       [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<Esim>(s); }};
+extern const ModelEntry kModel_esim{"Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {}, make_model<Esim>};
 
 }  // namespace pecs::sensor

@@ -23,7 +23,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 class Icns : public PixelModel {
  public:
   explicit Icns(const ModelSetup& s)
-      : lux_per_unit_(s.grey_per_unit / 255 * s.at("white_lux")),
+      : lux_per_unit_(s.per_unit / 255 * s.at("white_lux")),
         tau_us_(s.at("tau_us")),
         latency_us_(s.at("latency_us")),
         jitter_us_(s.at("jitter_us")),
@@ -45,25 +45,18 @@ class Icns : public PixelModel {
     }
   }
 
-  void advance(const FrameBatch& batch, EventSorter& order) override {
-    for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
-      for (std::size_t i = 0; i < batch.planes.size(); ++i) {
-        const Picture picture(batch, i, lux_per_unit_);
-        if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
-          for (std::size_t k = first; k < end; ++k) {
-            Pixel& p = pixels_[k];
-            p.v = p.reference = std::log(1.0 + (p.lux = picture.grey(k, 0)));
-          }
-          continue;
-        }
-        const Interval t = interval_before(batch, i);
-        for (std::size_t k = first; k < end; ++k) {
+  void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
+    each_frame(
+        batch, range, lux_per_unit_,
+        [&](std::uint32_t k, const Picture& picture) {
+          Pixel& p = pixels_[k];
+          p.v = p.reference = std::log(1.0 + (p.lux = picture.grey(k, 0)));
+        },
+        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
           Pixel& p = pixels_[k];
           p.lux = picture.grey(k, p.lux);
-          step(p, static_cast<std::uint32_t>(k), t, events);
-        }
-      }
-    });
+          step(p, k, t, events);
+        });
   }
 
  private:
@@ -128,7 +121,7 @@ class Icns : public PixelModel {
 
 }  // namespace
 
-const ModelEntry kIcns{"icns", "Joubert et al., Frontiers in Neuroscience 2021", kParameters,
-                       [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<Icns>(s); }};
+extern const ModelEntry kModel_icns{
+    "Joubert et al., Frontiers in Neuroscience 2021", kParameters, {}, make_model<Icns>};
 
 }  // namespace pecs::sensor

@@ -3,6 +3,7 @@
 // has events; the last one is the frame's own time.
 // From the chip: thresholds, mismatch, refractory period, leak rate; background_on + background_off is the shot noise.
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <numbers>
 
@@ -23,7 +24,7 @@ constexpr ModelParameter kParameters[] = {
 class V2e : public PixelModel {
  public:
   explicit V2e(const ModelSetup& s)
-      : s_{s.grey_per_unit,
+      : s_{s.per_unit,
            s.at("linear_below"),
            s.at("cutoff_hz"),
            s.at("leak_jitter"),
@@ -51,30 +52,28 @@ class V2e : public PixelModel {
     }
   }
 
-  void advance(const FrameBatch& batch, EventSorter& order) override {
-    for (std::size_t i = 0; i < batch.planes.size(); ++i) {
-      const Picture picture(batch, i, s_.grey_per_unit);
-      if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
-        for (std::size_t k = 0; k < pixels_.size(); ++k) {
+  void survey(const FrameBatch& batch, PixelRange range) override {
+    int busiest = 0;
+    each_frame(
+        batch, range, s_.grey_per_unit,
+        [&](std::uint32_t k, const Picture& picture) {
           Pixel& p = pixels_[k];
           p.v = p.memory = lin_log(p.grey = picture.grey(k, 0));
-        }
-        continue;
-      }
-      const Interval t = interval_before(batch, i);
-      const double dt_s = (t.t1_us - t.t0_us) * 1e-6;
-      std::atomic<int> most{0};
-      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots&) {
-        int busiest = 0;
-        for (std::size_t k = first; k < end; ++k) busiest = std::max(busiest, count(k, picture, dt_s, t.step));
-        for (int seen = most; busiest > seen && !most.compare_exchange_weak(seen, busiest);) {
-        }
-      });
-      const int steps = std::max(1, most.load());
-      for_tiles(pixels_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
-        for (std::size_t k = first; k < end; ++k) emit(k, t, steps, events);
-      });
+        },
+        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
+          busiest = std::max(busiest, count(k, picture, (t.t1_us - t.t0_us) * 1e-6, t.step));
+        });
+    std::atomic<int>& most = most_[batch.first_frame & 1];
+    for (int seen = most; busiest > seen && !most.compare_exchange_weak(seen, busiest);) {
     }
+  }
+
+  void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
+    const int steps = std::max(1, most_[batch.first_frame & 1].load());
+    most_[~batch.first_frame & 1] = 0;  // of the frame to come
+    if (batch.first_frame == 0 || batch.planes.empty()) return;
+    const Interval t = interval_before(batch, 0);
+    for (std::uint32_t k = range.first; k < range.end; ++k) emit(k, t, steps, events);
   }
 
  private:
@@ -107,9 +106,9 @@ class V2e : public PixelModel {
     return static_cast<int>(std::round((x - std::fmod(x, y)) / y));
   }
 
-  int count(std::size_t k, const Picture& picture, double dt_s, std::int64_t step) {
-    Pixel& p = pixels_[k];
-    p.grey = picture.grey(k, p.grey);
+  int count(std::uint32_t pixel, const Picture& picture, double dt_s, std::int64_t step) {
+    Pixel& p = pixels_[pixel];
+    p.grey = picture.grey(pixel, p.grey);
     const double log = lin_log(p.grey);
     if (s_.cutoff_hz > 0) {
       const double eps = std::min(1.0, (p.grey + 20.0) / 275.0 * dt_s * 2 * std::numbers::pi * s_.cutoff_hz);
@@ -119,9 +118,7 @@ class V2e : public PixelModel {
     }
     if (s_.leak_hz > 0) {
       const double jitter =
-          s_.leak_jitter > 0
-              ? s_.leak_jitter * gaussian(random4(s_.seed, static_cast<std::uint32_t>(k), step, Purpose::model)[0])
-              : 0;
+          s_.leak_jitter > 0 ? s_.leak_jitter * gaussian(random4(s_.seed, pixel, step, Purpose::model)[0]) : 0;
       p.memory = rounded(p.memory - dt_s * s_.leak_hz * p.leak * (1 - jitter) * p.on);
     }
     const double change = rounded(p.v - p.memory);
@@ -129,9 +126,8 @@ class V2e : public PixelModel {
     return std::abs(p.events);
   }
 
-  void emit(std::size_t k, const Interval& t, int steps, EventSlots& events) {
-    Pixel& p = pixels_[k];
-    const auto pixel = static_cast<std::uint32_t>(k);
+  void emit(std::uint32_t pixel, const Interval& t, int steps, EventSlots& events) {
+    Pixel& p = pixels_[pixel];
     const bool on = p.events > 0;
     const double spacing_us = (t.t1_us - t.t0_us) / steps;
     int fired = 0;
@@ -161,11 +157,12 @@ class V2e : public PixelModel {
 
   Settings s_;
   std::vector<Pixel> pixels_;
+  std::array<std::atomic<int>, 2> most_{};  // events of the busiest pixel, of even and odd frames
 };
 
 }  // namespace
 
-const ModelEntry kV2e{"v2e", "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters,
-                      [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<V2e>(s); }};
+extern const ModelEntry kModel_v2e{
+    "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters, {.pixels_are_independent = false}, make_model<V2e>};
 
 }  // namespace pecs::sensor

@@ -21,7 +21,7 @@ constexpr ModelParameter kParameters[] = {
 class Voltmeter : public PixelModel {
  public:
   explicit Voltmeter(const ModelSetup& s)
-      : grey_per_unit_(s.grey_per_unit),
+      : grey_per_unit_(s.per_unit),
         k1_(s.at("k1")),
         k2_(s.at("k2")),
         k3_(s.at("k3")),
@@ -32,22 +32,14 @@ class Voltmeter : public PixelModel {
         grey_(s.pixels()),
         residual_(s.pixels()) {}
 
-  void advance(const FrameBatch& batch, EventSorter& order) override {
-    for_tiles(grey_.size(), order, [&](std::size_t first, std::size_t end, EventSlots& events) {
-      for (std::size_t i = 0; i < batch.planes.size(); ++i) {
-        const Picture picture(batch, i, grey_per_unit_);
-        if (batch.first_frame + static_cast<std::int64_t>(i) == 0) {
-          for (std::size_t k = first; k < end; ++k) grey_[k] = picture.grey(k, 0);
-          continue;
-        }
-        const Interval t = interval_before(batch, i);
-        for (std::size_t k = first; k < end; ++k) {
+  void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
+    each_frame(
+        batch, range, grey_per_unit_, [&](std::uint32_t k, const Picture& picture) { grey_[k] = picture.grey(k, 0); },
+        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
           const float grey = picture.grey(k, grey_[k]);
-          step(static_cast<std::uint32_t>(k), grey, t, events);
+          step(k, grey, t, events);
           grey_[k] = grey;
-        }
-      }
-    });
+        });
   }
 
  private:
@@ -101,8 +93,6 @@ class Voltmeter : public PixelModel {
 
 }  // namespace
 
-const ModelEntry kVoltmeter{
-    "voltmeter", "Lin, Ma, Guo, Wen, ECCV 2022", kParameters,
-    [](const ModelSetup& s) -> std::unique_ptr<PixelModel> { return std::make_unique<Voltmeter>(s); }};
+extern const ModelEntry kModel_voltmeter{"Lin, Ma, Guo, Wen, ECCV 2022", kParameters, {}, make_model<Voltmeter>};
 
 }  // namespace pecs::sensor

@@ -49,6 +49,9 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
 // Photon noise, leak, background events, hot pixels and mismatch off: a still scene gives no events.
 Chip without_noise(Chip chip);
 
+// Throws bad_input for a picture larger than the chip, naming `source`.
+void check_fits(const Chip& chip, int width, int height, const std::string& source);
+
 // All values and units as resolved, for run records.
 Json chip_to_json(const Chip& chip);
 

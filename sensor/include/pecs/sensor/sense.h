@@ -1,15 +1,19 @@
 #pragma once
-// The whole sensor: an EXR stack in, an event file out (docs/sensor.md).
+// The whole sensor: a source of frames in, an event file out (docs/sensor.md).
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "pecs/events/event.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/sensor/source.h"
+#include "pecs/sensor/timeline.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::sensor {
@@ -23,16 +27,19 @@ struct SenseOptions {
   std::uint64_t seed = 1;
   int threads = 0;   // 0: all
   FrameTimes times;  // for frames without times of their own
-  LightOptions light;
-  int monte_carlo_bands = 0;                    // > 0: so many bands, drawn (light.h), instead of the sum over all
-  std::shared_ptr<const FrameSource> source;    // instead of `stack`
+  PhotocurrentOptions light;
+  int monte_carlo_bands = 0;                    // > 0: so many bands, drawn, instead of the sum over all
+  std::shared_ptr<FrameSource> source;          // instead of `stack`
   ModelChoice model;                            // white_fa 0: the brightest 0.5 % of the first frame are white
   bool ideal_readout = false;                   // else the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
-  int warmup_loops = 0;                         // of a periodic stack, before the output begins
-  std::int64_t start_us = 0;                    // output begins this long after the warm-up
-  std::optional<std::int64_t> duration_us;
+  Window window;                                // of the output
   bool quiet = false;
+  // Sees the events as they are written, their times from the window's start. False: that is enough, the output ends
+  // here.
+  std::function<bool(std::span<const events::Event>)> watch;
+  // Told the part of the work that is done, 0 to 1 (not of a live source). False: stop; sense() throws interrupted.
+  std::function<bool(double)> progress;
 };
 
 struct SenseReport {
@@ -40,8 +47,8 @@ struct SenseReport {
   Json results;  // counts, rates, light
 };
 
-// Memory does not grow with the length of a stack; of a looped one it grows with its number of events.
-// Throws pecs::Error; then the output does not exist.
+// Memory does not grow with the length of a stack. Of a loop whose frames do not fit into memory it grows with the
+// number of events. Throws pecs::Error; then the output does not exist.
 SenseReport sense(const SenseOptions& options);
 
 }  // namespace pecs::sensor

@@ -1,64 +1,70 @@
 #pragma once
-// Frames in, sorted events out: a pixel model in parallel, and the order of its events.
+// The push interface: frames in, sorted events out.
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "pecs/events/event.h"
+#include "pecs/sensor/event_sorter.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/sensor/readout.h"
 
 namespace pecs::sensor {
 
-// Sorts the events of a batch into the stream's order: time, then pixel. The order does not depend on how they came.
-class EventSorter {
+// Frames as they come to batches as the models want them.
+class FrameClock {
  public:
-  // `causes`: events leave with their causes.
-  explicit EventSorter(int width, bool causes = false) : width_(width), with_causes_(causes) {}
-  // Events to come lie between these times; the better they are spread over them, the faster.
-  void begin(std::span<const double> t_us);
-  // To be filled; call for all before any is filled in parallel. Sorting is fastest when higher indices have higher
-  // pixels.
-  EventSlots& part(std::size_t index);
-  // Appends the events before `until_us` to `out`, sorted, times less `origin_us`; keeps the others.
-  void take(std::int64_t until_us, std::int64_t origin_us, LabelledEvents& out);
+  // t_us: one per plane. Throws bad_input for times that do not rise or that leave [0, kMostTime_us].
+  FrameBatch batch(std::span<const float* const> planes, std::span<const double> t_us, bool last);
+  // Events before this are complete: an interval's come with the second frame after it, or with `last`.
+  std::int64_t final_us() const { return final_us_; }
+  std::int64_t frames() const { return frames_; }
 
  private:
-  int width_;
-  bool with_causes_;
-  std::vector<EventKey> edges_;  // of the slots
-  std::vector<EventSlots> parts_;
-  std::vector<EventKey> held_;
+  std::int64_t frames_ = 0, final_us_ = 0;
+  std::vector<double> recent_t_us_;  // of the last two frames
+};
+
+// A pixel model, tile by tile, in parallel in the caller's TBB arena.
+class PixelArray {
+ public:
+  PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa,
+             bool causes);
+  // For the pixels of a region: each region gets all batches, from the first.
+  void advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter);
+  bool pixels_are_independent() const { return independent_; }
+
+ private:
+  std::unique_ptr<PixelModel> model_;
+  bool independent_;
 };
 
 struct SensorExtras {
   bool readout = false;  // the chip's row arbiter and time base; else events leave as they come
-  bool causes = false;   // of model pecs only
+  bool causes = false;   // why they came, of models that tell
 };
 
 class Sensor {
  public:
-  // gain_fa: photocurrent [fA] per unit of the planes' values. Throws bad_input, and usage for a wrong model.
-  Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, const ModelChoice& model = {},
+  // unit_fa: photocurrent [fA] per unit of the planes' values. Throws bad_input, and usage for a wrong model.
+  Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa, const ModelChoice& model = {},
          const SensorExtras& extras = {});
   int width() const { return width_; }
   int height() const { return height_; }
 
-  // planes: [height * width] each, at rising times. Appends the events that are final; an interval's events come with
-  // the second frame after it, or with `last`. Parallel over tiles, in the caller's TBB arena.
-  // Throws bad_input for times that do not rise.
+  // planes: [height * width] each, at rising times. Appends the events that are final; `last`: no frame follows, so all
+  // are. Throws bad_input for times that do not rise.
   void push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out);
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
 
  private:
   int width_, height_;
-  std::unique_ptr<PixelModel> model_;
-  EventSorter order_;
+  PixelArray pixels_;
+  EventSorter sorter_;
+  FrameClock clock_;
   std::optional<Readout> readout_;
   LabelledEvents fired_;  // to be read out
-  std::int64_t frames_ = 0;
-  std::vector<double> recent_t_us_;  // of the last two frames
 };
 
 }  // namespace pecs::sensor

@@ -25,6 +25,16 @@ constexpr const char* unit_of(Quantity q) {
   return q == Quantity::irradiance ? "W.m^-2.nm^-1" : q == Quantity::radiance ? "W.m^-2.sr^-1.nm^-1" : "1";
 }
 
+// What a stack holds beside its times: files of their own, one per instant, or one per interval between neighbouring
+// instants (with a period, one more: from the last instant on).
+struct Layer {
+  std::string name, prefix;           // files are <prefix>000000.exr, …
+  std::vector<std::string> channels;  // in the order of values
+  std::string unit;
+  bool per_interval = false;
+};
+inline constexpr const char* kLight = "light";
+
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;
   int width = 0, height = 0;  // pixels
@@ -32,6 +42,7 @@ struct StackInfo {
   std::vector<Band> bands;
   std::vector<std::int64_t> times_ns;  // rising
   std::optional<std::int64_t> period_ns;
+  std::vector<Layer> layers;  // of an EXR stack; the first is the light
 };
 
 // Rows of one frame: values[(band * rows + row) * width + x].
@@ -47,6 +58,12 @@ class FrameSource {
   // Rows [begin, end) of a frame (end 0: all) in blocks, in order. May be called from many threads.
   virtual void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const = 0;
   virtual void will_read(std::int64_t) const {}  // a frame soon
+
+  // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits
+  // for a frame, which read_rows then gives, and returns its time [us]; nothing at the end. Before the first call the
+  // first frame can be read.
+  virtual bool is_live() const { return false; }
+  virtual std::optional<double> next_us() { return {}; }
 };
 
 // Times of frames that do not know their own: by rate, or from a text file with one time in us a line ('#' starts a

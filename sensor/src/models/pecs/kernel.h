@@ -1,5 +1,5 @@
 #pragma once
-// The inner loop over frames for a run of pixels, compiled for each instruction set (pixel_kernel.cpp).
+// The inner loop over frames for a run of pixels, compiled for each instruction set (kernel.cpp).
 #include "models/pecs/pixels.h"
 
 namespace pecs::sensor {

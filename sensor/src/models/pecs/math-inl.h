@@ -58,26 +58,6 @@ HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
 }
 
-// Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
-HWY_INLINE V inner_slope(V s0, V s1, const IntervalTimes& t) {
-  const F f;
-  const V product = hn::Mul(s0, s1);
-  const V below = hn::MulAdd(hn::Set(f, t.weight_this), s1, hn::Mul(hn::Set(f, t.weight_next), s0));
-  const V slope = hn::Div(hn::Mul(hn::Set(f, t.weight_sum), product), below);
-  return hn::IfThenElseZero(hn::Gt(product, hn::Zero(f)), slope);
-}
-
-// Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.
-HWY_INLINE V end_slope(V s0, V s1, float h0, float h1) {
-  const F f;
-  const V slope =
-      hn::Mul(hn::Set(f, 1 / (h0 + h1)), hn::Sub(hn::Mul(hn::Set(f, 2 * h0 + h1), s0), hn::Mul(hn::Set(f, h0), s1)));
-  const V most = hn::Mul(hn::Set(f, 3.0f), s0);
-  const M turns = hn::Lt(hn::Mul(s0, s1), hn::Zero(f));
-  const V limited = hn::IfThenElse(hn::And(turns, hn::Gt(hn::Abs(slope), hn::Abs(most))), most, slope);
-  return hn::IfThenElseZero(hn::Gt(hn::Mul(limited, s0), hn::Zero(f)), limited);
-}
-
 // Writes the first `lanes` of v; those beyond belong to others.
 HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
   const F f;
@@ -172,39 +152,6 @@ class Compress {
   M which_;
   decltype(hn::IndicesFromVec(F(), hn::Zero(U32()))) indices_{};
   std::size_t count_ = 0;
-};
-
-// Where c1 s + c2 s^2 + c3 s^3, rising from a to b, is `level`: Halley's steps, kept in the bracket. A lane stops by
-// itself when a step was so short that the next would be nothing.
-struct Halley {
-  V s, level, c1, c2, c3, a, b;
-  M done;
-
-  HWY_INLINE Halley() = default;
-  HWY_INLINE Halley(V guess, V level_now, V c1_now, V c2_now, V c3_now, V from, V to)
-      : s(hn::Min(hn::Max(guess, from), to)),
-        level(level_now),
-        c1(c1_now),
-        c2(c2_now),
-        c3(c3_now),
-        a(from),
-        b(to),
-        done(hn::Lt(to, from)) {}
-  HWY_INLINE void step() {
-    const F f;
-    const V off = hn::Sub(hn::Mul(hn::MulAdd(hn::MulAdd(c3, s, c2), s, c1), s), level);
-    const V c3_3 = hn::Mul(hn::Set(f, 3.0f), c3), half_bend = hn::MulAdd(c3_3, s, c2);
-    const V slope = hn::MulAdd(hn::MulAdd(c3_3, s, hn::Add(c2, c2)), s, c1);
-    const M below = hn::Lt(off, hn::Zero(f));
-    a = hn::IfThenElse(below, s, a);
-    b = hn::IfThenElse(below, b, s);
-    const V halley = hn::Sub(s, hn::Div(hn::Mul(off, slope), hn::NegMulAdd(off, half_bend, hn::Mul(slope, slope))));
-    const M inside = hn::And(hn::Ge(halley, a), hn::Le(halley, b));
-    const V middle = hn::Mul(hn::Set(f, 0.5f), hn::Add(a, b));
-    const V next = hn::IfThenElse(done, s, hn::IfThenElse(inside, halley, middle));
-    done = hn::Or(done, hn::And(inside, hn::Lt(hn::Abs(hn::Sub(next, s)), hn::Set(f, 3e-3f))));
-    s = next;
-  }
 };
 
 constexpr std::size_t kRoom = 512;  // for events that wait; never more than this and two vectors

@@ -9,7 +9,6 @@
 #include "models/pecs/kernel.h"
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
-#include "pecs/sensor/stack.h"
 
 namespace pecs::sensor {
 namespace {
@@ -47,37 +46,32 @@ IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std
 
 }  // namespace
 
-void check_size(int width, int height) {
-  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide)
-    throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
-}
-
-PecsPixels::PecsPixels(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, bool causes)
-    : dark_fa_(chip.dark_current_a * 1e15),
-      gain_fa_(gain_fa),
-      noise_std_(chip.noise_std),
-      background_on_hz_(chip.noise_table ? 0 : chip.background_on_hz),
-      background_off_hz_(chip.noise_table ? 0 : chip.background_off_hz),
-      hot_hz_(chip.hot_pixel_hz),
-      seed_(seed),
-      table_(chip.noise_table) {
-  check_size(width, height);
-  if (table_ && table_->width && (table_->width != width || table_->height != height))
+PecsPixels::PecsPixels(const ModelSetup& setup)
+    : dark_fa_(setup.chip.dark_current_a * 1e15),
+      gain_fa_(setup.per_unit),
+      noise_std_(setup.chip.noise_std),
+      background_on_hz_(setup.chip.noise_table ? 0 : setup.chip.background_on_hz),
+      background_off_hz_(setup.chip.noise_table ? 0 : setup.chip.background_off_hz),
+      hot_hz_(setup.chip.hot_pixel_hz),
+      seed_(setup.seed),
+      table_(setup.chip.noise_table) {
+  const Chip& chip = setup.chip;
+  if (table_ && table_->width && (table_->width != setup.width || table_->height != setup.height))
     throw bad_input(table_->file, "size", fmt::format("{}x{}", table_->width, table_->height),
-                    fmt::format("{}x{} as the frames", width, height));
+                    fmt::format("{}x{} as the frames", setup.width, setup.height));
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
   constants_.a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-15 * 1e-6;
   constants_.leak_per_us = chip.leak_rate_hz * chip.contrast_threshold_on * 1e-6;
   constants_.refractory_us = chip.refractory_period_s * 1e6;
 
-  const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height), padded = n + kMaxLanes;
+  const std::size_t n = setup.pixels(), padded = n + kMaxLanes;
   for (auto* v : {&threshold_on_, &threshold_off_}) v->assign(padded, 1.0f);
   for (auto* v : {&light0_, &light1_, &m0_, &reference_, &blind_us_}) v->assign(padded, 0.0f);
   if (constants_.a_per_us > 0)
     for (auto* v : {&w_, &noise_}) v->assign(padded, 1.0f);
   for (std::size_t i = 0; i < n; ++i) {
-    const Random4 r = random4(seed, static_cast<std::uint32_t>(i), 0, Purpose::threshold);
+    const Random4 r = random4(seed_, static_cast<std::uint32_t>(i), 0, Purpose::threshold);
     const auto threshold = [&](double nominal, std::uint32_t word) {
       return static_cast<float>(nominal * std::max(kMinThreshold, 1 + chip.threshold_mismatch * gaussian(word)));
     };
@@ -85,11 +79,10 @@ PecsPixels::PecsPixels(const Chip& chip, int width, int height, std::uint64_t se
     threshold_off_[i] = threshold(chip.contrast_threshold_off, r[1]);
     if (uniform(r[2]) < chip.hot_pixel_fraction && hot_hz_ > 0) hot_.push_back(static_cast<std::uint32_t>(i));
   }
-  if (causes) marks_.resize(n);
-  pixels_ = static_cast<std::uint32_t>(n);
+  if (setup.causes) marks_.resize(n);
 }
 
-void PecsPixels::advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events) {
+void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& events) {
   // Interval i lies between t_us[i] and t_us[i + 1]; it needs t_us[i + 2], or the end of the stream.
   const std::size_t times = batch.t_us.size();
   const std::size_t complete = times < 2 ? 0 : times - (batch.last ? 1 : 2);
@@ -99,7 +92,7 @@ void PecsPixels::advance(const FrameBatch& batch, std::uint32_t first, std::uint
     intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i)));
 
   std::vector<BackgroundEvent> noise;
-  if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], first, count);
+  if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
   const bool plain = constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
                      !has_background() && marks_.empty();
   const auto run = plain ? run_threshold_kernel : run_kernel;
@@ -122,8 +115,8 @@ void PecsPixels::advance(const FrameBatch& batch, std::uint32_t first, std::uint
        times ? batch.t_us[0] : 0,
        intervals,
        batch.last,
-       first,
-       count,
+       range.first,
+       range.size(),
        noise,
        &events,
        marks_.empty() ? nullptr : marks_.data()});
@@ -131,12 +124,12 @@ void PecsPixels::advance(const FrameBatch& batch, std::uint32_t first, std::uint
 
 // A Poisson process of one rate in all pixels is one of the summed rate whose events fall on pixels at random: drawn
 // for fixed blocks of pixels and fixed windows of time, so that neither tiles nor batches matter.
-std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_us, std::uint32_t first,
-                                                    std::uint32_t count) const {
+std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_us, PixelRange range) const {
+  const auto [first, end] = range;
   std::vector<BackgroundEvent> events;
   const double rate_hz = background_on_hz_ + background_off_hz_;
   const auto first_window = static_cast<std::int64_t>(std::floor(begin_us / kBackgroundWindow_us));
-  for (std::uint32_t block = first / kBlock; block * kBlock < first + count; ++block)
+  for (std::uint32_t block = first / kBlock; block * kBlock < end; ++block)
     for (std::int64_t window = first_window; static_cast<double>(window) * kBackgroundWindow_us < end_us; ++window) {
       std::int64_t draw = 0;
       Random4 r{};
@@ -149,8 +142,7 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
         const double t_us = (static_cast<double>(window) + next()) * kBackgroundWindow_us;
         const auto pixel = block * kBlock + static_cast<std::uint32_t>(next() * kBlock);
         const bool on = next() * rate_hz < background_on_hz_;
-        if (t_us >= begin_us && t_us < end_us && pixel >= first && pixel < first + count)
-          events.push_back({t_us, pixel, on});
+        if (t_us >= begin_us && t_us < end_us && pixel >= first && pixel < end) events.push_back({t_us, pixel, on});
       }
     }
   const auto of_one = [&](std::uint32_t pixel, double on_hz, double off_hz, Purpose purpose, Cause cause) {
@@ -165,16 +157,19 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
       }
     }
   };
-  for (std::uint32_t pixel = first; table_ && pixel < first + count; ++pixel) {
+  for (std::uint32_t pixel = first; table_ && pixel < end; ++pixel) {
     const double drawn = uniform(random4(seed_, pixel, 0, Purpose::threshold)[3]);
     const std::size_t i =
         table_->width ? pixel : static_cast<std::size_t>(drawn * static_cast<double>(table_->on_hz.size()));
     of_one(pixel, table_->on_hz[i], table_->off_hz[i], Purpose::background, Cause::noise);
   }
-  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < first + count; ++hot)
+  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < end; ++hot)
     of_one(*hot, hot_hz_, 0, Purpose::hot, Cause::hot);
   std::ranges::stable_sort(events, {}, &BackgroundEvent::pixel);
   return events;
 }
+
+extern const ModelEntry kModel_pecs{
+    "docs/sensor.md", {}, {.takes_light = true, .tells_causes = true}, make_model<PecsPixels>};
 
 }  // namespace pecs::sensor

@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "pecs/sensor/pixel_model.h"
+#include "models/entry.h"
 
 namespace pecs::sensor {
 
@@ -33,29 +33,21 @@ struct PixelConstants {
   double refractory_us = 0;
 };
 
-class PecsPixels {
+class PecsPixels : public PixelModel {
  public:
-  // `causes`: keep what is needed to tell why an event came.
-  PecsPixels(const Chip& chip, int width, int height, std::uint64_t seed, double gain_fa, bool causes = false);
-  std::uint32_t pixels() const { return pixels_; }
-
-  // Works through the batch for pixels [first, first + count) and appends their events: by pixel, then time. Every
-  // batch must be given to every pixel once. Ranges worked on at the same time begin at multiples of kBlock.
-  static constexpr std::uint32_t kBlock = 1024;
-  void advance(const FrameBatch& batch, std::uint32_t first, std::uint32_t count, EventSlots& events);
+  explicit PecsPixels(const ModelSetup& setup);
+  void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override;
 
  private:
   bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
-  std::vector<BackgroundEvent> background(double begin_us, double end_us, std::uint32_t first,
-                                          std::uint32_t count) const;
+  std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
-  std::uint32_t pixels_ = 0;
   std::vector<float> threshold_on_, threshold_off_;
-  std::vector<float> light0_, light1_,
-      m0_;  // of the last two frames (pixel_kernel.h); slope of ln I [1/us] at the earlier one
+  std::vector<float> light0_, light1_;  // of the last two frames (kernel.h)
+  std::vector<float> m0_;               // slope of ln I [1/us] at the earlier one
   std::vector<float> reference_, blind_us_;
   std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
   std::vector<std::uint32_t> hot_;  // hot pixels, rising

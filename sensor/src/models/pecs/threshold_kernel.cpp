@@ -9,8 +9,8 @@
 #include <cmath>
 #include <memory>
 
+#include "models/pecs/cubic-inl.h"
 #include "models/pecs/kernel.h"
-#include "models/pecs/math-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {

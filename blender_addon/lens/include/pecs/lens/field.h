@@ -16,7 +16,8 @@ std::optional<double> field_angle_deg(const Tracer& tracer, std::size_t stop, do
 
 // Polylines for drawing, from the film point through the lens and `ahead` mm before the first vertex: `count` rays
 // evenly over the pupil's meridional section. Empty when no ray gets through.
-std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, double film_z_mm, double r_mm, int count, double ahead_mm);
+std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, std::size_t stop, double film_z_mm, double r_mm, int count,
+                                       double ahead_mm);
 
 // Where light from one object point lands: that of the film point (r, 0) by the chief ray at the reference wavelength.
 struct ObjectPoint {

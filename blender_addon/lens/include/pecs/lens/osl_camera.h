@@ -24,6 +24,7 @@ struct CameraOptions {
   double pixel_pitch_mm = 0.00486;
   // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
   double colour_tolerance_px = 0.1;
+  double unit_m = 1;  // of the scene's coordinates
 };
 
 enum class ChannelMode { mean, per_channel };

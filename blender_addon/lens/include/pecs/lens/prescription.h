@@ -31,6 +31,10 @@ struct Prescription {
   std::optional<double> nominal_efl_mm, nominal_fnumber;
 
   double rear_z_mm() const { return surfaces.back().z_mm; }
+  // From surface i to surface j behind it at radius r; below 0 they cross there.
+  double gap_mm(std::size_t i, std::size_t j, double r_mm) const;
+  // The stop is a plane within one medium: it blocks, and does not refract. Its plane may cut its neighbours.
+  bool stop_is_diaphragm() const;
   double stop_diameter_mm() const { return 2.0 * surfaces[stop].semi_diameter_mm; }  // wide open
   // Index behind each surface. Throws bad_input, naming the surface, for a wavelength outside a glass's range.
   std::vector<double> indices(double lambda_nm) const;

@@ -2,6 +2,7 @@
 // What the program and the C interface say about a lens, as JSON (keys: docs/lens.md).
 #include <optional>
 
+#include "pecs/lens/image_map.h"
 #include "pecs/lens/osl_camera.h"
 #include "pecs/strict_json.h"
 
@@ -27,6 +28,8 @@ Json info(const Prescription& lens, const InfoOptions& options);
 CameraOptions camera_options(const Prescription& lens, JsonObject options);
 // The table of one wavelength: radii, ellipses, exact areas, E per radiance. Options: as info_options.
 Json pupil_report(const Prescription& lens, const InfoOptions& options);
+
+ImageSetting image_setting(const Prescription& lens, JsonObject options);
 
 Json camera_report(const Prescription& lens, const Camera& camera);
 

@@ -1,5 +1,8 @@
 #pragma once
 // Exact ray tracing through a prescription at one wavelength, in either direction, in double precision.
+// A diaphragm's plane may cut a curved neighbour, as one at its vertex does: a ray is judged by where its straight line
+// between the two neighbours meets the plane, be it in the neighbour's glass. So do design programs, whose pupils and
+// f-numbers patents state; both directions agree, and the order in which a ray meets the two does not matter.
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -46,7 +49,7 @@ class Tracer {
 
   enum class Clip { housing, none };
   // Scene to film (d.z > 0), film to scene (d.z < 0). The ray may start anywhere on its line. `hits`: one point per
-  // surface passed, in the lens frame.
+  // surface passed, in the lens frame; the step to or from a diaphragm that cuts its neighbour goes backward.
   Traced to_film(Ray ray, Clip clip = Clip::housing, std::vector<Vec3>* hits = nullptr) const;
   Traced to_scene(Ray ray, Clip clip = Clip::housing, std::vector<Vec3>* hits = nullptr) const;
 

@@ -28,9 +28,23 @@ struct Delays {
   ByPolarity histogram;              // events per pixel and passing edge, per bin; from -1/18 to 5/9 of the period
   std::array<double, 2> per_edge{};  // their sums
   std::optional<std::array<double, 3>> quantiles_deg[2];  // 10, 50, 90 % of the histogram
-  // Standard deviation of an ON event's delay plus that of the OFF event that follows it in the pixel, within regions
-  // of the disk (24 around, 4 along the radius). Each event resets the pixel, so that a late one shortens the next.
+  // Standard deviation of an ON event's delay plus that of the OFF event that follows it in the pixel, within regions.
+  // Each event resets the pixel, so that a late one shortens the next.
   std::optional<double> pair_sd_deg;
+  std::vector<double> region_events;  // in the histograms, by region
+};
+
+// Parts of the disk: 24 around, counter-clockwise from the left, times 4 along the radius, from 0.2 to 0.98 of the
+// rim's (nearer to the centre edges are slow). A region's index: around * 4 + along.
+inline constexpr int kRegionsAround = 24, kRegionsAlong = 4;
+inline constexpr double kInnerRadius = 0.2, kOuterRadius = 0.98;
+
+// One recording's, with what it takes to predict the same numbers from a model of the pixel.
+struct MeasuredDelays {
+  TurningDisk disk;
+  double first_deg = 0, bin_deg = 0;  // of the histograms: where they begin, width of a bin
+  Delays delays;
+  std::array<std::vector<std::vector<double>>, 2> passes;  // [OFF or ON][region][bin]: pixels times passing edges
 };
 
 struct DelayComparison {
@@ -38,13 +52,17 @@ struct DelayComparison {
   double first_deg = 0, bin_deg = 0;  // of the histograms: where they begin, width of a bin
   Delays real, sim;
   std::array<std::optional<double>, 2> overlap;          // common area of the histograms, each of area 1
-  std::array<std::optional<double>, 2> earth_mover_deg;  // between them
+  std::array<std::optional<double>, 2> earth_mover_deg;  // between them (earth_mover.h)
 };
 
 // Events in time order, times from the window's origin, of sensors of width x height pixels; the window ends at end_us.
 DelayComparison compare_delays(std::span<const events::Event> real, std::span<const events::Event> sim, int width,
                                int height, std::int64_t end_us, const TurningDisk& disk);
 
+MeasuredDelays measure_delays(std::span<const events::Event> events, int width, int height, std::int64_t end_us,
+                              const TurningDisk& disk);
+
 Json to_json(const DelayComparison& delays);
+Json to_json(const MeasuredDelays& measured);
 
 }  // namespace pecs::metrics

@@ -1,8 +1,6 @@
 #pragma once
 // Frames from a camera or a video as they come: events to a file, and a picture of them on the screen, or, where there
 // is no display, in a video beside the file.
-#include <functional>
-
 #include "pecs/input/pictures.h"
 #include "pecs/sensor/sense.h"
 
@@ -16,10 +14,9 @@ struct LiveOptions {
   std::filesystem::path video;       // written where there is no display
 };
 
-// `sense`: its output, chip, model, light, readout and seed. A camera's frames have the time of their arrival, a
-// video's frames the file's rate (or times.fps). On screen a video is not faster than that. Stops at the end, after
-// `seconds` (needed for a camera without a display), or with Escape in the window.
-sensor::SenseReport sense_live(const LiveOptions& live, const sensor::SenseOptions& sense,
-                               const PictureOptions& pictures);
+// sensor::sense() on frames as they come; all its options but `stack` hold. A camera's frames have the time of their
+// arrival, a video's frames the file's rate (or times.fps). On screen a video is not faster than that. Stops at the
+// end, after `seconds` (needed for a camera without a display), or with Escape in the window.
+sensor::SenseReport sense_live(const LiveOptions& live, sensor::SenseOptions sense, const PictureOptions& pictures);
 
 }  // namespace pecs::input

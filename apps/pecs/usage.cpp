@@ -1,0 +1,78 @@
+#include "usage.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include "pecs/error.h"
+
+namespace pecs::app {
+namespace {
+
+// Levenshtein's distance.
+std::size_t edits(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t k = 0; k < b.size(); ++k) {
+      const std::size_t replaced = diagonal + (a[i] != b[k]);
+      diagonal = row[k + 1];
+      row[k + 1] = std::min({replaced, row[k] + 1, diagonal + 1});
+    }
+  }
+  return row.back();
+}
+
+std::vector<std::string> commands_of(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
+    if (!command->get_name().empty()) names.push_back(command->get_name());  // option groups have none
+  return names;
+}
+
+// "lens info: ", for what is below the program.
+std::string prefix(const std::vector<std::string>& path) {
+  return path.empty() ? "" : fmt::format("{}: ", fmt::join(path, " "));
+}
+
+}  // namespace
+
+void check_commands(const CLI::App& app, int argc, const char* const* argv) {
+  const CLI::App* at = &app;
+  std::vector<std::string> path;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const std::vector<std::string> names = commands_of(*at);
+    const bool takes_words = !at->get_options([](const CLI::Option* o) { return o->get_positional(); }).empty();
+    if (names.empty() || word.starts_with('-')) return;
+    if (std::find(names.begin(), names.end(), word) == names.end()) {
+      if (takes_words) return;
+      const auto nearest = std::min_element(
+          names.begin(), names.end(), [&](const auto& a, const auto& b) { return edits(word, a) < edits(word, b); });
+      throw Error(ExitCode::usage, fmt::format("{}{}: no such command; nearest: {}", prefix(path), word, *nearest));
+    }
+    at = at->get_subcommand(word);
+    path.push_back(word);
+  }
+}
+
+std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
+  std::vector<std::string> path;
+  const CLI::App* at = &app;
+  for (auto chosen = at->get_subcommands(); !chosen.empty(); chosen = at->get_subcommands()) {
+    at = chosen.front();
+    path.push_back(at->get_name());
+  }
+  const std::vector<std::string> names = commands_of(*at);
+  std::string text = error.what();
+  if (dynamic_cast<const CLI::RequiredError*>(&error) && at->get_require_subcommand_min() > 0 && !names.empty())
+    text = fmt::format("got no command, wanted one of {}", fmt::join(names, ", "));
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return prefix(path) + text;
+}
+
+}  // namespace pecs::app

@@ -1,0 +1,16 @@
+#pragma once
+// Bundles of rays as text: x,y,z,dx,dy,dz in, the same and a status out (docs/lens.md).
+#include <cstdio>
+#include <iosfwd>
+#include <string>
+
+#include "pecs/lens/trace.h"
+
+namespace pecs::lens {
+
+// Rays with dz > 0 run to the film, others to the scene; those that get through are given on the plane z = to_z_mm. On
+// all cores, in the order of the lines. Throws bad_input, naming the line of `name`, after what comes before it.
+void trace_csv(std::istream& in, const std::string& name, std::FILE* out, const Tracer& tracer, Tracer::Clip clip,
+               double to_z_mm);
+
+}  // namespace pecs::lens

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The stack that a render writes: begun, continued or begun anew, by one process per frame."""
+
+from __future__ import annotations
+
+import fcntl
+import re
+from pathlib import Path
+
+from .errors import BAD_OUTPUT, RenderError
+
+
+class Output:
+    """Opens the stack, and locks those of its frames that this process renders (`only`; all if None)."""
+
+    def __init__(self, folder: Path, stack: dict, only: slice | None, overwrite: bool):
+        import pecs
+
+        self._folder, self._only = folder, only or slice(0, len(stack["times_ns"]))
+        json_path = folder / "stack.json"
+        if overwrite and json_path.is_file():
+            with self._locked(json_path, slice(0, 0)):  # 0: all, to the file's end
+                _remove_stack(folder)
+        try:
+            self._writer = pecs.StackWriter(folder, stack)
+        except pecs.PecsError as e:
+            hint = "; --overwrite begins the stack anew" if json_path.is_file() else ""
+            raise RenderError(e.code, f"{e}{hint}") from None
+        self._lock = self._locked(json_path, self._only)
+        self.has_layer, self.write_layer = self._writer.has_layer, self._writer.write_layer
+
+    def _locked(self, path: Path, frames: slice):
+        """Byte i of stack.json stands for frame i: a lock may lie beyond a file's end, and dies with its process."""
+        file = path.open("r+b")
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, frames.stop - frames.start, frames.start)
+        except BlockingIOError:
+            file.close()
+            raise RenderError(
+                BAD_OUTPUT,
+                f"{self._folder}: got another process that renders these frames, wanted a folder of its own, "
+                "or other frames (--only)",
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+        return file
+
+    def __enter__(self) -> Output:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.close()
+        self._writer.close()
+
+
+def _remove_stack(folder: Path) -> None:
+    for path in folder.iterdir():
+        if re.fullmatch(r"[A-Za-z0-9_-]+_\d{6,}\.exr", path.name):
+            path.unlink()
+    (folder / "stack.json").unlink()

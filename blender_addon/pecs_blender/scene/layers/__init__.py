@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a stack holds of each instant (docs/exr_stack.md), one file each. To add one: a class with the protocol Layer, a
+line in KINDS, its name in core/options.py."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from .depth import Depth
+from .light import Light
+
+
+class Layer(Protocol):
+    name: str
+    channels: tuple[str, ...]
+    unit: str
+    at: str  # "instant" or "interval"
+
+    def render(self, t_s: float) -> np.ndarray:
+        """[channels, height, width] of the instant t_s, at which the scene stands."""
+
+
+KINDS = {kind.name: kind for kind in (Depth,)}  # beside the light; each is made of a job and a scratch folder
+
+
+def entry(layer: Layer) -> dict:
+    """Of stack.json."""
+    files = f"{layer.name}_%06d.exr"
+    return {"name": layer.name, "files": files, "channels": list(layer.channels), "unit": layer.unit, "at": layer.at}
+
+
+__all__ = ["KINDS", "Layer", "Light", "entry"]

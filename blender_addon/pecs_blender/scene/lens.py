@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The lens of a job: its cameras, one per pass, and what is known of their rays.
+
+Film irradiance is a ratio estimate. Cycles averages w L over the rays of a pixel, where the lens's weights w scatter
+(lost rays, one band per ray). Their average over the very same rays is known from a white furnace rendered once per
+pass, and its expectation from the exact pupil (relative illumination RI). So E = E0 RI <w L> / <w>: what scatters is
+the scene's radiance alone. (Seed and samples are fixed, so frames and furnace share their rays.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import bpy  # before pecs: both carry libtbb.so.12
+import numpy as np
+import pecs
+
+from ..core.errors import bad_input
+from ..core.options import Options
+from . import cycles
+from .source import Source
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens as this job uses it: lengths for pecs.Lens."""
+
+    lens: pecs.Lens
+    setting: dict  # focus and stop
+    film_mm: tuple[float, float]
+    shift_mm: tuple[float, float]
+    tilt_deg: tuple[float, float]
+    pixel_pitch_mm: float
+
+    @property
+    def film(self) -> dict:
+        """Shift and tilt by their names in options and stack.json."""
+        named = (("film_shift_{}_mm", self.shift_mm), ("film_tilt_{}_deg", self.tilt_deg))
+        return {name.format(axis): v for name, values in named for axis, v in zip("xy", values, strict=True)}
+
+    @property
+    def frame(self) -> dict:
+        return dict(zip(("film_width_mm", "film_height_mm"), self.film_mm, strict=True))
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One RGB render: which bands, at which three wavelengths, by which camera; a lens blurs each band's picture."""
+
+    bands: slice
+    rgb_nm: np.ndarray
+    camera: bpy.types.Object
+    blurs: tuple = ()  # none without diffraction
+
+
+@dataclass(frozen=True)
+class LensCameras:
+    passes: tuple[Pass, ...]
+    e0: np.ndarray  # film irradiance per radiance and band
+    record: dict  # what stack.json says
+    rays_per_sample: int  # so that every band gets its samples
+
+
+def choose(source: Source, options: Options, width: int, height: int) -> Lens | None:
+    name = options.lens or source.lens["lens"]
+    if name == "none":
+        return None
+    beside = source.folder / name
+    setting = {
+        "focus_m": options.focus_m or source.lens["focus_m"],
+        "stop_diameter_mm": None if options.fnumber else options.stop_diameter_mm or source.lens["stop_diameter_mm"],
+        "fnumber": options.fnumber,
+    }
+    return Lens(
+        pecs.Lens(name if "/" in name or not beside.is_file() else beside),
+        setting,
+        (options.film_width_mm, options.film_width_mm * height / width),
+        tuple(options.film_shift_mm),
+        tuple(options.film_tilt_deg),
+        options.film_width_mm / width,
+    )
+
+
+def rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:
+    """A short pass repeats its last wavelength."""
+    return np.pad(lambda_nm, (0, 3 - len(lambda_nm)), mode="edge")
+
+
+def cameras(
+    lens: Lens, lambda_nm: np.ndarray, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
+) -> LensCameras:
+    made = [
+        lens.lens.camera(
+            bands_nm=lambda_nm[bands].tolist(),
+            focus_bands_nm=lambda_nm.tolist(),
+            colour_tolerance_px=tolerance_px,
+            **lens.setting,
+            **lens.frame,
+            **lens.film,
+            pixel_pitch_mm=lens.pixel_pitch_mm,
+            unit_m=unit_m,
+        )
+        for bands in slices
+    ]
+    diffraction = any(camera.diffraction for camera in made)
+    passes, e0, working = [], [], []
+    for k, (bands, camera) in enumerate(zip(slices, made, strict=True)):
+        count = bands.stop - bands.start
+        thing = cycles.osl_camera(f"{camera.shader_name}_{k}", camera.osl, scratch)
+        blurs = tuple(partial(camera.diffract, band=band) for band in range(count)) if diffraction else ()
+        passes.append(Pass(bands, rgb_nm(lambda_nm[bands]), thing, blurs))
+        e0 += camera.e0[:count]
+        working += camera.working_fnumber[:count]
+    per_channel = any(camera.channel_mode == "per_channel" for camera in made)
+    last = made[-1]
+    keys = ["sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm", *(k for k, v in lens.film.items() if v)]
+    record = {
+        "name": last.lens_name,
+        "file": Path(last.file).name,
+        **{key: getattr(last, key) for key in keys},
+        "channel_mode": "per_channel" if per_channel else "mean",
+        "colour_shift_px": float(f"{max(camera.colour_shift_px for camera in made):.3g}"),
+        "diffraction": diffraction,
+        "working_fnumber": working,
+        "e0": e0,
+    }
+    return LensCameras(tuple(passes), np.array(e0), record, 3 if per_channel else 1)
+
+
+def even_out(
+    lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: cycles.Sampling
+) -> np.ndarray:
+    """RI / <w> for each band and pixel, see above."""
+    (width, height), pitch_mm = size, lens.pixel_pitch_mm
+    scene = cycles.white_furnace()
+    cycles.configure(scene, width, height, sampling)
+    gain = np.empty((len(lambda_nm), height, width))
+    x_mm = lens.shift_mm[0] - (np.arange(width) + 0.5 - width / 2) * pitch_mm  # the picture is upside down
+    y_mm = lens.shift_mm[1] + (np.arange(height) + 0.5 - height / 2) * pitch_mm
+    radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
+    film = cycles.Film(scene)
+    for one in passes:
+        scene.camera = one.camera
+        gain[one.bands] = film.render()[: one.bands.stop - one.bands.start]
+        for k in range(one.bands.start, one.bands.stop):
+            if not gain[k].all():
+                raise bad_input(
+                    "render", "--samples", sampling.samples, "more: in some pixels no ray gets through the lens"
+                )
+            pupil = lens.lens.pupil(lambda_nm=float(lambda_nm[k]), **lens.setting, **lens.frame)["pupil"]
+            illumination = np.array([(p["r_mm"], p["relative_illumination"]) for p in pupil])
+            gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
+    bpy.data.scenes.remove(scene)
+    return gain

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One render job: a scene, a lens, bands and instants in; an EXR stack (docs/exr_stack.md) out."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import bpy  # before pecs: both carry libtbb.so.12
+import numpy as np
+import pecs
+
+from ..core import stop
+from ..core.chip import Chip, load_chip
+from ..core.errors import USAGE, RenderError
+from ..core.options import Options
+from ..core.output import Output
+from ..core.plan import Timeline, passes, timeline
+from ..core.progress import Progress
+from ..core.resources import Restart, check_disk, resident_mb
+from ..core.spectra import spectrum
+from . import cycles, layers, lens, noise
+from .job import Job
+from .source import Source
+from .spectral import SpectralScene
+
+
+def render(source: Source, folder: Path, options: Options, overwrite: bool = False) -> None:
+    width, height = size = _size(source, options)
+    chip = load_chip(options.chip)
+    options = replace(options, film_width_mm=options.film_width_mm or chip.film_width_mm(width))
+    _check_moving(options, width, height)
+    illuminant = spectrum(options.illuminant, source.folder)
+    devices = cycles.device_names(options.device)
+    sampling = cycles.Sampling(
+        options.samples, options.seed, source.bounces, options.threads, options.device, options.denoise
+    )
+    cycles.configure(source.scene, width, height, sampling)
+    plan = timeline(options.frames, options.fps, source.period_s, source.duration_s)
+    spectral = SpectralScene(illuminant, source.folder, source.unit_m)
+    lamps = spectral.emitters.mean_pairs()
+    bands = pecs.bands(options.chip, options.bands, options.placement, lamps, options.min_nm, options.max_nm)
+    channels = len(bands) + sum(len(layers.KINDS[name].channels) for name in options.layers)
+    check_disk(folder, len(plan.times_ns[options.only or slice(None)]) * channels * width * height)
+
+    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+        stop.remove_at_exit(Path(scratch))
+        source.set_time(0.0)
+        scale = source.radiance_per_unit(spectral) * options.light_scale
+        job, record = _job(source, spectral, options, bands, size, scale, Path(scratch))
+        if options.noise_target:
+            samples = noise.samples(job, sampling, chip.weights(bands), _wanted(options, chip))
+            sampling = replace(sampling, samples=samples)
+        light = layers.Light(job, sampling)
+        beside = [layers.KINDS[name](job, Path(scratch)) for name in options.layers]
+        settings = _settings(options, source, scale, spectral)
+        settings |= {"samples": sampling.samples, "device": ", ".join(devices)}
+        stack = _stack(source, plan, bands, size, options, record, settings)
+        if beside:
+            stack["layers"] = [layers.entry(layer) for layer in beside]
+        with Output(folder, stack, options.only, overwrite) as output:
+            _render_frames(job, plan, [*beside, light], output, options)
+
+
+def _check_moving(options: Options, width: int, height: int) -> None:
+    if moving := options.moving_px:
+        if not (0 <= moving[0] < moving[2] <= width and 0 <= moving[1] < moving[3] <= height):
+            raise RenderError(USAGE, f"--moving-px: got {moving}, wanted a part of {width} x {height} pixels")
+
+
+def _job(source, spectral, options, bands, size, scale, scratch) -> tuple[Job, dict | None]:
+    """The job, and what stack.json says of its lens."""
+    lambda_nm = np.array([b["lambda_nm"] for b in bands])
+    slices = passes(len(bands), options.bands_per_pass)
+    unit = spectral.emitters.norm(lambda_nm) * scale
+    common = {"moving_px": options.moving_px}
+    if chosen := lens.choose(source, options, *size):
+        made = lens.cameras(chosen, lambda_nm, slices, options.colour_tolerance_px, source.unit_m, scratch)
+        common["rays_per_sample"] = made.rays_per_sample
+        job = Job(source, spectral, size, lambda_nm, chosen, made.passes, unit * made.e0, **common)
+        return job, made.record
+    camera = source.camera(options.focal_mm, options.film_width_mm)
+    through = tuple(lens.Pass(one, lens.rgb_nm(lambda_nm[one]), camera) for one in slices)
+    return Job(source, spectral, size, lambda_nm, None, through, unit, **common), None
+
+
+def _render_frames(job: Job, plan: Timeline, made: list[layers.Layer], output: Output, options: Options) -> None:
+    """An instant is done when all its layers are there; the light comes last."""
+    wanted = range(len(plan.times_ns))[options.only or slice(None)]
+    missing = [(i, todo) for i in wanted if (todo := [m for m in made if not output.has_layer(m.name, i)])]
+    progress = Progress("render", len(wanted), len(wanted) - len(missing))
+    first_mb = None
+    for done, (index, todo) in enumerate(missing, len(wanted) - len(missing) + 1):
+        t_s = plan.times_ns[index] * 1e-9
+        job.set_time(t_s)
+        for layer in todo:
+            output.write_layer(layer.name, index, layer.render(t_s))
+        progress.at(done)
+        stop.check()
+        first_mb = first_mb or resident_mb()
+        if resident_mb() > first_mb + options.restart_growth_mb and done < len(wanted):
+            raise Restart
+
+
+def _size(source: Source, options: Options) -> tuple[int, int]:
+    """Pixels; a width alone keeps the scene's shape."""
+    width, height = source.size
+    if options.width:
+        width, height = options.width, options.height or max(1, round(options.width * height / width))
+    elif options.height:
+        width, height = max(1, round(options.height * width / height)), options.height
+    return width, height
+
+
+def _wanted(options: Options, chip: Chip) -> float:
+    """Variance of ln(light)."""
+    return (options.noise_target * chip.contrast_threshold) ** 2
+
+
+def _stack(source, plan, bands, size, options, record, settings) -> dict:
+    """stack.json."""
+    return {
+        "pecs_stack": 1,
+        "quantity": "irradiance" if record else "radiance",
+        "width": size[0],
+        "height": size[1],
+        "pixel_pitch_m": options.film_width_mm * 1e-3 / size[0],
+        "bands": bands,
+        "times_ns": plan.times_ns,
+        "period_ns": plan.period_ns,
+        "lens": record,
+        "scene": source.record,
+        "render": settings,
+        "versions": {"pecs": pecs.__version__, "blender": bpy.app.version_string},
+    }
+
+
+def _settings(options: Options, source: Source, scale: float, spectral: SpectralScene) -> dict:
+    """What decides the picture."""
+    return {
+        **options.recorded(),
+        "emitters": [s.name for s in spectral.emitters.spectra],
+        "radiance_per_relative_power": scale,
+        "approximated": spectral.approximated,
+        "cycles": cycles.SETTINGS | source.bounces,
+    }

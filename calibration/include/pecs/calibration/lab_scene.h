@@ -1,0 +1,45 @@
+#pragma once
+// A lab scene (scenes/board, scenes/rotating_disk) as its scene.json declares it and as aligned.json changes it
+// (docs/aligned_scene.md).
+//
+// World of the scenes: x right, y away from the camera, z up; the camera's entrance pupil is the origin. Blender's
+// camera looks along its -z with +y up: rotation_deg is its XYZ Euler rotation, (90, 0, 0) looks along +y. Targets face
+// -y; the board slides along x.
+#include <map>
+
+#include "pecs/calibration/optics.h"
+
+namespace pecs::calibration {
+
+// Position over time, at a constant speed; the unit tells which target's.
+template <class Unit>
+struct UniformMotion {
+  double at = 0, per_s = 0;
+  UniformMotion later(double seconds) const { return {at + per_s * seconds, per_s}; }
+};
+struct Millimetres {};
+struct Degrees {};
+using BoardMotion = UniformMotion<Millimetres>;  // of its middle, to the right
+using DiskMotion = UniformMotion<Degrees>;       // of a white sector's leading edge, counter-clockwise on screen
+
+struct LabScene {
+  std::string name, file;                // of the folder; scene.json
+  std::map<std::string, double> values;  // its numbers
+  std::map<std::string, Range> ranges;
+  LensSetting lens;
+  cv::Vec3d rotation_deg{90, 0, 0};
+
+  bool is_board() const { return values.contains("board_distance_mm"); }
+  cv::Vec3d place_mm() const;      // right (of a board: at scene time 0), up, distance
+  BoardMotion board() const;       // at scene time 0
+  DiskMotion disk() const;         // at scene time 0
+  double disk_period_deg() const;  // from a white sector to the next
+  // Puts values in their place; throws bad_input where one lies outside its declared range.
+  void set(const std::map<std::string, double>& found);
+};
+// `folder`: holds scene.json. Throws unsupported for a scene that is neither board nor disk.
+LabScene load_lab_scene(const std::string& folder);
+// Puts the values of an aligned.json in their place.
+void apply_aligned(LabScene& scene, const std::string& aligned_file);
+
+}  // namespace pecs::calibration

@@ -1,0 +1,53 @@
+#pragma once
+// Turns between the axes of align.h: the world's, Blender's camera's and OpenCV's (optics.h). A turn is an angle-axis
+// vector [rad] of camera axes from those of the unturned camera, which looks along the world's +y.
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+
+#include "pecs/calibration/optics.h"
+
+namespace pecs::calibration {
+
+inline constexpr double kDegree = CV_PI / 180;
+
+// World (x right, y forward, z up) to the axes of a camera that looks along +y.
+inline const cv::Matx33d kCameraFromWorld(1, 0, 0, 0, 0, -1, 0, 1, 0);
+inline const cv::Matx33d kBlenderFromCamera(1, 0, 0, 0, -1, 0, 0, 0, -1);
+
+inline cv::Matx33d matrix_of(const cv::Vec3d& turn) {
+  cv::Matx33d r;
+  cv::Rodrigues(turn, r);
+  return r;
+}
+
+inline cv::Vec3d turn_of(const cv::Matx33d& r) {
+  cv::Vec3d turn;
+  cv::Rodrigues(r, turn);
+  return turn;
+}
+
+// Euler XYZ (R = Rz Ry Rx) of Blender's camera object.
+inline cv::Vec3d blender_rotation_deg(const cv::Vec3d& turn) {
+  const cv::Matx33d r = (matrix_of(turn) * kCameraFromWorld).t() * kBlenderFromCamera;  // world from Blender's camera
+  return cv::Vec3d(std::atan2(r(2, 1), r(2, 2)), std::asin(std::clamp(-r(2, 0), -1.0, 1.0)),
+                   std::atan2(r(1, 0), r(0, 0))) /
+         kDegree;
+}
+
+inline cv::Vec3d turn_from_blender(const cv::Vec3d& rotation_deg) {
+  const auto about = [](int axis, double deg) {
+    cv::Vec3d v(0, 0, 0);
+    v[axis] = deg * kDegree;
+    return matrix_of(v);
+  };
+  const cv::Matx33d r = about(2, rotation_deg[2]) * about(1, rotation_deg[1]) * about(0, rotation_deg[0]);
+  return turn_of((r * kBlenderFromCamera).t() * kCameraFromWorld.t());
+}
+
+// A point given to the right, down and forward of the unturned camera.
+inline cv::Point2d seen(const Optics& optics, const cv::Matx33d& turn, double right, double down, double forward) {
+  return optics.project(cv::Point3d(turn * cv::Vec3d(right, down, forward)));
+}
+
+}  // namespace pecs::calibration

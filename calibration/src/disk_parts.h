@@ -1,0 +1,54 @@
+#pragma once
+// The steps of find_disk. Angles, as in disk.h: degrees, counter-clockwise on screen.
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <span>
+#include <vector>
+
+#include "pecs/calibration/disk.h"
+
+namespace pecs::calibration::disk {
+
+inline constexpr double kDegree = std::numbers::pi / 180;
+inline constexpr double kLeastRadius_px = 10;  // nearer to the centre an angle means nothing
+
+struct Sample {
+  double x, y, t_s;  // pixel centre; time from the middle of the recording
+  int p;
+};
+
+// Parameters of a fit: centre, speed and the phases of the two sharp steps (ON events', OFF events').
+using Fit = std::array<double, 5>;
+enum { kX, kY, kSpeed, kOnStep, kOffStep };
+
+inline double wrapped(double angle_deg, double period_deg) {  // to [-period/2, period/2)
+  return angle_deg - period_deg * std::floor(angle_deg / period_deg + 0.5);
+}
+
+// Angle in the frame that turns with the disk.
+inline double phase_deg(const Sample& s, double x, double y, double speed_deg_s) {
+  return std::atan2(y - s.y, s.x - x) / kDegree - speed_deg_s * s.t_s;
+}
+
+// ---- disk_edges.cpp: the sharp steps of the event density in the turning frame
+
+struct Step {
+  double phase_deg = 0, sign = 0, contrast = 0;  // sign +1: density is higher at larger phase
+};
+std::array<Step, 2> steepest(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg);
+std::vector<Sample> near_steps(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg);
+// Moves all five parameters to where the two steps are steepest.
+Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
+              double width_deg, double span_s);
+// Fast pixels answer an edge with a short burst that begins as soon as the blurred edge touches them: ahead of its
+// middle by a number of pixels, so by an angle that falls as 1 / radius. Returns where bursts would begin far out,
+// degrees behind the step, and its deviation.
+Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, double period_deg);
+
+// ---- disk_rim.cpp
+
+// Puts the outer edge into `disk`. `picture`: outline of what the camera sees; events that stop there end no disk.
+void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, Disk& disk);
+
+}  // namespace pecs::calibration::disk

@@ -1,0 +1,42 @@
+// The whole sensor, from file to file.
+#include "pecs/sensor/sense.h"
+
+#include "guard.h"
+#include "pecs/run_record.h"
+#include "pecs/sensor/sense_options.h"
+
+using pecs::capi::given;
+using namespace pecs::sensor;
+
+namespace {
+
+// What `pecs sense` says on stderr.
+pecs::Json warnings_of(const SenseOptions& options, const pecs::Json& results) {
+  pecs::Json out = results.at("warnings");
+  const auto bad = [&](const char* kind) { return results.at("bad_values").at(kind).get<std::int64_t>(); };
+  if (const auto n = bad("not_finite"), m = bad("negative"); n + m > 0)
+    out.push_back(
+        fmt::format("{}: values that no light has: {} not finite, {} negative", options.stack.string(), n, m));
+  if (const auto dropped = results.at("dropped").get<std::int64_t>())
+    out.push_back(fmt::format("{}: {} events dropped by the readout", options.output.string(), dropped));
+  return out;
+}
+
+}  // namespace
+
+extern "C" char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
+                            void* user, pecs_error* error) {
+  return pecs::capi::guard(error, [&] {
+    const pecs::Json json = pecs::capi::options_from(options_json);
+    SenseOptions options = sense_options(pecs::JsonObject(json, "options"));
+    options.stack = &given(input, "input");
+    options.output = &given(output, "output");
+    options.quiet = true;
+    if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
+    const SenseReport report = sense(options);
+    pecs::write_run_record(options.output, {"sense", {json.dump()}, report.config, {options.stack}, report.results});
+    const pecs::Json out = {
+        {"config", report.config}, {"results", report.results}, {"warnings", warnings_of(options, report.results)}};
+    return pecs::capi::hand_over(out.dump());
+  });
+}

@@ -1,0 +1,30 @@
+# What `cmake --install` puts where: the program, libpecs with header, CMake package and pkg-config file, and the data
+# files in share/pecs, where data_dir() looks from the program and the library. A wheel has no links and no C users: its
+# library has one name, beside the Python modules.
+if(SKBUILD)
+  set(data pecs/_lib/share/pecs)
+  install(TARGETS pecs_c LIBRARY DESTINATION pecs/_lib COMPONENT python)
+else()
+  include(GNUInstallDirs)
+  include(CMakePackageConfigHelpers)
+  set(data ${CMAKE_INSTALL_DATADIR}/pecs)
+  set(package ${CMAKE_INSTALL_LIBDIR}/cmake/pecs)
+  set_target_properties(pecs_c PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION_MAJOR} EXPORT_NAME pecs)
+  # C may use it without a C++ compiler.
+  set_property(TARGET pecs_c PROPERTY INTERFACE_COMPILE_FEATURES)
+  install(TARGETS pecs_c EXPORT pecs)
+  install(FILES include/pecs.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+  install(EXPORT pecs NAMESPACE pecs:: FILE pecsConfig.cmake DESTINATION ${package})
+  write_basic_package_version_file(${PROJECT_BINARY_DIR}/pecsConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+  install(FILES ${PROJECT_BINARY_DIR}/pecsConfigVersion.cmake DESTINATION ${package})
+
+  file(RELATIVE_PATH PREFIX_FROM_PC /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+  configure_file(cmake/pecs.pc.in pecs.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/pecs.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+  install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
+  if(PECS_BUILD_PROGRAM)
+    install(TARGETS pecs)
+  endif()
+endif()
+install(DIRECTORY lens_data DESTINATION ${data} COMPONENT python)
+install(DIRECTORY sensor/chips DESTINATION ${data}/sensor COMPONENT python)

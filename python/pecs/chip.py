@@ -1,0 +1,162 @@
+"""Chips, the photocurrent that light makes on them, and the pixel models (docs/sensor.md, docs/models.md)."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._library import Handle, function, json_function, take_json
+from .stack import StackReader
+
+_floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
+_models = function("pecs_models", ctypes.c_void_p)
+_bands = json_function("pecs_bands")
+_open = function("pecs_chip_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
+_info = function("pecs_chip_info", ctypes.c_void_p, ctypes.c_void_p)
+_amperes = json_function("pecs_chip_amperes_per_unit", ctypes.c_void_p)
+_photocurrent = function(
+    "pecs_chip_photocurrent",
+    ctypes.c_int64,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_char_p,
+    ctypes.c_int64,
+    _floats,
+    ctypes.c_int64,
+)
+_close = function("pecs_chip_close", None, ctypes.c_void_p, error=False)
+
+
+def models() -> list[dict[str, Any]]:
+    """The pixel models: [{"name", "source", "takes_light", "tells_causes", "parameters": [{"key", "unit", "value",
+    "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's; `tells_causes`: `labels` work."""
+    answer: list[dict[str, Any]] = take_json(_models())
+    return answer
+
+
+class Chip(Handle):
+    """A chip profile, by name or path, with `overrides` of its values (in the profile's unit and range).
+
+        chip = pecs.Chip("imx636", overrides={"contrast_threshold_on": 0.25})
+        chip.pixel_pitch_m, chip.width                 # every value of the profile (docs/sensor.md) is an attribute
+        current_a = chip.photocurrent("stack", 0)      # [height, width]
+
+    `info` also has units, description and the relative quantum efficiency. Raises PecsNotFoundError for an unknown
+    name, PecsInputError for a wrong profile, key or value.
+    """
+
+    _free = staticmethod(_close)
+
+    def __init__(self, name: str | PathLike[str] = "imx636", *, overrides: Mapping[str, float] | None = None):
+        self.name = fspath(name)
+        self.overrides = {key: float(value) for key, value in (overrides or {}).items()}
+        super().__init__(_open(self.name.encode(), json.dumps(self.overrides).encode()))
+        with self._use() as handle:
+            self.info: dict[str, Any] = take_json(_info(handle))
+
+    def __getattr__(self, key: str) -> Any:
+        entry = self.__dict__.get("info", {}).get("values", {}).get(key)
+        if entry is None:
+            raise AttributeError(f"{type(self).__name__} has no {key}")
+        return int(entry["value"]) if entry["unit"] == "px" else entry["value"]
+
+    def __repr__(self) -> str:
+        return f"pecs.Chip({self.name!r}, overrides={self.overrides!r})"
+
+    def amperes_per_unit(
+        self,
+        bands: Sequence[Mapping[str, float]],
+        quantity: str = "irradiance",
+        *,
+        fnumber: float | None = None,
+        gain: float | None = None,
+        photocurrent_a: float | None = None,
+    ) -> list[float]:
+        """Photocurrent [A] of a pixel per unit of each band's value.
+
+        `bands`: [{"lambda_nm", "weight_nm"}, ...] as of `pecs.bands` or a stack. `quantity`: "irradiance" [W m^-2
+        nm^-1 on the film], "radiance" [W m^-2 sr^-1 nm^-1, through a lens of `fnumber`] or "relative": then `gain` is
+        A per sum of lambda_nm QE L weight_nm, or `photocurrent_a` the current of light 1 in all bands (1 pA if
+        neither).
+        """
+        options = {
+            "bands": [{key: float(band[key]) for key in ("lambda_nm", "weight_nm")} for band in bands],
+            "quantity": quantity,
+            "fnumber": fnumber,
+            "gain": gain,
+            "photocurrent_a": photocurrent_a,
+        }
+        with self._use() as handle:
+            amperes: list[float] = _amperes(handle, options)["amperes_per_unit"]
+            return amperes
+
+    def photocurrent(
+        self,
+        stack: str | PathLike[str] | StackReader,
+        frames: int | Sequence[int] | None = None,
+        *,
+        fnumber: float | None = None,
+        gain: float | None = None,
+        photocurrent_a: float | None = None,
+        fps: float | None = None,
+    ) -> NDArray[np.float32]:
+        """The photocurrent of a stack's frames [A]: [height, width] of one, [frames, height, width] of several or,
+        with None, of all. Without dark current. Negative light gives 0, what is not finite gives NaN.
+
+        Options as of `amperes_per_unit`; `fps`: for a folder without stack.json.
+        """
+        if not isinstance(stack, StackReader):
+            with StackReader(stack, fps) as reader:
+                return self.photocurrent(reader, frames, fnumber=fnumber, gain=gain, photocurrent_a=photocurrent_a)
+        options = json.dumps({"fnumber": fnumber, "gain": gain, "photocurrent_a": photocurrent_a}).encode()
+        wanted = range(stack.info["frames"]) if frames is None else np.atleast_1d(np.asarray(frames, np.int64))
+        out = np.empty((len(wanted), *stack.shape[1:]), np.float32)
+        for plane, frame in zip(out, wanted, strict=True):
+            with self._use() as handle, stack._use() as reader_handle:
+                _photocurrent(handle, reader_handle, options, int(frame), plane, plane.size)
+        return out[0] if isinstance(frames, (int, np.integer)) else out
+
+
+def chip_options(chip: str | PathLike[str] | Chip, overrides: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """The chip as the library's options name it."""
+    own = chip.overrides if isinstance(chip, Chip) else {}
+    name = chip.name if isinstance(chip, Chip) else fspath(chip)
+    return {"chip": name, "set": own | {key: float(value) for key, value in (overrides or {}).items()}}
+
+
+def bands(
+    chip: str | PathLike[str] | Chip = "imx636",
+    n: int = 6,
+    placement: str = "gauss",
+    illuminant: str | Sequence[tuple[float, float]] | None = None,
+    min_nm: float | None = None,
+    max_nm: float | None = None,
+) -> list[dict[str, float]]:
+    """Wavelengths and quadrature weights: [{"lambda_nm": .., "weight_nm": ..}, ...], rising.
+
+        pecs.bands("imx636", n=3)[0]["lambda_nm"]
+
+    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: a name of
+    lens_data/spectra, a .csv file, "blackbody:T", "daylight:T", or (lambda_nm, power) pairs, linear in between; the
+    bands then integrate reflectances under it.
+    """
+    pairs: Any = illuminant
+    if illuminant is not None and not isinstance(illuminant, str):
+        pairs = [[float(x), float(p)] for x, p in illuminant]
+    chosen: list[dict[str, float]] = _bands(
+        {
+            "chip": chip_options(chip)["chip"],
+            "n": n,
+            "placement": placement,
+            "illuminant": pairs,
+            "min_nm": min_nm,
+            "max_nm": max_nm,
+        }
+    )["bands"]
+    return chosen

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# Finds what tests alone do not. Each check builds in a folder of its own (build/asan, build/tsan, build/tidy), installs
+# what it needs as scripts/setup.sh does, shows progress, and can be run again: what is current is not built twice.
+#   scripts/check.sh asan           memory and undefined behaviour (GCC's sanitizers): all C++ tests, and the Python tests
+#                                   of the C interface
+#   scripts/check.sh asan --fast    the same for event files, common, metrics and sensor, C++ tests only; CI runs it
+#   scripts/check.sh tsan           data races: lens, compare and sensor tests, with a oneTBB built for it from Debian's
+#                                   source package
+#   scripts/check.sh tidy           clang-tidy over all C++ sources; .clang-tidy says which checks, and why not the others
+#   scripts/check.sh fuzz [SECONDS] every fuzzer for so many seconds: scripts/fuzz.sh
+source "$(dirname "$0")/lib.sh"
+CHECK=${1:-} OPTION=${2:-}
+JOBS=$(nproc)
+FAST_ROOMS=(common events metrics sensor)
+RUN=()  # a command before those that start what was built
+
+# build PRESET TARGET... [-- NINJA_OPTION...]
+build() {
+  local preset=$1 ; shift
+  say "build/$preset" ; mkdir -p build
+  cmake --preset "$preset" >"build/$preset.log" 2>&1 || { cat "build/$preset.log"; die "check.sh: cmake failed"; }
+  "${RUN[@]}" cmake --build --preset "$preset" -j "$JOBS" --target "$@"
+}
+
+# run_tests PRESET ROOM...: the C++ tests of these rooms.
+run_tests() {
+  local preset=$1 ; shift
+  say "C++ tests of $*"
+  "${RUN[@]}" ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$JOBS" -R "^test_($(IFS='|'; echo "$*"))\."
+}
+
+check_asan() {
+  export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1 UBSAN_OPTIONS=print_stacktrace=1
+  if [ "$OPTION" = --fast ]; then
+    build asan "${FAST_ROOMS[@]/#/test_}"
+    run_tests asan "${FAST_ROOMS[@]}"
+    return
+  fi
+  build asan tests/all capi/all
+  run_tests asan calibration common events lens metrics sensor view
+  say "Python tests of the C interface"
+  # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel, which builds another libpecs.
+  local tests
+  tests=$(grep -lE '^(import pecs$|from pecs )' tests/python/test_*.py | xargs grep -LE 'bpy|pecs_blender|wheel')
+  # Python itself is not instrumented: the sanitizer comes first, and the C++ library whose exceptions it watches. What
+  # Python leaves allocated at its end is no leak of ours.
+  # shellcheck disable=SC2086
+  LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libstdc++.so)" \
+    ASAN_OPTIONS=$ASAN_OPTIONS:detect_leaks=0 PECS_LIBRARY="$ROOT/build/asan/lib/libpecs.so" "$PY" -m pytest -q $tests
+}
+
+# A oneTBB of the installed version that the thread sanitizer can look into. apt's lists of sources go to a folder here:
+# the system's stay as they are.
+build_tbb() {
+  local folder="$ROOT/build/tsan-tbb" version
+  [ -e "$folder/ready" ] && return
+  debian_packages dpkg-dev
+  version=$(dpkg-query -W -f='${Version}' libtbb-dev)
+  say "oneTBB $version with the thread sanitizer (build/tsan-tbb)"
+  rm -rf "$folder" && mkdir -p "$folder/apt/lists/partial" "$folder/apt/sources"
+  # Debian's own, in the old form or the new.
+  [ ! -s /etc/apt/sources.list ] || sed -n 's/^deb /deb-src /p' /etc/apt/sources.list >"$folder/apt/sources/debian.list"
+  [ ! -e /etc/apt/sources.list.d/debian.sources ] ||
+    sed 's/^Types:.*/Types: deb-src/' /etc/apt/sources.list.d/debian.sources >"$folder/apt/sources/debian.sources"
+  local apt=(apt-get -q -o Dir::Etc::SourceList=/dev/null -o "Dir::Etc::SourceParts=$folder/apt/sources"
+    -o "Dir::State::Lists=$folder/apt/lists" -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache=
+    -o "APT::Sandbox::User=$(id -un)")
+  "${apt[@]}" update
+  (cd "$folder" && "${apt[@]}" source "onetbb=$version")
+  cmake -S "$folder"/onetbb-*/ -B "$folder/build" -G Ninja -DCMAKE_BUILD_TYPE=RelWithDebInfo -DTBB_SANITIZE=thread \
+    -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF -DCMAKE_INSTALL_PREFIX="$folder" -DCMAKE_INSTALL_LIBDIR=lib
+  cmake --build "$folder/build" -j "$JOBS" --target install
+  touch "$folder/ready"
+}
+
+check_tsan() {
+  build_tbb
+  RUN=(setarch "$(uname -m)" -R)  # the sanitizer's shadow memory fits beside fixed addresses only
+  local known=("$ROOT"/build/tsan-tbb/onetbb-*/cmake/suppressions/tsan.suppressions)
+  export TSAN_OPTIONS="halt_on_error=1:second_deadlock_stack=1:suppressions=${known[0]}"
+  build tsan test_lens test_metrics test_sensor
+  ldd build/tsan/bin/test_sensor | grep -q build/tsan-tbb/lib/libtbb ||
+    die "check.sh: build/tsan uses the system's oneTBB, wanted build/tsan-tbb: rm -r build/tsan"
+  run_tests tsan lens metrics sensor
+}
+
+check_tidy() {
+  debian_packages clang-19 clang-tidy-19
+  build tidy all -- -k 0  # to the last file, whatever the first ones say
+}
+
+case "$CHECK $OPTION" in
+  "asan " | "asan --fast") scripts/setup.sh --tests; check_asan ;;
+  "tsan ") scripts/setup.sh --tests; check_tsan ;;
+  "tidy ") scripts/setup.sh --tests; check_tidy ;;
+  fuzz*)
+    debian_packages clang libclang-rt-14-dev llvm-14
+    exec scripts/fuzz.sh "${@:2}"
+    ;;
+  *) die "check.sh: got ${*:-nothing}, wanted asan [--fast], tsan, tidy or fuzz [SECONDS]" 2 ;;
+esac
+say "$CHECK: nothing found"

@@ -1,0 +1,53 @@
+#pragma once
+// Which frame comes when: a source's frames once, a periodic stack's again and again, or a live source's as they come;
+// as far as the output's window needs them.
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pecs/sensor/source.h"
+
+namespace pecs::sensor {
+
+struct Window {
+  int warmup_loops = 0;       // of a periodic stack, before the output begins
+  std::int64_t start_us = 0;  // the output begins this long after the warm-up
+  std::optional<std::int64_t> duration_us;
+};
+
+// Rows [begin, end) of all frames.
+struct Region {
+  int begin = 0, end = 0;
+};
+
+class Timeline {
+ public:
+  // Throws bad_input for a loop of what has no period, and for a window that begins beyond the source's end.
+  Timeline(FrameSource& source, const Window& window);
+
+  bool loops() const { return period_us_ > 0; }
+  // Frames in the order of time: how many are needed (of a live source nobody knows), which one, when.
+  std::optional<std::int64_t> steps() const { return steps_; }
+  std::int64_t frame(std::int64_t step) const { return step % source_.frames(); }
+  double t_us(std::int64_t step) const;
+  // Of the output, on this clock.
+  std::int64_t from_us() const { return from_us_; }
+  std::int64_t to_us() const { return to_us_; }
+
+  // A window that goes on beyond the source's end.
+  std::vector<std::string> warnings() const { return warnings_; }
+
+  FrameSource& source() const { return source_; }
+  // The whole picture. Or, of a loop with pixels that are independent, bands of rows whose frames fit into memory.
+  std::vector<Region> regions(bool pixels_are_independent) const;
+
+ private:
+  FrameSource& source_;
+  double period_us_ = 0;  // of a loop
+  std::optional<std::int64_t> steps_;
+  std::int64_t from_us_ = 0, to_us_ = 0;
+  std::vector<std::string> warnings_;
+};
+
+}  // namespace pecs::sensor

@@ -1,0 +1,34 @@
+#pragma once
+// The end of the light path: readout, the output's window, the files.
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "pecs/events/format.h"
+#include "pecs/sensor/readout.h"
+#include "pecs/sensor/sense.h"
+
+namespace pecs::sensor {
+
+class EventSink {
+ public:
+  EventSink(const SenseOptions& options, const Chip& chip, const Timeline& timeline);
+  // Events in order, from call to call; used up. `last`: none follow. False when the user has seen enough.
+  bool write(LabelledEvents& fired, bool last);
+  // The files are whole.
+  void close();
+  Json report() const;  // counts and rates
+
+ private:
+  bool send(LabelledEvents& labelled);
+
+  const SenseOptions& options_;
+  const Timeline& timeline_;
+  std::unique_ptr<events::Writer> writer_;
+  std::optional<Readout> readout_;
+  LabelledEvents sent_;
+  std::vector<Cause> causes_;
+  std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;
+};
+
+}  // namespace pecs::sensor

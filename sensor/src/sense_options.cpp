@@ -1,0 +1,78 @@
+#include "pecs/sensor/sense_options.h"
+
+#include <charconv>
+
+#include "pecs/error.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr std::int64_t kMostTime = std::int64_t{1} << 52;  // us
+
+std::map<std::string, double> numbers_of(const Json& object, const std::string& name) {
+  if (!object.is_object()) throw bad_input("options", name, object.dump().substr(0, 40), "{\"key\": number}");
+  std::map<std::string, double> out;
+  for (const auto& [key, value] : object.items()) {
+    if (!value.is_number()) throw bad_input("options", name + "." + key, value.dump().substr(0, 40), "a number");
+    out[key] = value.get<double>();
+  }
+  return out;
+}
+
+// "all" is 0.
+int monte_carlo_bands(JsonObject& o) {
+  const std::string text = o.text_or("bands", "all");
+  if (text == "all") return 0;
+  int n = 0;
+  const char *first = text.data() + 3, *end = text.data() + text.size();
+  if (text.starts_with("mc:")) {
+    const auto [stop, ec] = std::from_chars(first, end, n);
+    if (ec == std::errc() && stop == end && n > 0 && n < 1000000) return n;
+  }
+  o.fail("bands", text, "\"all\" or \"mc:N\"");
+}
+
+}  // namespace
+
+std::vector<std::string> overrides_from(const Json& values) {
+  std::vector<std::string> out;
+  for (const auto& [key, value] : numbers_of(values, "set")) out.push_back(key + "=" + Json(value).dump());
+  return out;
+}
+
+void read_sensor_options(JsonObject& o, SenseOptions& out) {
+  out.chip = o.text_or("chip", out.chip);
+  if (o.has("set")) out.overrides = overrides_from(o.any("set"));
+  out.no_noise = o.boolean_or("no_noise", false);
+  out.seed = static_cast<std::uint64_t>(
+      o.integer_or("seed", static_cast<std::int64_t>(out.seed), 0, std::numeric_limits<std::int64_t>::max()));
+  out.threads = static_cast<int>(o.integer_or("threads", 0, 0, 1024));
+  out.model.name = o.text_or("model", out.model.name);
+  if (o.has("param")) out.model.parameters = numbers_of(o.any("param"), "param");
+  out.ideal_readout = o.has("readout") && o.one_of("readout", {"chip", "ideal"}) == "ideal";
+}
+
+PhotocurrentOptions read_photocurrent_options(JsonObject& o) {
+  constexpr double kLeast = 1e-30, kMost = 1e30;
+  return {o.maybe_number("fnumber", {0.1, 1e4}), o.maybe_number("gain", {kLeast, kMost}),
+          o.maybe_number("photocurrent_a", {kLeast, 1})};
+}
+
+SenseOptions sense_options(JsonObject o) {
+  SenseOptions out;
+  read_sensor_options(o, out);
+  out.light = read_photocurrent_options(o);
+  if (o.has("format")) out.format = o.text("format");
+  out.times.fps = o.maybe_number("fps", {1e-9, 1e9});
+  if (o.has("times_us")) out.times.file_us = o.text("times_us");
+  out.model.white_fa = o.number_or("white_a", 0, {1e-30, 1}) * 1e15;
+  out.monte_carlo_bands = monte_carlo_bands(o);
+  if (o.has("labels")) out.labels = o.text("labels");
+  out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));
+  out.window.start_us = o.integer_or("start_us", 0, 0, kMostTime);
+  if (o.has("duration_us")) out.window.duration_us = o.integer("duration_us", 1, kMostTime);
+  o.done();
+  return out;
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,151 @@
+#include <ImfInputFile.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+
+#include "exr_block.h"
+#include "exr_frame.h"
+#include "exr_size.h"
+#include "foreign_stack.h"
+#include "pecs/error.h"
+#include "pecs/sensor/stack.h"
+
+namespace pecs::sensor {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Rows per decoding step: a compressed block of the file, so that none is inflated twice.
+int rows_per_block(const Imf::Header& header) {
+  if (header.hasTileDescription()) return static_cast<int>(std::min(header.tileDescription().ySize, 256u));
+  switch (header.compression()) {
+    case Imf::ZIPS_COMPRESSION:
+      return 1;
+    case Imf::DWAB_COMPRESSION:
+      return 256;
+    case Imf::PIZ_COMPRESSION:
+    case Imf::B44_COMPRESSION:
+    case Imf::B44A_COMPRESSION:
+    case Imf::DWAA_COMPRESSION:
+      return 32;
+    default:
+      return 16;
+  }
+}
+
+std::int64_t frame_index(const Layer& layer, const std::string& name) {
+  std::int64_t index = -1;
+  if (!name.starts_with(layer.prefix) || !name.ends_with(".exr")) return -1;
+  const char* end = name.data() + name.size() - 4;
+  const auto [stop, ec] = std::from_chars(name.data() + layer.prefix.size(), end, index);
+  return ec == std::errc() && stop == end && name == frame_name(layer, index) ? index : -1;
+}
+
+std::vector<std::int64_t> frames_in(const fs::path& folder, const Layer& layer) {
+  std::vector<std::int64_t> indices;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (const auto i = frame_index(layer, entry.path().filename().string()); i >= 0) indices.push_back(i);
+  std::sort(indices.begin(), indices.end());
+  return indices;
+}
+
+}  // namespace
+
+StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std::move(folder)) {
+  if (!fs::exists(folder_)) throw not_found(folder_.string(), "no such folder");
+  if (!fs::is_directory(folder_)) throw not_found(folder_.string(), "not a folder");
+  const fs::path json_path = folder_ / "stack.json";
+  has_json_ = fs::exists(json_path);
+  if (!has_json_) {
+    static const std::string kExr[] = {".exr"};
+    files_ = files_in_order(folder_, kExr);
+    if (files_.empty()) throw not_found(folder_.string(), "holds no EXR files");
+    frames_ = static_cast<std::int64_t>(files_.size());
+    ForeignStack foreign = foreign_stack(files_[0]);
+    info_ = std::move(foreign.info);
+    layout_ = std::move(foreign.layout);
+    info_.times_ns = times.of(frames_, folder_.string());
+    return;
+  }
+  info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
+  const Layer& light = info_.layers[0];
+  const std::vector<std::int64_t> present = frames_in(folder_, light);
+  if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
+  for (std::size_t i = 0; i < present.size(); ++i)
+    if (present[i] != static_cast<std::int64_t>(i))
+      throw bad_input(folder_.string(), "frames",
+                      fmt::format("{} missing before {}", frame_name(light, static_cast<std::int64_t>(i)),
+                                  frame_name(light, present[i])),
+                      "no gap");
+  frames_ = static_cast<std::int64_t>(present.size());
+  if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
+    throw bad_input(folder_.string(), "frames", std::to_string(frames_),
+                    fmt::format("the {} of times_ns", info_.times_ns.size()));
+}
+
+void StackReader::will_read(std::int64_t index) const {
+  const int fd = ::open(frame_path(index).c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return;
+  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
+  ::close(fd);
+}
+
+fs::path StackReader::frame_path(std::int64_t index) const {
+  return has_json_ ? folder_ / frame_name(info_.layers[0], index) : files_.at(static_cast<std::size_t>(index));
+}
+
+void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
+  read_rows(index, info_.layers[0], sink, begin, end);
+}
+
+void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const {
+  if (end == 0) end = info_.height;
+  const std::int64_t count = has_json_ ? planned_frames(info_, layer) : frames_;
+  if (index < 0 || index >= count)
+    throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
+  const bool is_light = layer.name == kLight;
+  const fs::path path = is_light ? frame_path(index) : folder_ / frame_name(layer, index);
+  if (!fs::exists(path)) throw not_found(path.string(), "no such file");
+  reading(path, [&] {
+    Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
+    const auto channels = check_header(file.header(), path, info_, layer);
+    if (has_json_) check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], !is_light);
+    const Imath::Box2i box = file.header().dataWindow();
+    const int step = rows_per_block(file.header());
+    const auto zip = ZipBlocks::of(file, channels);
+    const auto width = static_cast<std::size_t>(info_.width);
+    std::vector<float> values(width * static_cast<std::size_t>(step) * channels.size());
+    for (int y = begin; y < end;) {
+      const int rows = std::min(step - y % step, end - y);  // to the end of the block
+      const auto block = std::span(values).first(width * static_cast<std::size_t>(rows) * channels.size());
+      if (zip) {
+        zip->read(y, rows, block);
+      } else {
+        file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
+        file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
+      }
+      sink(y, rows, block);
+      y += rows;
+    }
+  });
+}
+
+std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {
+  const Layer& layer = layer_of(info_, name, folder_);
+  const auto width = static_cast<std::size_t>(info_.width), height = static_cast<std::size_t>(info_.height);
+  std::vector<float> frame(frame_values(info_, layer));
+  const auto copy = [&](int y, int rows, std::span<const float> values) {
+    const std::size_t block = width * static_cast<std::size_t>(rows);
+    for (std::size_t c = 0; c < layer.channels.size(); ++c)
+      std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(c * block), block,
+                  frame.begin() + static_cast<std::ptrdiff_t>((c * height + static_cast<std::size_t>(y)) * width));
+  };
+  read_rows(index, layer, copy, 0, 0);
+  return frame;
+}
+
+}  // namespace pecs::sensor

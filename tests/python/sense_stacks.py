@@ -1,0 +1,52 @@
+"""Small stacks for tests of `pecs sense`, and a call of it that must succeed."""
+
+import numpy as np
+from pecs.stack import StackWriter
+
+W, H, N = 40, 30, 24
+BAND = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
+
+
+def write(folder, frames=N, period_ns=None, level=1e-6, change=None, size=(H, W)):
+    """A bright bar that moves one turn in `frames` frames of 1 ms, on a film irradiance of `level` W m^-2 nm^-1."""
+    stack = {
+        "pecs_stack": 1,
+        "quantity": "irradiance",
+        "width": size[1],
+        "height": size[0],
+        "pixel_pitch_m": 4.86e-6,
+        "bands": BAND,
+        "times_ns": [i * 1_000_000 for i in range(frames)],
+        "period_ns": period_ns,
+        "lens": None,
+        "scene": {},
+        "render": {},
+        "versions": {},
+    }
+    with StackWriter(folder, stack) as writer:
+        for i in range(frames):
+            x = np.arange(size[1])
+            image = level * (1 + 4 * np.exp(4 * np.cos(2 * np.pi * (x / size[1] - i / frames)) - 4))
+            values = np.broadcast_to(image, (1, *size)).astype(np.float32)
+            if change:
+                values = change(i, values.copy())
+            writer.write_frame(i, values)
+    return folder
+
+
+def unroll(i, values):
+    """Frames of `write` with 4 N frames move a quarter as fast: draw those of N again."""
+    x = np.arange(W)
+    image = 1e-5 * (1 + 4 * np.exp(4 * np.cos(2 * np.pi * (x / W - (i % N) / N)) - 4))
+    return np.broadcast_to(image, values.shape).astype(np.float32)
+
+
+def read_csv(path):
+    lines = [line for line in path.read_text().splitlines() if line and line[0].isdigit()]
+    return np.array([[int(v) for v in line.replace(",", " ").split()] for line in lines])
+
+
+def sense(pecs_program, *args):
+    done = pecs_program("sense", *args, "--quiet")
+    assert done.returncode == 0, done.stderr
+    return done

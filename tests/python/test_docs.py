@@ -1,0 +1,16 @@
+"""docs/python.md as a user reads it: its Python runs from top to bottom."""
+
+import re
+
+from test_sensor_sense import write
+
+
+def test_python_page(root, tmp_path, monkeypatch):
+    write(tmp_path / "stack")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (root / "docs/python.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) >= 5
+    names = {}
+    for block in blocks:
+        exec(block, names)
+    assert len(names["events"]) > 100 and len(names["noise"]) > 0 and names["on"] > 0

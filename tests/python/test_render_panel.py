@@ -1,0 +1,79 @@
+"""The panel's settings and background job, in bpy: no window, so a timer's work is called by hand."""
+
+import json
+import subprocess
+import sys
+from textwrap import indent
+
+import pytest
+
+pytest.importorskip("pecs")
+
+PANEL = """
+import sys, time
+import bpy
+from pecs_blender import ui
+from pecs_blender.cli import _parser
+from pecs_blender.core.options import LAYERS, Options
+from pecs_blender.scene.layers import KINDS
+from pecs_blender.ui import background, operators, settings
+
+def ended():
+    while background.poll() is not None:
+        time.sleep(0.05)
+    return background.state.message, background.state.is_error
+
+assert set(LAYERS) == set(KINDS)
+ui.register()
+blend, output = sys.argv[1:]
+bpy.ops.wm.open_mainfile(filepath=blend)
+scene = bpy.context.scene
+args = vars(_parser().parse_args(["render", "-o", "x", *settings.arguments(scene)]))
+options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_fields__})
+assert options == Options(lens="none"), options  # the panel's defaults are the command line's
+p = scene.pecs
+p.lens, p.focus_m = "pecs_lab_15mm", 150.0
+arguments = settings.arguments(scene)
+assert arguments[arguments.index("--focus-m") + 1] == "1.5"  # the file is in centimetres
+p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
+bpy.ops.wm.save_mainfile()
+background.start(operators.PECS_OT_render.job(scene))
+job = background.state.job
+bpy.ops.wm.read_factory_settings(use_empty=True)  # another file is opened
+assert background.state.job is job and background.poll() == background.POLL_S
+while job.progress == 0:
+    time.sleep(0.05)
+bpy.ops.pecs.stop()
+message, is_error = ended()
+assert message.startswith("Stopped at") and not is_error, message
+bpy.ops.wm.open_mainfile(filepath=blend)
+bpy.context.scene.pecs.frames = 2
+background.start(operators.PECS_OT_render.job(bpy.context.scene))
+message, is_error = ended()
+assert "exists and differs in 'times_ns" in message and is_error, message
+bpy.context.scene.pecs.overwrite = True
+background.start(operators.PECS_OT_render.job(bpy.context.scene))
+assert ended() == (output + ": rendered", False), background.state.message
+background.start(operators.PECS_OT_preview.job(bpy.context.scene))
+bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
+assert ended()[0].startswith("Stopped"), background.state.message
+background.start(operators.PECS_OT_preview.job(bpy.context.scene))
+assert ended()[0].startswith("PECS preview: in the image editor"), background.state.message
+assert bpy.data.images["PECS preview"].size[0] == 48
+ui.unregister()
+print("all well", flush=True)
+"""
+
+
+def test_a_job_outlives_its_file(root, tmp_path):
+    subprocess.run([sys.executable, root / "tests/python/blend_files.py", tmp_path, "centimetres"], check=True)
+    code = (
+        f"import os, sys, traceback\ntry:\n{indent(PANEL, '    ')}\nexcept BaseException:\n    traceback.print_exc()\n"
+    )
+    code += "sys.stdout.flush()\nos._exit(0)\n"  # bpy's own exit may hang
+    result = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "centimetres.blend", tmp_path / "s"], capture_output=True, text=True
+    )
+    assert "all well" in result.stdout, result.stderr[-2000:]
+    stack = json.loads((tmp_path / "s/stack.json").read_text())
+    assert len(stack["times_ns"]) == 2 and [layer["name"] for layer in stack["layers"]] == ["depth"]
