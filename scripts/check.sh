@@ -94,7 +94,7 @@ case "$CHECK $OPTION" in
   "tsan ") scripts/setup.sh --tests; check_tsan ;;
   "tidy ") scripts/setup.sh --tests; check_tidy ;;
   fuzz*)
-    debian_packages clang libclang-rt-14-dev llvm-14
+    debian_packages clang-16 libclang-rt-16-dev llvm-16
     exec scripts/fuzz.sh "${@:2}"
     ;;
   *) die "check.sh: got ${*:-nothing}, wanted asan [--fast], tsan, tidy or fuzz [SECONDS]" 2 ;;

@@ -90,7 +90,11 @@ void run(const Arguments& a) {
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
-  events::Stream real = events::read_all(a.real), sim = events::read_all(a.sim);
+  const auto read = [&](const std::string& file) {  // no more than is looked at
+    const bool all = !options.window_us || (!a.disk.empty() && &file == &a.real);
+    return all ? events::read_all(file) : events::read_part(file, 0, *options.window_us, options.common_origin);
+  };
+  events::Stream real = read(a.real), sim = read(a.sim);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
   const auto comparison = metrics::compare(std::move(real), a.real, std::move(sim), a.sim, options);
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);

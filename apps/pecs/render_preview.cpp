@@ -81,13 +81,13 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
   linear.convertTo(values, CV_32F, scale);
   if (values.channels() == 3) cv::cvtColor(values, values, cv::COLOR_BGR2RGB);
   encode({values.ptr<float>(), values.total() * values.channels()});
-  cv::Mat recording;
-  values.convertTo(recording, CV_8U, 255);
-  if (recording.channels() == 3)
-    cv::cvtColor(recording, recording, cv::COLOR_RGB2BGR);
+  cv::Mat picture;
+  values.convertTo(picture, CV_8U, 255);
+  if (picture.channels() == 3)
+    cv::cvtColor(picture, picture, cv::COLOR_RGB2BGR);
   else
-    cv::applyColorMap(recording, recording, cv::COLORMAP_VIRIDIS);
-  return recording;
+    cv::applyColorMap(picture, picture, cv::COLORMAP_VIRIDIS);
+  return picture;
 }
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }

@@ -156,8 +156,8 @@ void say(const Options& o, const sensor::SenseReport& report) {
     fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o.output.string(), dropped);
   for (const auto& warning : r["warnings"]) fmt::print(stderr, "pecs: {}\n", warning.get<std::string>());
   if (o.view) {
-    if (const auto recording = report.config["view"].get<std::string>(); recording != "window")
-      fmt::print(stderr, "pecs: no display: the events are shown in {}\n", recording);
+    if (const auto video = report.config["view"].get<std::string>(); video != "window")
+      fmt::print(stderr, "pecs: no display: the events are shown in {}\n", video);
   }
   const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
   if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o.stack.string(), bad);

@@ -39,8 +39,8 @@ void run(const Arguments& a) {
     throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .png, .mp4 or .html", a.output));
 
   const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
-  const events::Recording recording =
-      events::recording_of(events::read_all(a.events), a.events, std::llround(a.from_us), to_us);
+  events::Stream stream = a.to_us > 0 ? events::read_part(a.events, 0, to_us) : events::read_all(a.events);
+  const events::Recording recording = events::recording_of(std::move(stream), a.events, std::llround(a.from_us), to_us);
   const view::Theme& theme = a.theme == "dark" ? view::kDark : view::kLight;
 
   Json result = {{"output", a.output},

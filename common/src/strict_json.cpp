@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kMaxDepth = 100;
 constexpr std::size_t kShownBytes = 40;
 
-std::string recording(const Json& value) { return shortened(value.dump(), kShownBytes); }
+std::string excerpt(const Json& value) { return shortened(value.dump(), kShownBytes); }
 
 std::string range_text(Range range) {
   if (std::isinf(range.min) && std::isinf(range.max)) return "a finite number";
@@ -130,7 +130,7 @@ std::string text_of(const Json& json, int indent) {
 
 JsonObject::JsonObject(const Json& json, std::string file, std::string place)
     : json_(&json), file_(std::move(file)), place_(std::move(place)) {
-  if (!json.is_object()) throw bad_input(file_, place_, recording(json), "an object");
+  if (!json.is_object()) throw bad_input(file_, place_, excerpt(json), "an object");
 }
 
 std::string JsonObject::where(const std::string& key) const {
@@ -157,9 +157,9 @@ const Json& JsonObject::required(const std::string& key) {
 }
 
 double JsonObject::checked(const std::string& key, const Json& value, Range range) const {
-  if (!value.is_number()) fail(key, recording(value), range_text(range));
+  if (!value.is_number()) fail(key, excerpt(value), range_text(range));
   const double x = value.get<double>();
-  if (!std::isfinite(x) || x < range.min || x > range.max) fail(key, recording(value), range_text(range));
+  if (!std::isfinite(x) || x < range.min || x > range.max) fail(key, excerpt(value), range_text(range));
   return x;
 }
 
@@ -177,12 +177,12 @@ std::optional<double> JsonObject::maybe_number(const std::string& key, Range ran
 std::int64_t JsonObject::integer(const std::string& key, std::int64_t min, std::int64_t max) {
   const Json& value = required(key);
   const std::string wanted = fmt::format("an integer in [{}, {}]", min, max);
-  if (!value.is_number_integer()) fail(key, recording(value), wanted);
+  if (!value.is_number_integer()) fail(key, excerpt(value), wanted);
   if (value.is_number_unsigned() &&
       value.get<std::uint64_t>() > static_cast<std::uint64_t>(std::max<std::int64_t>(max, 0)))
-    fail(key, recording(value), wanted);
+    fail(key, excerpt(value), wanted);
   const auto x = value.get<std::int64_t>();
-  if (x < min || x > max) fail(key, recording(value), wanted);
+  if (x < min || x > max) fail(key, excerpt(value), wanted);
   return x;
 }
 
@@ -193,13 +193,13 @@ std::int64_t JsonObject::integer_or(const std::string& key, std::int64_t fallbac
 bool JsonObject::boolean_or(const std::string& key, bool fallback) {
   if (!has(key)) return fallback;
   const Json& value = any(key);
-  if (!value.is_boolean()) fail(key, recording(value), "true or false");
+  if (!value.is_boolean()) fail(key, excerpt(value), "true or false");
   return value.get<bool>();
 }
 
 std::string JsonObject::text(const std::string& key) {
   const Json& value = required(key);
-  if (!value.is_string()) fail(key, recording(value), "text");
+  if (!value.is_string()) fail(key, excerpt(value), "text");
   return value.get<std::string>();
 }
 
@@ -211,12 +211,12 @@ std::string JsonObject::one_of(const std::string& key, const std::vector<std::st
   const std::string value = text(key);
   for (const std::string& a : allowed)
     if (a == value) return value;
-  fail(key, recording(value), fmt::format("one of {}", fmt::join(allowed, ", ")));
+  fail(key, excerpt(value), fmt::format("one of {}", fmt::join(allowed, ", ")));
 }
 
 std::vector<double> JsonObject::numbers(const std::string& key, Range range) {
   const Json& value = required(key);
-  if (!value.is_array()) fail(key, recording(value), "a list of numbers");
+  if (!value.is_array()) fail(key, excerpt(value), "a list of numbers");
   std::vector<double> out;
   out.reserve(value.size());
   for (std::size_t i = 0; i < value.size(); ++i) out.push_back(checked(fmt::format("{}[{}]", key, i), value[i], range));
@@ -227,7 +227,7 @@ JsonObject JsonObject::object(const std::string& key) { return {required(key), f
 
 std::vector<JsonObject> JsonObject::objects(const std::string& key) {
   const Json& value = required(key);
-  if (!value.is_array()) fail(key, recording(value), "a list of objects");
+  if (!value.is_array()) fail(key, excerpt(value), "a list of objects");
   std::vector<JsonObject> out;
   for (std::size_t i = 0; i < value.size(); ++i)
     out.emplace_back(value[i], file_, fmt::format("{}[{}]", where(key), i));

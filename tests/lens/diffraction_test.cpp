@@ -11,16 +11,17 @@ namespace pecs::lens {
 namespace {
 
 constexpr int kSize = 129, kMiddle = 64;
+constexpr std::size_t kPixels = std::size_t{kSize} * kSize;
 constexpr double kPitch = 0.00486, kLambda = 550, kN = 18.8;
 
 std::vector<float> point() {
-  std::vector<float> picture(kSize * kSize, 0.f);
+  std::vector<float> picture(kPixels, 0.f);
   picture[kMiddle * kSize + kMiddle] = 1.f;
   return picture;
 }
 
 TEST(Diffraction, UniformStaysUniform) {
-  std::vector<float> picture(40 * 30, 3.5f);
+  std::vector<float> picture(1200, 3.5f);
   diffract(picture, 40, 30, kPitch, kLambda, kN);
   for (const float v : picture) EXPECT_NEAR(v, 3.5, 1e-6);
 }
@@ -42,7 +43,7 @@ TEST(Diffraction, APointBecomesTheAiryPattern) {
 
 TEST(Diffraction, AGratingKeepsItsMeanAndLosesTheMtf) {
   const int period = 8;
-  std::vector<float> picture(kSize * kSize);
+  std::vector<float> picture(kPixels);
   for (int y = 0; y < kSize; ++y)
     for (int x = 0; x < kSize; ++x)
       picture[y * kSize + x] = static_cast<float>(1 + 0.5 * std::cos(2 * std::numbers::pi * (x + 0.5) / period));

@@ -194,11 +194,12 @@ def test_signals_end_the_program(root, tmp_path, sent, code):
     pecs.write(tmp_path / "in.raw", events(200_000), 64, 48)
     os.mkfifo(tmp_path / "pipe")
     command = [root / "build/release/bin/pecs", "convert", tmp_path / "in.raw", tmp_path / "pipe", "--format", "csv"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    heard = lambda: signal.signal(sent, signal.SIG_DFL)  # noqa: E731  where we run in the background, SIGINT is ignored
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
     with open(tmp_path / "pipe", "rb") as pipe:  # opened by both: the program runs, and waits for us to read
         pipe.read(1)
         process.send_signal(sent)
-        assert process.wait() == code
+        assert process.wait(timeout=60) == code
     assert process.stderr.read() == "pecs: interrupted\n"
 
 

@@ -12,6 +12,7 @@
 #include "pecs/files.h"
 #include "pecs/metrics/time_shift.h"
 #include "pecs/sensor/chip.h"
+#include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/version.h"
 #include "pecs/view/compare_plot.h"
@@ -83,25 +84,21 @@ std::string rows_of(const Json& object) {
   return rows;
 }
 
-// What the sensor sees of a frame: sum of weight · lambda · QE · L over the bands, with display gamma.
+// The photocurrent that the first frame makes, with display gamma; without a chip, of a flat quantum efficiency.
 cv::Mat brightness(const sensor::StackReader& stack, const std::optional<sensor::Chip>& chip) {
   const sensor::StackInfo& info = stack.info();
-  const std::vector<float> values = stack.read_frame(0);
-  cv::Mat_<float> sum(info.height, info.width, 0.0F);
-  for (std::size_t b = 0; b < info.bands.size(); ++b) {
-    const double qe = chip ? chip->relative_qe.at(info.bands[b].lambda_nm) : 1;
-    const cv::Mat_<float> band(info.height, info.width, const_cast<float*>(values.data()) + b * sum.total());
-    sum += band * (info.bands[b].weight_nm * info.bands[b].lambda_nm * qe);
-  }
-  std::vector<float> sorted(sum.begin(), sum.end());
-  const auto bright = sorted.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), bright, sorted.end());
-  cv::Mat recording;
-  cv::pow(cv::max(sum / std::max(*bright, 1e-30F), 0), 1 / 2.2, recording);
-  recording.convertTo(recording, CV_8U, 255);
-  if (recording.cols > 960)
-    cv::resize(recording, recording, {960, recording.rows * 960 / recording.cols}, 0, 0, cv::INTER_AREA);
-  return recording;
+  sensor::Chip flat;
+  flat.relative_qe = {{1, 1e6}, {1, 1}};
+  cv::Mat_<float> light(info.height, info.width);
+  sensor::PhotocurrentReader(stack, sensor::amperes_per_unit(chip.value_or(flat), info, {{}, 1e-15, {}}))
+      .read(0, 0, info.height, light.ptr<float>());
+  std::vector<float> values(light.begin(), light.end());
+  const double bright = std::max(sensor::quantile_fa(values, 0.995), 1e-30);
+  cv::Mat picture;
+  cv::pow(light / bright, 1 / 2.2, picture);
+  picture.convertTo(picture, CV_8U, 255);
+  if (picture.cols > 960) cv::resize(picture, picture, {960, picture.rows * 960 / picture.cols}, 0, 0, cv::INTER_AREA);
+  return picture;
 }
 
 std::string scores(const metrics::Comparison& shared, const metrics::Comparison& eq16,

@@ -247,7 +247,9 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
                                                  : exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0));
     });
     table.ellipses.assign(nodes, {});
-    tbb::parallel_for(0, nodes, [&](int i) { table.ellipses[i] = covering_ellipse(pupils[i * kAreaPerNode]); });
+    tbb::parallel_for(0, nodes, [&](int i) {
+      table.ellipses[i] = covering_ellipse(pupils[static_cast<std::size_t>(i) * kAreaPerNode]);
+    });
     // A film point without light borrows its neighbour's ellipse, so that interpolation towards it still covers.
     for (int i = 1; i < nodes; ++i)
       if (table.ellipses[i].a_mm == 0) table.ellipses[i] = table.ellipses[i - 1];
@@ -322,7 +324,8 @@ PupilTables pupil_tables(const Tracer& tracer, double film_z_mm, double max_r_mm
       tables.missed_fraction = std::max(tables.missed_fraction, layer.missed_fraction);
     std::vector<double> missed(static_cast<std::size_t>(count - 1) * kRadii);
     tbb::parallel_for(std::size_t{0}, missed.size(), [&](std::size_t i) {
-      const double dz = max_dz_mm * ((2.0 * static_cast<double>(i / kRadii) + 1) / (count - 1) - 1);
+      const std::size_t between = i / kRadii;
+      const double dz = max_dz_mm * ((2.0 * static_cast<double>(between) + 1) / (count - 1) - 1);
       const double r = max_r_mm * static_cast<double>(i % kRadii) / (kRadii - 1);
       missed[i] = missed_fraction(exact_pupil(tracer, film_z_mm + dz, r), tables.ellipse_at(r, dz));
     });

@@ -92,7 +92,6 @@ class PecsSettings(bpy.types.PropertyGroup):
         options={"ENUM_FLAG"},
         description="What to render beside the light",
     )
-    __annotations__ |= {name: _property(name) for name in _SHOWN}
 
     @property
     def pass_count(self) -> int:
@@ -102,6 +101,10 @@ class PecsSettings(bpy.types.PropertyGroup):
     def channels(self) -> int:
         """Of all layers, about: for the room on the disk."""
         return self.bands + 2 * len(self.layers)
+
+
+# Not in the class's body: from Python 3.14 on (Blender 5.2) it has no annotations yet.
+PecsSettings.__annotations__.update({name: _property(name) for name in _SHOWN})
 
 
 def instants(scene: bpy.types.Scene) -> int:

@@ -63,6 +63,7 @@ class Esim : public PixelModel {
 
 }  // namespace
 
-extern const ModelEntry kModel_esim{"Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {}, make_model<Esim>};
+extern const ModelEntry kModel_esim{
+    "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {.is_random = false}, make_model<Esim>};
 
 }  // namespace pecs::sensor

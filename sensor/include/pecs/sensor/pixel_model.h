@@ -56,6 +56,7 @@ struct ModelParameter {
 struct ModelTraits {
   bool takes_light = false;            // photocurrent [fA]; else a grey value of 0 to 255, 255 being white
   bool tells_causes = false;           // why each event came
+  bool is_random = true;               // the seed changes its events
   bool pixels_are_independent = true;  // of each other, so that a part of the picture may be worked on alone
 };
 

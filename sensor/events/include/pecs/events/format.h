@@ -88,5 +88,8 @@ struct Stream {
   std::vector<Event> events;
 };
 Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format = {});
+// The same without holding more than the events of [from_us, to_us), counted from the file's first event or, with
+// `absolute`, from t = 0.
+Stream read_part(const std::filesystem::path& path, std::int64_t from_us, std::int64_t to_us, bool absolute = false);
 
 }  // namespace pecs::events

@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+"""A long run: very many events through every command that takes them, with the memory each one needs. Memory that grows
+with the recording shows as a peak that grows with --events.
+
+    scripts/soak.py [--events 1e9] [--only sense,evt3,info] [-o FOLDER]
+
+Prints JSON: a row per command with events, seconds, peak memory and the size of what it wrote. Files are removed as
+soon as they have been used; the largest (CSV) takes about 16 bytes an event.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pecs
+from pecs_lab.program import program
+
+WIDTH, HEIGHT, FRAMES, FRAME_US = 320, 180, 64, 250
+FORMATS = {  # converted to; CSV and NPZ too
+    "evt2": "evt2.raw", "evt21": "evt21.raw", "evt3": "evt3.raw", "dat": "dat", "metavision-hdf5": "hdf5",
+    "dsec": "h5", "aedat4": "aedat4", "npz": "npz", "csv": "csv",
+}  # fmt: skip
+
+
+def write_stack(folder: Path) -> None:
+    """A disk of sectors that turns once: its events repeat for ever."""
+    stack = {
+        "pecs_stack": 1, "quantity": "irradiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * FRAME_US * 1000 for i in range(FRAMES)],
+        "period_ns": FRAMES * FRAME_US * 1000, "lens": None, "scene": {}, "render": {}, "versions": {},
+    }  # fmt: skip
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    angle = np.arctan2(y - HEIGHT / 2, x - WIDTH / 2)
+    with pecs.StackWriter(folder, stack) as writer:
+        for i in range(FRAMES):
+            light = 1.1 + np.tanh(5 * np.sin(2 * (angle - 2 * np.pi * i / FRAMES)))
+            writer.write_frame(i, (light[None] * 1e-4).astype(np.float32))
+
+
+def measured(name: str, command: list, events: int, output: Path | None = None) -> dict:
+    start = time.monotonic()
+    child = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    error = child.stderr.read().decode()
+    _, status, usage = os.wait4(child.pid, 0)
+    row = {"command": name, "events": events, "exit": os.waitstatus_to_exitcode(status)}
+    row |= {"seconds": round(time.monotonic() - start, 1), "peak_mb": round(usage.ru_maxrss / 1024)}
+    if output:
+        row["mb"] = round(output.stat().st_size / 2**20) if output.exists() else None
+    if row["exit"]:
+        row["error"] = error.strip().splitlines()[-1][:200] if error.strip() else ""
+    print(json.dumps(row), file=sys.stderr, flush=True)
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--events", type=float, default=1e9)
+    parser.add_argument("--only", default="", help="comma list of commands: sense is always run")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/soak"))
+    args = parser.parse_args()
+    wanted = set(filter(None, args.only.split(",")))
+    folder, pecs_program = args.output, program()
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    write_stack(folder / "stack")
+    loop_us = FRAMES * FRAME_US
+
+    def sense(duration_us: int, output: Path) -> list:
+        options = ["--chip", "ideal", "--duration-us", duration_us, "--quiet"]
+        return [pecs_program, "sense", folder / "stack", "-o", output, *options]
+
+    subprocess.run(list(map(str, sense(loop_us, folder / "loop.raw"))), check=True, capture_output=True)
+    # Not read here: a child's peak memory begins with its parent's.
+    per_loop = json.loads((folder / "loop.raw.run.json").read_text())["results"]["events"]
+    loops = round(args.events / per_loop)
+    events, long = loops * per_loop, folder / "long.raw"
+    rows = [measured("sense", sense(loops * loop_us, long), events, long)]
+    window = ["--window", f"{loop_us}us"]
+    others = {
+        "info": [pecs_program, "info", long],
+        "compare": [pecs_program, "compare", long, long, *window],
+        "view": [pecs_program, "view", long, "-o", folder / "view.png", "--from", "0us", "--to", f"{loop_us}us"],
+    }
+    for name, command in others.items():
+        if not wanted or name in wanted:
+            rows.append(measured(name, command, events))
+    for name, ending in FORMATS.items():
+        if wanted and name not in wanted:
+            continue
+        output = folder / f"out.{ending}"
+        command = [pecs_program, "convert", long, output, "--format", name, "--quiet"]
+        rows.append(measured(f"convert to {name}", command, events, output))
+        rows.append(measured(f"info on {name}", [pecs_program, "info", output], events))
+        output.unlink(missing_ok=True)
+    shutil.rmtree(folder)
+    print(json.dumps(rows, indent=1))
+    sys.exit(any(row["exit"] for row in rows))
+
+
+if __name__ == "__main__":
+    main()
