@@ -126,7 +126,7 @@ void detect(const DetectArguments& a) {
     write_png(a.output, picture);
     write_run_record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
   }
-  if (a.json) fmt::print("{}\n", json.dump(2));
+  if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
 
 // ---- intrinsics -----------------------------------------------------------------------------------------------------
@@ -219,12 +219,12 @@ void intrinsics(IntrinsicsArguments& a) {
   if (!a.picture.empty()) write_png(a.picture, coverage_picture(g.views, in, shape, curve));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
-    out.write(json.dump(2) + "\n");
+    out.write(text_of(json, 2) + "\n");
     out.commit();
     write_run_record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
   }
   if (a.json) {
-    fmt::print("{}\n", json.dump(2));
+    fmt::print("{}\n", text_of(json, 2));
     return;
   }
   const CameraModel &c = in.camera, &d = in.deviation;
@@ -305,14 +305,14 @@ void align_recording(const AlignArguments& a) {
   if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
-    out.write(aligned.json.dump(2) + "\n");
+    out.write(text_of(aligned.json, 2) + "\n");
     out.commit();
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
     write_run_record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
   }
   if (a.json) {
-    fmt::print("{}\n", aligned.json.dump(2));
+    fmt::print("{}\n", text_of(aligned.json, 2));
     return;
   }
   for (const auto& [key, value] : aligned.json["parameters"].items())
@@ -321,7 +321,7 @@ void align_recording(const AlignArguments& a) {
   const cv::Vec3d r = aligned.scene.rotation_deg;
   fmt::print("{:<18}{:.4f} {:.4f} {:.4f} deg (Blender, XYZ)\n", "camera rotation", r[0], r[1], r[2]);
   fmt::print("{:<18}offset {:.1f} us, rate {:.6f}\n", "clock", aligned.clock_offset_us, aligned.clock_rate);
-  for (const auto& [key, value] : found.residual.items()) fmt::print("{:<26}{}\n", key, value.dump());
+  for (const auto& [key, value] : found.residual.items()) fmt::print("{:<26}{}\n", key, text_of(value));
 }
 
 }  // namespace

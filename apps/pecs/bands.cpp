@@ -30,7 +30,7 @@ void add_bands(CLI::App& app) {
     if (o->max_nm) options["max_nm"] = *o->max_nm;
     const Json result = sensor::choose_bands(options);
     if (o->json) {
-      fmt::print("{}\n", result.dump());
+      fmt::print("{}\n", text_of(result));
       return;
     }
     fmt::print("wavelength_nm  weight_nm\n");

@@ -104,7 +104,7 @@ void run(const Arguments& a) {
                      {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
-    fmt::print("{}\n", metrics::to_json(comparison).dump(2));
+    fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
   else
     print_table(comparison, a);
 }

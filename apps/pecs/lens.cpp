@@ -105,7 +105,7 @@ void add_lens_info(CLI::App& parent) {
     o->info.stop = o->stop;
     const Json report = lens::info(lens::load_prescription(o->lens), o->info);
     if (o->json)
-      fmt::print("{}\n", report.dump(2));
+      fmt::print("{}\n", text_of(report, 2));
     else
       print_text(report);
   });
@@ -147,7 +147,7 @@ void add_lens_pupil(CLI::App& parent) {
                                    .results = Json::object()});
     }
     if (o->json) {
-      fmt::print("{}\n", report.dump(2));
+      fmt::print("{}\n", text_of(report, 2));
       return;
     }
     fmt::print("{}: {} nm, film z {:.6g} mm, direction plane z {:.6g} mm, missed {:.2g}\n", prescription.name,
@@ -179,7 +179,7 @@ void add_lens_convert(CLI::App& parent) {
     const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
     std::string text;
     if (o->output.ends_with(".json")) {
-      text = lens::load_lens_json(o->lens).dump(1) + "\n";
+      text = text_of(lens::load_lens_json(o->lens), 1) + "\n";
     } else if (o->output.ends_with(".dat")) {
       const double bands[] = {o->lambda_nm};
       text = lens::export_pbrt(prescription, o->lambda_nm, lens::best_focus(prescription, bands, o->focus_m).film_z_mm);

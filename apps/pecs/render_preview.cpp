@@ -157,7 +157,7 @@ void run(const Arguments& a) {
                             .inputs = {a.stack},
                             .results = result});
   if (a.json)
-    fmt::print("{}\n", result.dump(2));
+    fmt::print("{}\n", text_of(result, 2));
   else
     fmt::print("{}: {} frame{}\n", a.output, result["frames"].get<std::int64_t>(), result["frames"] == 1 ? "" : "s");
 }

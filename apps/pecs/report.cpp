@@ -36,7 +36,7 @@ void run(const Arguments& a) {
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
   write_run_record(a.output, {"report", arguments(), config, files, summary});
   if (a.json)
-    fmt::print("{}\n", summary.dump(2));
+    fmt::print("{}\n", text_of(summary, 2));
   else
     fmt::print("{}\n", a.output);
 }

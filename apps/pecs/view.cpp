@@ -72,7 +72,7 @@ void run(const Arguments& a) {
       output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
-    fmt::print("{}\n", result.dump(2));
+    fmt::print("{}\n", text_of(result, 2));
     return;
   }
   fmt::print("{}: {} events in {:.3f} ms", a.output, recording.events.size(),

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "exr_size.h"
 #include "pecs/error.h"
 #include "pecs/sensor/source.h"
 
@@ -34,6 +35,7 @@ std::string one_line(std::string text);
 template <class F>
 auto reading(const std::filesystem::path& path, F&& f) {
   limit_exr();
+  check_attributes(path);
   try {
     return f();
   } catch (const Error&) {

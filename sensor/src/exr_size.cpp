@@ -3,6 +3,11 @@
 #include <ImfChannelList.h>
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <fstream>
+
 #include "pecs/error.h"
 
 namespace pecs::sensor {
@@ -39,6 +44,26 @@ void check_declared_size(const Imf::Header& header, const std::filesystem::path&
   if (declared > bytes * most_packed(header.compression()))
     throw bad_input(path.string(), "dataWindow", fmt::format("{} bytes of pixels in a file of {}", declared, bytes),
                     "what the file can hold");
+}
+
+void check_attributes(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::error_code ec;
+  const std::uint64_t bytes = std::filesystem::file_size(path, ec);
+  if (!file || ec) return;  // OpenEXR says why
+  file.seekg(8);            // magic number and version
+  // A name, a type and a length each, until an empty name ends the header; of several parts, the first is read.
+  std::array<char, 257> name{}, type{};
+  while (file.getline(name.data(), name.size(), '\0') && name[0] && file.getline(type.data(), type.size(), '\0')) {
+    std::int32_t length = 0;
+    if (!file.read(reinterpret_cast<char*>(&length), sizeof length)) return;
+    const std::uint64_t at = static_cast<std::uint64_t>(file.tellg());
+    if (length < 0 || static_cast<std::uint64_t>(length) > bytes - std::min(bytes, at))
+      throw bad_input(path.string(), fmt::format("byte {}", at - sizeof length),
+                      fmt::format("attribute {} of {} bytes", shortened(name.data(), 40), length),
+                      "what the file can hold");
+    file.seekg(length, std::ios::cur);
+  }
 }
 
 }  // namespace pecs::sensor

@@ -9,4 +9,7 @@ namespace pecs::sensor {
 // anything of that size is allocated.
 void check_declared_size(const Imf::Header& header, const std::filesystem::path& path);
 
+// Throws bad_input for an attribute of the header that is longer than the file: OpenEXR would allocate it.
+void check_attributes(const std::filesystem::path& path);
+
 }  // namespace pecs::sensor

@@ -91,6 +91,26 @@ TEST_F(Stack, RefusesATruncatedFileAtAnyLength) {
   }
 }
 
+TEST_F(Stack, RefusesAnAttributeLongerThanTheFile) {  // OpenEXR allocates what is declared
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  const std::size_t at = bytes.find(std::string("chlist\0", 7)) + 7;
+  bytes.replace(at, 4, "\xff\xff\xff\x70");
+  std::ofstream(frame(), std::ios::binary) << bytes;
+  EXPECT_NE(refusal().find("got attribute channels of 1895825407 bytes"), std::string::npos) << refusal();
+}
+
+TEST_F(Stack, RefusesPixelsThatTheFileCannotHold) {
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  for (std::size_t at = 0; (at = bytes.find(std::string("box2i\0", 6), at)) != std::string::npos; ++at)
+    bytes[at + 6 + 4 + 8 + 1] = '\x1f';  // the greatest x: 7936 and more
+  std::ofstream(frame(), std::ios::binary) << bytes;
+  EXPECT_NE(refusal().find("dataWindow: got "), std::string::npos) << refusal();
+}
+
 TEST_F(Stack, RefusesAGiantHeaderBeforeAllocating) {
   write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
   std::fstream file(frame(), std::ios::in | std::ios::out | std::ios::binary);

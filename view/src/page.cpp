@@ -102,7 +102,7 @@ std::size_t write_page(const events::Recording& recording, const std::filesystem
                                             {"off_light", kLight.off.hex()},
                                             {"on_dark", kDark.on.hex()},
                                             {"off_dark", kDark.off.hex()},
-                                            {"meta", meta.dump()},
+                                            {"meta", text_of(meta)},
                                             {"events", base64(packed)}}));
   file.commit();
   return packed.size() / 8;

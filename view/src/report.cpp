@@ -62,7 +62,7 @@ std::string text_of(const Json& value) {
     for (const auto& item : value) list += (list.empty() ? "" : ", ") + text_of(item);
     return list;
   }
-  return value.is_null() ? "none" : value.dump();
+  return value.is_null() ? "none" : pecs::text_of(value);
 }
 
 std::string png_source(const cv::Mat& image) {
@@ -246,7 +246,7 @@ std::string bands_section(const Stack* stack, const std::optional<sensor::Chip>&
 
 std::string details(const std::string& name, const Json& json) {
   return fmt::format("<details><summary>{}</summary><pre>{}</pre></details>", html_escaped(name),
-                     html_escaped(json.dump(2)));
+                     html_escaped(pecs::text_of(json, 2)));
 }
 
 std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
