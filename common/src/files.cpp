@@ -197,24 +197,36 @@ void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::pa
   }
 }
 
-std::string read_text(const fs::path& path, std::size_t max_bytes) {
+namespace {
+
+// visit(bytes) for a whole file, part by part.
+template <class Visit>
+void read_file(const fs::path& path, const Visit& visit) {
   const FilePtr f = open_to_read(path);
-  std::string text;
   std::array<char, 1 << 16> buffer{};
-  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), f.get())) {
-    text.append(buffer.data(), n);
+  while (!std::feof(f.get())) {
+    const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), f.get());
+    if (std::ferror(f.get())) throw not_found(path.string(), std::strerror(errno));
+    visit(std::string_view(buffer.data(), n));
+  }
+}
+
+}  // namespace
+
+std::string read_text(const fs::path& path, std::size_t max_bytes) {
+  std::string text;
+  read_file(path, [&](std::string_view bytes) {
+    text += bytes;
     if (text.size() > max_bytes)
       throw bad_input(path.string(), "", "more than " + std::to_string(max_bytes) + " bytes",
                       "at most " + std::to_string(max_bytes));
-  }
+  });
   return text;
 }
 
 std::string sha256_of_file(const fs::path& path) {
-  const FilePtr f = open_to_read(path);
   Sha256 sha;
-  std::array<char, 1 << 16> buffer{};
-  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), f.get())) sha.add(buffer.data(), n);
+  read_file(path, [&](std::string_view bytes) { sha.add(bytes.data(), bytes.size()); });
   return sha.hex();
 }
 

@@ -128,7 +128,7 @@ ImageMap::Chief ImageMap::at(double r_mm, double dz_mm) const {
   const auto weights = cubic_weights(x, first);
   Chief out;
   for (int i = 0; i < 4; ++i) {
-    const Chief c = in_layer(static_cast<std::size_t>(first + i), r_mm);
+    const Chief c = in_layer(static_cast<std::size_t>(first) + static_cast<std::size_t>(i), r_mm);
     out.angle_per_mm += weights[i] * c.angle_per_mm;
     out.offset_per_mm += weights[i] * c.offset_per_mm;
   }
