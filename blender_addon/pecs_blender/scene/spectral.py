@@ -47,7 +47,7 @@ REFRACTIVE = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdf
 
 
 @dataclass(frozen=True)
-class Role:
+class ColourRole:
     """What a colour does: reflects (no emitter) or emits with a spectrum; `reflectance` replaces the colour by a
     measured one, `named` keeps only its luminance (the spectrum says the rest)."""
 
@@ -67,7 +67,7 @@ class _Constant:
 
     owner: object
     key: str
-    role: Role
+    role: ColourRole
     base: np.ndarray
     movers: list
 
@@ -89,7 +89,7 @@ class SpectralScene:
         self.approximated: list[str] = []
         self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
         self._constants: list[_Constant] = []
-        self._groups: dict[Role, bpy.types.NodeTree] = {}
+        self._groups: dict[ColourRole, bpy.types.NodeTree] = {}
         self._glasses: list[tuple[object, Glass]] = []
         groups = [group for group in bpy.data.node_groups if group.bl_idname == "ShaderNodeTree"]
         for material in bpy.data.materials:
@@ -143,13 +143,13 @@ class SpectralScene:
         if material.use_nodes and material.node_tree:
             self._tree(material.node_tree, named)
         else:
-            self._constant(material, "diffuse_color", material, Role(reflectance=reflectance))
+            self._constant(material, "diffuse_color", material, ColourRole(reflectance=reflectance))
 
     def _light(self, light) -> None:
         own = self._spectrum(light, "pecs_spectrum")
-        role = Role(self._emitter(own), named=own is not None)
+        role = ColourRole(self._emitter(own), named=own is not None)
         if not own and getattr(light, "use_temperature", False):
-            role = Role(self._emitter(spectrum(f"blackbody:{light.temperature:g}")))
+            role = ColourRole(self._emitter(spectrum(f"blackbody:{light.temperature:g}")))
         if getattr(light, "use_temperature", False):
             light.use_temperature = False
             if self._animation(light, "temperature"):
@@ -159,7 +159,7 @@ class SpectralScene:
                 if socket.is_linked and (source := _blackbody(socket.links[0].from_node)):
                     _unlink(light.node_tree, socket)
                     socket.default_value = (1.0, 1.0, 1.0, 1.0)
-                    role = Role(self._emitter(spectrum(source)))
+                    role = ColourRole(self._emitter(spectrum(source)))
         # The sun's strength is per area, all others' is in watts.
         strength = 1.0 if light.type == "SUN" else self._unit_m**-2
         self._constant(light, "color", light, replace(role, strength=strength))
@@ -171,7 +171,7 @@ class SpectralScene:
         if world.use_nodes and world.node_tree:
             self._tree(world.node_tree, _Named(world, emission=own))
         else:
-            self._constant(world, "color", world, Role(self._emitter(own), named=own is not None))
+            self._constant(world, "color", world, ColourRole(self._emitter(own), named=own is not None))
 
     def _tree(self, tree, named: _Named) -> None:
         for node in list(tree.nodes):
@@ -193,12 +193,12 @@ class SpectralScene:
                 self._glasses.append((socket, glass(named.glass, socket.default_value)))
         self._note(node, named)
 
-    def _role(self, key, named) -> Role:
+    def _role(self, key, named) -> ColourRole:
         if key in EMISSION:
             if named.filters:
-                return Role()
-            return Role(self._emitter(named.emission), named=named.emission is not None)
-        return Role(reflectance=named.reflectance if key[1] in BASE_COLOUR else None)
+                return ColourRole()
+            return ColourRole(self._emitter(named.emission), named=named.emission is not None)
+        return ColourRole(reflectance=named.reflectance if key[1] in BASE_COLOUR else None)
 
     def _socket(self, tree, socket, role, named) -> None:
         if role.reflectance:
@@ -210,7 +210,7 @@ class SpectralScene:
         if role.emitter is not None and not role.named and (own := _blackbody(link.from_node)):
             _unlink(tree, socket)
             socket.default_value = (1.0, 1.0, 1.0, 1.0)  # as bright as Blender's, whose luminance is 1
-            self._constant(socket, "default_value", tree, Role(self._emitter(spectrum(own)), named=True))
+            self._constant(socket, "default_value", tree, ColourRole(self._emitter(spectrum(own)), named=True))
             return
         self._insert(tree, link, role)
 
@@ -220,7 +220,7 @@ class SpectralScene:
             if socket.type == "SHADER":
                 for link in socket.links:
                     if link.from_socket.type != "SHADER":
-                        role = Role() if named.filters else self._role(("ShaderNodeEmission", "Color"), named)
+                        role = ColourRole() if named.filters else self._role(("ShaderNodeEmission", "Color"), named)
                         self._insert(tree, link, role)
 
     def _insert(self, tree, link, role) -> None:
