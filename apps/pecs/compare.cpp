@@ -90,11 +90,11 @@ void run(const Arguments& a) {
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
-  const auto read = [&](const std::string& file) {  // no more than is looked at
-    const bool all = !options.window_us || (!a.disk.empty() && &file == &a.real);
-    return all ? events::read_all(file) : events::read_part(file, 0, *options.window_us, options.common_origin);
+  const auto read = [&](const std::string& file, bool whole) {  // no more than is looked at
+    return whole || !options.window_us ? events::read_all(file)
+                                       : events::read_part(file, 0, *options.window_us, options.common_origin);
   };
-  events::Stream real = read(a.real), sim = read(a.sim);
+  events::Stream real = read(a.real, !a.disk.empty()), sim = read(a.sim, false);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
   const auto comparison = metrics::compare(std::move(real), a.real, std::move(sim), a.sim, options);
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);

@@ -6,9 +6,8 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr std::size_t kBatchBytes = std::size_t{32} << 20;   // planes of one batch; two batches are held
-constexpr std::size_t kCacheBytes = std::size_t{128} << 20;  // planes of a loop that is decoded once
-constexpr std::int64_t kMostOfLoop = 1024;                   // steps of a batch
+constexpr std::size_t kBatchBytes = std::size_t{32} << 20;  // planes of one batch; two batches are held
+constexpr std::int64_t kMostOfLoop = 1024;                  // steps of a batch
 
 }  // namespace
 
@@ -23,7 +22,7 @@ LightFeed::LightFeed(const Timeline& timeline, PhotocurrentReader& light, Region
   }
   const std::int64_t frames = timeline.source().frames();
   const std::size_t plane_bytes = pixels_ * sizeof(float);
-  is_cached_ = timeline.loops() && plane_bytes * static_cast<std::size_t>(frames) <= kCacheBytes;
+  is_cached_ = timeline.loops() && plane_bytes * static_cast<std::size_t>(frames) <= kLoopBytes;
   if (is_cached_) {
     batch_ = std::min(frames, kMostOfLoop);
     decode(0, frames, planes_[0]);

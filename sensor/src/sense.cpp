@@ -5,7 +5,6 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <ranges>
 
 #include "event_sink.h"
 #include "light_feed.h"
@@ -55,9 +54,8 @@ void run(const SenseOptions& options, const Chip& chip, const ModelChoice& model
     LightFeed feed(timeline, light, regions[k]);
     FrameClock clock;
     while (const auto planes = feed.next()) {
-      if (clock.frames() == 0)
-        for (const float* plane : planes->planes | std::views::take(1))
-          first_light.insert(first_light.end(), plane + range.first, plane + range.end);
+      if (clock.frames() == 0 && !planes->planes.empty())
+        first_light.insert(first_light.end(), planes->planes[0] + range.first, planes->planes[0] + range.end);
       const FrameBatch batch = clock.batch(planes->planes, planes->t_us, planes->last);
       if (!held) sorter.begin(batch.t_us);
       pixels.advance(batch, range, sorter);

@@ -10,10 +10,6 @@
 #include "pecs/sensor/event_key.h"
 
 namespace pecs::sensor {
-namespace {
-constexpr std::size_t kLoopBytes = std::size_t{128} << 20;  // planes of a region of a loop
-}  // namespace
-
 Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) {
   const StackInfo& info = source.info();
   from_us_ = window.start_us;

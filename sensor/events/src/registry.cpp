@@ -92,40 +92,40 @@ Error time_falls(const std::filesystem::path& path, const Codec& codec, const st
   return {ExitCode::internal, path.string() + ": times do not fall"};
 }
 
-Stream read_part(const std::filesystem::path& path, std::int64_t from_us, std::int64_t to_us, bool absolute) {
-  const std::unique_ptr<Reader> reader = open_reader(path);
-  constexpr std::size_t kBlock = 1 << 16;
-  Stream stream;
-  std::optional<std::int64_t> origin_us = absolute ? std::optional<std::int64_t>(0) : std::nullopt;
-  for (;;) {
-    const std::size_t filled = stream.events.size();
-    stream.events.resize(filled + kBlock);
-    const std::size_t n = reader->read(std::span(stream.events).subspan(filled));
-    stream.events.resize(filled + n);
-    if (n == 0) break;
-    if (!origin_us) origin_us = stream.events.front().t_us;
-    const auto outside = [&](const Event& e) { return e.t_us - *origin_us < from_us || e.t_us - *origin_us >= to_us; };
-    stream.events.erase(
-        std::remove_if(stream.events.begin() + static_cast<std::ptrdiff_t>(filled), stream.events.end(), outside),
-        stream.events.end());
-  }
-  stream.info = reader->info();
-  return stream;
-}
+namespace {
 
-Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format) {
-  const std::unique_ptr<Reader> reader = open_reader(path, format);
+// trim(events, first): drops what is not wanted from the block that begins at `first`.
+template <class Trim>
+Stream read_blocks(Reader& reader, const Trim& trim) {
   constexpr std::size_t kBlock = 1 << 16;
   Stream stream;
   std::size_t n = 0;
   do {
     const std::size_t filled = stream.events.size();
     stream.events.resize(filled + kBlock);
-    n = reader->read(std::span(stream.events).subspan(filled));
+    n = reader.read(std::span(stream.events).subspan(filled));
     stream.events.resize(filled + n);
+    trim(stream.events, filled);
   } while (n > 0);
-  stream.info = reader->info();
+  stream.info = reader.info();
   return stream;
+}
+
+}  // namespace
+
+Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  return read_blocks(*open_reader(path, format), [](std::vector<Event>&, std::size_t) {});
+}
+
+Stream read_part(const std::filesystem::path& path, std::int64_t from_us, std::int64_t to_us, bool absolute) {
+  std::optional<std::int64_t> origin_us = absolute ? std::optional<std::int64_t>(0) : std::nullopt;
+  return read_blocks(*open_reader(path), [&](std::vector<Event>& events, std::size_t first) {
+    if (first == events.size()) return;
+    if (!origin_us) origin_us = events.front().t_us;
+    const auto outside = [&](const Event& e) { return e.t_us - *origin_us < from_us || e.t_us - *origin_us >= to_us; };
+    events.erase(std::remove_if(events.begin() + static_cast<std::ptrdiff_t>(first), events.end(), outside),
+                 events.end());
+  });
 }
 
 }  // namespace pecs::events

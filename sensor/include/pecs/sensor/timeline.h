@@ -1,6 +1,7 @@
 #pragma once
 // Which frame comes when: a source's frames once, a periodic stack's again and again, or a live source's as they come;
 // as far as the output's window needs them.
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -15,6 +16,9 @@ struct Window {
   std::int64_t start_us = 0;  // the output begins this long after the warm-up
   std::optional<std::int64_t> duration_us;
 };
+
+// Photocurrents of a loop that are held in memory: of a region of one that is worked through in regions.
+inline constexpr std::size_t kLoopBytes = std::size_t{128} << 20;
 
 // Rows [begin, end) of all frames.
 struct Region {
