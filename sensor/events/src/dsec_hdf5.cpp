@@ -8,10 +8,10 @@
 #include <algorithm>
 #include <array>
 
+#include "block_reader.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "event_columns.h"
-#include "extent.h"
 #include "hdf5_file.h"
 
 namespace pecs::events {
@@ -48,7 +48,7 @@ void register_blosc() {
   H5Zregister(&filter);
 }
 
-class DsecReader final : public Reader {
+class DsecReader final : public BlockReader {
  public:
   explicit DsecReader(const std::filesystem::path& path)
       : file_(hdf5::open_file(path)), values_(path.string(), {kColumns[0], kColumns[1], kColumns[2], kColumns[3]}) {
@@ -73,25 +73,8 @@ class DsecReader final : public Reader {
     extent_.emplace(info_, 65536);
   }
 
-  const StreamInfo& info() const override { return info_; }
-
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (used_ == block_.size() && !next_block()) {
-        extent_->end();
-        break;
-      }
-      const std::size_t take = std::min(out.size() - n, block_.size() - used_);
-      std::ranges::copy(std::span(block_).subspan(used_, take), out.begin() + static_cast<std::ptrdiff_t>(n));
-      used_ += take;
-      n += take;
-    }
-    return n;
-  }
-
  private:
-  bool next_block() {
+  bool next_block() override {
     const std::size_t size = std::min<std::uint64_t>(kBlock, columns_[0].size() - first_);
     if (size == 0) return false;
     values_.resize(size);
@@ -102,19 +85,13 @@ class DsecReader final : public Reader {
     block_.resize(size);
     values_.take(first_, t_offset_us_, *extent_, block_);
     first_ += size;
-    used_ = 0;
     return true;
   }
 
   hdf5::Handle file_;
   std::vector<hdf5::Column> columns_;  // t, x, y, p
   std::int64_t t_offset_us_ = 0;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
-  std::uint64_t first_ = 0;  // event of the next block
   EventColumns values_;
-  std::vector<Event> block_;
-  std::size_t used_ = 0;
 };
 
 // Without negative times; late streams begin near 0 by t_offset, so that ms_to_idx stays short.

@@ -8,11 +8,11 @@
 #include <algorithm>
 #include <array>
 
+#include "block_reader.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "ecf.h"
 #include "event_columns.h"
-#include "extent.h"
 #include "hdf5_file.h"
 #include "raw_header.h"
 
@@ -39,7 +39,7 @@ hdf5::Handle event_type() {
   return type;
 }
 
-class MetavisionReader final : public Reader {
+class MetavisionReader final : public BlockReader {
  public:
   explicit MetavisionReader(const std::filesystem::path& path)
       : path_(path),
@@ -65,32 +65,13 @@ class MetavisionReader final : public Reader {
                            fmt::format("at most {}", ecf::kMaxEvents));
   }
 
-  const StreamInfo& info() const override { return info_; }
-
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (used_ == block_.size() && !next_block()) {
-        extent_->end();
-        break;
-      }
-      const std::size_t take = std::min(out.size() - n, block_.size() - used_);
-      std::copy_n(block_.begin() + static_cast<std::ptrdiff_t>(used_), take,
-                  out.begin() + static_cast<std::ptrdiff_t>(n));
-      used_ += take;
-      n += take;
-    }
-    return n;
-  }
-
  private:
-  bool next_block() {
+  bool next_block() override {
     if (first_ >= events_.size()) return false;
     const hdf5::Session session;
     const std::size_t wanted = std::min<std::uint64_t>(ecf_ ? events_.chunk() : kBlockEvents, events_.size() - first_);
     if (!ecf_ || !read_ecf(wanted)) read_plain(wanted);
     first_ += wanted;
-    used_ = 0;
     return true;
   }
 
@@ -157,15 +138,10 @@ class MetavisionReader final : public Reader {
   std::filesystem::path path_;
   hdf5::Handle file_;
   hdf5::Column events_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
   bool ecf_ = false;
-  std::uint64_t first_ = 0;  // event of the next block
   std::vector<std::byte> stored_;
   EventColumns values_;
   std::array<bool, 4> unsigned_{};  // of t, x, y and p in the file
-  std::vector<Event> block_;
-  std::size_t used_ = 0;
 };
 
 struct Index {
