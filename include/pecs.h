@@ -188,6 +188,14 @@ typedef int (*pecs_progress_fn)(double done, void* user);
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
 
+/* Light between two keyframes, carried along the motion of what is seen (docs/sensor.md). first, second, out:
+ * [bands][height][width], any positive light; motion: [channels][height][width], the 12 channels of the layer `motion`
+ * (docs/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not known; fraction:
+ * 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does
+ * not show it. Unlike elsewhere every array has the size that the numbers say. */
+PECS_API int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
+                        int width, int height, double fraction, const char* side, float* out, pecs_error* error);
+
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and
  * "chip", "set", "no_noise", "seed", "threads", "model", "param", "readout" as of pecs_sense. */

@@ -6,6 +6,7 @@ from .chip import Chip, bands, models
 from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
 from .metrics import compare, delays
+from .motion import carry
 from .sensor import Sensor, simulate
 from .stack import StackReader, StackWriter
 
@@ -26,6 +27,7 @@ __all__ = [
     "StackReader",
     "StackWriter",
     "bands",
+    "carry",
     "compare",
     "data_dir",
     "delays",

@@ -1,0 +1,52 @@
+// Light carried along motion.
+#include "pecs/sensor/motion.h"
+
+#include <tbb/task_arena.h>
+
+#include <vector>
+
+#include "guard.h"
+#include "pecs/sensor/source.h"
+
+using pecs::capi::given;
+using pecs::capi::guard;
+using namespace pecs::sensor;
+
+namespace {
+
+CarrySide side_of(const char* side) {
+  const std::string name = side ? side : "both";
+  if (name == "both") return CarrySide::both;
+  if (name == "first") return CarrySide::first;
+  if (name == "second") return CarrySide::second;
+  throw pecs::Error(pecs::ExitCode::usage, fmt::format("side: got {}, wanted both, first or second", name));
+}
+
+std::size_t positive(int64_t value, const char* name) {
+  if (value < 1 || value > kMaxSide)
+    throw pecs::Error(pecs::ExitCode::usage, fmt::format("{}: got {}, wanted 1 to {}", name, value, kMaxSide));
+  return static_cast<std::size_t>(value);
+}
+
+}  // namespace
+
+extern "C" int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
+                          int width, int height, double fraction, const char* side, float* out, pecs_error* error) {
+  return guard(error, [&] {
+    const CarrySide which = side_of(side);
+    if (!(fraction >= 0 && fraction <= 1))
+      throw pecs::Error(pecs::ExitCode::usage, fmt::format("fraction: got {}, wanted 0 to 1", fraction));
+    const std::size_t pixels = positive(width, "width") * positive(height, "height");
+    const std::size_t planes = positive(bands, "bands"), values = positive(channels, "channels") * pixels;
+    given(first, "first"), given(second, "second"), given(motion, "motion"), given(out, "out");
+    std::vector<const float*> a, b;
+    std::vector<float*> to;
+    for (std::size_t k = 0; k < planes; ++k) {
+      a.push_back(first + k * pixels);
+      b.push_back(second + k * pixels);
+      to.push_back(out + k * pixels);
+    }
+    Carrier({motion, values}, width, height).planes(a, b, fraction, to, which);
+    return 0;
+  });
+}

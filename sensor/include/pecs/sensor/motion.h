@@ -1,0 +1,46 @@
+#pragma once
+// Light between two keyframes, carried along the motion of the surfaces that are seen (docs/sensor.md, Motion).
+// Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between the
+// keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
+#include <cstddef>
+#include <memory>
+#include <span>
+
+namespace pecs::sensor {
+
+// Channels of the layer `motion` (docs/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points seen at the start,
+// then the same of those seen at the end, back to the start.
+inline constexpr std::size_t kMotionChannels = 12;
+
+// Both keyframes, or one of them alone.
+enum class CarrySide { both, first, second };
+
+// The motion of one interval, prepared for any number of instants. May be used by many threads; the result depends on
+// neither their number nor the order of calls.
+class Carrier {
+ public:
+  // motion: [12][height][width], of the layer. Or [2]: forward optical flow alone, x and y [px] from the start; or [4]:
+  // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
+  // infinite). Throws bad_input for another size. In the caller's TBB arena.
+  Carrier(std::span<const float> motion, int width, int height);
+  ~Carrier();
+  Carrier(Carrier&&) noexcept;
+  Carrier& operator=(Carrier&&) noexcept;
+
+  // Of the path of any point within the interval, the longest [px]. 0: nothing moves.
+  double longest_path_px() const;
+
+  // Planes of light at the fraction s, each [height * width], from those at the start and at the end. s = 0 and s = 1
+  // give the keyframes; equal values that nothing moves over stay as they are. Where both keyframes show a point they
+  // are blended in ln, s being the weight of the second; where one shows it that one counts; where none does, or the
+  // motion is not known, both are blended at the pixel itself. With one side alone such pixels are NaN. Light that is
+  // not finite counts as not seen. In the caller's TBB arena.
+  void planes(std::span<const float* const> first, std::span<const float* const> second, double s,
+              std::span<float* const> out, CarrySide side = CarrySide::both) const;
+
+ private:
+  struct Interval;
+  std::unique_ptr<Interval> interval_;
+};
+
+}  // namespace pecs::sensor

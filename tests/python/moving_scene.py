@@ -1,0 +1,89 @@
+"""A scene whose light and motion are known at every instant: a textured ellipse that moves and turns before a textured
+background that moves too. Pixels are box-filtered by supersampling."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SIDE = 16  # supersamples of a pixel, by axis
+
+
+def texture(x, y, seed, finest_px):
+    """Positive light with detail down to `finest_px` a period."""
+    rng = np.random.default_rng(seed)
+    out = np.zeros(np.broadcast(x, y).shape)
+    for period in np.geomspace(finest_px, 40, 9):
+        angle, phase = rng.uniform(0, 2 * np.pi, 2)
+        out += np.sin(2 * np.pi * (np.cos(angle) * x + np.sin(angle) * y) / period + phase)
+    return np.exp(0.22 * out)
+
+
+@dataclass
+class Scene:
+    """Positions in pixels, pixel centres at whole numbers; time from 0 to 1, the two keyframes."""
+
+    width: int = 160
+    height: int = 120
+    step: tuple[float, float] = (8.0, 3.0)  # of the ellipse
+    turn: float = 0.1  # rad
+    background: tuple[float, float] = (0.0, 0.0)
+    bright: float = 3.0  # ellipse to background
+    finest_px: float = 6.0
+    radii: tuple[float, float] = (30.0, 22.0)
+    z: tuple[float, float] = (1.0, 2.0)
+
+    def _to_ellipse(self, x, y, t):
+        """Film to the ellipse's own coordinates."""
+        angle = self.turn * t
+        dx = x - (self.width / 2 - 4 + self.step[0] * (t - 0.5))
+        dy = y - (self.height / 2 + 3 + self.step[1] * (t - 0.5))
+        return np.cos(angle) * dx + np.sin(angle) * dy, -np.sin(angle) * dx + np.cos(angle) * dy
+
+    def _from_ellipse(self, u, v, t):
+        angle = self.turn * t
+        x = np.cos(angle) * u - np.sin(angle) * v
+        y = np.sin(angle) * u + np.cos(angle) * v
+        return x + self.width / 2 - 4 + self.step[0] * (t - 0.5), y + self.height / 2 + 3 + self.step[1] * (t - 0.5)
+
+    def _inside(self, u, v):
+        return (u / self.radii[0]) ** 2 + (v / self.radii[1]) ** 2 < 1
+
+    def _light(self, x, y, t):
+        u, v = self._to_ellipse(x, y, t)
+        front = self.bright * texture(u, v, 1, self.finest_px)
+        back = texture(x - self.background[0] * t, y - self.background[1] * t, 2, self.finest_px)
+        return np.where(self._inside(u, v), front, back)
+
+    def frame(self, t):
+        """[height, width]: means over the pixels."""
+        fine = (np.arange(SIDE) + 0.5) / SIDE - 0.5
+        total = np.zeros((self.height, self.width))
+        y, x = np.mgrid[: self.height, : self.width].astype(float)
+        for dy in fine:
+            for dx in fine:
+                total += self._light(x + dx, y + dy, t)
+        return (total / SIDE**2).astype(np.float32)
+
+    def _paths(self, t0, t1):
+        y, x = np.mgrid[: self.height, : self.width].astype(float)
+        u, v = self._to_ellipse(x, y, t0)
+        front = self._inside(u, v)
+        out = []
+        for t in (0.5, t1):
+            ex, ey = self._from_ellipse(u, v, t)
+            out.append(np.where(front, ex - x, self.background[0] * (t - t0)))
+            out.append(np.where(front, ey - y, self.background[1] * (t - t0)))
+        z = np.where(front, self.z[0], self.z[1])
+        return [*out, z, z]
+
+    def motion(self):
+        """[12, height, width], of the layer `motion`."""
+        return np.array(self._paths(0.0, 1.0) + self._paths(1.0, 0.0), np.float32)
+
+    def edge_distance(self, t):
+        """Pixels from the ellipse's outline, about; negative inside."""
+        y, x = np.mgrid[: self.height, : self.width].astype(float)
+        u, v = self._to_ellipse(x, y, t)
+        rho = np.hypot(u / self.radii[0], v / self.radii[1])
+        slope = np.hypot(u / self.radii[0] ** 2, v / self.radii[1] ** 2) / np.maximum(rho, 1e-9)
+        return (rho - 1) / np.maximum(slope, 1e-9)

@@ -1,0 +1,286 @@
+// Light carried along motion, on scenes whose light is known at every instant.
+#include "pecs/sensor/motion.h"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include "pecs/error.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr int kWidth = 150, kHeight = 90;
+constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+using Plane = std::vector<float>;
+
+struct Point2 {
+  double x, y;
+};
+
+// A smooth texture, seen by points as they lie at the start.
+float texture(double x, double y) {
+  return static_cast<float>(std::exp(0.4 * std::sin(0.5 * x + 0.2 * y) + 0.3 * std::cos(0.3 * y - 0.25 * x)));
+}
+
+// What is seen: where the point at (x, y) at instant t was at the start, and where a point of the start is at t.
+struct Motion {
+  std::function<Point2(double, double, double)> start_from, now_from;
+};
+
+Plane each(const std::function<float(int, int)>& value) {
+  Plane out;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) out.push_back(value(x, y));
+  return out;
+}
+
+Plane light(const Motion& m, double t) {
+  return each([&](int x, int y) {
+    const Point2 p = m.start_from(x, y, t);
+    return texture(p.x, p.y);
+  });
+}
+
+// The layer, of one surface.
+Plane layer(const Motion& m) {
+  Plane out(kMotionChannels * kPixels);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x)
+      for (std::size_t side = 0; side < 2; ++side) {
+        const double from = side ? 1 : 0;
+        const Point2 p = m.start_from(x, y, from);
+        const Point2 mid = m.now_from(p.x, p.y, 0.5), end = m.now_from(p.x, p.y, 1 - from);
+        const double values[] = {mid.x - x, mid.y - y, end.x - x, end.y - y, 1, 1};
+        for (std::size_t c = 0; c < 6; ++c)
+          out[(6 * side + c) * kPixels + static_cast<std::size_t>(y * kWidth + x)] = static_cast<float>(values[c]);
+      }
+  return out;
+}
+
+Plane carry(const Carrier& carrier, const Plane& a, const Plane& b, double s, CarrySide side = CarrySide::both) {
+  Plane out(kPixels);
+  const float *first = a.data(), *second = b.data();
+  float* to = out.data();
+  carrier.planes({&first, 1}, {&second, 1}, s, {&to, 1}, side);
+  return out;
+}
+
+// Largest |ln| of the ratio, a frame of `border` pixels left out.
+double worst(const Plane& got, const Plane& wanted, int border) {
+  double most = 0;
+  for (int y = border; y < kHeight - border; ++y)
+    for (int x = border; x < kWidth - border; ++x) {
+      const auto i = static_cast<std::size_t>(y * kWidth + x);
+      const double off = std::abs(std::log(got[i] / wanted[i]));
+      most = std::isfinite(off) ? std::max(most, off) : std::numeric_limits<double>::infinity();
+    }
+  return most;
+}
+
+Motion translation(double dx, double dy) {
+  return {[=](double x, double y, double t) { return Point2{x - dx * t, y - dy * t}; },
+          [=](double x, double y, double t) { return Point2{x + dx * t, y + dy * t}; }};
+}
+
+Motion rotation(double angle) {
+  const auto turned = [](double x, double y, double by) {
+    const double dx = x - 70, dy = y - 40;
+    return Point2{70 + std::cos(by) * dx - std::sin(by) * dy, 40 + std::sin(by) * dx + std::cos(by) * dy};
+  };
+  return {[=](double x, double y, double t) { return turned(x, y, -angle * t); },
+          [=](double x, double y, double t) { return turned(x, y, angle * t); }};
+}
+
+bool same_bits(const Plane& a, const Plane& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
+}
+
+TEST(Motion, TheEndsAreTheKeyframes) {
+  const Motion m = rotation(0.2);
+  const Carrier carrier(layer(m), kWidth, kHeight);
+  Plane a = light(m, 0), b = light(m, 1);
+  a[7] = kNaN;
+  b[9] = 0;
+  EXPECT_TRUE(same_bits(carry(carrier, a, b, 0), a));
+  EXPECT_TRUE(same_bits(carry(carrier, a, b, 1), b));
+}
+
+TEST(Motion, ATextureIsCarriedSharp) {
+  for (const auto& [dx, dy] : {std::pair{0.3, 0.0}, {4.5, -2.25}, {-13.7, 6.1}}) {
+    const Motion m = translation(dx, dy);
+    const Carrier carrier(layer(m), kWidth, kHeight);
+    EXPECT_NEAR(carrier.longest_path_px(), std::hypot(dx, dy), 1e-4);
+    for (const double s : {0.1, 0.5, 0.77}) {
+      EXPECT_LT(worst(carry(carrier, light(m, 0), light(m, 1), s), light(m, s), 16), 0.02) << dx << " at " << s;
+      // Frozen, the light would be far off.
+      if (std::abs(dx) > 4) {
+        EXPECT_GT(worst(light(m, 0), light(m, s), 16), 0.1);
+      }
+    }
+  }
+}
+
+TEST(Motion, PathsBend) {
+  const Motion m = rotation(0.3);
+  const Carrier carrier(layer(m), kWidth, kHeight);
+  for (const double s : {0.25, 0.5, 0.9})
+    EXPECT_LT(worst(carry(carrier, light(m, 0), light(m, 1), s), light(m, s), 26), 0.015) << s;
+}
+
+TEST(Motion, StillStaysStill) {
+  const Plane still(kMotionChannels * kPixels, 0.0f);
+  const Carrier carrier(still, kWidth, kHeight);
+  EXPECT_EQ(carrier.longest_path_px(), 0);
+  const Plane a = light(translation(0, 0), 0);
+  EXPECT_TRUE(same_bits(carry(carrier, a, a, 0.3), a));
+}
+
+// A block of 30 x 20 pixels of another light before a still texture.
+struct Block {
+  static bool inside(double x, double y, double t) { return x >= 40 + 20 * t && x < 70 + 20 * t && y >= 30 && y < 50; }
+  static Plane light(double t) {
+    return each([=](int x, int y) { return inside(x, y, t) ? 8 * texture(x - 20 * t, y + 9) : texture(x, y); });
+  }
+  static Plane layer() {
+    Plane out;
+    for (const double from : {0.0, 1.0})
+      for (int c = 0; c < 6; ++c) {
+        const Plane one = each([&](int x, int y) {
+          const bool front = inside(x, y, from);
+          const float end = front ? (from == 0 ? 20.0f : -20.0f) : 0.0f;
+          return c == 0 ? end / 2 : c == 2 ? end : c < 4 ? 0.0f : front ? 1.0f : 2.0f;
+        });
+        out.insert(out.end(), one.begin(), one.end());
+      }
+    return out;
+  }
+};
+
+TEST(Motion, WhatIsNearerHides) {
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  const Plane a = Block::light(0), b = Block::light(1);
+  for (const double s : {0.1, 0.5, 0.65}) {  // whole pixels: the block is at its place exactly
+    const Plane got = carry(carrier, a, b, s), truth = Block::light(s);
+    double most = 0;
+    int beside = 0;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const auto i = static_cast<std::size_t>(y * kWidth + x);
+        const bool edge = Block::inside(x - 1, y, s) != Block::inside(x + 1, y, s) ||
+                          Block::inside(x, y - 1, s) != Block::inside(x, y + 1, s) ||
+                          Block::inside(x - 1, y - 1, s) != Block::inside(x + 1, y + 1, s) ||
+                          Block::inside(x - 1, y + 1, s) != Block::inside(x + 1, y - 1, s);
+        const double off = std::abs(std::log(got[i] / truth[i]));
+        if (edge)
+          beside += off > 0.05;
+        else
+          most = std::max(most, off);
+      }
+    EXPECT_LT(most, 0.002) << s;
+    EXPECT_LE(beside, 104) << s;  // of 200
+  }
+}
+
+TEST(Motion, AStillBackgroundStaysStillBesideWhatMoves) {
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  const Plane a = Block::light(0), b = Block::light(1), got = carry(carrier, a, b, 0.4);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x)
+      if (x < 37 || x > 93 || y < 27 || y > 53) {
+        const auto i = static_cast<std::size_t>(y * kWidth + x);
+        ASSERT_EQ(got[i], a[i]) << x << ' ' << y;
+      }
+}
+
+TEST(Motion, OneKeyframeAloneDoesNotKnowWhatItHides) {
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  const Plane a = Block::light(0), b = Block::light(1);
+  const Plane first = carry(carrier, a, b, 0.5, CarrySide::first),
+              second = carry(carrier, a, b, 0.5, CarrySide::second);
+  const auto at = [](int x, int y) { return static_cast<std::size_t>(y * kWidth + x); };
+  EXPECT_TRUE(std::isnan(first[at(44, 40)]));   // the block was here
+  EXPECT_TRUE(std::isnan(second[at(85, 40)]));  // and comes here
+  EXPECT_EQ(first[at(85, 40)], a[at(85, 40)]);
+  EXPECT_EQ(second[at(44, 40)], b[at(44, 40)]);
+  EXPECT_NEAR(first[at(65, 40)], 8 * texture(55, 49), 1e-3);
+}
+
+TEST(Motion, WithoutMotionBothAreBlendedAtThePixel) {
+  const Motion m = translation(6, 0);
+  Plane motion = layer(m);
+  for (std::size_t c = 0; c < kMotionChannels; ++c)
+    for (int y = 40; y < 60; ++y)
+      for (int x = 50; x < 80; ++x) motion[c * kPixels + static_cast<std::size_t>(y * kWidth + x)] = kNaN;
+  const Plane a = light(m, 0), b = light(m, 1);
+  const Plane got = carry(Carrier(motion, kWidth, kHeight), a, b, 0.25);
+  for (int y = 42; y < 58; ++y)
+    for (int x = 60; x < 70; ++x) {
+      const auto i = static_cast<std::size_t>(y * kWidth + x);
+      ASSERT_NEAR(got[i], std::pow(a[i], 0.75) * std::pow(b[i], 0.25), 1e-5);
+    }
+  EXPECT_LT(worst(Plane(got.begin(), got.begin() + 37 * kWidth), light(m, 0.25), 53), 0.01);
+}
+
+TEST(Motion, LightThatIsNoneIsTakenFromTheOtherKeyframe) {
+  const Motion m = translation(3, 0);
+  Plane a = light(m, 0);
+  const Plane b = light(m, 1);
+  for (int y = 40; y < 43; ++y) a[static_cast<std::size_t>(y * kWidth + 70)] = kNaN;
+  const Plane got = carry(Carrier(layer(m), kWidth, kHeight), a, b, 0.5);
+  EXPECT_LT(worst(got, light(m, 0.5), 16), 0.02);
+}
+
+TEST(Motion, LightStaysLight) {
+  const Motion m = rotation(0.1);
+  const auto steps = [&](double t) {  // of 1 to 1000, and nothing
+    Plane out = light(m, t);
+    for (float& v : out) v = v > 1.3f ? 1000.0f : v < 0.8f ? 0.0f : 1.0f;
+    return out;
+  };
+  const Plane got = carry(Carrier(layer(m), kWidth, kHeight), steps(0), steps(1), 0.4);
+  EXPECT_TRUE(std::ranges::all_of(got, [](float v) { return v >= 0 && v <= 1000; }));
+}
+
+TEST(Motion, OpticalFlowDoes) {
+  const Motion m = translation(5, -3);
+  const Plane all = layer(m);
+  for (const std::size_t channels : {2, 4}) {
+    Plane flow;
+    for (const std::size_t c : {2, 3, 8, 9})
+      if (flow.size() < channels * kPixels)
+        flow.insert(flow.end(), all.begin() + static_cast<std::ptrdiff_t>(c * kPixels),
+                    all.begin() + static_cast<std::ptrdiff_t>((c + 1) * kPixels));
+    const Plane got = carry(Carrier(flow, kWidth, kHeight), light(m, 0), light(m, 1), 0.4);
+    EXPECT_LT(worst(got, light(m, 0.4), 10), 0.01) << channels;
+  }
+  EXPECT_THROW(Carrier(Plane(3 * kPixels), kWidth, kHeight), Error);
+  EXPECT_THROW(Carrier(Plane(kPixels * 2 - 1), kWidth, kHeight), Error);
+}
+
+TEST(Motion, ThreadsChangeNothing) {
+  const Motion m = rotation(0.25);
+  Plane motion = layer(m), block = Block::layer();
+  std::vector<Plane> results;
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 4);
+  for (const int threads : {1, 4}) {
+    tbb::task_arena arena(threads);
+    arena.execute([&] {
+      results.push_back(carry(Carrier(motion, kWidth, kHeight), light(m, 0), light(m, 1), 0.3));
+      results.push_back(carry(Carrier(block, kWidth, kHeight), Block::light(0), Block::light(1), 0.3));
+    });
+  }
+  EXPECT_TRUE(same_bits(results[0], results[2]));
+  EXPECT_TRUE(same_bits(results[1], results[3]));
+}
+
+}  // namespace
+}  // namespace pecs::sensor
