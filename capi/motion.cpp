@@ -31,13 +31,15 @@ std::size_t positive(int64_t value, const char* name) {
 }  // namespace
 
 extern "C" int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                          int width, int height, double fraction, const char* side, float* out, pecs_error* error) {
+                          int width, int height, double fraction, const char* side, float* out,
+ int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     const CarrySide which = side_of(side);
     if (!(fraction >= 0 && fraction <= 1))
       throw pecs::Error(pecs::ExitCode::usage, fmt::format("fraction: got {}, wanted 0 to 1", fraction));
     const std::size_t pixels = positive(width, "width") * positive(height, "height");
     const std::size_t planes = positive(bands, "bands"), values = positive(channels, "channels") * pixels;
+    pecs::capi::need_room(static_cast<int64_t>(planes * pixels), capacity);
     given(first, "first"), given(second, "second"), given(motion, "motion"), given(out, "out");
     std::vector<const float*> a, b;
     std::vector<float*> to;

@@ -192,9 +192,10 @@ PECS_API char* pecs_sense(const char* input, const char* output, const char* opt
  * [bands][height][width], any positive light; motion: [channels][height][width], the 12 channels of the layer `motion`
  * (docs/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not known; fraction:
  * 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does
- * not show it. Unlike elsewhere every array has the size that the numbers say. */
+ * not show it. capacity: of out, in floats. */
 PECS_API int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                        int width, int height, double fraction, const char* side, float* out, pecs_error* error);
+                        int width, int height, double fraction, const char* side, float* out,
+                        int64_t capacity, pecs_error* error);
 
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and

@@ -17,7 +17,7 @@ _carry = function(
     *(_floats, ctypes.c_int),
     *(ctypes.c_int, ctypes.c_int),
     *(ctypes.c_double, ctypes.c_char_p),
-    _floats,
+    *(_floats, ctypes.c_int64),
 )
 
 
@@ -40,5 +40,5 @@ def carry(
         raise ValueError(f"motion: got shape {m.shape}, wanted (12, {a.shape[-2]}, {a.shape[-1]}), or 2 or 4 channels")
     out = np.empty_like(a)
     bands = 1 if a.ndim == 2 else len(a)
-    _carry(a, b, bands, m, len(m), a.shape[-1], a.shape[-2], fraction, side.encode(), out)
+    _carry(a, b, bands, m, len(m), a.shape[-1], a.shape[-2], fraction, side.encode(), out, out.size)
     return out
