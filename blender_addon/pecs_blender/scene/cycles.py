@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,7 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "use_fast_gi": False,
     "film_exposure": 1.0,
 }
+NO_SURFACE = 1e10  # what the Depth pass says there
 WORLD_MAP_WIDTH = 2048  # at most; half of it misses the sun in a picture of 4096
 BOUNCES = (  # a .blend's own
     "max_bounces",
@@ -185,16 +187,25 @@ class Film:
         """[3, height, width], float32, row 0 at the top."""
         return self.passes("Combined")["Combined"][:3]
 
-    def passes(self, *names: str) -> dict[str, np.ndarray]:
-        """Passes of Cycles by name, each [channels, height, width]."""
-        stop.check()
-        self._scene.update_tag()  # else Cycles, which keeps its data, would not look at its own settings
-        with _engine_results() as results, quiet():
-            bpy.ops.render.render(scene=self._scene.name)
-        stop.check()
+    def passes(self, *names: str, look: Callable | None = None) -> dict[str, np.ndarray]:
+        """Passes of Cycles by name, each [channels, height, width]. look: called with the render's own depsgraph, which
+        has what a viewport's has not, before Cycles takes the scene from it."""
+        results = self._run(look, True)
         if not results or any(name not in results[-1] for name in names):
             raise RenderError(UNSUPPORTED, f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}")
         return {name: self._whole(results[-1][name]) for name in names}
+
+    def look(self, look: Callable) -> None:
+        """As `passes`, but Cycles renders nothing."""
+        self._run(look, False)
+
+    def _run(self, look: Callable | None, renders: bool) -> list[dict[str, np.ndarray]]:
+        stop.check()
+        self._scene.update_tag()  # else Cycles, which keeps its data, would not look at its own settings
+        with _engine_results(look, renders) as results, quiet():
+            bpy.ops.render.render(scene=self._scene.name)
+        stop.check()
+        return results
 
     def _whole(self, part: np.ndarray) -> np.ndarray:
         """A border's part, in its place in a black picture."""
@@ -209,31 +220,43 @@ class Film:
 
 
 @contextlib.contextmanager
-def _engine_results():
+def _engine_results(look: Callable | None, renders: bool):
     """What Cycles' engine renders meanwhile: for each view layer its passes by name, row 0 at the top."""
     from cycles import CyclesRender  # Blender's add-on
 
-    render, results = CyclesRender.render, []
+    render, results, errors = CyclesRender.render, [], []
 
     def render_and_keep(engine, depsgraph):
-        render(engine, depsgraph)
-        result = engine.get_result()
-        for layer in result.layers:
-            size = result.resolution_y, result.resolution_x
-            values = np.empty(sum(p.channels for p in layer.passes) * size[0] * size[1], np.float32)
-            layer.passes.foreach_get("rect", values)
-            passes = {}
-            for p in layer.passes:
-                count = p.channels * size[0] * size[1]
-                picture, values = values[:count].reshape(*size, p.channels), values[count:]
-                passes[p.name] = np.ascontiguousarray(picture[::-1].transpose(2, 0, 1))
-            results.append(passes)
+        try:
+            if look:
+                look(depsgraph)
+        except Exception as e:  # Blender would print it, and go on
+            errors.append(e)
+            return
+        if renders:
+            render(engine, depsgraph)
+            results.extend(_passes_by_name(engine.get_result()))
 
     CyclesRender.render = render_and_keep
     try:
         yield results
     finally:
         CyclesRender.render = render
+    if errors:
+        raise errors[0]
+
+
+def _passes_by_name(result):
+    size = result.resolution_y, result.resolution_x
+    for layer in result.layers:
+        values = np.empty(sum(p.channels for p in layer.passes) * size[0] * size[1], np.float32)
+        layer.passes.foreach_get("rect", values)
+        passes = {}
+        for p in layer.passes:
+            count = p.channels * size[0] * size[1]
+            picture, values = values[:count].reshape(*size, p.channels), values[count:]
+            passes[p.name] = np.ascontiguousarray(picture[::-1].transpose(2, 0, 1))
+        yield passes
 
 
 @contextlib.contextmanager

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points on meshes that deform: where a point of a polygon is when the mesh's vertices have moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import blake2b
+from weakref import WeakValueDictionary
+
+import bpy
+import numpy as np
+
+MAX_TRIANGLES = 64  # of a polygon in which a point is looked for
+
+
+class Topology:
+    """How vertices make triangles: triangles [t, 3], those of polygon p from first[p] to first[p + 1]. They are read
+    when a second mesh of the same corners comes: most meshes never deform."""
+
+    triangles: np.ndarray | None = None
+    first: np.ndarray
+
+    def read(self, mesh: bpy.types.Mesh) -> None:
+        mesh.calc_loop_triangles()
+        count = len(mesh.loop_triangles)
+        triangles, polygons = np.empty(3 * count, np.int32), np.empty(count, np.int32)
+        mesh.loop_triangles.foreach_get("vertices", triangles)
+        mesh.loop_triangle_polygons.foreach_get("value", polygons)
+        self.first = np.searchsorted(polygons, np.arange(len(mesh.polygons) + 1))
+        self.triangles = triangles.reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """vertices: [v, 3] float32, local. topology: of a mesh."""
+
+    vertices: np.ndarray
+    topology: Topology | None
+
+
+class Geometries:
+    """The same Geometry for the same points, as long as somebody keeps it."""
+
+    def __init__(self):
+        self._geometries: WeakValueDictionary[tuple, Geometry] = WeakValueDictionary()
+        self._topologies: WeakValueDictionary[tuple, Topology] = WeakValueDictionary()
+
+    def of(self, data: bpy.types.ID) -> Geometry:
+        """data: anything with positions; a mesh, curves, a point cloud."""
+        mesh = isinstance(data, bpy.types.Mesh)
+        points = _read(data.attributes["position"].data, "vector", 3, np.float32) if len(data.attributes) else _none
+        counts = (type(data).__name__, len(points), *((len(data.polygons), len(data.loops)) if mesh else ()))
+        key = counts, _digest(points)
+        if (geometry := self._geometries.get(key)) is None:
+            geometry = Geometry(points.reshape(-1, 3), self._topology(data, counts) if mesh else None)
+            self._geometries[key] = geometry
+        return geometry
+
+    def _topology(self, mesh: bpy.types.Mesh, counts: tuple) -> Topology:
+        key = counts, _digest(_read(mesh.loops, "vertex_index", 1, np.int32))
+        if (topology := self._topologies.get(key)) is None:
+            topology = self._topologies[key] = Topology()
+        elif topology.triangles is None:
+            topology.read(mesh)
+        return topology
+
+
+_none = np.empty(0, np.float32)
+
+
+def _read(collection, key: str, per_item: int, kind: type) -> np.ndarray:
+    values = np.empty(per_item * len(collection), kind)
+    collection.foreach_get(key, values)
+    return values
+
+
+def _digest(values: np.ndarray) -> bytes:
+    return blake2b(values, digest_size=16).digest()
+
+
+def carried(before: Geometry, after: Geometry, polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """points [3, n] in polygons [n] (-1: not known) of `before`, in `after`; NaN where the two do not correspond. A
+    point off its triangle (in a subdivided surface) keeps its distance."""
+    topology, out = before.topology, np.full(points.shape, np.nan)
+    if topology is None or topology is not after.topology or topology.triangles is None:
+        return out
+    first, count = topology.first[polygon], topology.first[polygon + 1] - topology.first[polygon]
+    usable = (polygon >= 0) & (count <= MAX_TRIANGLES)
+    inside = np.full(len(polygon), -np.inf)  # the least barycentric coordinate: of a point's own triangle, the greatest
+    for k in range(count[usable].max(initial=0)):
+        these = np.flatnonzero(usable & (count > k))
+        triangle = topology.triangles[first[these] + k]
+        u, v, height = _in_triangle(before.vertices, triangle, points[:, these])
+        least = np.minimum(np.minimum(u, v), 1 - u - v)
+        better = least > inside[these]  # not where it is NaN, in a triangle without area
+        these, triangle = these[better], triangle[better]
+        inside[these] = least[better]
+        out[:, these] = _of_triangle(after.vertices, triangle, u[better], v[better], height[better])
+    return out
+
+
+def _corners(vertices: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A corner, the two edges from it, and their normal: [3, n] each."""
+    a, b, c = (vertices[triangle[:, k]].astype(float).T for k in range(3))
+    return a, b - a, c - a, np.cross(b - a, c - a, axis=0)
+
+
+def _in_triangle(vertices, triangle, points):
+    """Weights of the second and third corner, and the distance from the plane."""
+    a, ab, ac, normal = _corners(vertices, triangle)
+    area, p = (normal**2).sum(0), points - a
+    with np.errstate(all="ignore"):
+        u = (np.cross(p, ac, axis=0) * normal).sum(0) / area
+        v = (np.cross(ab, p, axis=0) * normal).sum(0) / area
+        return u, v, (p * normal).sum(0) / np.sqrt(area)
+
+
+def _of_triangle(vertices, triangle, u, v, height):
+    a, ab, ac, normal = _corners(vertices, triangle)
+    with np.errstate(all="ignore"):
+        return a + u * ab + v * ac + height * normal / np.linalg.norm(normal, axis=0)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which ray belongs to a pixel's centre, and where on the film a point of the scene falls.
+
+Cycles takes Position from the first sample, which goes through the pixel's centre, whatever the filter. A lens's camera
+would send it anywhere through the pupil; so another camera sends each pixel's chief ray from the pupil's centre, in the
+direction that the prescription says (pecs.Lens.directions); pecs.Lens.pixels is its inverse. Without a lens it is the
+scene's own camera with all in focus.
+
+Camera axes are those of pecs.Lens: x right, y down, z forward, in the scene's unit. Film coordinates are pixels; the
+first one has its centre at (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from . import cycles
+from .job import Job
+
+CHIEF_RAYS = """
+shader chief_rays(output point position = 0, output vector direction = 0, output color throughput = 1) {{
+  vector raster = camera_shader_raster_position();
+  color d = texture("{path}", raster[0], 1 - raster[1], "interp", "closest");
+  direction = vector(d[0], d[1], d[2]);
+}}
+"""
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # to Blender's camera axes and back
+NEAR_FIELD = 0.98  # of the lens's field: from there on its image map is continued on a straight line
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera at one instant. camera_from_world: [4, 4]. clip_from_camera: [4, 4] of Blender's perspective and
+    orthographic cameras, else None; lens: whether its rays are the lens's."""
+
+    camera_from_world: np.ndarray
+    clip_from_camera: np.ndarray | None
+    lens: bool
+
+    def same(self, other: View) -> bool:
+        """Bit by bit; a projection that is not known is never the same."""
+        if not np.array_equal(self.camera_from_world, other.camera_from_world):
+            return False
+        if self.lens or other.lens:
+            return self.lens and other.lens
+        mine, others = self.clip_from_camera, other.clip_from_camera
+        return mine is not None and others is not None and np.array_equal(mine, others)
+
+
+class Sight:
+    """name: of its camera and files. scene: which is looked at. size: of the picture, the job's or a smaller one."""
+
+    def __init__(self, job: Job, scratch: Path, name: str, scene: bpy.types.Scene, size: tuple[int, int] | None = None):
+        self._job, self.size = job, size or job.size
+        self._per_pixel = np.array(self.size) / job.size  # pixels here per pixel of the job
+        self._sharp: dict[bpy.types.Camera, bpy.types.Camera] = {}
+        if job.lens:
+            self._directions = self._lens_directions()
+            self._field = self._lens_field()
+            seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; no chief ray, no surface
+            path = scratch / f"{name}.exr"
+            cycles.save_picture(seen.astype(np.float32), path, job.source.scene)
+            self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), scratch)
+        else:
+            self._camera = bpy.data.objects.new(name, job.source.scene.camera.data)
+        if self._camera.name not in scene.collection.objects:
+            scene.collection.objects.link(self._camera)
+
+    def camera(self) -> bpy.types.Object:
+        """Where the scene's camera is now."""
+        source = self._job.source
+        if self._job.lens:
+            source.place([self._camera])
+        else:
+            bpy.context.view_layer.update()  # a scene folder's camera may just have been made
+            own = source.scene.camera
+            self._camera.data = self._sharp_copy(own.data)
+            self._camera.matrix_world = own.matrix_world
+        bpy.context.view_layer.update()
+        return self._camera
+
+    def _sharp_copy(self, own: bpy.types.Camera) -> bpy.types.Camera:
+        if own not in self._sharp:
+            self._sharp[own] = own.copy()
+            self._sharp[own].animation_data_clear()
+        sharp = self._sharp[own]
+        for p in own.bl_rna.properties:  # animated ones: as they are now
+            if p.type in ("INT", "FLOAT", "ENUM") and not (p.is_readonly or getattr(p, "is_array", False)):
+                if getattr(sharp, p.identifier) != (value := getattr(own, p.identifier)):
+                    setattr(sharp, p.identifier, value)
+        sharp.dof.use_dof = False
+        return sharp
+
+    def view(self, depsgraph: bpy.types.Depsgraph) -> View:
+        """Of the camera as a render's depsgraph has it."""
+        camera, lens = self._camera.evaluated_get(depsgraph), self._job.lens is not None
+        world = np.array(camera.matrix_world, float)
+        world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
+        clip, (width, height) = None, self.size
+        if not lens and camera.data.type in ("PERSP", "ORTHO"):
+            aspect = dict(zip(("scale_x", "scale_y"), 1 / self._per_pixel, strict=True))
+            clip = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, **aspect), float) @ FLIP
+        return View(FLIP @ np.linalg.inv(world), clip, lens)
+
+    def points(self, view: View, positions: np.ndarray) -> np.ndarray:
+        """Points in camera axes [3, height, width] on the rays of the pixels' centres, at the depths of positions
+        [3, height, width] in the world."""
+        seen = transformed(view.camera_from_world, positions)
+        rays = self.rays(view)
+        if rays is not None:
+            origins, along = rays
+            seen[:2] = origins + along * seen[2]
+        return seen
+
+    def rays(self, view: View) -> tuple[np.ndarray, np.ndarray] | None:
+        """x and y of a pixel's ray at z = 0, and per z: [2, height, width] each, or None where they are not known."""
+        if view.lens:
+            x, y, z = np.moveaxis(self._directions, -1, 0)
+            return np.zeros((2, *z.shape)), np.stack([x, y]) / z
+        if view.clip_from_camera is None:
+            return None
+        clip = view.clip_from_camera
+        x, y = self.centres()
+        ndc = np.stack([2 * x / self.size[0] - 1, 1 - 2 * y / self.size[1]])
+        # Row r of clip . (x, y, z, 1) = ndc_r times row 3, which has z and 1 alone; a row has x or y, z and 1.
+        origin, along = (np.stack([(ndc[r] * clip[3, c] - clip[r, c]) / clip[r, r] for r in (0, 1)]) for c in (3, 2))
+        return origin, along
+
+    def centres(self) -> np.ndarray:
+        """[2, height, width]"""
+        width, height = self.size
+        return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
+
+    def film(self, view: View, points: np.ndarray, infinite: bool = False) -> np.ndarray:
+        """Pixels [2, n] of points [3, n] in camera axes, or of directions (infinite); NaN for what cannot be there."""
+        if view.lens:
+            return self._lens_pixels(points)
+        if view.clip_from_camera is None:
+            return np.full((2, points.shape[1]), np.nan)
+        clip = view.clip_from_camera
+        x, y, w = (clip[r, :3] @ points + (0 if infinite else clip[r, 3]) for r in (0, 1, 3))
+        with np.errstate(all="ignore"):
+            ndc = np.where(w > 0, np.stack([x, -y]) / w, np.nan)
+        return (ndc + 1) / 2 * np.array(self.size)[:, None]
+
+    # The lens
+
+    def _setting(self) -> dict:
+        lens, (width, height) = self._job.lens, self._job.size
+        return {
+            "width": width,
+            "height": height,
+            "pixel_pitch_mm": lens.pixel_pitch_mm,
+            "lambda_nm": float(self._job.lambda_nm.mean()),
+            "focus_bands_nm": self._job.lambda_nm.tolist(),
+            "film_shift_mm": lens.shift_mm,
+            "film_tilt_deg": lens.tilt_deg,
+            **lens.setting,
+        }
+
+    def _lens_directions(self) -> np.ndarray:
+        """[height, width, 3]"""
+        pixels = np.moveaxis(self.centres(), 0, -1) / self._per_pixel
+        return self._job.lens.lens.directions(pixels, **self._setting())
+
+    def _lens_field(self) -> float:
+        """The tangent of the angle up to which the lens's image map is known in all directions."""
+        azimuth = np.arange(8) * np.pi / 4
+        low, high = 0.0, 100.0
+        for _ in range(30):
+            middle = (low + high) / 2
+            rim = np.stack([middle * np.cos(azimuth), middle * np.sin(azimuth), np.ones(8)], -1)
+            known = np.isfinite(self._job.lens.lens.pixels(rim, **self._setting())).all()
+            low, high = (middle, high) if known else (low, middle)
+        return low * (1 - 1e-6)
+
+    def _lens_pixels(self, points: np.ndarray) -> np.ndarray:
+        """A point that leaves the field goes straight on."""
+        x, y, z = points
+        with np.errstate(all="ignore"):
+            tangent = np.where(z > 0, np.hypot(x, y) / z, np.nan)
+        beyond = np.flatnonzero(tangent > self._field)
+        pixels = self._job.lens.lens.pixels(points.T, **self._setting()).T
+        if beyond.size:
+            ahead = points[:, beyond] / (z[beyond], z[beyond], z[beyond])
+            at = []
+            for part in (NEAR_FIELD, 1.0):
+                rim = ahead * (part * self._field / tangent[beyond])
+                rim[2] = 1
+                at.append(self._job.lens.lens.pixels(rim.T, **self._setting()).T)
+            further = (tangent[beyond] / self._field - 1) / (1 - NEAR_FIELD)
+            pixels[:, beyond] = at[1] + further * (at[1] - at[0])
+        return pixels * self._per_pixel[:, None]
+
+
+def transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """[4, 4], points [3, ...]"""
+    return (matrix[:3, :3] @ points.reshape(3, -1) + matrix[:3, 3:]).reshape(points.shape)
