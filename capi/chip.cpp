@@ -49,7 +49,7 @@ char* pecs_models(pecs_error* error) {
   return guard(error, [] {
     pecs::Json list = pecs::Json::array();
     for (const std::string& name : model_names()) list.push_back(model_json(name));
-    return pecs::capi::hand_over(list.dump());
+    return pecs::capi::hand_over(list);
   });
 }
 
@@ -65,7 +65,7 @@ char* pecs_chip_info(const pecs_chip* chip, pecs_error* error) {
     const Chip& c = given(chip, "chip").chip;
     pecs::Json info = chip_to_json(c);
     info["relative_qe"] = {{"lambda_nm", c.relative_qe.lambda_nm}, {"value", c.relative_qe.value}};
-    return pecs::capi::hand_over(info.dump());
+    return pecs::capi::hand_over(info);
   });
 }
 
@@ -77,7 +77,7 @@ char* pecs_chip_amperes_per_unit(const pecs_chip* chip, const char* options_json
     const PhotocurrentOptions light = read_photocurrent_options(o);
     o.done();
     const pecs::Json out = {{"amperes_per_unit", amperes_per_unit(given(chip, "chip").chip, info, light)}};
-    return pecs::capi::hand_over(out.dump());
+    return pecs::capi::hand_over(out);
   });
 }
 

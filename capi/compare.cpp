@@ -40,7 +40,7 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
 
     const auto comparison = pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
                                                    stream_of(sim, sim_count, width, height, "sim"), "sim", options);
-    return pecs::capi::hand_over(pecs::metrics::to_json(comparison).dump());
+    return pecs::capi::hand_over(pecs::metrics::to_json(comparison));
   });
 }
 
@@ -59,6 +59,6 @@ extern "C" char* pecs_delays(const pecs_event* events, int64_t count, const char
     if (!std::is_sorted(all.begin(), all.end(), later))
       throw pecs::bad_input("events", "t", "a time that goes back", "events in time order");
     const auto measured = pecs::metrics::measure_delays(all, width, height, end_us, disk);
-    return pecs::capi::hand_over(pecs::metrics::to_json(measured).dump());
+    return pecs::capi::hand_over(pecs::metrics::to_json(measured));
   });
 }

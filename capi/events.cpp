@@ -33,7 +33,7 @@ char* pecs_event_formats(pecs_error* error) {
                       {"extensions", c.extensions},
                       {"reads", bool(c.open_reader)},
                       {"writes", bool(c.open_writer)}});
-    return capi::hand_over(list.dump());
+    return capi::hand_over(list);
   });
 }
 
@@ -50,7 +50,7 @@ char* pecs_event_reader_info(const pecs_event_reader* reader, pecs_error* error)
     const events::StreamInfo& info = given(reader, "reader").reader->info();
     const Json json = {
         {"format", reader->codec->name}, {"width", info.width}, {"height", info.height}, {"camera", info.camera}};
-    return capi::hand_over(json.dump());
+    return capi::hand_over(json);
   });
 }
 

@@ -58,6 +58,8 @@ inline char* hand_over(const std::string& text) {
   return out;
 }
 
+inline char* hand_over(const Json& json) { return hand_over(text_of(json)); }
+
 inline void need_room(std::int64_t count, std::int64_t capacity) {
   if (count < 0 || capacity < count)
     throw Error(ExitCode::usage, fmt::format("capacity: got {}, wanted at least {}", capacity, count));

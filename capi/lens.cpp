@@ -18,7 +18,7 @@ char* answer(const pecs_lens* lens, const char* options_json, pecs_error* error,
   return pecs::capi::guard(error, [&] {
     const pecs::Json options = pecs::capi::options_from(options_json);
     const auto& prescription = pecs::capi::given(lens, "lens").prescription;
-    return pecs::capi::hand_over(use(prescription, pecs::JsonObject(options, "options")).dump());
+    return pecs::capi::hand_over(use(prescription, pecs::JsonObject(options, "options")));
   });
 }
 

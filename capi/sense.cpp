@@ -34,9 +34,10 @@ extern "C" char* pecs_sense(const char* input, const char* output, const char* o
     options.quiet = true;
     if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
     const SenseReport report = sense(options);
-    pecs::write_run_record(options.output, {"sense", {json.dump()}, report.config, {options.stack}, report.results});
+    pecs::write_run_record(options.output,
+                           {"sense", {pecs::text_of(json)}, report.config, {options.stack}, report.results});
     const pecs::Json out = {
         {"config", report.config}, {"results", report.results}, {"warnings", warnings_of(options, report.results)}};
-    return pecs::capi::hand_over(out.dump());
+    return pecs::capi::hand_over(out);
   });
 }

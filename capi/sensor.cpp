@@ -112,8 +112,7 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
 extern "C" {
 
 char* pecs_bands(const char* options_json, pecs_error* error) {
-  return guard(error,
-               [&] { return pecs::capi::hand_over(choose_bands(pecs::capi::options_from(options_json)).dump()); });
+  return guard(error, [&] { return pecs::capi::hand_over(choose_bands(pecs::capi::options_from(options_json))); });
 }
 
 pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error) {

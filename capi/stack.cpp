@@ -83,7 +83,7 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
                       {"period_ns", nullptr}};
     if (info.pixel_pitch_m) out["pixel_pitch_m"] = *info.pixel_pitch_m;
     if (info.period_ns) out["period_ns"] = *info.period_ns;
-    return pecs::capi::hand_over(out.dump());
+    return pecs::capi::hand_over(out);
   });
 }
 

@@ -1,7 +1,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <limits>
 
 #include "commands.h"
 #include "pecs/files.h"
@@ -9,7 +11,7 @@
 namespace pecs::app {
 namespace {
 
-// CLI11 takes nan for any number, and -1 for an unsigned one.
+// CLI11 takes nan for any number, -1 for an unsigned one, and the last integer for all beyond it.
 std::string finite(const std::string& text) {
   double value = 0;
   const bool odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
@@ -18,6 +20,15 @@ std::string finite(const std::string& text) {
 
 std::string not_negative(const std::string& text) {
   return text.starts_with('-') ? fmt::format("got {}, wanted 0 or more", text) : "";
+}
+
+template <class Integer>
+std::string within(const std::string& text) {
+  Integer value = 0;
+  const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
+  using Limits = std::numeric_limits<Integer>;
+  if (ec != std::errc::result_out_of_range) return "";
+  return fmt::format("got {}, wanted an integer in [{}, {}]", text, Limits::min(), Limits::max());
 }
 
 constexpr std::string_view kOutputs[] = {"output", "OUT", "picture", "labels"};
@@ -36,11 +47,22 @@ void check_files(const CLI::App& app) {
 
 }  // namespace
 
+CLI::Validator positive() {
+  return CLI::Validator(
+      [](const std::string& text) {
+        double value = 0;
+        const bool good = CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value);
+        return good ? "" : fmt::format("got {}, wanted a number above 0", text);
+      },
+      "POSITIVE");
+}
+
 void check_options(CLI::App& app) {
   for (CLI::Option* option : app.get_options()) {
     const std::string type = option->get_type_name();
     if (type.starts_with("FLOAT")) option->check(finite);
-    if (type.starts_with("UINT")) option->check(not_negative);
+    if (type.starts_with("UINT")) option->check(not_negative)->check(within<std::uint64_t>);
+    if (type.starts_with("INT")) option->check(within<std::int64_t>);
   }
   app.parse_complete_callback([&app] { check_files(app); });
   for (CLI::App* sub : app.get_subcommands({})) check_options(*sub);

@@ -20,8 +20,11 @@ void add_sense(CLI::App& app);
 void add_view(CLI::App& app);
 void add_lens(CLI::App& app);
 
-// For every subcommand, after it is added: no option takes a number that is not finite, or a negative one where there
-// are none; no output ("-o", "OUT", "--picture", "--labels") is an input or another output.
+// A number above 0 (CLI::PositiveNumber says so with the 309 digits of the largest one).
+CLI::Validator positive();
+
+// For every subcommand, after it is added: no option takes a number that is not finite, one beyond its integers, or a
+// negative one where there are none; no output ("-o", "OUT", "--picture", "--labels") is an input or another output.
 void check_options(CLI::App& app);
 
 }  // namespace pecs::app

@@ -118,7 +118,7 @@ void add_compare(CLI::App& app) {
   command->add_option("SIM", a->sim, "Simulation, same sensor size")->required();
   command->add_option("--window", a->window_us, "Only this much from the origin, e.g. 100ms (default: all)")
       ->transform(time_us())
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   command->add_option("--origin", a->origin, "Where time starts: each stream's first event, or t = 0 of both")
       ->check(CLI::IsMember({"first-event", "zero"}))
       ->capture_default_str();

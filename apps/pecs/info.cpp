@@ -124,7 +124,7 @@ void add_info(CLI::App& app) {
       "info", "what an event file or an EXR stack holds: events, rates; frames, bands; size, times (us)");
   sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
   sub->add_option("--format", o->format, "of FILE, when its content does not say");
-  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")->check(CLI::PositiveNumber);
+  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")->check(positive());
   sub->add_flag("--json", o->json, "machine output");
   sub->callback([o] {
     const bool is_stack = std::filesystem::is_directory(o->path);

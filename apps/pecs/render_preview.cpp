@@ -169,7 +169,9 @@ void add_render_preview(CLI::App& app) {
   auto* command = app.add_subcommand("render-preview", "A rendered stack as a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
   command->add_option("-o,--output", a->output, "What to write; the ending chooses")->required();
-  command->add_option("--frame", a->frame, "png: which frame")->check(CLI::NonNegativeNumber)->capture_default_str();
+  command->add_option("--frame", a->frame, "png: which frame")
+      ->check(CLI::Range(0, 100'000'000))
+      ->capture_default_str();
   command->add_option("--exposure-ev", a->exposure_ev, "Stops brighter than: 1 % of the first frame is white")
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();

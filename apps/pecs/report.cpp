@@ -52,7 +52,7 @@ void add_report(CLI::App& app) {
   command->add_option("--lens-svg", a->lens_svg, "Drawing of the lens, from `pecs lens draw`");
   command->add_option("--window", a->window_us, "Score only this much from each stream's first event, e.g. 100ms")
       ->transform(time_us())
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   command->add_option("-o,--output", a->output, "HTML file to write")->required();
   command->add_flag("--json", a->json, "Machine-readable output");
   command->callback([a] { run(*a); });

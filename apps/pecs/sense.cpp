@@ -10,11 +10,10 @@
 #include "pecs/error.h"
 #include "pecs/input/live.h"
 #include "pecs/run_record.h"
+#include "pecs/sensor/sense_options.h"
 
 namespace pecs::app {
 namespace {
-
-constexpr std::int64_t kDay_us = 86'400'000'000;
 
 std::pair<std::string, double> key_value(const std::string& text, const std::string& option) {
   const auto equals = text.find('=');
@@ -42,29 +41,22 @@ struct Options : sensor::SenseOptions {
 bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
 
 void add_frames(CLI::App* sub, Options* o) {
-  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
-      ->check(CLI::PositiveNumber);
+  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")->check(positive());
   sub->add_option("--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
   sub->add_option(
       "--colorspace", o->colour_space,
       "of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
   sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
   sub->add_option("--photocurrent-a", o->light.photocurrent_a, "photocurrent of relative light 1 (white), A")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share in the light (Eq. 8-11)")
       ->check(CLI::Validator(
-          [](std::string& text) {
-            return text == "all" || (text.starts_with("mc:") && text.size() < 9 && text.size() > 3 &&
-                                     text.find_first_not_of("0123456789", 3) == std::string::npos && text[3] != '0')
-                       ? ""
-                       : "wanted all or mc:N";
-          },
-          "all|mc:N"))
+          [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
-  sub->add_option("--fnumber", o->light.fnumber, "of the lens, for a stack of radiance")->check(CLI::PositiveNumber);
+  sub->add_option("--fnumber", o->light.fnumber, "of the lens, for a stack of radiance")->check(positive());
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
 }
 
 void add_pixels(CLI::App* sub, Options* o) {
@@ -83,7 +75,7 @@ void add_pixels(CLI::App* sub, Options* o) {
       ->allow_extra_args(false);
   sub->add_option("--white-a", o->white_a,
                   "photocurrent of white, A, for the other models (default: first frame's 99.5 %)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
@@ -94,9 +86,9 @@ void add_window(CLI::App* sub, Options* o) {
   sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
   sub->add_option("--start-us", o->window.start_us, "output begins this long after the start (or the warm-up), us")
-      ->check(CLI::Range(std::int64_t{0}, kDay_us));
+      ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
   sub->add_option("--duration-us", o->window.duration_us, "length of the output, us; a periodic stack is looped for it")
-      ->check(CLI::Range(std::int64_t{1}, kDay_us));
+      ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 
 void add_live(CLI::App* sub, Options* o) {
@@ -110,7 +102,7 @@ void add_live(CLI::App* sub, Options* o) {
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  o->seconds = sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(CLI::PositiveNumber);
+  o->seconds = sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(positive());
   o->picture_us = sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
                       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
                       ->capture_default_str();
@@ -121,7 +113,7 @@ void resolve(Options& o) {
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
   for (const std::string& text : o.parameters) o.model.parameters.insert(key_value(text, "--param"));
-  if (o.bands != "all") o.monte_carlo_bands = std::stoi(o.bands.substr(3));
+  o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
   if (o.live_source && !o.view) throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o.live_source));
   for (const CLI::Option* live : {o.seconds, o.picture_us})

@@ -10,6 +10,8 @@
 
 namespace pecs::app {
 
+constexpr double kLongest_us = 1e15;  // 31 years; every us up to here is a double
+
 // A time for a variable of type double, in microseconds.
 inline CLI::Validator time_us() {
   return CLI::Validator(
@@ -21,7 +23,10 @@ inline CLI::Validator time_us() {
         const auto unit = units.find(end);
         if (end == text.c_str() || unit == units.end() || !std::isfinite(number))
           return fmt::format("got '{}', wanted a time with its unit (ns, us, ms, s), such as 20ms", text);
-        text = fmt::format("{:.17g}", number * unit->second);
+        const double time = number * unit->second;
+        if (std::abs(time) > kLongest_us)
+          return fmt::format("got '{}', wanted a time of at most {:g}us", text, kLongest_us);
+        text = fmt::format("{:.17g}", time);
         return {};
       },
       "TIME[ns,us,ms,s]");

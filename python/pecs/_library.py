@@ -103,6 +103,14 @@ def function(name: str, restype: Any, *argtypes: Any, error: bool = True) -> Cal
     return call
 
 
+def path_bytes(path: str | bytes | os.PathLike[str]) -> bytes:
+    """A path as C takes it; names that are not UTF-8 as Python got them from the system."""
+    out = os.fsencode(path)
+    if b"\0" in out:
+        raise PecsInputError(f"{out!r}: got a NUL, wanted a path", 2)
+    return out
+
+
 def take_text(text: int) -> str:
     """Text that the library returned, which is freed."""
     try:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from os import PathLike, fspath
 from typing import Any
 
-from ._library import PecsError, function, take_json
+from ._library import PecsError, function, path_bytes, take_json
 from .chip import Chip, chip_options
 
 _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)
@@ -98,7 +98,7 @@ def sense(
         "duration_us": duration_us,
     }
     watched = _Watched(progress)
-    paths = fspath(stack).encode(), fspath(output).encode()
+    paths = path_bytes(stack), path_bytes(output)
     try:
         report: dict[str, Any] = take_json(_sense(*paths, json.dumps(options).encode(), watched.function, None))
     except PecsError:

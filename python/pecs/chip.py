@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import Handle, function, json_function, take_json
+from ._library import Handle, function, json_function, path_bytes, take_json
 from .stack import StackReader
 
 _floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
@@ -56,7 +56,7 @@ class Chip(Handle):
     def __init__(self, name: str | PathLike[str] = "imx636", *, overrides: Mapping[str, float] | None = None):
         self.name = fspath(name)
         self.overrides = {key: float(value) for key, value in (overrides or {}).items()}
-        super().__init__(_open(self.name.encode(), json.dumps(self.overrides).encode()))
+        super().__init__(_open(path_bytes(self.name), json.dumps(self.overrides).encode()))
         with self._use() as handle:
             self.info: dict[str, Any] = take_json(_info(handle))
 

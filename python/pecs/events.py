@@ -12,13 +12,13 @@ from __future__ import annotations
 import ctypes
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from os import PathLike, fspath
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import Handle, function, take_json
+from ._library import Handle, function, path_bytes, take_json
 
 EVENT_DTYPE = np.dtype(
     {"names": ["t", "x", "y", "p"], "formats": ["<i8", "<u2", "<u2", "u1"], "offsets": [0, 8, 10, 12], "itemsize": 16}
@@ -104,7 +104,7 @@ class EventReader(Handle):
     _free = staticmethod(_reader_close)
 
     def __init__(self, path: str | PathLike[str], format: str | None = None):
-        super().__init__(_open(fspath(path).encode(), format.encode() if format else None))
+        super().__init__(_open(path_bytes(path), format.encode() if format else None))
 
     @property
     def info(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class EventWriter(Handle):
         self, path: str | PathLike[str], width: int = 0, height: int = 0, format: str | None = None, camera: str = ""
     ):
         options = {"width": width, "height": height, "camera": camera, "format": format}
-        super().__init__(_create(fspath(path).encode(), json.dumps(options).encode()))
+        super().__init__(_create(path_bytes(path), json.dumps(options).encode()))
 
     def write(self, events: NDArray[Any]) -> None:
         """A structured array with the fields t, x, y and p, of integers (p also boolean)."""

@@ -6,13 +6,13 @@ import ctypes
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike, fspath
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import Handle, function, json_function, take_text
+from ._library import Handle, function, json_function, path_bytes, take_text
 
 _open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
 _close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
@@ -117,7 +117,7 @@ class Lens(Handle):
     _free = staticmethod(_close)
 
     def __init__(self, path: str | PathLike[str]):
-        super().__init__(_open(fspath(path).encode()))
+        super().__init__(_open(path_bytes(path)))
 
     def info(
         self,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import json
-from os import PathLike, fspath
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import Handle, function, take_json
+from ._library import Handle, function, path_bytes, take_json
 
 LIGHT = "light"  # the layer of the bands
 
@@ -32,7 +32,7 @@ class StackWriter(Handle):
     _free = staticmethod(_writer_close)
 
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
-        super().__init__(_create(fspath(folder).encode(), json.dumps(stack).encode()))
+        super().__init__(_create(path_bytes(folder), json.dumps(stack).encode()))
         self.shape = (len(stack["bands"]), stack["height"], stack["width"])
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
@@ -66,7 +66,7 @@ class StackReader(Handle):
     _free = staticmethod(_reader_close)
 
     def __init__(self, folder: str | PathLike[str], fps: float | None = None):
-        super().__init__(_open(fspath(folder).encode(), fps or 0.0))
+        super().__init__(_open(path_bytes(folder), fps or 0.0))
         with self._use() as handle:
             self.info: dict[str, Any] = take_json(_info(handle))
         self.layers: list[dict[str, Any]] = self.info["layers"]

@@ -7,8 +7,6 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr std::int64_t kMostTime = std::int64_t{1} << 52;  // us
-
 std::map<std::string, double> numbers_of(const Json& object, const std::string& name) {
   if (!object.is_object()) throw bad_input("options", name, object.dump().substr(0, 40), "{\"key\": number}");
   std::map<std::string, double> out;
@@ -19,20 +17,16 @@ std::map<std::string, double> numbers_of(const Json& object, const std::string& 
   return out;
 }
 
-// "all" is 0.
-int monte_carlo_bands(JsonObject& o) {
-  const std::string text = o.text_or("bands", "all");
-  if (text == "all") return 0;
-  int n = 0;
-  const char *first = text.data() + 3, *end = text.data() + text.size();
-  if (text.starts_with("mc:")) {
-    const auto [stop, ec] = std::from_chars(first, end, n);
-    if (ec == std::errc() && stop == end && n > 0 && n < 1000000) return n;
-  }
-  o.fail("bands", text, "\"all\" or \"mc:N\"");
-}
-
 }  // namespace
+
+std::optional<int> monte_carlo_bands(std::string_view text) {
+  if (text == "all") return 0;
+  if (!text.starts_with("mc:")) return {};
+  int n = 0;
+  const auto [stop, ec] = std::from_chars(text.data() + 3, text.data() + text.size(), n);
+  if (ec != std::errc() || stop != text.data() + text.size() || n < 1 || n > 999'999) return {};
+  return n;
+}
 
 std::vector<std::string> overrides_from(const Json& values) {
   std::vector<std::string> out;
@@ -66,11 +60,15 @@ SenseOptions sense_options(JsonObject o) {
   out.times.fps = o.maybe_number("fps", {1e-9, 1e9});
   if (o.has("times_us")) out.times.file_us = o.text("times_us");
   out.model.white_fa = o.number_or("white_a", 0, {1e-30, 1}) * 1e15;
-  out.monte_carlo_bands = monte_carlo_bands(o);
+  const std::string bands = o.text_or("bands", "all");
+  if (const auto n = monte_carlo_bands(bands))
+    out.monte_carlo_bands = *n;
+  else
+    o.fail("bands", bands, "\"all\" or \"mc:N\"");
   if (o.has("labels")) out.labels = o.text("labels");
   out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));
-  out.window.start_us = o.integer_or("start_us", 0, 0, kMostTime);
-  if (o.has("duration_us")) out.window.duration_us = o.integer("duration_us", 1, kMostTime);
+  out.window.start_us = o.integer_or("start_us", 0, 0, kLongestTime_us);
+  if (o.has("duration_us")) out.window.duration_us = o.integer("duration_us", 1, kLongestTime_us);
   o.done();
   return out;
 }

@@ -106,6 +106,7 @@ bool StackWriter::has_frame(std::int64_t index, std::string_view name) const {
   try {
     return reading(path, [&] {
       Imf::InputFile file(path.c_str(), 0);
+      check_declared_size(file.header(), path);
       const auto channels = check_header(file.header(), path, info_, layer);
       check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], true);
       if (!file.isComplete()) return false;

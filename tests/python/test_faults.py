@@ -220,18 +220,36 @@ def test_out_of_memory_is_one_line(pecs_program, tmp_path):
 
 @pytest.mark.parametrize(
     "option",
-    [["--gain", "nan"], ["--gain", "inf"], ["--fnumber", "nan"], ["--fps", "nan"], ["--seed", "-1"]],
+    [
+        ["--gain", "nan"],
+        ["--gain", "inf"],
+        ["--gain", "-0"],
+        ["--fnumber", "nan"],
+        ["--fps", "nan"],
+        ["--seed", "-1"],
+        ["--seed", "18446744073709551616"],
+    ],
     ids=" ".join,
 )
 def test_odd_numbers_are_refused_by_name(pecs_program, stack, tmp_path, option):
     result = pecs_program("sense", stack, "-o", tmp_path / "o.raw", *option)
-    assert result.returncode == 2 and option[0] in result.stderr and option[1] in result.stderr, result.stderr
+    refused(result, 2, f"{option[0]}: got {option[1]}, wanted ")
+    assert len(result.stderr) < 200
+
+
+def test_a_time_beyond_all_recordings(pecs_program, recording, tmp_path):
+    """It became another number: `--from 1e30s` drew everything."""
+    for option in ("--from", "--to"):
+        result = pecs_program("view", recording, "-o", tmp_path / "o.png", option, "1e30s")
+        refused(result, 2, option, "1e30s")
 
 
 @pytest.mark.parametrize("option", ["--duration-us", "--start-us"])
 def test_an_output_without_end_is_refused(pecs_program, stack, tmp_path, option):
     result = pecs_program("sense", stack, "-o", tmp_path / "o.raw", option, 2**63 - 1)
     assert result.returncode == 2 and option in result.stderr
+    with pytest.raises(pecs.PecsInputError, match=option[2:].replace("-", "_")):
+        pecs.sense(stack, tmp_path / "o.raw", gain=1e-15, **{option[2:].replace("-", "_"): 2 * 86_400_000_000})
 
 
 @pytest.fixture
@@ -277,6 +295,16 @@ def test_bytes_of_files_in_errors_and_answers(pecs_program, tmp_path):
     result = pecs_program("info", path)
     refused(result, 4, r"\xff\x1b[31m.raw", r"EVT\x1b9")
     assert "\x1b" not in result.stderr
+
+
+def test_names_that_are_not_utf8_in_python(stack, tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    stack.rename(folder)
+    assert pecs.StackReader(folder).info["width"] > 0
+    report = pecs.sense(folder, folder / os.fsdecode(b"\xfe.raw"), gain=1e-15)
+    assert report["results"]["events"] == len(pecs.read(os.fsencode(folder / os.fsdecode(b"\xfe.raw"))))
+    with pytest.raises(ValueError, match="NUL"):
+        pecs.read(str(folder / "o.raw") + "\0")
 
 
 def test_a_scene_name_that_is_no_text(pecs_program, stack):

@@ -5,6 +5,12 @@
 
 namespace pecs::sensor {
 
+// The most of start_us and of duration_us: a day.
+constexpr std::int64_t kLongestTime_us = 86'400'000'000;
+
+// N of "mc:N" (Eq. 8-11), 1 to 999999; 0 of "all"; nothing of other texts.
+std::optional<int> monte_carlo_bands(std::string_view text);
+
 // "chip", "set", "no_noise", "seed", "threads", "model", "param", "readout": what the sensor is, whatever it looks at.
 void read_sensor_options(JsonObject& object, SenseOptions& options);
 
