@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Finds what tests alone do not. Each check builds in a folder of its own (build/asan, build/tsan, build/tidy), installs
 # what it needs as scripts/setup.sh does, shows progress, and can be run again: what is current is not built twice.
-#   scripts/check.sh asan           memory and undefined behaviour (GCC's sanitizers): all C++ tests, and the Python tests
-#                                   of the C interface
-#   scripts/check.sh asan --fast    the same for event files, common, metrics and sensor, C++ tests only; CI runs it
+#   scripts/check.sh asan           memory and undefined behaviour (GCC's sanitizers): all C++ tests, mutants of each
+#                                   fuzzer's corpus (tests/fuzz), and the Python tests of the C interface
+#   scripts/check.sh asan --fast    the C++ tests of event files, common, metrics and sensor, and the mutants; CI runs it
 #   scripts/check.sh tsan           data races: lens, compare and sensor tests, with a oneTBB built for it from Debian's
 #                                   source package
 #   scripts/check.sh tidy           clang-tidy over all C++ sources; .clang-tidy says which checks, and why not the others
@@ -32,12 +32,12 @@ run_tests() {
 check_asan() {
   export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1 UBSAN_OPTIONS=print_stacktrace=1
   if [ "$OPTION" = --fast ]; then
-    build asan "${FAST_ROOMS[@]/#/test_}"
-    run_tests asan "${FAST_ROOMS[@]}"
+    build asan "${FAST_ROOMS[@]/#/test_}" fuzzers
+    run_tests asan "${FAST_ROOMS[@]}" fuzz
     return
   fi
-  build asan tests/all capi/all
-  run_tests asan calibration common events lens metrics sensor view
+  build asan tests/all capi/all fuzzers
+  run_tests asan calibration common events fuzz lens metrics sensor view
   say "Python tests of the C interface"
   # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel, which builds another libpecs.
   local tests

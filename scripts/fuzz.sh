@@ -15,27 +15,18 @@ cmake --build "$BUILD" --target fuzzers >"$BUILD/build.log" 2>&1 || { tail -30 "
 mkdir -p "$FUZZ/found" "$FUZZ/corpus"
 PECS_DATA="$ROOT" "$BUILD/bin/fuzz_seeds" "$FUZZ/seeds"
 
-dictionary() {
-  case $1 in
-    evt3 | evt2 | evt21 | dat) echo raw ;;
-    csv | e2vid | v2e | pbrt) echo text ;;
-    chip | lens | stack_json | aligned) echo json ;;
-    npz | zemax | frame) echo "$1" ;;
-  esac
-}
-
 # Libraries that are not ours leak on damaged files; HDF5 keeps lists of what it freed.
 export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=0 UBSAN_OPTIONS=print_stacktrace=1
 failed=()
 TARGETS=("${@:2}")
 [ ${#TARGETS[@]} -gt 0 ] || mapfile -t TARGETS < <(cd "$BUILD/bin" && ls fuzz_* | grep -v fuzz_seeds | sed 's/^fuzz_//')
 for target in "${TARGETS[@]}"; do
-  words=$(dictionary "$target")
+  words="$BUILD/fuzz_words/$target.dict" ; [ -e "$words" ] || words=
   mkdir -p "$FUZZ/corpus/$target"
   log="$FUZZ/$target.log"
   if PECS_DATA="$ROOT" "$BUILD/bin/fuzz_$target" -max_total_time="$SECONDS_EACH" -timeout=20 -rss_limit_mb=2048 -max_len=20000 \
-    -artifact_prefix="$FUZZ/found/$target-" ${words:+-dict="$ROOT/tests/fuzz/dict/$words.dict"} \
-    "$FUZZ/corpus/$target" "$FUZZ/seeds/$target" >"$log" 2>&1; then
+    -artifact_prefix="$FUZZ/found/$target-" ${words:+-dict="$words"} \
+    "$FUZZ/corpus/$target" "$FUZZ/seeds/$target" $(ls -d "$ROOT/tests/fuzz/corpus/$target" 2>/dev/null) >"$log" 2>&1; then
     say "$target: $(grep -oE 'Done [0-9]+ runs' "$log"), $(grep -oE 'cov: [0-9]+' "$log" | tail -1)"
   else
     say "$target: FAILED ($log)"

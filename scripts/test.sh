@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets up and runs all tests: ctest (C++), pytest (Python, renders with Cycles), the linters, and the fast C++ tests once
-# more under the address and undefined-behaviour sanitizers (scripts/check.sh has the other checks).
+# more under the address and undefined-behaviour sanitizers, with mutants of all files that we read (scripts/check.sh has
+# the other checks).
 source "$(dirname "$0")/lib.sh"
 scripts/setup.sh --tests
 say "clang-format, ruff"

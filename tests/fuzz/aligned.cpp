@@ -1,25 +1,21 @@
 // aligned.json and the scene.json beside it, divided by a line "---".
-#include <filesystem>
 #include <fstream>
 
 #include "fuzz.h"
-#include "pecs/calibration/align.h"
+#include "pecs/calibration/lab_scene.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace pecs;
   static const fuzz::MemoryFile aligned;
-  static const std::string folder = [] {
-    std::string name = "/dev/shm/pecs_fuzz_XXXXXX";
-    if (!::mkdtemp(name.data())) fuzz::defect("no folder in /dev/shm");
-    return name;
-  }();
+  static const fuzz::MemoryFolder folder;
   constexpr std::string_view kDivider = "\n---\n";
   const std::string_view text = fuzz::text(data, size);
   const std::size_t at = std::min(text.find(kDivider), text.size());
   aligned.hold(text.substr(0, at));
-  std::ofstream(folder + "/scene.json", std::ios::binary) << text.substr(std::min(at + kDivider.size(), text.size()));
+  std::ofstream(folder.path() + "/scene.json", std::ios::binary)
+      << text.substr(std::min(at + kDivider.size(), text.size()));
   fuzz::try_to([&] {
-    calibration::LabScene scene = calibration::load_lab_scene(folder);
+    calibration::LabScene scene = calibration::load_lab_scene(folder.path());
     scene.name = "scene";
     calibration::apply_aligned(scene, aligned.path());
   });

@@ -1,11 +1,12 @@
 #pragma once
-// What the fuzzers share. Each is a libFuzzer program for one reader: whatever the bytes, the reader comes to an end
-// with a value or with one pecs::Error of one line that is not `internal`.
+// What the fuzzers share. Each is a program of libFuzzer, or of driver.cpp, for one reader: whatever the bytes, the
+// reader comes to an end with a value or with one pecs::Error of one line that is not `internal`.
 #include <unistd.h>
 
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -37,6 +38,24 @@ class MemoryFile {
  private:
   std::string path_ = "/dev/shm/pecs_fuzz_XXXXXX";
   int fd_;
+};
+
+// A folder in memory.
+class MemoryFolder {
+ public:
+  MemoryFolder() {
+    if (!::mkdtemp(path_.data())) defect("no folder in /dev/shm");
+  }
+  ~MemoryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  MemoryFolder(const MemoryFolder&) = delete;
+  MemoryFolder& operator=(const MemoryFolder&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_ = "/dev/shm/pecs_fuzz_XXXXXX";
 };
 
 template <class Read>
