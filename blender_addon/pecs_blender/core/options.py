@@ -14,7 +14,7 @@ from .errors import USAGE, RenderError
 
 PLACEMENTS = ("gauss", "strata", "uniform")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
-LAYERS = ("depth",)  # beside the light
+LAYERS = ("depth", "motion")  # beside the light
 
 
 def _range(text: str) -> slice:

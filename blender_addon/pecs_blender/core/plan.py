@@ -15,6 +15,11 @@ class Timeline:
     times_ns: list[int]
     period_ns: int | None  # set when the frames cover exactly one period
 
+    @property
+    def ends_ns(self) -> list[int]:
+        """Of the intervals that begin at times_ns; the last instant begins one in a scene that repeats."""
+        return self.times_ns[1:] + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
+
 
 def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
     """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as

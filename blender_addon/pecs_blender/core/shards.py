@@ -14,7 +14,7 @@ from .strict_json import JsonObject, read_json, shown
 
 def merge(shards: list[Path], output: Path) -> None:
     """Writes the stack of all the shards' instants, in every layer. Shards differ in times_ns and in the frames they
-    have; a frame file is a hard link where that is possible."""
+    have; a frame file is a hard link where that is possible. An interval of the whole must be one of a shard."""
     import pecs
 
     stacks = [_Shard(shard) for shard in shards]
@@ -23,20 +23,22 @@ def merge(shards: list[Path], output: Path) -> None:
         for key in whole.keys() | stack.json.keys():
             if key != "times_ns" and whole.get(key) != stack.json.get(key):
                 raise bad_input(stack.folder / "stack.json", key, "something else", f"what {shards[0]} says")
-    files = {layer: {} for layer in stacks[0].patterns}
+    found = {layer: {} for layer in stacks[0].patterns}
     for stack in stacks:
-        for layer, found in files.items():
-            found |= stack.files(layer)
-    for layer, found in files.items():
-        missing = [t for t in whole["times_ns"] if t not in found]
+        for layer, files in found.items():
+            files |= stack.files(layer)
+    wanted = {layer: stacks[0].places(layer, whole["times_ns"]) for layer in found}
+    for layer, files in found.items():
+        missing = [place for place in wanted[layer] if place not in files]
         if missing:
-            place = f"{layer}: instant {missing[0]} ns"
+            kind = "instant" if len(missing[0]) == 1 else "interval"
+            place = f"{layer}: {kind} {' to '.join(map(str, missing[0]))} ns"
             raise bad_input(shards[0], place, f"{len(missing)} frames missing", "all frames")
     with pecs.StackWriter(output, whole) as writer:
-        for layer, found in files.items():
-            for index, time_ns in enumerate(whole["times_ns"]):
+        for layer, files in found.items():
+            for index, place in enumerate(wanted[layer]):
                 if not writer.has_layer(layer, index):
-                    _place(found[time_ns], output / (stacks[0].patterns[layer] % index))
+                    _place(files[place], output / (stacks[0].patterns[layer] % index))
 
 
 class _Shard:
@@ -45,20 +47,28 @@ class _Shard:
         self.folder, self.json = folder, read_json(path, 64 << 20)
         top = JsonObject(self.json, path)
         self.times_ns = top.numbers("times_ns")
-        self.patterns = {"light": "frame_%06d.exr"}
+        self._period_ns = top.maybe_number("period_ns")
+        self.patterns, self._per_interval = {"light": "frame_%06d.exr"}, set()
         for i, entry in enumerate(top.any("layers") if top.has("layers") else ()):
             layer = JsonObject(entry, path, f"layers[{i}]")
-            if layer.text("at") != "instant":
-                raise layer.fail("at", layer.text("at"), "a layer per instant: intervals do not merge")
             pattern = layer.text("files")
             if not re.fullmatch(r"[A-Za-z0-9_-]+%06d\.exr", pattern):
                 raise layer.fail("files", shown(pattern), "a name such as depth_%06d.exr")
             self.patterns[layer.text("name")] = pattern
+            if layer.text("at") == "interval":
+                self._per_interval.add(layer.text("name"))
 
-    def files(self, layer: str) -> dict[int, Path]:
-        """By time in ns."""
-        paths = ((t, self.folder / (self.patterns[layer] % i)) for i, t in enumerate(self.times_ns))
-        return {t: path for t, path in paths if path.is_file()}
+    def places(self, layer: str, times_ns: list[int]) -> list[tuple[int, ...]]:
+        """What a layer's files belong to, in their order: an instant [ns], or the two of an interval."""
+        if layer not in self._per_interval:
+            return [(t,) for t in times_ns]
+        ends = times_ns[1:] + ([times_ns[0] + self._period_ns] if self._period_ns else [])
+        return list(zip(times_ns, ends, strict=False))
+
+    def files(self, layer: str) -> dict[tuple[int, ...], Path]:
+        """By what they belong to."""
+        paths = ((p, self.folder / (self.patterns[layer] % i)) for i, p in enumerate(self.places(layer, self.times_ns)))
+        return {place: path for place, path in paths if path.is_file()}
 
 
 def _place(source: Path, target: Path) -> None:

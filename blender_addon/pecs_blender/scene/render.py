@@ -86,16 +86,20 @@ def _job(source, spectral, options, bands, size, scale, scratch) -> tuple[Job, d
 
 
 def _render_frames(job: Job, plan: Timeline, made: list[layers.Layer], output: Output, options: Options) -> None:
-    """An instant is done when all its layers are there; the light comes last."""
+    """An instant is done when all its layers are there, and those of the interval that begins there; these come last:
+    they move the scene on."""
+    made = sorted(made, key=lambda layer: layer.at == "interval")
     wanted = range(len(plan.times_ns))[options.only or slice(None)]
-    missing = [(i, todo) for i in wanted if (todo := [m for m in made if not output.has_layer(m.name, i)])]
+    due = ((i, [m for m in made if m.at == "instant" or i < len(plan.ends_ns)]) for i in wanted)
+    missing = [(i, todo) for i, of in due if (todo := [m for m in of if not output.has_layer(m.name, i)])]
     progress = Progress("render", len(wanted), len(wanted) - len(missing))
     first_mb = None
     for done, (index, todo) in enumerate(missing, len(wanted) - len(missing) + 1):
         t_s = plan.times_ns[index] * 1e-9
         job.set_time(t_s)
         for layer in todo:
-            output.write_layer(layer.name, index, layer.render(t_s))
+            times = (t_s,) if layer.at == "instant" else (t_s, plan.ends_ns[index] * 1e-9)
+            output.write_layer(layer.name, index, layer.render(*times))
         progress.at(done)
         stop.check()
         first_mb = first_mb or resident_mb()

@@ -51,10 +51,12 @@ class Poses:
 
 @dataclass(frozen=True)
 class Seen:
-    """poses: of the same instant. instance: [h, w] index into them, SKY or UNKNOWN. points: [3, h, w] in camera axes.
-    polygon: [h, w] from 0, -1 where it is not known."""
+    """poses: of the same instant. depth: [h, w] along the optical axis [m], infinite where there is no surface.
+    instance: [h, w] index into poses, SKY or UNKNOWN. points: [3, h, w] in camera axes. polygon: [h, w] from 0, -1
+    where it is not known."""
 
     poses: Poses
+    depth: np.ndarray
     instance: np.ndarray
     points: np.ndarray
     polygon: np.ndarray
@@ -72,6 +74,10 @@ class Surfaces:
         self._geometries = Geometries()
         self.size = size
 
+    def centres(self) -> np.ndarray:
+        """[2, h, w]: film x, y of the pixels' centres."""
+        return self._sight.centres()
+
     def seen(self) -> Seen:
         """At the instant at which the job's scene stands."""
         self._follow()
@@ -79,8 +85,10 @@ class Surfaces:
         passes = self._film.passes("Position", "Depth", INSTANCE, POLYGON, look=lambda d: found.append(self._poses(d)))
         poses = found[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
-        instance = np.where(passes["Depth"][0] < cycles.NO_SURFACE, poses.find(passes[INSTANCE][0]), SKY)
-        return Seen(poses, instance.astype(np.int32), points, passes[POLYGON][0].astype(np.int32) - 1)
+        surface = passes["Depth"][0] < cycles.NO_SURFACE
+        depth = np.where(surface, points[2] * self._job.source.unit_m, np.inf)
+        instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
+        return Seen(poses, depth, instance.astype(np.int32), points, passes[POLYGON][0].astype(np.int32) - 1)
 
     def poses(self) -> Poses:
         """At the instant at which the job's scene stands."""
@@ -94,7 +102,7 @@ class Surfaces:
         the poses' instant; NaN where it is not known. Bit by bit the pixel's centre where nothing moves."""
         before, view, instance = seen.poses, poses.view, seen.instance.ravel()
         out = np.full((3, instance.size), np.nan)
-        centres, points = self._sight.centres().reshape(2, -1), seen.points.reshape(3, -1)
+        centres, points = self.centres().reshape(2, -1), seen.points.reshape(3, -1)
         known = np.flatnonzero(instance >= 0)
         moves = _Moves(before, poses)
         still = known[moves.still[instance[known]]]

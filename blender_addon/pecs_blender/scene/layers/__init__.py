@@ -10,6 +10,7 @@ import numpy as np
 
 from .depth import Depth
 from .light import Light
+from .motion import Motion
 
 
 class Layer(Protocol):
@@ -18,11 +19,12 @@ class Layer(Protocol):
     unit: str
     at: str  # "instant" or "interval"
 
-    def render(self, t_s: float) -> np.ndarray:
-        """[channels, height, width] of the instant t_s, at which the scene stands."""
+    def render(self, *t_s: float) -> np.ndarray:
+        """[channels, height, width] of the instant t_s, at which the scene stands; or of the interval between two,
+        from one to the other of which this moves the scene."""
 
 
-KINDS = {kind.name: kind for kind in (Depth,)}  # beside the light; each is made of a job and a scratch folder
+KINDS = {kind.name: kind for kind in (Depth, Motion)}  # beside the light; each is made of a job and a scratch folder
 
 
 def entry(layer: Layer) -> dict:

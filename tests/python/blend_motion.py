@@ -1,0 +1,172 @@
+"""Scenes whose motion is known, as .blend files (with bpy): `python blend_motion.py FOLDER [NAME...]`. Frames are
+seconds; frame 1 is t = 0. The camera is a pinhole at the origin that looks along +y."""
+
+import math
+import sys
+from pathlib import Path
+
+import bpy
+
+SIZE = 64, 36
+
+
+def start(unit_m=1.0):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    scene.render.fps, scene.frame_end = 1, 10
+    scene.unit_settings.scale_length = unit_m
+    camera = put(bpy.data.cameras.new("camera"), (0, 0, 0), (90, 0, 0))
+    camera.data.lens, camera.data.sensor_width = 36.0, 36.0  # focal length: the picture's width
+    scene.camera = camera
+    light = put(bpy.data.lights.new("lamp", "POINT"), (1, -1, 2))
+    light.data.energy = 300
+    return scene
+
+
+def put(data, location=(0, 0, 0), rotation_deg=(0, 0, 0), name=None):
+    thing = bpy.data.objects.new(name or data.name, data)
+    thing.location, thing.rotation_euler = location, [math.radians(a) for a in rotation_deg]
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def grid(name, size, n=1, distance=0.0):
+    """A square in the x-z plane, seen from -y, of n x n polygons."""
+    steps = [(i / n - 0.5) * size for i in range(n + 1)]
+    mesh = bpy.data.meshes.new(name)
+    corners = [(x, distance, z) for z in steps for x in steps]
+    row = n + 1
+    mesh.from_pydata(
+        corners,
+        [],
+        [(j * row + i, j * row + i + 1, (j + 1) * row + i + 1, (j + 1) * row + i) for j in range(n) for i in range(n)],
+    )
+    return mesh
+
+
+def move(thing, path, values, frames=(1, 2)):
+    """Keyframes with straight lines between and beyond."""
+    for frame, value in zip(frames, values, strict=True):
+        setattr(thing, path, value)
+        thing.keyframe_insert(path, frame=frame)
+    animation = getattr(thing, "animation_data", None) or thing.id_data.animation_data
+    action = animation.action
+    for layer in action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                for curve in bag.fcurves:
+                    curve.extrapolation = "LINEAR"
+                    for point in curve.keyframe_points:
+                        point.interpolation = "LINEAR"
+    bpy.context.scene.frame_set(1)
+
+
+def rigid(unit_m=1.0):
+    """A small square at 4 m shifts and comes nearer, another at 5 m turns about its centre; a still wall at 8 m that
+    does not fill the picture."""
+    start(unit_m)
+    m = 1 / unit_m
+    put(grid("wall", 7 * m), (0, 8 * m, 0))
+    shifts = put(grid("shifts", 1 * m), (-1 * m, 4 * m, 0))
+    move(shifts, "location", [(-1 * m, 4 * m, 0), (-0.7 * m, 3.8 * m, 0.1 * m)])
+    turns = put(grid("turns", 1.5 * m), (1.2 * m, 5 * m, 0))
+    move(turns, "rotation_euler", [(0, 0, 0), (0, 0.3, 0)])
+
+
+def centimetres():
+    rigid(0.01)
+
+
+def travel():
+    """The camera shifts and turns before a near square, a wall and the sky."""
+    scene = start()
+    put(grid("wall", 4), (0, 8, 0))
+    put(grid("near", 0.8), (0.2, 3, 0.1))
+    move(scene.camera, "location", [(0, 0, 0), (0.2, 0.1, 0.05)])
+    move(scene.camera, "rotation_euler", [(math.pi / 2, 0, 0), (math.pi / 2 + 0.02, 0.01, 0.05)])
+
+
+def instances():
+    """Collection instances that move, and geometry-nodes instances on a mesh that moves, one mesh linked twice."""
+    start()
+    square = grid("square", 0.6)
+    collection = bpy.data.collections.new("many")
+    collection.objects.link(bpy.data.objects.new("inside", square))
+    for i in range(3):
+        empty = put(None, (-1.2 + 1.2 * i, 4, 0.7), name=f"empty {i}")
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+        move(empty, "location", [(-1.2 + 1.2 * i, 4, 0.7), (-1.2 + 1.2 * i + 0.1 * (i + 1), 4, 0.7)])
+    for i in range(2):
+        twin = put(square, (-0.5 + i, 4, 0), name=f"twin {i}")
+        move(twin, "location", [(-0.5 + i, 4, 0), (-0.5 + i, 4 + 0.2 * i, -0.05 * i)])
+    points = bpy.data.meshes.new("points")
+    points.from_pydata([(-1.2, 0, 0), (0, 0, 0), (1.2, 0, 0)], [], [])
+    holder = put(points, (0, 4, -0.7), name="holder")
+    group = bpy.data.node_groups.new("instances", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    enter, leave = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    on_points, what = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
+    hidden = put(square, (0, -5, 0), name="hidden")
+    hidden.hide_render = True
+    what.inputs["Object"].default_value = hidden
+    group.links.new(enter.outputs[0], on_points.inputs["Points"])
+    group.links.new(what.outputs["Geometry"], on_points.inputs["Instance"])
+    group.links.new(on_points.outputs["Instances"], leave.inputs[0])
+    holder.modifiers.new("instances", "NODES").node_group = group
+    move(holder, "location", [(0, 4, -0.7), (0.15, 4, -0.75)])
+
+
+def vanishing():
+    """The nearer of two squares is hidden from frame 2 on."""
+    start()
+    put(grid("wall", 4), (0, 8, 0))
+    square = put(grid("square", 1), (0, 4, 0))
+    for frame in (1, 2):
+        square.hide_render = frame == 2
+        square.keyframe_insert("hide_render", frame=frame)
+
+
+def deforming():
+    """From left to right: an armature turns a mesh; a shape key shears one, on an object that moves, below a
+    subdivision; a modifier gives one more polygons from frame to frame."""
+    scene = start()
+    put(grid("wall", 12), (0, 8, 0))
+    turned = put(grid("turned", 0.9, 4), (-1.2, 4, 0))
+    armature = bpy.data.armatures.new("armature")
+    bones = put(armature, (-1.2, 4, 0))
+    bpy.context.view_layer.objects.active = bones
+    bpy.ops.object.mode_set(mode="EDIT")
+    armature.edit_bones.new("bone").tail = (0, 0.5, 0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    turned.vertex_groups.new(name="bone").add(range(len(turned.data.vertices)), 1, "REPLACE")
+    turned.modifiers.new("armature", "ARMATURE").object = bones
+    bone = bones.pose.bones["bone"]
+    bone.rotation_mode = "XYZ"
+    move(bone, "rotation_euler", [(0, 0, 0), (0, 0.3, 0)])  # about the bone, which points along y
+
+    sheared = put(grid("sheared", 0.9, 3), (0, 4, 0))
+    sheared.shape_key_add(name="rest")
+    key = sheared.shape_key_add(name="shear")
+    for point in key.data:
+        point.co.x, point.co.z = point.co.x + 0.3 * point.co.z, point.co.z * 1.2
+    subdivision = sheared.modifiers.new("subdivision", "SUBSURF")
+    subdivision.subdivision_type, subdivision.render_levels, subdivision.levels = "SIMPLE", 2, 0
+    move(key, "value", [0.0, 1.0])
+    move(sheared, "location", [(0, 4, 0), (0.1, 4, 0)])
+
+    grows = put(grid("grows", 0.5), (1.1, 4, 0)).modifiers.new("array", "ARRAY")
+    for frame, count in ((1, 1), (2, 2), (3, 3)):
+        grows.count = count
+        grows.keyframe_insert("count", frame=frame)
+    scene.frame_set(1)
+
+
+SCENES = {f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, deforming)}
+
+if __name__ == "__main__":
+    folder, *names = sys.argv[1:]
+    for name in names or SCENES:
+        SCENES[name]()
+        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder) / f"{name}.blend"))

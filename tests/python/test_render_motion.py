@@ -1,0 +1,306 @@
+"""The motion layer against geometry (scenes of blend_motion.py), through a pinhole and a lens; resumed, in shards,
+merged.
+
+World: x right, y ahead, z up; the camera at the origin looks along y."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pecs = pytest.importorskip("pecs")
+
+SIZE = WIDTH, HEIGHT = 64, 36
+TOLERANCE_PX = 1e-3
+COMMON = ("--bands", 1, "--samples", 1, "--fps", 1)
+LENS_NAME, LENS = "cmount_8mm_f2p8", {"focus_m": 4, "fnumber": 4}
+
+
+@pytest.fixture(scope="module")
+def blends(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("motion")
+    subprocess.run([sys.executable, root / "tests/python/blend_motion.py", folder], check=True)
+    return folder
+
+
+def run(*args, check=True):
+    command = [sys.executable, "-m", "pecs_blender", *map(str, args)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert not check or result.returncode == 0, result.stderr
+    return result
+
+
+def render(blends, name, *args, frames=2):
+    """The folder of a stack with motion, rendered once."""
+    folder = blends / "-".join(map(str, (name, frames, *args)))
+    if not folder.is_dir():
+        run("render", blends / f"{name}.blend", "-o", folder, *COMMON, "--frames", frames, "--layers", "motion", *args)
+    return folder
+
+
+def motion(folder, interval=0):
+    """There and back: x_mid y_mid x_end y_end z z_end each."""
+    with pecs.StackReader(folder) as stack:
+        return stack.read_layer("motion", interval).astype(float).reshape(2, 6, HEIGHT, WIDTH)
+
+
+def turn(axis, angle):
+    """[4, 4] about a world axis."""
+    m, (a, b) = np.eye(4), ((axis + 1) % 3, (axis + 2) % 3)
+    m[a, a] = m[b, b] = np.cos(angle)
+    m[a, b], m[b, a] = -np.sin(angle), np.sin(angle)
+    return m
+
+
+def shift(*xyz):
+    m = np.eye(4)
+    m[:3, 3] = xyz
+    return m
+
+
+def pixel_centres():
+    return np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5))
+
+
+class Pinhole:
+    """Focal length: the picture's width. Points [3, ...]: x right, y down, z ahead."""
+
+    def film(self, points):
+        return points[:2] / points[2] * WIDTH + np.array([WIDTH / 2, HEIGHT / 2])[:, None, None]
+
+    def rays(self):
+        """x, y per z."""
+        return (pixel_centres() - np.array([WIDTH / 2, HEIGHT / 2])[:, None, None]) / WIDTH
+
+
+class LensCamera:
+    def __init__(self, folder):
+        stack = json.loads((folder / "stack.json").read_text())
+        lambda_nm = stack["bands"][0]["lambda_nm"]
+        self._lens = pecs.Lens(LENS_NAME)
+        size = {"width": WIDTH, "height": HEIGHT, "pixel_pitch_mm": 1e3 * stack["pixel_pitch_m"]}
+        self._setting = {**size, "lambda_nm": lambda_nm, "focus_bands_nm": [lambda_nm], "film_shift_mm": (0.3, -0.2)}
+
+    def film(self, points):
+        return np.moveaxis(self._lens.pixels(np.moveaxis(points, 0, -1), **self._setting, **LENS), -1, 0)
+
+    def rays(self):
+        x, y, z = np.moveaxis(
+            self._lens.directions(np.moveaxis(pixel_centres(), 0, -1), **self._setting, **LENS), -1, 0
+        )
+        return np.stack([x, y]) / z
+
+
+def still(t):
+    return np.eye(4)
+
+
+# In blend_motion.py's scenes: what lies at which distances [m], and where it is: world_from_local(t)
+RIGID = {
+    (3.4, 4.1): lambda t: shift(-1 + 0.3 * t, 4 - 0.2 * t, 0.1 * t),
+    (4.9, 5.1): lambda t: shift(1.2, 5, 0) @ turn(1, 0.3 * t),
+    (7.9, 8.1): still,
+}
+FLIP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  # to x right, y down, z ahead
+
+
+def check_way(way, camera, things, times, camera_from_world=lambda t: FLIP, least=0.3):
+    """One half of the layer of an interval against the poses of things by their distance; returns its displacement."""
+    begin, middle, end = times
+    rays, z = camera.rays(), way[4]
+    points = np.stack([*(rays * z), z, np.ones_like(z)])
+    found = np.zeros(z.shape, bool)
+    for (low, high), pose in things.items():
+        there = (z > low) & (z < high)
+        assert there.any(), (low, high)
+        found |= there
+        for t, channels in ((middle, slice(0, 2)), (end, slice(2, 4))):
+            back = np.linalg.inv(camera_from_world(begin) @ pose(begin))
+            now = np.einsum("ij,jyx->iyx", camera_from_world(t) @ pose(t) @ back, np.where(there, points, 1))
+            wanted = np.where(there, camera.film(now[:3]) - pixel_centres(), np.nan)
+            known = there & np.isfinite(wanted).all(0)
+            assert known.sum() > least * there.sum()
+            error = np.abs(way[channels] - wanted)[:, known].max()
+            print(f"{low} m: {np.abs(wanted[:, known]).max():.3f} px, off by {error:.1e} px")
+            assert error < TOLERANCE_PX
+            if t == end:
+                assert np.allclose(way[5][known], now[2][known], rtol=1e-5)
+    assert (np.isfinite(z) == found).all()
+    return way[:4]
+
+
+@pytest.mark.parametrize("name", ["rigid", "centimetres"])
+@pytest.mark.parametrize("interval", [0, 1])
+def test_rigid_things(blends, name, interval):
+    there, back = motion(render(blends, name, frames=3), interval)
+    t = interval + np.array([0, 0.5, 1])
+    for way, times in ((there, t), (back, t[::-1])):
+        moves = check_way(way, Pinhole(), RIGID, times)
+        rest = (way[4] > 7) | np.isinf(way[4])  # the wall and the sky
+        assert (moves[:, rest] == 0).all() and np.isinf(way[5][np.isinf(way[4])]).all()
+        assert np.abs(moves).max() > 3
+
+
+def test_through_a_lens(blends):
+    args = ("--lens", LENS_NAME, "--focus-m", 4, "--fnumber", 4, "--film-shift-mm", 0.3, -0.2)
+    folder = render(blends, "rigid", *args, "--samples", 16)
+    for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        check_way(way, LensCamera(folder), RIGID, times, least=0.99)
+    folder = render(blends, "travel", *args, "--samples", 16)
+    for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        check_travel(way, LensCamera(folder), times)
+
+
+def travelling(t):
+    angle = np.pi / 2 + 0.02 * t, 0.01 * t, 0.05 * t
+    world = shift(0.2 * t, 0.1 * t, 0.05 * t) @ turn(2, angle[2]) @ turn(1, angle[1]) @ turn(0, angle[0])
+    return np.diag([1, -1, -1, 1]) @ np.linalg.inv(world)
+
+
+def check_travel(way, camera, times):
+    """A near square and a wall, both perpendicular to y; the sky behind turns alone."""
+    begin = times[0]
+    surface = np.isfinite(way[4])
+    z = np.where(surface, way[4], 1)
+    points = np.stack([*(camera.rays() * z), z, np.ones_like(z)])
+    ahead = np.einsum("j,jyx->yx", np.linalg.inv(travelling(begin))[1], points)[surface]
+    distance = np.abs(ahead[:, None] - [3, 8]).min(1)
+    assert distance.max() < 1e-4 and 0.2 < surface.mean() < 0.9
+    check_way(way, camera, {(2, 9): still}, times, travelling, least=0.9)
+    sky = np.isinf(way[4])
+    along = np.vstack([camera.rays(), np.ones_like(way[4:5])])
+    for t, channels in ((times[1], slice(0, 2)), (times[2], slice(2, 4))):
+        turned = np.einsum("ij,jyx->iyx", (travelling(t) @ np.linalg.inv(travelling(begin)))[:3, :3], along)
+        wanted = camera.film(turned) - pixel_centres()
+        known = sky & np.isfinite(wanted).all(0)
+        assert known.sum() > 0.8 * sky.sum() and np.abs(wanted[:, known]).max() > 1
+        assert np.abs(way[channels] - wanted)[:, known].max() < TOLERANCE_PX
+    assert np.isfinite(way[:4]).all()  # what leaves the picture, too
+
+
+def test_a_camera_that_travels(blends):
+    for way, times in zip(motion(render(blends, "travel")), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        check_travel(way, Pinhole(), times)
+
+
+def test_every_instance_goes_its_own_way(blends):
+    """Of a collection, of one mesh, and made by geometry nodes."""
+    there, back = motion(render(blends, "instances"))
+    by_square = {}  # where its centre is at t = 0 -> where at t = 1 (x, y ahead, z)
+    for i in range(3):
+        by_square[-1.2 + 1.2 * i, 0.7] = (-1.2 + 1.2 * i + 0.1 * (i + 1), 4, 0.7)
+        by_square[-1.2 + 1.2 * i, -0.7] = (-1.2 + 1.2 * i + 0.15, 4, -0.75)
+    for i in range(2):
+        by_square[-0.5 + i, 0] = (-0.5 + i, 4 + 0.2 * i, -0.05 * i)
+    centres, seen = pixel_centres(), 0
+    for (x, z), after in by_square.items():
+        on_film = WIDTH / 2 + 16 * x, HEIGHT / 2 - 16 * z  # 16 px per metre at 4 m
+        column, row = int(on_film[0]), int(on_film[1])
+        at = centres[:, row, column]
+        local = (at[0] - on_film[0]) / 16, (on_film[1] - at[1]) / 16
+        wanted = WIDTH / 2 + 64 * (after[0] + local[0]) / after[1], HEIGHT / 2 - 64 * (after[2] + local[1]) / after[1]
+        assert there[2:4, row, column] == pytest.approx(wanted - at, abs=TOLERANCE_PX), (x, z)
+        seen += 1
+    assert seen == 8 and len({tuple(v) for v in there[2:4, np.isfinite(there[4])].T.round(2)}) >= 8
+    assert not np.isnan(there).any() and not np.isnan(back).any()
+
+
+def test_what_vanishes_is_not_known(blends):
+    there, back = motion(render(blends, "vanishing"))
+    square = there[4] < 5
+    assert square.sum() == 256 and np.isfinite(there[4][square]).all()
+    assert np.isnan(there[:4, square]).all() and np.isnan(there[5][square]).all()
+    assert (there[:4, ~square] == 0).all() and (back[:4] == 0).all() and not (back[4] < 5).any()
+
+
+def test_meshes_that_deform(blends):
+    """By an armature and by a shape key, whose shear is affine; one that grows is not known."""
+    folder = render(blends, "deforming", frames=3)
+
+    def shear(t):
+        m = np.eye(4)
+        m[0, 2], m[2, 2] = 0.3 * t, 1 + 0.2 * t
+        return m
+
+    poses = {
+        (-1.65, -0.75): lambda t: shift(-1.2, 4, 0) @ turn(1, 0.3 * t),
+        (-0.45, 0.45): lambda t: shift(0.1 * t, 4, 0) @ shear(min(t, 1)),  # a key's value ends at 1
+    }
+    x = pixel_centres()[0]
+    for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        for (low, high), pose in poses.items():
+            if times[0] == 0:  # where it is known which is which
+                only = way.copy()
+                only[4][(x < WIDTH / 2 + 16 * low) | (x > WIDTH / 2 + 16 * high) | (way[4] > 5)] = np.inf
+                moves = check_way(only, Pinhole(), {(3.9, 4.1): pose}, times)
+                assert np.abs(moves[:, np.isfinite(only[4])]).max() > 1
+        grows = (way[4] < 5) & (x > WIDTH / 2 + 16 * 0.8)
+        assert grows.any() and np.isnan(way[0][grows]).all()
+        assert (way[:4, way[4] > 5] == 0).all()
+        moving = (way[4] < 5) & ~grows
+        assert moving.sum() > 300 and np.isfinite(way[:, moving]).all()
+
+
+def files(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def test_light_is_the_same_beside_motion(blends, tmp_path):
+    for name in ("deforming", "instances"):
+        beside = render(blends, name, frames=3)
+        run("render", blends / f"{name}.blend", "-o", tmp_path / name, *COMMON, "--frames", 3)
+        alone = {n: b for n, b in files(tmp_path / name).items() if n.startswith("frame")}
+        assert len(alone) == 3 and alone.items() <= files(beside).items()
+
+
+def test_shards_of_a_plan_have_all_intervals(blends, tmp_path):
+    whole = render(blends, "travel", frames=4)
+    args = ("render", blends / "travel.blend", *COMMON, "--layers", "motion")
+    for name, only in (("a", "0:2"), ("b", "2:4")):
+        run(*args, "-o", tmp_path / name, "--frames", 4, "--only", only)
+    names = [sorted(p.name for p in (tmp_path / n).glob("motion*")) for n in "ab"]
+    assert names == [["motion_000000.exr", "motion_000001.exr"], ["motion_000002.exr"]]
+    run("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
+    assert files(tmp_path / "merged") == files(whole)
+
+    for name, frames in (("c", "0:2"), ("d", "2:4"), ("e", "1:3")):  # of instants: one interval lies between
+        run(*args, "-o", tmp_path / name, "--frames", frames)
+    result = run("merge", tmp_path / "c", tmp_path / "d", "-o", tmp_path / "x", check=False)
+    assert result.returncode == 4 and "motion: interval 1000000000 to 2000000000 ns" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    run("merge", *(tmp_path / n for n in "cde"), "-o", tmp_path / "y")  # e has it
+    assert files(tmp_path / "y") == files(whole)
+
+
+def test_a_stopped_job_goes_on(blends, tmp_path):
+    """After a restart at every step, and where files are missing."""
+    whole = files(render(blends, "rigid", frames=3))
+    args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *COMMON, "--frames", 3, "--layers", "motion")
+    result = run(*args, "--restart-growth-mb", -1)
+    assert result.stderr.count("are there already") >= 2 and files(tmp_path / "s") == whole
+    (tmp_path / "s/motion_000001.exr").unlink()
+    (tmp_path / "s/motion_000000.exr").write_bytes(whole["motion_000000.exr"][:-9])
+    before = (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns
+    result = run(*args)
+    assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == whole
+    assert (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns == before
+
+
+def test_a_scene_that_repeats_has_an_interval_more(root, tmp_path):
+    args = ("--frames", "period", "--fps", 100, "--bands", 1, "--samples", 1, "--lens", "none", "--width", WIDTH)
+    run("render", root / "scenes/room", "-o", tmp_path / "s", *args, "--layers", "motion,depth")
+    stack = json.loads((tmp_path / "s/stack.json").read_text())
+    assert [entry["name"] for entry in stack["layers"]] == ["motion", "depth"]
+    assert stack["layers"][0]["at"] == "interval" and len(stack["layers"][0]["channels"]) == 12
+    n = len(stack["times_ns"])
+    assert n > 2 and len(list((tmp_path / "s").glob("motion_*.exr"))) == n == len(
+        list((tmp_path / "s").glob("depth_*"))
+    )
+    there, back = motion(tmp_path / "s", n - 1)
+    with pecs.StackReader(tmp_path / "s") as reader:
+        first, last = reader.read_layer("depth", 0)[1], reader.read_layer("depth", n - 1)[1]
+    assert there[4] == pytest.approx(last, rel=1e-5)
+    assert np.mean(np.abs(back[4] / first - 1) < 1e-4) > 0.99  # it ends where the first instant begins
+    assert 0.02 < (there[2] != 0).mean() < 0.5  # the rest of the room is still
