@@ -56,6 +56,22 @@ int pecs_stack_writer_write_frame(pecs_stack_writer* stack, const char* layer, i
   });
 }
 
+int pecs_stack_writer_has_between(const pecs_stack_writer* stack, int64_t interval, int64_t number, int64_t time_ns,
+                                  pecs_error* error) {
+  return guard(error, [&] { return given(stack, "stack").writer.has_between(interval, number, time_ns) ? 1 : 0; });
+}
+
+int pecs_stack_writer_write_between(pecs_stack_writer* stack, int64_t interval, int64_t number, int64_t time_ns,
+                                    const float* values, int64_t count, pecs_error* error) {
+  return guard(error, [&] {
+    if (count) given(values, "values");
+    given(stack, "stack")
+        .writer.write_between(interval, number, time_ns,
+                              {values, static_cast<std::size_t>(std::max<int64_t>(count, 0))});
+    return 0;
+  });
+}
+
 void pecs_stack_writer_close(pecs_stack_writer* stack) { delete stack; }
 
 pecs_stack_reader* pecs_stack_reader_open(const char* folder, double fps, pecs_error* error) {
@@ -75,6 +91,7 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
     pecs::Json out = {{"quantity", name_of(info.quantity)},
                       {"width", info.width},
                       {"height", info.height},
+                      {"subpixels", info.subpixels},
                       {"bands", bands},
                       {"layers", layers},
                       {"times_ns", info.times_ns},

@@ -92,7 +92,7 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
 PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
 
 /* Stacks (docs/exr_stack.md). `layer` is a layer's name; NULL is the light, whose channels are the bands. Values are
- * [channels][height][width], row 0 at the top, in the layer's unit. */
+ * [channels][rows][columns] of the stack's files, row 0 at the top, in the layer's unit. */
 typedef struct pecs_stack_writer pecs_stack_writer;
 /* Opens a new stack in `folder`, or continues one whose stack.json says the same (else bad_output names the key that
  * differs). */
@@ -103,13 +103,18 @@ PECS_API int pecs_stack_writer_has_frame(const pecs_stack_writer* stack, const c
 /* count: of values. The file appears whole or not at all. */
 PECS_API int pecs_stack_writer_write_frame(pecs_stack_writer* stack, const char* layer, int64_t index,
                                            const float* values, int64_t count, pecs_error* error);
+/* Light at an instant within an interval, NaN where it was not rendered; `number` rises with the time. */
+PECS_API int pecs_stack_writer_has_between(const pecs_stack_writer* stack, int64_t interval, int64_t number,
+                                           int64_t time_ns, pecs_error* error);
+PECS_API int pecs_stack_writer_write_between(pecs_stack_writer* stack, int64_t interval, int64_t number,
+                                             int64_t time_ns, const float* values, int64_t count, pecs_error* error);
 PECS_API void pecs_stack_writer_close(pecs_stack_writer* stack);
 
 typedef struct pecs_stack_reader pecs_stack_reader;
 /* fps: the times of a folder without stack.json; 0 if it has one. */
 PECS_API pecs_stack_reader* pecs_stack_reader_open(const char* folder, double fps, pecs_error* error);
-/* {"quantity", "width", "height", "bands", "layers": [{"name", "channels", "unit", "at"}, ...] (the light first),
- * "times_ns", "frames" (on disk now), "pixel_pitch_m", "period_ns"}. */
+/* {"quantity", "width", "height", "subpixels", "bands", "layers": [{"name", "channels", "unit", "at"}, ...] (the light
+ * first), "times_ns", "frames" (on disk now), "pixel_pitch_m", "period_ns"}. */
 PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error);
 /* values: of `capacity` floats, filled. */
 PECS_API int pecs_stack_reader_read_frame(const pecs_stack_reader* stack, const char* layer, int64_t index,
@@ -190,12 +195,12 @@ PECS_API char* pecs_sense(const char* input, const char* output, const char* opt
 
 /* Light between two keyframes, carried along the motion of what is seen (docs/sensor.md). first, second, out:
  * [bands][height][width], any positive light; motion: [channels][height][width], the 12 channels of the layer `motion`
- * (docs/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not known; fraction:
- * 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does
- * not show it. capacity: of out, in floats. */
+ * (docs/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not known;
+ * fraction: 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where
+ * it does not show it. capacity: of out, in floats. */
 PECS_API int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                        int width, int height, double fraction, const char* side, float* out,
-                        int64_t capacity, pecs_error* error);
+                        int width, int height, double fraction, const char* side, float* out, int64_t capacity,
+                        pecs_error* error);
 
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and

@@ -116,7 +116,7 @@ class Chip(Handle):
                 return self.photocurrent(reader, frames, fnumber=fnumber, gain=gain, photocurrent_a=photocurrent_a)
         options = json.dumps({"fnumber": fnumber, "gain": gain, "photocurrent_a": photocurrent_a}).encode()
         wanted = range(stack.info["frames"]) if frames is None else np.atleast_1d(np.asarray(frames, np.int64))
-        out = np.empty((len(wanted), *stack.shape[1:]), np.float32)
+        out = np.empty((len(wanted), stack.info["height"], stack.info["width"]), np.float32)
         for plane, frame in zip(out, wanted, strict=True):
             with self._use() as handle, stack._use() as reader_handle:
                 _photocurrent(handle, reader_handle, options, int(frame), plane, plane.size)

@@ -19,11 +19,20 @@ _frame = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64)  # stack, layer, ind
 _create = function("pecs_stack_writer_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
 _has_frame = function("pecs_stack_writer_has_frame", ctypes.c_int, *_frame)
 _write_frame = function("pecs_stack_writer_write_frame", ctypes.c_int, *_frame, _floats, ctypes.c_int64)
+_between = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # stack, interval, number, time_ns
+_has_between = function("pecs_stack_writer_has_between", ctypes.c_int, *_between)
+_write_between = function("pecs_stack_writer_write_between", ctypes.c_int, *_between, _floats, ctypes.c_int64)
 _writer_close = function("pecs_stack_writer_close", None, ctypes.c_void_p, error=False)
 _open = function("pecs_stack_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
 _info = function("pecs_stack_reader_info", ctypes.c_void_p, ctypes.c_void_p)
 _read_frame = function("pecs_stack_reader_read_frame", ctypes.c_int, *_frame, _floats, ctypes.c_int64)
 _reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error=False)
+
+
+def _shape(info: dict[str, Any]) -> tuple[int, int, int]:
+    """Of the light in a file."""
+    side = info.get("subpixels") or 1
+    return len(info["bands"]), info["height"] * side, info["width"] * side
 
 
 class StackWriter(Handle):
@@ -33,7 +42,7 @@ class StackWriter(Handle):
 
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
         super().__init__(_create(path_bytes(folder), json.dumps(stack).encode()))
-        self.shape = (len(stack["bands"]), stack["height"], stack["width"])
+        self.shape = _shape(stack)
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
     def has_frame(self, index: int) -> bool:
@@ -58,6 +67,20 @@ class StackWriter(Handle):
         with self._use() as handle:
             _write_frame(handle, name.encode(), index, values, values.size)
 
+    def has_between(self, interval: int, number: int, time_ns: int) -> bool:
+        """Whether a picture between two frames is whole on disk."""
+        with self._use() as handle:
+            return bool(_has_between(handle, interval, number, time_ns))
+
+    def write_between(self, interval: int, number: int, time_ns: int, values: NDArray[np.float32]) -> None:
+        """The light at an instant within an interval, [bands, height, width], NaN where it was not rendered; `number`
+        rises with the time."""
+        values = np.ascontiguousarray(values, np.float32)
+        if values.shape != self.shape:
+            raise ValueError(f"between: got shape {values.shape}, wanted {self.shape} (bands, height, width)")
+        with self._use() as handle:
+            _write_between(handle, interval, number, time_ns, values, values.size)
+
 
 class StackReader(Handle):
     """Reads a stack. `info` says size, bands, times and how many frames are on disk; `layers` names, channels, unit
@@ -70,7 +93,7 @@ class StackReader(Handle):
         with self._use() as handle:
             self.info: dict[str, Any] = take_json(_info(handle))
         self.layers: list[dict[str, Any]] = self.info["layers"]
-        self.shape = (len(self.info["bands"]), self.info["height"], self.info["width"])
+        self.shape = _shape(self.info)
 
     def read_frame(self, index: int) -> NDArray[np.float32]:
         """The light: [bands, height, width], float32."""

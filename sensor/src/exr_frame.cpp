@@ -18,6 +18,10 @@ std::string frame_name(const Layer& layer, std::int64_t index) {
   return fmt::format("{}{:06}.exr", layer.prefix, index);
 }
 
+std::string between_name(std::int64_t interval, std::int64_t number) {
+  return fmt::format("between_{:06}_{:06}.exr", interval, number);
+}
+
 std::string channel_name(double lambda_nm) {
   std::string number = fmt::format("{:.3f}", lambda_nm);
   number.erase(number.find_last_not_of('0') + 1);
@@ -81,9 +85,9 @@ std::string channel_in(const Imf::ChannelList& channels, const std::string& want
 std::vector<std::string> check_header(const Imf::Header& header, const fs::path& path, const StackInfo& info,
                                       const Layer& layer) {
   const int width = width_of(header), height = height_of(header);
-  if (width != info.width || height != info.height)
+  if (width != info.file_width() || height != info.file_height())
     throw bad_input(path.string(), "dataWindow", fmt::format("{}x{}", width, height),
-                    fmt::format("{}x{}", info.width, info.height));
+                    fmt::format("{}x{}", info.file_width(), info.file_height()));
   std::vector<std::string> names;
   for (const std::string& wanted : layer.channels) {
     const std::string name = channel_in(header.channels(), wanted);

@@ -21,6 +21,7 @@ inline constexpr const char* kTimeAttribute = "pecsTimeNs";
 inline constexpr double kSameLambda_nm = 0.005;  // channel names carry three decimals
 
 std::string frame_name(const Layer& layer, std::int64_t index);
+std::string between_name(std::int64_t interval, std::int64_t number);
 // "S0.486,25nm": decimal comma, no trailing zeros.
 std::string channel_name(double lambda_nm);
 // The wavelength in a channel name of the layout's emissive kind, S0.550nm, or of Mitsuba, whose names hold no point:

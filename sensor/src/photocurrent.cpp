@@ -111,15 +111,20 @@ PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vec
 }
 
 void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* plane) {
-  const auto width = static_cast<std::size_t>(info().width);
-  source_.read_rows(
-      frame,
-      [&](int y, int rows, std::span<const float> values) {
-        const std::size_t n = width * static_cast<std::size_t>(rows);
-        float* out = plane + static_cast<std::size_t>(y - begin) * width;
-        if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out);
-      },
-      begin, end);
+  source_.read_rows(frame, sums(info().width, begin, plane), begin, end);
+}
+
+void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
+  source_.read_fine_rows(frame, sums(info().width * info().subpixels, 0, plane));
+}
+
+RowSink PhotocurrentReader::sums(int width, int begin, float* plane) {
+  return [=, this](int y, int rows, std::span<const float> values) {
+    const auto columns = static_cast<std::size_t>(width);
+    const std::size_t n = columns * static_cast<std::size_t>(rows);
+    float* out = plane + static_cast<std::size_t>(y - begin) * columns;
+    if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out);
+  };
 }
 
 void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out) {

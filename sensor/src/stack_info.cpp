@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cctype>
 
 #include "exr_frame.h"
@@ -13,6 +14,7 @@ namespace {
 
 constexpr std::int64_t kMaxFrames = 1'000'000;
 constexpr std::size_t kMaxLayers = 32;
+constexpr int kMaxSubpixels = 4;
 constexpr std::string_view kNumber = "%06d.exr";
 
 // Of a layer, a channel, or a file: letters, digits, '_' and '-', so that no path hides in it.
@@ -92,6 +94,13 @@ StackInfo parse_stack_info(const Json& json, const std::string& file) {
   info.height = static_cast<int>(o.integer("height", 1, kMaxSide));
   info.pixel_pitch_m = o.maybe_number("pixel_pitch_m", {1e-7, 1e-3});
   if (info.quantity == Quantity::irradiance && !info.pixel_pitch_m) o.fail("pixel_pitch_m", "nothing", "metres");
+  if (o.has("subpixels")) info.subpixels = static_cast<int>(o.integer("subpixels", 1, kMaxSubpixels));
+  if (std::popcount(static_cast<unsigned>(info.subpixels)) != 1)
+    o.fail("subpixels", std::to_string(info.subpixels), "1, 2 or 4");
+  if (std::max(info.file_width(), info.file_height()) > kMaxSide)
+    o.fail("subpixels", fmt::format("{}x{} in all", info.file_width(), info.file_height()),
+           fmt::format("at most {}", kMaxSide));
+  info.has_between = o.boolean_or("between", false);
   for (JsonObject& band : o.objects("bands")) {
     const Band b{band.number("lambda_nm", {100, 20000}), band.number("weight_nm", {0, 1e6})};
     if (!info.bands.empty() && b.lambda_nm < info.bands.back().lambda_nm + 2 * kSameLambda_nm)
@@ -127,8 +136,19 @@ std::int64_t planned_frames(const StackInfo& info, const Layer& layer) {
   return static_cast<std::int64_t>(info.times_ns.size()) - (layer.per_interval && !info.period_ns ? 1 : 0);
 }
 
+std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::int64_t interval,
+                                                  const std::filesystem::path& folder) {
+  const auto instants = static_cast<std::int64_t>(info.times_ns.size());
+  const std::int64_t count = instants - (info.period_ns ? 0 : 1);
+  if (interval < 0 || interval >= count)
+    throw bad_input(folder.string(), "interval", std::to_string(interval), fmt::format("0 to {}", count - 1));
+  const auto at = [&](std::int64_t i) { return info.times_ns[static_cast<std::size_t>(i)]; };
+  return {at(interval), interval + 1 < instants ? at(interval + 1) : at(0) + *info.period_ns};
+}
+
 std::size_t frame_values(const StackInfo& info, const Layer& layer) {
-  return layer.channels.size() * static_cast<std::size_t>(info.height) * static_cast<std::size_t>(info.width);
+  return layer.channels.size() * static_cast<std::size_t>(info.file_height()) *
+         static_cast<std::size_t>(info.file_width());
 }
 
 }  // namespace pecs::sensor

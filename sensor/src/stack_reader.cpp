@@ -12,6 +12,7 @@
 #include "foreign_stack.h"
 #include "pecs/error.h"
 #include "pecs/sensor/stack.h"
+#include "subpixels.h"
 
 namespace pecs::sensor {
 namespace {
@@ -98,11 +99,23 @@ fs::path StackReader::frame_path(std::int64_t index) const {
 }
 
 void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
-  read_rows(index, info_.layers[0], sink, begin, end);
+  const int side = info_.subpixels;
+  if (side == 1) return read_rows(index, info_.layers[0], sink, begin, end);
+  std::vector<float> means;
+  const auto average = [&](int y, int rows, std::span<const float> values) {
+    means.resize(values.size() / static_cast<std::size_t>(side * side));
+    average_squares(values, info_.file_width(), side, means);
+    sink(y / side, rows / side, means);
+  };
+  read_rows(index, info_.layers[0], average, begin * side, end * side);
+}
+
+void StackReader::read_fine_rows(std::int64_t index, const RowSink& sink) const {
+  read_rows(index, info_.layers[0], sink, 0, 0);
 }
 
 void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const {
-  if (end == 0) end = info_.height;
+  if (end == 0) end = info_.file_height();
   const std::int64_t count = has_json_ ? planned_frames(info_, layer) : frames_;
   if (index < 0 || index >= count)
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
@@ -115,9 +128,11 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
     const auto channels = check_header(file.header(), path, info_, layer);
     if (has_json_) check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], !is_light);
     const Imath::Box2i box = file.header().dataWindow();
-    const int step = rows_per_block(file.header());
-    const auto zip = ZipBlocks::of(file, channels);
-    const auto width = static_cast<std::size_t>(info_.width);
+    const int in_block = rows_per_block(file.header());
+    const bool whole_pixels = in_block % info_.subpixels == 0;
+    const int step = whole_pixels ? in_block : info_.subpixels;
+    const auto zip = whole_pixels ? ZipBlocks::of(file, channels) : nullptr;
+    const auto width = static_cast<std::size_t>(info_.file_width());
     std::vector<float> values(width * static_cast<std::size_t>(step) * channels.size());
     for (int y = begin; y < end;) {
       const int rows = std::min(step - y % step, end - y);  // to the end of the block
@@ -125,7 +140,7 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
       if (zip) {
         zip->read(y, rows, block);
       } else {
-        file.setFrameBuffer(frame_buffer(channels, values.data(), info_.width, rows, box.min.x, box.min.y + y));
+        file.setFrameBuffer(frame_buffer(channels, values.data(), info_.file_width(), rows, box.min.x, box.min.y + y));
         file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
       }
       sink(y, rows, block);
@@ -136,7 +151,8 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
 
 std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {
   const Layer& layer = layer_of(info_, name, folder_);
-  const auto width = static_cast<std::size_t>(info_.width), height = static_cast<std::size_t>(info_.height);
+  const auto width = static_cast<std::size_t>(info_.file_width());
+  const auto height = static_cast<std::size_t>(info_.file_height());
   std::vector<float> frame(frame_values(info_, layer));
   const auto copy = [&](int y, int rows, std::span<const float> values) {
     const std::size_t block = width * static_cast<std::size_t>(rows);

@@ -64,8 +64,8 @@ std::string first_difference(const Json& a, const Json& b) {
   return at;
 }
 
-Imf::Header header_of(const StackInfo& info, const Layer& layer, std::int64_t index) {
-  Imf::Header header(info.width, info.height);
+Imf::Header header_of(const StackInfo& info, const Layer& layer, std::int64_t time_ns) {
+  Imf::Header header(info.file_width(), info.file_height());
   header.compression() = Imf::ZIP_COMPRESSION;
   if (layer.name == kLight) {
     header.insert("spectralLayoutVersion", Imf::StringAttribute("1.0"));
@@ -73,7 +73,7 @@ Imf::Header header_of(const StackInfo& info, const Layer& layer, std::int64_t in
   } else {
     header.insert("pecsUnit", Imf::StringAttribute(layer.unit));
   }
-  header.insert(kTimeAttribute, Imf::StringAttribute(std::to_string(info.times_ns[static_cast<std::size_t>(index)])));
+  header.insert(kTimeAttribute, Imf::StringAttribute(std::to_string(time_ns)));
   for (const std::string& channel : layer.channels) header.channels().insert(channel, Imf::Channel(Imf::FLOAT));
   return header;
 }
@@ -101,18 +101,44 @@ StackWriter::StackWriter(fs::path folder, const Json& stack_json)
 
 bool StackWriter::has_frame(std::int64_t index, std::string_view name) const {
   const Layer& layer = layer_of(info_, name, folder_);
-  const fs::path path = folder_ / frame_name(layer, index);
-  if (index < 0 || index >= planned_frames(info_, layer) || !fs::exists(path)) return false;
+  return index >= 0 && index < planned_frames(info_, layer) &&
+         is_whole(folder_ / frame_name(layer, index), layer, info_.times_ns[static_cast<std::size_t>(index)]);
+}
+
+void StackWriter::write_frame(std::int64_t index, std::span<const float> values, std::string_view name) const {
+  const Layer& layer = layer_of(info_, name, folder_);
+  const std::int64_t count = planned_frames(info_, layer);
+  if (index < 0 || index >= count)
+    throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
+  write(folder_ / frame_name(layer, index), layer, info_.times_ns[static_cast<std::size_t>(index)], values);
+}
+
+bool StackWriter::has_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns) const {
+  return is_whole(folder_ / between_name(interval, number), info_.layers[0], time_ns);
+}
+
+void StackWriter::write_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns,
+                                std::span<const float> values) const {
+  const auto [begin_ns, end_ns] = interval_ns(info_, interval, folder_);
+  if (!info_.has_between) throw bad_input(folder_.string(), "between", "a picture", "\"between\": true in stack.json");
+  if (time_ns <= begin_ns || time_ns >= end_ns)
+    throw bad_input(folder_.string(), "between", fmt::format("{} ns", time_ns),
+                    fmt::format("more than {} and less than {}", begin_ns, end_ns));
+  write(folder_ / between_name(interval, number), info_.layers[0], time_ns, values);
+}
+
+bool StackWriter::is_whole(const fs::path& path, const Layer& layer, std::int64_t time_ns) const {
+  if (!fs::exists(path)) return false;
   try {
     return reading(path, [&] {
       Imf::InputFile file(path.c_str(), 0);
       check_declared_size(file.header(), path);
       const auto channels = check_header(file.header(), path, info_, layer);
-      check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], true);
+      check_time(file.header(), path, time_ns, true);
       if (!file.isComplete()) return false;
       const Imath::Box2i box = file.header().dataWindow();
-      std::vector<float> row(static_cast<std::size_t>(info_.width) * channels.size());
-      file.setFrameBuffer(frame_buffer(channels, row.data(), info_.width, 1, box.min.x, box.max.y));
+      std::vector<float> row(static_cast<std::size_t>(info_.file_width()) * channels.size());
+      file.setFrameBuffer(frame_buffer(channels, row.data(), info_.file_width(), 1, box.min.x, box.max.y));
       file.readPixels(box.max.y);
       return true;
     });
@@ -121,24 +147,20 @@ bool StackWriter::has_frame(std::int64_t index, std::string_view name) const {
   }
 }
 
-void StackWriter::write_frame(std::int64_t index, std::span<const float> values, std::string_view name) const {
-  const Layer& layer = layer_of(info_, name, folder_);
-  const std::int64_t count = planned_frames(info_, layer);
-  if (index < 0 || index >= count)
-    throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
+void StackWriter::write(const fs::path& path, const Layer& layer, std::int64_t time_ns,
+                        std::span<const float> values) const {
   if (values.size() != frame_values(info_, layer))
     throw bad_input(folder_.string(), "frame", fmt::format("{} values", values.size()),
-                    fmt::format("{} x {} x {}", layer.channels.size(), info_.height, info_.width));
+                    fmt::format("{} x {} x {}", layer.channels.size(), info_.file_height(), info_.file_width()));
   limit_exr();
   std::vector<float> copy(values.begin(), values.end());
   if (layer.name == kLight) std::transform(copy.begin(), copy.end(), copy.begin(), rounded);
 
-  const fs::path path = folder_ / frame_name(layer, index);
   MemoryStream stream;
   try {
-    Imf::OutputFile file(stream, header_of(info_, layer, index), 0);
-    file.setFrameBuffer(frame_buffer(layer.channels, copy.data(), info_.width, info_.height, 0, 0));
-    file.writePixels(info_.height);
+    Imf::OutputFile file(stream, header_of(info_, layer, time_ns), 0);
+    file.setFrameBuffer(frame_buffer(layer.channels, copy.data(), info_.file_width(), info_.file_height(), 0, 0));
+    file.writePixels(info_.file_height());
   } catch (const Iex::BaseExc& e) {
     throw bad_output(path.string(), one_line(e.what()));
   }

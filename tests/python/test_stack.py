@@ -223,3 +223,44 @@ def test_works_after_bpy(tmp_path):
         "s.write_frame(0, np.ones((2, 17, 20), np.float32))\nassert read_frame(sys.argv[1], 0).sum() == 680\n"
     )
     subprocess.run([sys.executable, "-c", code, str(tmp_path), json.dumps(stack_json())], check=True)
+
+
+def test_subpixels_are_averaged_for_the_sensor(tmp_path):
+    fine = 1e-7 * (1 + frame(7, (3, 2, 34, 40)) / 3e-7)
+    stack = stack_json() | {"subpixels": 2}
+    with StackWriter(tmp_path / "fine", stack) as writer:
+        for i, values in enumerate(fine):
+            writer.write_frame(i, values)
+    with pytest.raises(ValueError, match="wanted"):
+        StackWriter(tmp_path / "fine", stack).write_frame(0, frame())
+    coarse = fine.reshape(3, 2, 17, 2, 20, 2).mean((3, 5))
+    with StackReader(tmp_path / "fine") as reader, pecs.Chip("imx636") as chip:
+        assert reader.shape == (2, 34, 40)
+        assert (reader.info["width"], reader.info["height"], reader.info["subpixels"]) == (20, 17, 2)
+        np.testing.assert_allclose(reader.read_frame(1), fine[1], rtol=2**-12)
+        seen_a = chip.photocurrent(reader, 1)
+    with StackWriter(tmp_path / "coarse", stack_json()) as writer:
+        for i, values in enumerate(coarse):
+            writer.write_frame(i, values)
+    with StackReader(tmp_path / "coarse") as reader, pecs.Chip("imx636") as chip:
+        np.testing.assert_allclose(seen_a, chip.photocurrent(reader, 1), rtol=2**-11)
+    with pytest.raises(pecs.PecsError, match="subpixels: got 3, wanted 1, 2 or 4"):
+        StackWriter(tmp_path / "three", stack_json() | {"subpixels": 3})
+
+
+def test_pictures_between_frames(tmp_path):
+    part = frame(shape=(2, 17, 20))
+    part[:, 5:] = np.nan
+    with StackWriter(tmp_path / "s", stack_json() | {"between": True}) as stack:
+        stack.write_between(1, 4, 150_000, part)
+        assert stack.has_between(1, 4, 150_000)
+        assert not stack.has_between(1, 4, 150_001) and not stack.has_between(0, 4, 50_000)
+        for interval, time_ns, message in (
+            (1, 200_002, "got 200002 ns, wanted more than 100001 and less than 200002"),
+            (2, 250_000, "interval: got 2, wanted 0 to 1"),
+        ):
+            with pytest.raises(pecs.PecsError, match=message):
+                stack.write_between(interval, 0, time_ns, part)
+    with StackWriter(tmp_path / "none", stack_json()) as stack:
+        with pytest.raises(pecs.PecsError, match="between"):
+            stack.write_between(1, 4, 150_000, part)

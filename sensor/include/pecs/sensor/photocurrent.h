@@ -46,10 +46,13 @@ class PhotocurrentReader {
   // Rows [begin, end) of a frame into plane: [(end - begin) * width]. Not finite stays so (NaN: a pixel holds its last
   // value); negative light is 0.
   void read(std::int64_t frame, int begin, int end, float* plane);
+  // The whole frame with its subpixels: [height * subpixels * width * subpixels].
+  void read_fine(std::int64_t frame, float* plane);
   std::int64_t not_finite() const { return not_finite_; }  // values so far, by pixel and frame
   std::int64_t negative() const { return negative_; }
 
  private:
+  RowSink sums(int width, int begin, float* plane);
   void count_bad(const float* values, std::size_t n, float* out);
 
   const FrameSource& source_;

@@ -38,6 +38,10 @@ inline constexpr const char* kLight = "light";
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;
   int width = 0, height = 0;  // pixels
+  int subpixels = 1;          // files of a stack hold so many values a pixel, in x and in y
+  int file_width() const { return width * subpixels; }
+  int file_height() const { return height * subpixels; }
+  bool has_between = false;  // pictures between frames may lie in the stack
   std::optional<double> pixel_pitch_m;
   std::vector<Band> bands;
   std::vector<std::int64_t> times_ns;  // rising
@@ -57,6 +61,8 @@ class FrameSource {
   virtual std::string layout() const = 0;  // what was found: "EXR stack", "RGB EXR", ...
   // Rows [begin, end) of a frame (end 0: all) in blocks, in order. May be called from many threads.
   virtual void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const = 0;
+  // All rows of a frame with its subpixels: width * subpixels columns.
+  virtual void read_fine_rows(std::int64_t index, const RowSink& sink) const { read_rows(index, sink); }
   virtual void will_read(std::int64_t) const {}  // a frame soon
 
   // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits

@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "pecs/sensor/bands.h"
@@ -24,7 +25,10 @@ StackInfo parse_stack_info(const Json& json, const std::string& file);
 const Layer& layer_of(const StackInfo& info, std::string_view name, const std::filesystem::path& folder);
 // How many frames a layer has when the stack is complete.
 std::int64_t planned_frames(const StackInfo& info, const Layer& layer);
-// Values of a layer's frame: [channels][height][width].
+// Begin and end of an interval between neighbouring instants; throws bad_input naming `folder` for one that is none.
+std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::int64_t interval,
+                                                  const std::filesystem::path& folder);
+// Values of a layer's frame: [channels][rows][columns] of its file.
 std::size_t frame_values(const StackInfo& info, const Layer& layer);
 
 class StackWriter {
@@ -36,10 +40,19 @@ class StackWriter {
   const std::filesystem::path& folder() const { return folder_; }
   // True if the frame is whole on disk (its last row can be read and its time is right).
   bool has_frame(std::int64_t index, std::string_view layer = kLight) const;
-  // values: [channels][height][width]. The file appears whole or not at all. The light keeps 12 bits of its mantissa.
+  // values: [channels][rows][columns]. The file appears whole or not at all. The light keeps 12 bits of its mantissa.
   void write_frame(std::int64_t index, std::span<const float> values, std::string_view layer = kLight) const;
+  // Light at an instant within an interval, NaN where it was not rendered; `number` rises with the time. has_between:
+  // whether it is whole on disk.
+  bool has_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns) const;
+  void write_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns,
+                     std::span<const float> values) const;
 
  private:
+  bool is_whole(const std::filesystem::path& path, const Layer& layer, std::int64_t time_ns) const;
+  void write(const std::filesystem::path& path, const Layer& layer, std::int64_t time_ns,
+             std::span<const float> values) const;
+
   std::filesystem::path folder_;
   StackInfo info_;
 };
@@ -60,9 +73,11 @@ class StackReader : public FrameSource {
   std::filesystem::path frame_path(std::int64_t index) const;
 
   // Decodes rows [begin, end) of a frame of the light (end 0: all) in blocks, in order; checks its size, channels and
-  // time. May be called from many threads.
+  // time. Subpixels are averaged. May be called from many threads.
   void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const override;
-  // The whole frame as [channels][height][width].
+  // All rows of the file as they are.
+  void read_fine_rows(std::int64_t index, const RowSink& sink) const override;
+  // The whole file as [channels][rows][columns].
   std::vector<float> read_frame(std::int64_t index, std::string_view layer = kLight) const;
 
  private:
