@@ -31,8 +31,8 @@ std::size_t positive(int64_t value, const char* name) {
 }  // namespace
 
 extern "C" int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                          int width, int height, double fraction, const char* side, float* out,
- int64_t capacity, pecs_error* error) {
+                          int width, int height, double fraction, const char* side, float* out, int64_t capacity,
+                          pecs_error* error) {
   return guard(error, [&] {
     const CarrySide which = side_of(side);
     if (!(fraction >= 0 && fraction <= 1))
