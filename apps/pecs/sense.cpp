@@ -53,6 +53,7 @@ void add_frames(CLI::App* sub, Options* o) {
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
+  sub->add_flag("!--no-motion", o->motion, "frames alone, without the stack's layer motion between them");
   sub->add_option("--fnumber", o->light.fnumber, "of the lens, for a stack of radiance")->check(positive());
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")

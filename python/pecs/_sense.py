@@ -59,6 +59,7 @@ def sense(
     warmup_loops: int = 0,
     start_us: int = 0,
     duration_us: int | None = None,
+    motion: bool = True,
     progress: Callable[[float], object] | None = None,
 ) -> dict[str, Any]:
     """Turns an EXR stack into an event file, as `pecs sense` does, and returns its report.
@@ -71,7 +72,8 @@ def sense(
     file): the times of frames without any. `fnumber`: of the lens, for a stack of radiance; `gain`, `photocurrent_a`:
     for relative light (`Chip.amperes_per_unit`). `bands`: "all", or "mc:N" for N bands drawn by their light. `labels`:
     an NPY file for each event's cause (`pecs.sensor.LABELS`). `warmup_loops`: of a periodic stack, before the output
-    begins; `start_us`, `duration_us`: begin and length of the output, in us.
+    begins; `start_us`, `duration_us`: begin and length of the output, in us. `motion`: light between
+    the frames is carried along the stack's layer `motion`, if it has one; else frames alone.
 
     `progress` is called with the share done, 0 to 1; an exception from it stops the work. Raises PecsNotFoundError,
     PecsInputError and PecsOutputError; warns of values that no light has, of events that the readout lost, and of a
@@ -96,6 +98,7 @@ def sense(
         "warmup_loops": warmup_loops,
         "start_us": start_us,
         "duration_us": duration_us,
+        "motion": motion,
     }
     watched = _Watched(progress)
     paths = path_bytes(stack), path_bytes(output)

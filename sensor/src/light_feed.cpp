@@ -6,8 +6,7 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr std::size_t kBatchBytes = std::size_t{32} << 20;  // planes of one batch; two batches are held
-constexpr std::int64_t kMostOfLoop = 1024;                  // steps of a batch
+constexpr std::int64_t kMostOfLoop = 1024;  // steps of a batch
 
 }  // namespace
 
@@ -34,7 +33,7 @@ LightFeed::LightFeed(const Timeline& timeline, PhotocurrentReader& light, Region
   }
 }
 
-LightFeed::~LightFeed() {
+LightFeed::~LightFeed() noexcept {
   ahead_.cancel();
   try {
     ahead_.wait();

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "feed.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/timeline.h"
 
@@ -14,19 +15,12 @@ namespace pecs::sensor {
 
 // Photocurrent of a region in the order of time. The next batch is decoded while one is worked on; a loop that fits
 // into memory is decoded once. In the caller's TBB arena.
-class LightFeed {
+class LightFeed : public Feed {
  public:
   LightFeed(const Timeline& timeline, PhotocurrentReader& light, Region region);
-  ~LightFeed();
-
-  struct Batch {
-    std::vector<const float*> planes;  // [fA], by the pixel's index in the whole picture; valid until the next batch
-    std::vector<double> t_us;
-    bool last = false;
-  };
-  // Empty after the last one.
-  std::optional<Batch> next();
-  std::int64_t steps() const { return step_; }  // given so far
+  ~LightFeed() noexcept override;
+  std::optional<Batch> next() override;
+  std::int64_t steps() const override { return step_; }
 
  private:
   using Planes = std::vector<std::vector<float>>;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "dense_feed.h"
 #include "event_sink.h"
 #include "light_feed.h"
 #include "pecs/error.h"
@@ -34,16 +35,23 @@ class Told {
   Progress progress_;
 };
 
-// From light to events. first_light: photocurrents [fA] of the first frame, added.
+// What the run tells of the light.
+struct LightFound {
+  std::vector<float> first_fa;  // of the first frame
+  std::int64_t planes = 0;      // given to the pixels
+};
+
+// From light to events. `moves`: along the source's motion.
 void run(const SenseOptions& options, const Chip& chip, const ModelChoice& model, const Timeline& timeline,
-         PhotocurrentReader& light, EventSink& sink, std::vector<float>& first_light) {
+         PhotocurrentReader& light, EventSink& sink, bool moves, LightFound& found) {
   const StackInfo& info = light.info();
   const bool causes = options.labels.has_value();
   PixelArray pixels(model, chip, info.width, info.height, options.seed, 1.0, causes);
   EventSorter sorter(info.width, causes, timeline.loops() ? timeline.from_us() : 0);  // the warm-up is not read out
   LabelledEvents events;
 
-  const std::vector<Region> regions = timeline.regions(pixels.pixels_are_independent());
+  const std::vector<Region> regions =
+      moves ? std::vector<Region>{{0, info.height}} : timeline.regions(pixels.pixels_are_independent());
   const bool held = regions.size() > 1;  // the events of a region wait for those of the others
   if (held) sorter.begin_window(timeline.from_us(), timeline.to_us());
   const auto steps = static_cast<std::uint64_t>(timeline.steps().value_or(0));
@@ -51,11 +59,13 @@ void run(const SenseOptions& options, const Chip& chip, const ModelChoice& model
   for (std::size_t k = 0; k < regions.size(); ++k) {
     const auto pixel_at = [&](int row) { return static_cast<std::uint32_t>(row * info.width); };
     const PixelRange range{pixel_at(regions[k].begin), pixel_at(regions[k].end)};
-    LightFeed feed(timeline, light, regions[k]);
+    const std::unique_ptr<Feed> feed = moves ? std::unique_ptr<Feed>(std::make_unique<DenseFeed>(timeline, light))
+                                             : std::make_unique<LightFeed>(timeline, light, regions[k]);
     FrameClock clock;
-    while (const auto planes = feed.next()) {
+    while (const auto planes = feed->next()) {
       if (clock.frames() == 0 && !planes->planes.empty())
-        first_light.insert(first_light.end(), planes->planes[0] + range.first, planes->planes[0] + range.end);
+        found.first_fa.insert(found.first_fa.end(), planes->planes[0] + range.first, planes->planes[0] + range.end);
+      found.planes += std::ssize(planes->planes);
       const FrameBatch batch = clock.batch(planes->planes, planes->t_us, planes->last);
       if (!held) sorter.begin(batch.t_us);
       pixels.advance(batch, range, sorter);
@@ -65,10 +75,10 @@ void run(const SenseOptions& options, const Chip& chip, const ModelChoice& model
         sorter.take(clock.final_us(), events);
         if (!sink.write(events, batch.last)) return;
       }
-      told.at(k * steps + static_cast<std::uint64_t>(feed.steps()));
+      told.at(k * steps + static_cast<std::uint64_t>(feed->steps()));
     }
   }
-  if (held) sorter.take_window([&](LabelledEvents& found, bool last) { sink.write(found, last); });
+  if (held) sorter.take_window([&](LabelledEvents& some, bool last) { sink.write(some, last); });
 }
 
 void check(const FrameSource& source, const Chip& chip) {
@@ -95,6 +105,7 @@ void refuse_unused(const SenseOptions& options, const FrameSource& source) {
     refuse("--photocurrent-a", quantity, "relative light, or --gain");
   if (options.model.white_fa > 0 && model_traits(options.model.name).takes_light)
     refuse("--white-a", "model " + options.model.name, "a model that takes pictures");
+  if (!options.motion && !source.has_motion()) refuse("--no-motion", "no layer motion", "a stack that has one");
 }
 
 // White for the models that take pictures: the first frame's 99.5 %.
@@ -164,22 +175,26 @@ SenseReport sense(const SenseOptions& options) {
 
   PhotocurrentReader light(*source, amperes);
   EventSink sink(options, chip, timeline);
-  std::vector<float> first_light;
+  const bool moves = options.motion && source->has_motion();
+  LightFound found;
   std::optional<tbb::global_control> limit;
   if (options.threads > 0)
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
   tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
-  arena.execute([&] { run(options, chip, model, timeline, light, sink, first_light); });
+  arena.execute([&] { run(options, chip, model, timeline, light, sink, moves, found); });
   sink.close();
 
-  results.update(light_report(first_light, chip));
+  results.update(light_report(found.first_fa, chip));
   results.update(sink.report());
   results.update({{"width", source->info().width},
                   {"height", source->info().height},
                   {"frames", source->frames()},
                   {"warnings", timeline.warnings()},
                   {"bad_values", {{"not_finite", light.not_finite()}, {"negative", light.negative()}}}});
-  return {config_of(options, chip, model, *source), results};
+  if (moves) results["dense_steps"] = found.planes;
+  Json config = config_of(options, chip, model, *source);
+  config["motion"] = moves;
+  return {config, results};
 }
 
 }  // namespace pecs::sensor

@@ -1,6 +1,7 @@
 #include <ImfInputFile.h>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -43,6 +44,16 @@ std::int64_t frame_index(const Layer& layer, const std::string& name) {
   const char* end = name.data() + name.size() - 4;
   const auto [stop, ec] = std::from_chars(name.data() + layer.prefix.size(), end, index);
   return ec == std::errc() && stop == end && name == frame_name(layer, index) ? index : -1;
+}
+
+void check_motion(const Layer& layer, const std::string& file) {
+  static const std::vector<std::string> kChannels = {"x_mid",      "y_mid",      "x_end",      "y_end",
+                                                     "z",          "z_end",      "back_x_mid", "back_y_mid",
+                                                     "back_x_end", "back_y_end", "back_z",     "back_z_end"};
+  if (!layer.per_interval) throw bad_input(file, "layers: motion: at", "instant", "interval");
+  if (layer.channels != kChannels)
+    throw bad_input(file, "layers: motion: channels", fmt::format("{}", fmt::join(layer.channels, " ")),
+                    fmt::format("{}", fmt::join(kChannels, " ")));
 }
 
 std::vector<std::int64_t> frames_in(const fs::path& folder, const Layer& layer) {
@@ -96,6 +107,13 @@ void StackReader::will_read(std::int64_t index) const {
 
 fs::path StackReader::frame_path(std::int64_t index) const {
   return has_json_ ? folder_ / frame_name(info_.layers[0], index) : files_.at(static_cast<std::size_t>(index));
+}
+
+bool StackReader::has_motion() const {
+  const auto layer = std::ranges::find(info_.layers, kMotion, &Layer::name);
+  if (layer == info_.layers.end()) return false;
+  check_motion(*layer, (folder_ / "stack.json").string());
+  return true;
 }
 
 void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {

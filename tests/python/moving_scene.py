@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SIDE = 16  # supersamples of a pixel, by axis
-
 
 def texture(x, y, seed, finest_px):
     """Positive light with detail down to `finest_px` a period."""
@@ -31,6 +29,7 @@ class Scene:
     finest_px: float = 6.0
     radii: tuple[float, float] = (30.0, 22.0)
     z: tuple[float, float] = (1.0, 2.0)
+    samples: int = 16  # of a pixel, by axis
 
     def _to_ellipse(self, x, y, t):
         """Film to the ellipse's own coordinates."""
@@ -56,13 +55,13 @@ class Scene:
 
     def frame(self, t):
         """[height, width]: means over the pixels."""
-        fine = (np.arange(SIDE) + 0.5) / SIDE - 0.5
+        fine = (np.arange(self.samples) + 0.5) / self.samples - 0.5
         total = np.zeros((self.height, self.width))
         y, x = np.mgrid[: self.height, : self.width].astype(float)
         for dy in fine:
             for dx in fine:
                 total += self._light(x + dx, y + dy, t)
-        return (total / SIDE**2).astype(np.float32)
+        return (total / self.samples**2).astype(np.float32)
 
     def _paths(self, t0, t1):
         y, x = np.mgrid[: self.height, : self.width].astype(float)

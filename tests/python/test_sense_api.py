@@ -56,7 +56,7 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     found = re.findall("--([a-z][a-z-]+)", pecs_program("sense", "--help").stdout)
     options = {option.replace("-", "_") for option in found}
     options -= {"help", "output", "colorspace", "ocio", "source", "view", "seconds", "picture_us", "json", "quiet"}
-    renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise"}
+    renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     arguments = set(inspect.signature(pecs.sense).parameters) - {"stack", "output", "progress"}
     assert {renamed.get(o, o) for o in options} == arguments
 

@@ -31,6 +31,7 @@ REFUSED = {
     "ocio": (["--ocio", "x.ocio"], "pictures or a video"),
     "photocurrent-a": (["--photocurrent-a", "1e-12"], "relative light"),
     "fnumber": (["--fnumber", "4"], "radiance"),
+    "no-motion": (["--no-motion"], "no layer motion"),
     "seconds": (["--seconds", "3"], "--view"),
     "picture-us": (["--picture-us", "3"], "--view"),
     "source": (["--source", "video"], "--view"),

@@ -34,6 +34,7 @@ struct SenseOptions {
   bool ideal_readout = false;                   // else the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
   Window window;                                // of the output
+  bool motion = true;                           // light between frames along the source's motion, if it has any
   bool quiet = false;
   // Sees the events as they are written, their times from the window's start. False: that is enough, the output ends
   // here.

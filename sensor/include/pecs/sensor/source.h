@@ -33,7 +33,7 @@ struct Layer {
   std::string unit;
   bool per_interval = false;
 };
-inline constexpr const char* kLight = "light";
+inline constexpr const char *kLight = "light", *kMotion = "motion";
 
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;
@@ -64,6 +64,10 @@ class FrameSource {
   // All rows of a frame with its subpixels: width * subpixels columns.
   virtual void read_fine_rows(std::int64_t index, const RowSink& sink) const { read_rows(index, sink); }
   virtual void will_read(std::int64_t) const {}  // a frame soon
+  // Whether it knows where what is seen moves to (the layer kMotion), and the motion of the interval that begins at a
+  // frame, as Carrier takes it (motion.h). May be called from many threads.
+  virtual bool has_motion() const { return false; }
+  virtual std::vector<float> read_motion(std::int64_t) const { return {}; }
 
   // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits
   // for a frame, which read_rows then gives, and returns its time [us]; nothing at the end. Before the first call the

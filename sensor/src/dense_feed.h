@@ -1,0 +1,54 @@
+#pragma once
+#include <tbb/task_group.h>
+
+#include "feed.h"
+#include "pecs/sensor/motion.h"
+#include "pecs/sensor/photocurrent.h"
+#include "pecs/sensor/timeline.h"
+
+namespace pecs::sensor {
+
+// Photocurrent of whole pictures, at the source's instants and between them: carried along its motion, so often that
+// nothing moves more than half a pixel from plane to plane. The next interval is decoded while one is worked on; a loop
+// whose planes fit into memory is computed once. In the caller's TBB arena.
+class DenseFeed : public Feed {
+ public:
+  DenseFeed(const Timeline& timeline, PhotocurrentReader& light);
+  ~DenseFeed() noexcept override;
+  std::optional<Batch> next() override;
+  std::int64_t steps() const override { return step_; }
+  std::int64_t planes() const { return planes_; }  // given so far
+
+ private:
+  using Plane = std::vector<float>;
+  // From a frame to the next one.
+  struct Interval {
+    Plane first, second;
+    std::optional<Carrier> carrier;  // none behind the last frame
+    std::int64_t parts = 1;
+  };
+  // Of a loop, what is computed again and again: the planes of each frame's interval.
+  struct Loop {
+    std::vector<std::vector<Plane>> intervals;
+    std::size_t bytes = 0;
+    bool is_on = false, is_whole = false;
+  };
+  Plane read(std::int64_t step);
+  void load(std::int64_t step, Interval& interval);
+  void begin_interval();
+  Batch part();
+  Batch from_loop();
+  void keep(const Batch& batch);
+  double t_us(std::int64_t part, std::int64_t parts) const;
+
+  const Timeline& timeline_;
+  PhotocurrentReader& light_;
+  std::size_t pixels_;
+  std::int64_t step_ = 0, part_ = 0, planes_ = 0;
+  Interval now_, soon_;
+  std::vector<Plane> between_;
+  Loop loop_;
+  tbb::task_group ahead_;
+};
+
+}  // namespace pecs::sensor

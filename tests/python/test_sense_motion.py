@@ -1,0 +1,169 @@
+"""`pecs sense` on stacks with the layer `motion`: events as from many more frames, loops, threads, wrong files."""
+
+import json
+
+import numpy as np
+import pecs
+import pytest
+from moving_scene import Scene
+from pecs.stack import StackWriter
+from sense_stacks import read_csv, sense, write
+
+CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")]
+LAYER = {"name": "motion", "files": "motion_%06d.exr", "channels": CHANNELS, "unit": "px, z in m", "at": "interval"}
+STEP_NS = 8_000_000
+SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
+
+
+def write_stack(folder, frames, times_ns, motions=(), period_ns=None, layer=LAYER):
+    """frames: [T, H, W]; motions: one per interval."""
+    height, width = frames[0].shape
+    stack = {
+        "pecs_stack": 1,
+        "quantity": "irradiance",
+        "width": width,
+        "height": height,
+        "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
+        "times_ns": times_ns,
+        "period_ns": period_ns,
+        "lens": None,
+        "scene": {},
+        "render": {},
+        "versions": {},
+    }
+    if motions:
+        stack["layers"] = [layer]
+    with StackWriter(folder, stack) as writer:
+        for i, frame in enumerate(frames):
+            writer.write_frame(i, 1e-3 * frame[None])
+        for i, motion in enumerate(motions):
+            writer.write_layer("motion", i, motion)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def keyframes(tmp_path_factory):
+    """Two keyframes, eight pixels apart."""
+    frames = [SCENE.frame(t) for t in (0.0, 1.0)]
+    return write_stack(tmp_path_factory.mktemp("keys") / "s", frames, [0, STEP_NS], [SCENE.motion()])
+
+
+def events_of(pecs_program, stack, output, *args):
+    sense(pecs_program, stack, "-o", output, "--chip", "ideal", *args)
+    return read_csv(output)
+
+
+def matched(found, wanted, within_us):
+    """Share of the wanted events that have one of `found` at the same pixel and polarity, in order, so near in time."""
+    times = {}
+    for t, x, y, p in found:
+        times.setdefault((x, y, p), []).append(t)
+    hits = 0
+    for t, x, y, p in wanted:
+        waiting = times.get((x, y, p), [])
+        near = [k for k in waiting if abs(k - t) <= within_us]
+        if near:
+            waiting.remove(min(near, key=lambda k: abs(k - t)))
+            hits += 1
+    return hits / len(wanted)
+
+
+def test_events_are_those_of_many_frames(tmp_path, pecs_program, keyframes):
+    fine = 32
+    frames = [SCENE.frame(k / fine) for k in range(fine + 1)]
+    dense = write_stack(tmp_path / "dense", frames, [k * STEP_NS // fine for k in range(fine + 1)])
+    truth = events_of(pecs_program, dense, tmp_path / "truth.csv")
+    carried = events_of(pecs_program, keyframes, tmp_path / "carried.csv")
+    frozen = events_of(pecs_program, keyframes, tmp_path / "frozen.csv", "--no-motion")
+    assert len(truth) > 5000
+    pixel_us = STEP_NS / 1000 / 8
+    assert matched(carried, truth, pixel_us / 5) > 0.8 and matched(truth, carried, pixel_us / 5) > 0.65
+    assert matched(frozen, truth, pixel_us / 5) < 0.3
+    records = [json.loads((tmp_path / f"{name}.csv.run.json").read_text()) for name in ("carried", "frozen", "truth")]
+    assert [r["config"]["motion"] for r in records] == [True, False, False]
+    # The longest path bends: the ellipse turns.
+    assert 17 <= records[0]["results"]["dense_steps"] - 1 <= 25
+    assert "dense_steps" not in records[1]["results"]
+
+
+def test_threads_change_nothing(tmp_path, pecs_program, keyframes):
+    outputs = []
+    for threads in (1, 2, 5):
+        sense(pecs_program, keyframes, "-o", tmp_path / "o.csv", "--threads", threads)
+        outputs.append((tmp_path / "o.csv").read_bytes())
+    assert outputs[0] == outputs[1] == outputs[2] and len(outputs[0]) > 10000
+
+
+def test_without_motion_nothing_changes(tmp_path, pecs_program):
+    """A layer that says that nothing moves is as none."""
+    write(tmp_path / "plain", frames=6, level=1e-3)
+    frames = [pecs.StackReader(tmp_path / "plain").read_frame(i)[0] / 1e-3 for i in range(6)]
+    still = np.zeros((12, *frames[0].shape), np.float32)
+    times_ns = [i * 1_000_000 for i in range(6)]
+    write_stack(tmp_path / "still", frames, times_ns, [still] * 5)
+    write_stack(tmp_path / "none", frames, times_ns)
+    outputs = []
+    for name in ("still", "none"):
+        sense(pecs_program, tmp_path / name, "-o", tmp_path / "o.csv")
+        outputs.append((tmp_path / "o.csv").read_bytes())
+    assert outputs[0] == outputs[1] and len(outputs[0]) > 1000
+
+
+def turning(frames, width=60, height=20):
+    """A pattern of 60 pixels that moves on by its length in a loop, and its motion."""
+    x = np.arange(width)
+    planes = []
+    for i in range(frames):
+        row = np.exp(0.2 * np.sin(2 * np.pi * (x / 60 - i / frames)) + 0.1 * np.cos(4 * np.pi * (x / 60 - i / frames)))
+        planes.append(np.broadcast_to(row, (height, width)).astype(np.float32))
+    motion = np.ones((12, height, width), np.float32)
+    for k, part in enumerate((0.5, 0, 1, 0)):
+        motion[k], motion[6 + k] = 60 / frames * part, -60 / frames * part
+    return planes, motion
+
+
+@pytest.mark.parametrize("size", [(60, 20), (900, 320)])  # held in memory or not
+def test_loops_are_as_if_unrolled(tmp_path, pecs_program, size):
+    planes, motion = turning(4, *size)
+    times = [i * 1_000_000 for i in range(9)]
+    write_stack(tmp_path / "loop", planes, times[:4], [motion] * 4, period_ns=4_000_000)
+    write_stack(tmp_path / "film", (planes * 3)[:9], times, [motion] * 8)
+    window = ["--duration-us", "1500", "--readout", "ideal"]
+    looped = events_of(pecs_program, tmp_path / "loop", tmp_path / "a.csv", "--warmup-loops", "1", *window)
+    film = events_of(pecs_program, tmp_path / "film", tmp_path / "b.csv", "--start-us", "4000", *window)
+    assert len(film) > 500 and np.array_equal(looped, film)
+    record = json.loads((tmp_path / "a.csv.run.json").read_text())
+    assert record["results"]["dense_steps"] > 5 * 30
+
+
+def test_python_has_the_same_option(tmp_path, pecs_program, keyframes):
+    sense(pecs_program, keyframes, "-o", tmp_path / "a.csv", "--no-motion")
+    report = pecs.sense(keyframes, tmp_path / "b.csv", motion=False)
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert report["config"]["motion"] is False
+    assert pecs.sense(keyframes, tmp_path / "c.csv")["config"]["motion"] is True
+
+
+def test_a_missing_or_wrong_motion_is_one_line(tmp_path, pecs_program, keyframes):
+    frames, motion = [SCENE.frame(0)] * 3, SCENE.motion()
+    stack = write_stack(tmp_path / "s", frames, [0, 10_000, 20_000], [motion, motion])
+
+    def refused(folder, *wanted):
+        done = pecs_program("sense", folder, "-o", tmp_path / "o.csv", "--quiet")
+        assert done.returncode in (3, 4) and len(done.stderr.splitlines()) == 1, done.stderr
+        assert all(text in done.stderr for text in wanted), done.stderr
+        assert not (tmp_path / "o.csv").exists()
+
+    (stack / "motion_000001.exr").rename(stack / "away.exr")
+    refused(stack, "motion_000001.exr: cannot be opened: no such file")
+    sense(pecs_program, stack, "-o", tmp_path / "fine.csv", "--no-motion")
+    (stack / "motion_000001.exr").write_bytes((stack / "away.exr").read_bytes()[:5000])
+    refused(stack, "motion_000001.exr")
+    (stack / "motion_000001.exr").write_bytes((stack / "motion_000000.exr").read_bytes())
+    refused(stack, "motion_000001.exr", "pecsTimeNs")
+    text = (stack / "stack.json").read_text()
+    (stack / "stack.json").write_text(text.replace('"x_mid"', '"u_mid"'))
+    refused(stack, "stack.json: layers: motion: channels: got u_mid y_mid", "wanted x_mid y_mid")
+    (stack / "stack.json").write_text(text.replace('"interval"', '"instant"'))
+    refused(stack, "stack.json: layers: motion: at: got instant, wanted interval")
