@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "subpixels.h"
+
 namespace pecs::sensor {
 namespace {
 
@@ -28,8 +30,9 @@ DenseFeed::~DenseFeed() noexcept {
 }
 
 DenseFeed::Plane DenseFeed::read(std::int64_t step) {
-  Plane plane(pixels_);
-  light_.read(timeline_.frame(step), 0, light_.info().height, plane.data());
+  const auto side = static_cast<std::size_t>(light_.info().subpixels);
+  Plane plane(pixels_ * side * side);
+  light_.read_fine(timeline_.frame(step), plane.data());
   return plane;
 }
 
@@ -39,11 +42,12 @@ void DenseFeed::load(std::int64_t step, Interval& interval) {
   interval.parts = 1;
   if (step + 1 >= *timeline_.steps()) return;
   interval.second = read(step + 1);
-  interval.carrier.emplace(timeline_.source().read_motion(timeline_.frame(step)), light_.info().width,
-                           light_.info().height);
+  const StackInfo& info = light_.info();
+  interval.carrier.emplace(timeline_.source().read_motion(timeline_.frame(step)), info.file_width(),
+                           info.file_height());
   const double most = std::max(1.0, timeline_.t_us(step + 1) - timeline_.t_us(step));  // a microsecond apart
   interval.parts = std::max<std::int64_t>(
-      1, std::llround(std::min(most, std::ceil(interval.carrier->longest_path_px() / kStep_px))));
+      1, std::llround(std::min(most, std::ceil(interval.carrier->longest_path_px() / (kStep_px * info.subpixels)))));
 }
 
 void DenseFeed::begin_interval() {
@@ -68,6 +72,25 @@ std::optional<Feed::Batch> DenseFeed::next() {
   return batch;
 }
 
+// Of the present interval; in the room given, or where it lies already.
+const float* DenseFeed::plane(std::int64_t part, Plane& room) {
+  const StackInfo& info = light_.info();
+  const float *first = now_.first.data(), *second = now_.second.data();
+  const bool fine = info.subpixels > 1;
+  if (part > 0) {
+    Plane& carried = fine ? fine_ : room;
+    carried.resize(now_.first.size());
+    float* out = carried.data();
+    now_.carrier->planes({&first, 1}, {&second, 1}, static_cast<double>(part) / static_cast<double>(now_.parts),
+                         {&out, 1});
+    first = out;
+  }
+  if (!fine) return first;
+  room.resize(pixels_);
+  average_squares({first, now_.first.size()}, info.file_width(), info.subpixels, room);
+  return room.data();
+}
+
 // Of the present interval as many planes as a batch holds.
 Feed::Batch DenseFeed::part() {
   if (part_ == 0) begin_interval();
@@ -76,17 +99,7 @@ Feed::Batch DenseFeed::part() {
   between_.resize(static_cast<std::size_t>(std::max<std::int64_t>(std::ssize(between_), end - part_)));
   Batch batch;
   for (; part_ < end; ++part_) {
-    const float* plane = now_.first.data();
-    if (part_ > 0) {
-      Plane& out = between_[batch.planes.size()];
-      out.resize(pixels_);
-      const float* second = now_.second.data();
-      float* to = out.data();
-      now_.carrier->planes({&plane, 1}, {&second, 1}, static_cast<double>(part_) / static_cast<double>(now_.parts),
-                           {&to, 1});
-      plane = to;
-    }
-    batch.planes.push_back(plane);
+    batch.planes.push_back(plane(part_, between_[batch.planes.size()]));
     batch.t_us.push_back(t_us(part_, now_.parts));
   }
   if (loop_.is_on) keep(batch);

@@ -8,9 +8,9 @@
 
 namespace pecs::sensor {
 
-// Photocurrent of whole pictures, at the source's instants and between them: carried along its motion, so often that
-// nothing moves more than half a pixel from plane to plane. The next interval is decoded while one is worked on; a loop
-// whose planes fit into memory is computed once. In the caller's TBB arena.
+// Photocurrent of whole pictures, at the source's instants and between them: carried along its motion, with its
+// subpixels if it has some, so often that nothing moves more than half a pixel from plane to plane. The next interval
+// is decoded while one is worked on; a loop whose planes fit into memory is computed once. In the caller's TBB arena.
 class DenseFeed : public Feed {
  public:
   DenseFeed(const Timeline& timeline, PhotocurrentReader& light);
@@ -21,7 +21,7 @@ class DenseFeed : public Feed {
 
  private:
   using Plane = std::vector<float>;
-  // From a frame to the next one.
+  // From a frame to the next one; its light with subpixels.
   struct Interval {
     Plane first, second;
     std::optional<Carrier> carrier;  // none behind the last frame
@@ -36,6 +36,7 @@ class DenseFeed : public Feed {
   Plane read(std::int64_t step);
   void load(std::int64_t step, Interval& interval);
   void begin_interval();
+  const float* plane(std::int64_t part, Plane& room);
   Batch part();
   Batch from_loop();
   void keep(const Batch& batch);
@@ -44,6 +45,7 @@ class DenseFeed : public Feed {
   const Timeline& timeline_;
   PhotocurrentReader& light_;
   std::size_t pixels_;
+  Plane fine_;  // a carried plane with its subpixels
   std::int64_t step_ = 0, part_ = 0, planes_ = 0;
   Interval now_, soon_;
   std::vector<Plane> between_;

@@ -15,14 +15,15 @@ STEP_NS = 8_000_000
 SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
 
 
-def write_stack(folder, frames, times_ns, motions=(), period_ns=None, layer=LAYER):
+def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1):
     """frames: [T, H, W]; motions: one per interval."""
     height, width = frames[0].shape
     stack = {
         "pecs_stack": 1,
         "quantity": "irradiance",
-        "width": width,
-        "height": height,
+        "width": width // subpixels,
+        "height": height // subpixels,
+        "subpixels": subpixels,
         "pixel_pitch_m": 4.86e-6,
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
         "times_ns": times_ns,
@@ -33,7 +34,7 @@ def write_stack(folder, frames, times_ns, motions=(), period_ns=None, layer=LAYE
         "versions": {},
     }
     if motions:
-        stack["layers"] = [layer]
+        stack["layers"] = [LAYER]
     with StackWriter(folder, stack) as writer:
         for i, frame in enumerate(frames):
             writer.write_frame(i, 1e-3 * frame[None])
@@ -167,3 +168,19 @@ def test_a_missing_or_wrong_motion_is_one_line(tmp_path, pecs_program, keyframes
     refused(stack, "stack.json: layers: motion: channels: got u_mid y_mid", "wanted x_mid y_mid")
     (stack / "stack.json").write_text(text.replace('"interval"', '"instant"'))
     refused(stack, "stack.json: layers: motion: at: got instant, wanted interval")
+
+
+def test_subpixels_are_carried_and_averaged(tmp_path, pecs_program, keyframes):
+    """Keyframes with pixels of half the size are carried as they are, and give sharper light."""
+    fine = Scene(192, 144, step=(16.0, 4.0), finest_px=12.0, radii=(44.0, 32.0), samples=4)
+    frames, motion = [fine.frame(t) for t in (0.0, 1.0)], fine.motion()
+    write_stack(tmp_path / "fine", frames, [0, STEP_NS], [motion], subpixels=2)
+    parts = 16
+    planes = [fine.frame(k / parts).reshape(72, 2, 96, 2).mean((1, 3)) for k in range(parts + 1)]
+    write_stack(tmp_path / "dense", planes, [k * STEP_NS // parts for k in range(parts + 1)])
+    truth = events_of(pecs_program, tmp_path / "dense", tmp_path / "truth.csv")
+    carried = events_of(pecs_program, tmp_path / "fine", tmp_path / "carried.csv")
+    assert len(truth) > 5000
+    assert matched(carried, truth, 100) > 0.8 and matched(truth, carried, 100) > 0.75
+    # A step is half a pixel, not half a subpixel.
+    assert json.loads((tmp_path / "carried.csv.run.json").read_text())["results"]["dense_steps"] - 1 <= 25
