@@ -18,7 +18,7 @@ DenseFeed::DenseFeed(const Timeline& timeline, PhotocurrentReader& light)
       pixels_(static_cast<std::size_t>(light.info().width) * static_cast<std::size_t>(light.info().height)) {
   loop_.is_on = timeline.loops();
   soon_.first = read(0);
-  load(0, soon_);
+  load(0, soon_.first, soon_);
 }
 
 DenseFeed::~DenseFeed() noexcept {
@@ -36,32 +36,57 @@ DenseFeed::Plane DenseFeed::read(std::int64_t step) {
   return plane;
 }
 
-// All but the light at its start.
-void DenseFeed::load(std::int64_t step, Interval& interval) {
+// All but the light at its start, which is `first`.
+void DenseFeed::load(std::int64_t step, const Plane& first, Interval& interval) {
   interval.carrier.reset();
-  interval.parts = 1;
+  interval.residuals = {};
+  interval.at = {0.0};
   if (step + 1 >= *timeline_.steps()) return;
   interval.second = read(step + 1);
   const StackInfo& info = light_.info();
   interval.carrier.emplace(timeline_.source().read_motion(timeline_.frame(step)), info.file_width(),
                            info.file_height());
   const double most = std::max(1.0, timeline_.t_us(step + 1) - timeline_.t_us(step));  // a microsecond apart
-  interval.parts = std::max<std::int64_t>(
-      1, std::llround(std::min(most, std::ceil(interval.carrier->longest_path_px() / (kStep_px * info.subpixels)))));
+  const double parts = std::min(most, std::ceil(interval.carrier->longest_path_px() / (kStep_px * info.subpixels)));
+  for (double k = 1; k < parts; ++k) interval.at.push_back(k / parts);
+  load_between(step, first, interval);
+}
+
+// What was rendered within the interval, and planes at its instants in place of those close to them.
+void DenseFeed::load_between(std::int64_t step, const Plane& first, Interval& interval) {
+  const StackInfo& info = light_.info();
+  const std::int64_t frame = timeline_.frame(step);
+  const std::vector<std::int64_t> times_ns = timeline_.source().between_ns(frame);
+  const auto begin_ns = static_cast<double>(info.times_ns[static_cast<std::size_t>(frame)]);
+  const double length_ns = 1e3 * (timeline_.t_us(step + 1) - timeline_.t_us(step));
+  const double close = 0.25 / static_cast<double>(interval.planes());
+  std::vector<double> instants;
+  Plane rendered(times_ns.empty() ? 0 : first.size()), carried(rendered.size());
+  for (std::size_t k = 0; k < times_ns.size(); ++k) {
+    const double s = (static_cast<double>(times_ns[k]) - begin_ns) / length_ns;
+    light_.read_between(frame, k, rendered.data());
+    const float *a = first.data(), *b = interval.second.data();
+    float* out = carried.data();
+    interval.carrier->planes({&a, 1}, {&b, 1}, s, {&out, 1});
+    interval.residuals.add(s, rendered, carried);
+    std::erase_if(interval.at, [&](double at) { return at > 0 && std::abs(at - s) < close; });
+    instants.push_back(s);
+  }
+  interval.at.insert(interval.at.end(), instants.begin(), instants.end());
+  std::ranges::sort(interval.at);
+  interval.residuals.close();
 }
 
 void DenseFeed::begin_interval() {
   ahead_.wait();
   std::swap(now_, soon_);
   if (step_ > 0) std::swap(now_.first, soon_.second);  // the end of the one before
-  if (step_ + 1 < *timeline_.steps()) ahead_.run([this, step = step_ + 1] { load(step, soon_); });
+  if (step_ + 1 < *timeline_.steps()) ahead_.run([this, step = step_ + 1] { load(step, now_.second, soon_); });
 }
 
-double DenseFeed::t_us(std::int64_t part, std::int64_t parts) const {
+double DenseFeed::t_us(double fraction) const {
   const double start = timeline_.t_us(step_);
-  return part == 0
-             ? start
-             : start + (timeline_.t_us(step_ + 1) - start) * static_cast<double>(part) / static_cast<double>(parts);
+  return fraction == 0 ? start : start + (timeline_.t_us(step_ + 1) - start) * fraction;
 }
 
 std::optional<Feed::Batch> DenseFeed::next() {
@@ -73,16 +98,16 @@ std::optional<Feed::Batch> DenseFeed::next() {
 }
 
 // Of the present interval; in the room given, or where it lies already.
-const float* DenseFeed::plane(std::int64_t part, Plane& room) {
+const float* DenseFeed::plane(double fraction, Plane& room) {
   const StackInfo& info = light_.info();
   const float *first = now_.first.data(), *second = now_.second.data();
   const bool fine = info.subpixels > 1;
-  if (part > 0) {
+  if (fraction > 0) {
     Plane& carried = fine ? fine_ : room;
     carried.resize(now_.first.size());
     float* out = carried.data();
-    now_.carrier->planes({&first, 1}, {&second, 1}, static_cast<double>(part) / static_cast<double>(now_.parts),
-                         {&out, 1});
+    now_.carrier->planes({&first, 1}, {&second, 1}, fraction, {&out, 1});
+    now_.residuals.apply(fraction, carried);
     first = out;
   }
   if (!fine) return first;
@@ -95,15 +120,16 @@ const float* DenseFeed::plane(std::int64_t part, Plane& room) {
 Feed::Batch DenseFeed::part() {
   if (part_ == 0) begin_interval();
   const auto room = static_cast<std::int64_t>(std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_)));
-  const std::int64_t end = std::min(now_.parts, part_ + room);
+  const std::int64_t end = std::min(now_.planes(), part_ + room);
   between_.resize(static_cast<std::size_t>(std::max<std::int64_t>(std::ssize(between_), end - part_)));
   Batch batch;
   for (; part_ < end; ++part_) {
-    batch.planes.push_back(plane(part_, between_[batch.planes.size()]));
-    batch.t_us.push_back(t_us(part_, now_.parts));
+    const double fraction = now_.at[static_cast<std::size_t>(part_)];
+    batch.planes.push_back(plane(fraction, between_[batch.planes.size()]));
+    batch.t_us.push_back(t_us(fraction));
   }
   if (loop_.is_on) keep(batch);
-  if (part_ == now_.parts) {
+  if (part_ == now_.planes()) {
     part_ = 0;
     ++step_;
     if (loop_.is_on && step_ == timeline_.source().frames()) loop_.is_whole = true;
@@ -119,16 +145,18 @@ void DenseFeed::keep(const Batch& batch) {
     loop_ = {};
     return;
   }
-  for (const float* plane : batch.planes) loop_.intervals.back().emplace_back(plane, plane + pixels_);
+  Loop::Planes& kept = loop_.intervals.back();
+  kept.at = now_.at;
+  for (const float* plane : batch.planes) kept.planes.emplace_back(plane, plane + pixels_);
 }
 
 Feed::Batch DenseFeed::from_loop() {
-  const auto& planes = loop_.intervals[static_cast<std::size_t>(timeline_.frame(step_))];
+  const Loop::Planes& kept = loop_.intervals[static_cast<std::size_t>(timeline_.frame(step_))];
   const bool ends = step_ + 1 == *timeline_.steps();
   Batch batch;
-  for (std::int64_t k = 0; k < (ends ? 1 : std::ssize(planes)); ++k) {
-    batch.planes.push_back(planes[static_cast<std::size_t>(k)].data());
-    batch.t_us.push_back(t_us(k, std::ssize(planes)));
+  for (std::size_t k = 0; k < (ends ? 1 : kept.planes.size()); ++k) {
+    batch.planes.push_back(kept.planes[k].data());
+    batch.t_us.push_back(t_us(kept.at[k]));
   }
   ++step_;
   return batch;

@@ -5,6 +5,7 @@
 #include "pecs/sensor/motion.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/timeline.h"
+#include "residuals.h"
 
 namespace pecs::sensor {
 
@@ -25,22 +26,29 @@ class DenseFeed : public Feed {
   struct Interval {
     Plane first, second;
     std::optional<Carrier> carrier;  // none behind the last frame
-    std::int64_t parts = 1;
+    std::vector<double> at{0.0};     // fractions of it to give planes of
+    Residuals residuals;
+    std::int64_t planes() const { return static_cast<std::int64_t>(at.size()); }
   };
   // Of a loop, what is computed again and again: the planes of each frame's interval.
   struct Loop {
-    std::vector<std::vector<Plane>> intervals;
+    struct Planes {
+      std::vector<Plane> planes;
+      std::vector<double> at;
+    };
+    std::vector<Planes> intervals;
     std::size_t bytes = 0;
     bool is_on = false, is_whole = false;
   };
   Plane read(std::int64_t step);
-  void load(std::int64_t step, Interval& interval);
+  void load(std::int64_t step, const Plane& first, Interval& interval);
+  void load_between(std::int64_t step, const Plane& first, Interval& interval);
   void begin_interval();
-  const float* plane(std::int64_t part, Plane& room);
+  const float* plane(double fraction, Plane& room);
   Batch part();
   Batch from_loop();
   void keep(const Batch& batch);
-  double t_us(std::int64_t part, std::int64_t parts) const;
+  double t_us(double fraction) const;
 
   const Timeline& timeline_;
   PhotocurrentReader& light_;

@@ -104,6 +104,17 @@ std::vector<std::string> check_header(const Imf::Header& header, const fs::path&
   return names;
 }
 
+std::int64_t time_of(const Imf::Header& header, const fs::path& path) {
+  const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute);
+  const std::string text = time ? time->value() : "";
+  std::int64_t value = 0;
+  const auto [stop, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (ec != std::errc() || stop != text.data() + text.size())
+    throw bad_input(path.string(), kTimeAttribute, text.empty() ? "nothing" : text.substr(0, 40),
+                    "integer nanoseconds");
+  return value;
+}
+
 void check_time(const Imf::Header& header, const fs::path& path, std::int64_t time_ns, bool required) {
   if (const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute)) {
     if (time->value() != std::to_string(time_ns))

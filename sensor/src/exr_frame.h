@@ -56,6 +56,8 @@ int height_of(const Imf::Header& header);
 // subsampled.
 std::vector<std::string> check_header(const Imf::Header& header, const std::filesystem::path& path,
                                       const StackInfo& info, const Layer& layer);
+// Of its own; throws bad_input where it has none.
+std::int64_t time_of(const Imf::Header& header, const std::filesystem::path& path);
 void check_time(const Imf::Header& header, const std::filesystem::path& path, std::int64_t time_ns, bool required);
 
 // values: [channel][row][x], of the rows from first_row on.

@@ -118,16 +118,21 @@ void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
   source_.read_fine_rows(frame, sums(info().width * info().subpixels, 0, plane));
 }
 
-RowSink PhotocurrentReader::sums(int width, int begin, float* plane) {
+void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, float* plane) {
+  source_.read_between(frame, which, sums(info().file_width(), 0, plane, true));
+}
+
+// has_holes: what is not finite is no light, and not counted.
+RowSink PhotocurrentReader::sums(int width, int begin, float* plane, bool has_holes) {
   return [=, this](int y, int rows, std::span<const float> values) {
     const auto columns = static_cast<std::size_t>(width);
     const std::size_t n = columns * static_cast<std::size_t>(rows);
     float* out = plane + static_cast<std::size_t>(y - begin) * columns;
-    if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out);
+    if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out, has_holes);
   };
 }
 
-void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out) {
+void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out, bool has_holes) {
   for (std::size_t i = 0; i < n; ++i) {
     bool negative = false, not_finite = false;
     for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
@@ -136,7 +141,7 @@ void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* ou
     }
     if (not_finite) {
       out[i] = std::numeric_limits<float>::quiet_NaN();
-      ++not_finite_;
+      if (!has_holes) ++not_finite_;
     } else if (negative) {
       out[i] = std::max(out[i], 0.0f);
       ++negative_;

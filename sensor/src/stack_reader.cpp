@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdio>
 
 #include "exr_block.h"
 #include "exr_frame.h"
@@ -64,6 +65,20 @@ std::vector<std::int64_t> frames_in(const fs::path& folder, const Layer& layer) 
   return indices;
 }
 
+// Numbers of the pictures within intervals, rising.
+std::map<std::int64_t, std::vector<std::int64_t>> betweens_in(const fs::path& folder) {
+  std::map<std::int64_t, std::vector<std::int64_t>> found;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    long long interval = 0, number = 0;
+    if (std::sscanf(name.c_str(), "between_%lld_%lld.exr", &interval, &number) == 2 &&
+        name == between_name(interval, number))
+      found[interval].push_back(number);
+  }
+  for (auto& [interval, numbers] : found) std::ranges::sort(numbers);
+  return found;
+}
+
 }  // namespace
 
 StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std::move(folder)) {
@@ -83,6 +98,7 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
     return;
   }
   info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
+  if (info_.has_between) between_ = betweens_in(folder_);
   const Layer& light = info_.layers[0];
   const std::vector<std::int64_t> present = frames_in(folder_, light);
   if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
@@ -96,6 +112,31 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
   if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
     throw bad_input(folder_.string(), "frames", std::to_string(frames_),
                     fmt::format("the {} of times_ns", info_.times_ns.size()));
+}
+
+std::vector<std::int64_t> StackReader::between_ns(std::int64_t interval) const {
+  const auto found = between_.find(interval);
+  if (found == between_.end()) return {};
+  const auto [begin_ns, end_ns] = interval_ns(info_, interval, folder_);
+  std::vector<std::int64_t> times;
+  for (std::size_t k = 0; k < found->second.size(); ++k) {
+    const fs::path path = between_path(interval, k);
+    const std::int64_t last = times.empty() ? begin_ns : times.back();
+    const std::int64_t time = reading(path, [&] { return time_of(Imf::InputFile(path.c_str(), 0).header(), path); });
+    if (time <= last || time >= end_ns)
+      throw bad_input(path.string(), kTimeAttribute, std::to_string(time),
+                      fmt::format("more than {} and less than {}", last, end_ns));
+    times.push_back(time);
+  }
+  return times;
+}
+
+fs::path StackReader::between_path(std::int64_t interval, std::size_t which) const {
+  return folder_ / between_name(interval, between_.at(interval).at(which));
+}
+
+void StackReader::read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const {
+  read_file(between_path(interval, which), info_.layers[0], {}, sink, 0, info_.file_height());
 }
 
 void StackReader::will_read(std::int64_t index) const {
@@ -138,13 +179,18 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
   if (index < 0 || index >= count)
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
   const bool is_light = layer.name == kLight;
-  const fs::path path = is_light ? frame_path(index) : folder_ / frame_name(layer, index);
+  const auto time_ns = has_json_ ? std::optional(info_.times_ns[static_cast<std::size_t>(index)]) : std::nullopt;
+  read_file(is_light ? frame_path(index) : folder_ / frame_name(layer, index), layer, time_ns, sink, begin, end);
+}
+
+void StackReader::read_file(const fs::path& path, const Layer& layer, std::optional<std::int64_t> time_ns,
+                            const RowSink& sink, int begin, int end) const {
   if (!fs::exists(path)) throw not_found(path.string(), "no such file");
   reading(path, [&] {
     Imf::InputFile file(path.c_str(), 0);
     check_declared_size(file.header(), path);
     const auto channels = check_header(file.header(), path, info_, layer);
-    if (has_json_) check_time(file.header(), path, info_.times_ns[static_cast<std::size_t>(index)], !is_light);
+    if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);
     const Imath::Box2i box = file.header().dataWindow();
     const int in_block = rows_per_block(file.header());
     const bool whole_pixels = in_block % info_.subpixels == 0;

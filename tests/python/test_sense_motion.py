@@ -15,8 +15,8 @@ STEP_NS = 8_000_000
 SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
 
 
-def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1):
-    """frames: [T, H, W]; motions: one per interval."""
+def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=()):
+    """frames: [T, H, W]; motions: one per interval; between: (interval, number, ns, [H, W])."""
     height, width = frames[0].shape
     stack = {
         "pecs_stack": 1,
@@ -24,6 +24,7 @@ def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=
         "width": width // subpixels,
         "height": height // subpixels,
         "subpixels": subpixels,
+        "between": bool(between),
         "pixel_pitch_m": 4.86e-6,
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
         "times_ns": times_ns,
@@ -40,6 +41,8 @@ def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=
             writer.write_frame(i, 1e-3 * frame[None])
         for i, motion in enumerate(motions):
             writer.write_layer("motion", i, motion)
+        for interval, number, time_ns, frame in between:
+            writer.write_between(interval, number, time_ns, 1e-3 * frame[None])
     return folder
 
 
@@ -184,3 +187,53 @@ def test_subpixels_are_carried_and_averaged(tmp_path, pecs_program, keyframes):
     assert matched(carried, truth, 100) > 0.8 and matched(truth, carried, 100) > 0.75
     # A step is half a pixel, not half a subpixel.
     assert json.loads((tmp_path / "carried.csv.run.json").read_text())["results"]["dense_steps"] - 1 <= 25
+
+
+def lamp(t):
+    """A light that goes up and down again within an interval, on the left half."""
+    return np.where(np.arange(SCENE.width) < 48, np.exp(0.9 * np.sin(np.pi * t) ** 2), 1.0).astype(np.float32)
+
+
+def test_what_was_rendered_between_is_heeded(tmp_path, pecs_program):
+    """Motion explains the ellipse, not the lamp: a few pictures of the lit half do."""
+    parts = 16
+    fine = [SCENE.frame(k / parts) * lamp(k / parts) for k in range(parts + 1)]
+    dense = write_stack(tmp_path / "dense", fine, [k * STEP_NS // parts for k in range(parts + 1)])
+    unlit = np.where(np.arange(SCENE.width) < 48, np.float32(1), np.float32("nan"))
+    between = [(0, 2 * k, k * STEP_NS // parts, fine[k] * unlit) for k in range(2, parts, 2)]
+    ends, times, motion = [fine[0], fine[-1]], [0, STEP_NS], [SCENE.motion()]
+    refined = write_stack(tmp_path / "refined", ends, times, motion, between=between)
+    plain = write_stack(tmp_path / "plain", ends, times, motion)
+    truth = events_of(pecs_program, dense, tmp_path / "truth.csv")
+    found = events_of(pecs_program, refined, tmp_path / "found.csv")
+    carried = events_of(pecs_program, plain, tmp_path / "carried.csv")
+    lit = [events[events[:, 1] < 48] for events in (truth, found, carried)]
+    assert matched(lit[1], lit[0], 200) > 0.9 and matched(lit[2], lit[0], 200) < 0.6 and len(lit[0]) > 5000
+    # The other half is as it was carried, but for the instants of its planes.
+    others = [np.count_nonzero(events[:, 1] >= 48) for events in (found, carried)]
+    assert abs(others[0] - others[1]) < 0.02 * others[1]
+
+
+def test_a_still_scene_under_a_lamp(tmp_path, pecs_program):
+    """Nothing moves: the pictures between alone say when the light changes, and pixels that none shows stay silent."""
+    still = SCENE.frame(0)
+    between = [(0, k, k * STEP_NS // 8, np.where(lamp(k / 8) > 1, still * lamp(k / 8), np.nan)) for k in range(1, 8)]
+    motion = np.zeros((12, *still.shape), np.float32)
+    stack = write_stack(tmp_path / "s", [still, still], [0, STEP_NS], [motion], between=between)
+    events = events_of(pecs_program, stack, tmp_path / "o.csv")
+    # 0.9 up are 4 thresholds of 0.2; down again are 3, and the fourth is met exactly.
+    assert (events[:, 1] < 48).all() and 7 * 48 * SCENE.height <= len(events) <= 8 * 48 * SCENE.height
+    assert json.loads((tmp_path / "o.csv.run.json").read_text())["results"]["dense_steps"] == 9
+    assert len(events_of(pecs_program, stack, tmp_path / "o.csv", "--no-motion")) == 0
+
+
+def test_pictures_between_at_wrong_times_are_one_line(tmp_path, pecs_program):
+    still = SCENE.frame(0)
+    motion = np.zeros((12, *still.shape), np.float32)
+    between = [(0, 0, 1000, still), (0, 3, 2000, still)]
+    stack = write_stack(tmp_path / "s", [still, still], [0, STEP_NS], [motion], between=between)
+    sense(pecs_program, stack, "-o", tmp_path / "o.csv")
+    (stack / "between_000000_000005.exr").write_bytes((stack / "between_000000_000000.exr").read_bytes())
+    done = pecs_program("sense", stack, "-o", tmp_path / "p.csv", "--quiet")
+    assert done.returncode == 4 and len(done.stderr.splitlines()) == 1
+    assert "between_000000_000005.exr: pecsTimeNs: got 1000, wanted more than 2000" in done.stderr

@@ -48,12 +48,14 @@ class PhotocurrentReader {
   void read(std::int64_t frame, int begin, int end, float* plane);
   // The whole frame with its subpixels: [height * subpixels * width * subpixels].
   void read_fine(std::int64_t frame, float* plane);
+  // A picture within the interval that begins at a frame, with its subpixels; NaN where it was not rendered.
+  void read_between(std::int64_t frame, std::size_t which, float* plane);
   std::int64_t not_finite() const { return not_finite_; }  // values so far, by pixel and frame
   std::int64_t negative() const { return negative_; }
 
  private:
-  RowSink sums(int width, int begin, float* plane);
-  void count_bad(const float* values, std::size_t n, float* out);
+  RowSink sums(int width, int begin, float* plane, bool has_holes = false);
+  void count_bad(const float* values, std::size_t n, float* out, bool has_holes);
 
   const FrameSource& source_;
   std::vector<float> femtoamperes_;

@@ -68,6 +68,10 @@ class FrameSource {
   // frame, as Carrier takes it (motion.h). May be called from many threads.
   virtual bool has_motion() const { return false; }
   virtual std::vector<float> read_motion(std::int64_t) const { return {}; }
+  // Pictures within the interval that begins at a frame: their times, as info().times_ns counts, rising; and all rows
+  // of one of them with its subpixels, NaN where it was not rendered.
+  virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }
+  virtual void read_between(std::int64_t, std::size_t, const RowSink&) const {}
 
   // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits
   // for a frame, which read_rows then gives, and returns its time [us]; nothing at the end. Before the first call the

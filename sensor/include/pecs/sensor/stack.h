@@ -4,6 +4,8 @@
 // layer is meant by its name; the light's is kLight.
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -80,17 +82,23 @@ class StackReader : public FrameSource {
   void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const override;
   // All rows of the file as they are.
   void read_fine_rows(std::int64_t index, const RowSink& sink) const override;
+  std::vector<std::int64_t> between_ns(std::int64_t interval) const override;
+  void read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const override;
   // The whole file as [channels][rows][columns].
   std::vector<float> read_frame(std::int64_t index, std::string_view layer = kLight) const;
 
  private:
   void read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const;
+  void read_file(const std::filesystem::path& path, const Layer& layer, std::optional<std::int64_t> time_ns,
+                 const RowSink& sink, int begin, int end) const;
+  std::filesystem::path between_path(std::int64_t interval, std::size_t which) const;
 
   std::filesystem::path folder_;
   StackInfo info_;
   std::int64_t frames_ = 0;
   bool has_json_ = false;
-  std::vector<std::filesystem::path> files_;  // of a foreign stack
+  std::vector<std::filesystem::path> files_;                   // of a foreign stack
+  std::map<std::int64_t, std::vector<std::int64_t>> between_;  // numbers of the pictures within an interval
   std::string layout_ = "EXR stack";
 };
 
