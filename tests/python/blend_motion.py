@@ -128,6 +128,41 @@ def vanishing():
         square.keyframe_insert("hide_render", frame=frame)
 
 
+def fog():
+    """A square that moves behind a box of fog and a clear pane, which move otherwise."""
+    start()
+    put(grid("wall", 4), (0, 8, 0))
+    move(put(grid("square", 1), (0, 4, 0)), "location", [(0, 4, 0), (0.2, 4, 0)])
+    for name, distance, kind in (("fog", 2, "VolumeScatter"), ("pane", 1, "BsdfTransparent")):
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        tree.nodes.clear()
+        shader, output = tree.nodes.new(f"ShaderNode{kind}"), tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(shader.outputs[0], output.inputs["Volume" if kind.startswith("Volume") else "Surface"])
+        mesh = grid(name, 3)
+        mesh.materials.append(material)
+        thing = put(mesh, (0, distance, 0))
+        if name == "fog":
+            thing.modifiers.new("thick", "SOLIDIFY").thickness = 0.5
+        move(thing, "location", [(0, distance, 0), (0.5, distance, 0)])
+
+
+def falling():
+    """A rigid body, baked."""
+    scene = start()
+    scene.render.fps = 24
+    body = put(grid("body", 0.5), (0, 4, 0.5))
+    floor = put(grid("floor", 1), (0, 4, -3))
+    for thing, kind in ((body, "ACTIVE"), (floor, "PASSIVE")):
+        bpy.context.view_layer.objects.active = thing
+        bpy.ops.rigidbody.object_add(type=kind)
+        thing.rigid_body.collision_shape = "BOX"
+    put(grid("child", 0.3), (0.6, 0, 0)).parent = body
+    bpy.ops.ptcache.bake_all(bake=True)
+    scene.frame_set(1)
+
+
 def deforming():
     """From left to right: an armature turns a mesh; a shape key shears one, on an object that moves, below a
     subdivision; a modifier gives one more polygons from frame to frame."""
@@ -163,7 +198,7 @@ def deforming():
     scene.frame_set(1)
 
 
-SCENES = {f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, deforming)}
+SCENES = {f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, fog, falling, deforming)}
 
 if __name__ == "__main__":
     folder, *names = sys.argv[1:]

@@ -304,3 +304,30 @@ def test_a_scene_that_repeats_has_an_interval_more(root, tmp_path):
     assert there[4] == pytest.approx(last, rel=1e-5)
     assert np.mean(np.abs(back[4] / first - 1) < 1e-4) > 0.99  # it ends where the first instant begins
     assert 0.02 < (there[2] != 0).mean() < 0.5  # the rest of the room is still
+
+
+def test_what_is_clear_is_looked_through(blends):
+    """A box of nothing but fog, and a pane."""
+    there, _ = motion(render(blends, "fog"))
+    square = (there[4] > 3.9) & (there[4] < 4.1)
+    assert square.sum() == 256 and (there[4] > 3.9).all()
+    assert there[2, square] == pytest.approx(3.2, abs=TOLERANCE_PX) and (there[:4, ~square] == 0).all()
+
+
+def test_a_baked_rigid_body(blends, tmp_path):
+    """It falls with 9.81 m/s^2, Blender's damping of 4 % per second apart, and takes a child along; the light does not
+    change by its second look."""
+    args = ("--fps", 24)
+    folder = render(blends, "falling", *args, frames=5)
+    falls = []
+    for i in range(4):
+        there, _ = motion(folder, i)
+        body, child = (np.isfinite(there[4]) & part for part in (pixel_centres()[0] < 38, pixel_centres()[0] > 38))
+        assert body.sum() >= 49 and child.sum() >= 16
+        moving = there[:, body | child]
+        assert np.ptp(moving[3]) < TOLERANCE_PX and np.abs(moving[2]).max() < TOLERANCE_PX
+        falls.append(moving[3].mean())
+    assert np.diff(falls) == pytest.approx(9.81 / 24**2 * WIDTH / 4, rel=0.01)
+    run("render", blends / "falling.blend", "-o", tmp_path / "s", *COMMON, *args, "--frames", 5)
+    alone = {n: b for n, b in files(tmp_path / "s").items() if n.startswith("frame")}
+    assert len(alone) == 5 and alone.items() <= files(folder).items()

@@ -135,14 +135,15 @@ class Sight:
         width, height = self.size
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
 
-    def film(self, view: View, points: np.ndarray, infinite: bool = False) -> np.ndarray:
-        """Pixels [2, n] of points [3, n] in camera axes, or of directions (infinite); NaN for what cannot be there."""
+    def film(self, view: View, points: np.ndarray, infinite: np.ndarray) -> np.ndarray:
+        """Pixels [2, n] of points [3, n] in camera axes, directions where they are infinite [n]; NaN for what cannot be
+        there."""
         if view.lens:
             return self._lens_pixels(points)
         if view.clip_from_camera is None:
             return np.full((2, points.shape[1]), np.nan)
         clip = view.clip_from_camera
-        x, y, w = (clip[r, :3] @ points + (0 if infinite else clip[r, 3]) for r in (0, 1, 3))
+        x, y, w = (clip[r, :3] @ points + np.where(infinite, 0, clip[r, 3]) for r in (0, 1, 3))
         with np.errstate(all="ignore"):
             ndc = np.where(w > 0, np.stack([x, -y]) / w, np.nan)
         return (ndc + 1) / 2 * np.array(self.size)[:, None]
@@ -180,20 +181,20 @@ class Sight:
 
     def _lens_pixels(self, points: np.ndarray) -> np.ndarray:
         """A point that leaves the field goes straight on."""
+        if not points.size:
+            return np.empty((2, 0))
         x, y, z = points
         with np.errstate(all="ignore"):
             tangent = np.where(z > 0, np.hypot(x, y) / z, np.nan)
         beyond = np.flatnonzero(tangent > self._field)
-        pixels = self._job.lens.lens.pixels(points.T, **self._setting()).T
-        if beyond.size:
-            ahead = points[:, beyond] / (z[beyond], z[beyond], z[beyond])
-            at = []
-            for part in (NEAR_FIELD, 1.0):
-                rim = ahead * (part * self._field / tangent[beyond])
-                rim[2] = 1
-                at.append(self._job.lens.lens.pixels(rim.T, **self._setting()).T)
-            further = (tangent[beyond] / self._field - 1) / (1 - NEAR_FIELD)
-            pixels[:, beyond] = at[1] + further * (at[1] - at[0])
+        rim = points[:, beyond] / z[beyond]
+        rim[:2] *= self._field / tangent[beyond]
+        seen = np.concatenate([points, rim * [[NEAR_FIELD], [NEAR_FIELD], [1]]], 1)
+        seen[:, beyond] = rim
+        pixels = self._job.lens.lens.pixels(seen.T, **self._setting()).T
+        pixels, near = pixels[:, : points.shape[1]], pixels[:, points.shape[1] :]
+        further = (tangent[beyond] / self._field - 1) / (1 - NEAR_FIELD)
+        pixels[:, beyond] += further * (pixels[:, beyond] - near)
         return pixels * self._per_pixel[:, None]
 
 

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which surface point each pixel's centre sees, and where on the film those points are at another instant.
 
-A companion scene of the same objects is rendered by Cycles with one sample along chief rays (scene/sight.py), all
-surfaces in one material that says which instance is hit (Object Info's Random) and which polygon (an attribute, which
-only the companion's evaluated meshes get: neither the file nor the light's render has it). A point is then carried by
-its instance's matrix, or by the triangle of a mesh that deforms.
+A companion scene (scene/companion.py) is rendered by Cycles with one sample along chief rays (scene/sight.py); a point
+is then carried by its instance's matrix, or by the triangle of a mesh that deforms (scene/mesh_points.py).
 
 Not known: what an instance does that the other instant lacks, or whose Random another has too; meshes whose topology
 changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through, and
-transparent surfaces are seen where they are.
+surfaces with holes in their texture are seen as a whole.
 """
 
 from __future__ import annotations
@@ -19,14 +17,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from . import cycles
+from . import companion, cycles
 from .job import Job
 from .mesh_points import Geometries, Geometry, carried
 from .sight import Sight, View, transformed
 
 SKY, UNKNOWN = -1, -2
-INSTANCE, POLYGON = "pecs_instance", "pecs_polygon"
-MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
 
 
 @dataclass(frozen=True)
@@ -67,11 +63,13 @@ class Surfaces:
 
     def __init__(self, job: Job, scratch: Path, scale: float = 1.0, name: str = "surfaces"):
         size = tuple(max(1, round(n * scale)) for n in job.size)
-        self._job, self._scene = job, _companion(job.source.scene, size)
+        self._job, self._scene = job, companion.make(job.source.scene, size)
         render = self._scene.render
         render.pixel_aspect_x, render.pixel_aspect_y = np.array(job.size) / size  # where the scale does not divide it
         self._sight, self._film = Sight(job, scratch, name, self._scene, size), cycles.Film(self._scene)
         self._geometries = Geometries()
+        self._simulated = companion.simulated(job.source.scene)
+        self._clear = {material for material in bpy.data.materials if companion.is_clear(material)}
         self.size = size
 
     def centres(self) -> np.ndarray:
@@ -82,13 +80,21 @@ class Surfaces:
         """At the instant at which the job's scene stands."""
         self._follow()
         found = []
-        passes = self._film.passes("Position", "Depth", INSTANCE, POLYGON, look=lambda d: found.append(self._poses(d)))
+
+        def look(depsgraph: bpy.types.Depsgraph) -> None:
+            found.append(self._poses(depsgraph))
+            for thing in depsgraph.objects if self._clear else ():
+                slots = thing.material_slots
+                if slots and all(slot.material and slot.material.original in self._clear for slot in slots):
+                    thing[companion.CLEAR] = 1.0
+
+        passes = self._film.passes("Position", "Depth", companion.INSTANCE, companion.POLYGON, look=look)
         poses = found[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
         depth = np.where(surface, points[2] * self._job.source.unit_m, np.inf)
-        instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
-        return Seen(poses, depth, instance.astype(np.int32), points, passes[POLYGON][0].astype(np.int32) - 1)
+        instance = np.where(surface, poses.find(passes[companion.INSTANCE][0]), SKY)
+        return Seen(poses, depth, instance.astype(np.int32), points, passes[companion.POLYGON][0].astype(np.int32) - 1)
 
     def poses(self) -> Poses:
         """At the instant at which the job's scene stands."""
@@ -108,24 +114,29 @@ class Surfaces:
         still = known[moves.still[instance[known]]]
         out[:2, still], out[2, still] = centres[:, still], points[2, still]
         moving = known[moves.moving[instance[known]]]
-        if moving.size:
-            now = moves(instance[moving], points[:, moving], seen.polygon.ravel()[moving])
-            out[:2, moving], out[2, moving] = self._sight.film(view, now), now[2]
+        now = moves(instance[moving], points[:, moving], seen.polygon.ravel()[moving])
+        sky = np.flatnonzero(instance == SKY)
+        turned = self._sky(before.view, view, sky)
+        both = np.concatenate([moving, sky])  # at once: a lens's map takes a while to set up
+        infinite = np.arange(both.size) >= moving.size
+        out[:2, both] = self._sight.film(view, np.concatenate([now, turned], 1), infinite)
+        out[2, moving], out[2, sky] = now[2], np.inf
+        stays = sky[~turned[2].astype(bool)]
+        out[:2, stays] = centres[:, stays]
         out[2] *= self._job.source.unit_m
-        self._place_sky(before.view, view, np.flatnonzero(instance == SKY), centres, out)
         return out.reshape(3, *seen.instance.shape)
 
-    def _place_sky(self, before: View, view: View, sky: np.ndarray, centres: np.ndarray, out: np.ndarray) -> None:
-        """It turns with the camera, and is the same along all rays of an orthographic one."""
+    def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
+        """Directions [3, n] in camera axes of pixels [n] of the sky, which turns with the camera; 0 where it stays: it
+        is the same along all rays of an orthographic camera, and dark where a lens has no ray."""
         rays = self._sight.rays(before)
-        out[2, sky] = np.inf
         if before.same(view) or (rays is not None and not rays[1].any()):
-            out[:2, sky] = centres[:, sky]
-        elif rays is not None:
-            along = np.vstack([rays[1].reshape(2, -1)[:, sky], np.ones((1, sky.size))])
-            turned = (view.camera_from_world @ np.linalg.inv(before.camera_from_world))[:3, :3] @ along
-            dark = np.isnan(turned[0])  # no ray of the lens arrives: nothing is seen, ever
-            out[:2, sky] = np.where(dark, centres[:, sky], self._sight.film(view, turned, infinite=True))
+            return np.zeros((3, sky.size))
+        if rays is None:
+            return np.full((3, sky.size), np.nan)
+        along = np.vstack([rays[1].reshape(2, -1)[:, sky], np.ones((1, sky.size))])
+        turned = (view.camera_from_world @ np.linalg.inv(before.camera_from_world))[:3, :3] @ along
+        return np.where(np.isnan(turned[0]), 0, turned)
 
     def _follow(self) -> None:
         """The companion to the instant of the job's scene."""
@@ -134,6 +145,8 @@ class Surfaces:
         scene.camera = self._sight.camera()
 
     def _poses(self, depsgraph: bpy.types.Depsgraph) -> Poses:
+        for thing in self._simulated:
+            thing.evaluated_get(depsgraph).matrix_world = thing.matrix_world
         ids, matrices, geometry, found, numbers = [], [], [], [], {}
         for instance in depsgraph.object_instances:
             thing = instance.object
@@ -144,8 +157,8 @@ class Surfaces:
             if key not in numbers:
                 numbers[key] = len(found)
                 found.append(self._geometries.of(data))
-                _number_polygons(data)
-            ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else _name_id(thing.name))
+                companion.number_polygons(data)
+            ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else companion.name_id(thing.name))
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)
@@ -175,6 +188,8 @@ class _Moves:
     def __call__(self, instance: np.ndarray, points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
         """points [3, n] of instances [n], in polygons [n]; NaN where it is not known."""
         before, after = self._before, self._after
+        if not instance.size:
+            return points
         used = np.flatnonzero(np.bincount(instance, minlength=len(before.ids)))
         short = np.searchsorted(used, instance)
         local_from_camera = _inverse(before.world_from_local[used]) @ np.linalg.inv(before.view.camera_from_world)
@@ -207,63 +222,3 @@ def _inverse(matrices: np.ndarray) -> np.ndarray:
     out[:, :3, :3] = np.linalg.pinv(matrices[:, :3, :3], rcond=1e-6)
     out[:, :3, 3:] = -out[:, :3, :3] @ matrices[:, :3, 3:]
     return out
-
-
-def _number_polygons(data: bpy.types.ID) -> None:
-    """In an evaluated mesh."""
-    if isinstance(data, bpy.types.Mesh) and 0 < len(data.polygons) < MAX_POLYGONS and POLYGON not in data.attributes:
-        numbers = np.arange(1, len(data.polygons) + 1, dtype=np.float32)
-        data.attributes.new(POLYGON, "FLOAT", "FACE").data.foreach_set("value", numbers)
-
-
-def _name_id(name: str) -> int:
-    """Cycles' Random of an object that is no instance (util/hash.h: a string's hash, and Jenkins' lookup3 of it)."""
-    key = 0
-    for byte in name.encode():
-        key = key * 37 + (byte if byte < 128 else byte - 256)
-    mask = 0xFFFFFFFF
-    start = (0xDEADBEEF + (2 << 2) + 13) & mask
-    state = {"a": (start + key) & mask, "b": start, "c": start}
-    for of, by, turn in zip("cabcabc", "bcabcab", (14, 11, 25, 16, 4, 14, 24), strict=True):
-        other = state[by]
-        state[of] = ((state[of] ^ other) - ((other << turn) | (other >> (32 - turn)))) & mask
-    return state["c"]
-
-
-def _companion(scene: bpy.types.Scene, size: tuple[int, int]) -> bpy.types.Scene:
-    """The same objects and collections, for Cycles to look at apart from the light."""
-    companion = scene.copy()
-    companion.world = None
-    companion.timeline_markers.clear()  # they would change the camera
-    companion.render.resolution_x, companion.render.resolution_y = size
-    companion.render.use_border = False
-    for key, value in {"samples": 1, "max_bounces": 0, "use_denoising": False, "filter_width": 0.01}.items():
-        setattr(companion.cycles, key, value)
-    layer = companion.view_layers[0]
-    for p in layer.bl_rna.properties:
-        if p.identifier.startswith("use_pass_"):
-            setattr(layer, p.identifier, p.identifier in ("use_pass_position", "use_pass_z"))
-    layer.samples = 0  # as the scene
-    while layer.aovs:
-        layer.aovs.remove(layer.aovs[0])
-    for name in (INSTANCE, POLYGON):
-        layer.aovs.add().name = name
-        layer.aovs[-1].type = "VALUE"
-    layer.material_override = _material()
-    return companion
-
-
-def _material() -> bpy.types.Material:
-    material = bpy.data.materials.new("pecs surfaces")
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(emission.outputs[0], output.inputs["Surface"])
-    instance, polygon = tree.nodes.new("ShaderNodeObjectInfo"), tree.nodes.new("ShaderNodeAttribute")
-    polygon.attribute_name = POLYGON
-    for name, socket in ((INSTANCE, instance.outputs["Random"]), (POLYGON, polygon.outputs["Fac"])):
-        node = tree.nodes.new("ShaderNodeOutputAOV")
-        node.aov_name = name
-        tree.links.new(socket, node.inputs["Value"])
-    return material
