@@ -1,65 +1,168 @@
-"""kill -9 at twenty random moments of a render, then to the end: the stack must be that of an unbroken run.
+"""kill -9 at random moments, and when an output appears: what has its name is whole, and what is left disturbs no run.
 
-.venv/bin/python scripts/kill_test.py [KILLS]
+    .venv/bin/python scripts/kill_test.py [KILLS [render|sense|convert|align]...]    (default: 20, all four)
+
+A killed render is continued: its stack must be that of an unbroken run. The others begin again: an output is there as
+the unbroken run writes it, or not at all.
 """
 
+import json
 import random
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+import pecs
+from pecs_lab.program import program
+
 ROOT = Path(__file__).resolve().parents[1]
-JOB = [
-    "--bands",
-    "6",
-    "--fps",
-    "1000",
-    "--frames",
-    "150",
-    "--width",
-    "96",
-    "--samples",
-    "2",
-    "--colour-tolerance-px",
-    "1",
-]
+RENDER = [
+    "--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2", "--colour-tolerance-px", "1",
+]  # fmt: skip
 
 
-def start(output):
-    scene = str(ROOT / "scenes" / "rotating_disk")
-    words = [sys.executable, "-m", "pecs_blender", "render", scene, "-o", str(output), *JOB]
-    return subprocess.Popen(words, stderr=subprocess.DEVNULL)
+def start(words: Iterable[object]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([str(w) for w in words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def main(kills: int) -> int:
+def to_the_end(words: Iterable[object]) -> float:
+    """Seconds that it took."""
+    began = time.monotonic()
+    if start(words).wait() != 0:
+        sys.exit(f"failed: {' '.join(map(str, words))}")
+    return time.monotonic() - began
+
+
+def killed(words: Iterable[object], after_s: float, watch: Path | None = None) -> bool:
+    """`watch`: a folder; a killed run ends when something else than it held appears there, at the latest."""
+    before, process = list(watch.iterdir()) if watch else [], start(words)
+    end = time.monotonic() + after_s
+    while process.poll() is None and time.monotonic() < end:
+        if watch and list(watch.iterdir()) != before:
+            break
+        time.sleep(0.0005 if watch else 0.01)
+    if process.poll() is not None:
+        return False
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    return True
+
+
+def kill_render(folder: Path, kills: int) -> bool:
+    def job(output: Path) -> list[object]:
+        scene = ROOT / "scenes/rotating_disk"
+        return [sys.executable, "-m", "pecs_blender", "render", scene, "-o", output, *RENDER]
+
+    whole, broken = folder / "whole", folder / "broken"
+    longest_s = 2.5 + to_the_end(job(whole)) / kills  # about one run in all, starts included
+    rng, ended, left = random.Random(1), 0, []
+    for _ in range(kills):
+        ended += killed(job(broken), rng.uniform(0, longest_s))
+        left.append(len(list(broken.glob("frame_*.exr"))))
+    to_the_end(job(broken))
+    names = sorted(p.name for p in whole.iterdir())
+    same = names == sorted(p.name for p in broken.iterdir()) and all(
+        (whole / name).read_bytes() == (broken / name).read_bytes() for name in names
+    )
+    print(f"render: killed {ended} times of {kills}, frames after each: {left}; {len(names)} files, same: {same}")
+    return same
+
+
+def stack(folder: Path) -> Path:
+    size, pi = (180, 320), np.pi
+    bands = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
+    json_ = {
+        "pecs_stack": 1, "quantity": "irradiance", "width": size[1], "height": size[0], "pixel_pitch_m": 4.86e-6,
+        "bands": bands, "times_ns": [i * 1_000_000 for i in range(100)], "period_ns": None, "lens": None, "scene": {},
+        "render": {}, "versions": {},
+    }  # fmt: skip
+    with pecs.StackWriter(folder, json_) as writer:
+        for i in range(100):
+            x = np.arange(size[1]) / size[1] - i / 100
+            light = np.broadcast_to(1e-6 * (2 + np.sin(16 * pi * x)), (1, *size))
+            writer.write_frame(i, light.astype(np.float32))
+    return folder
+
+
+def disk_events(count: int) -> np.ndarray:
+    """Of a disk of four sectors on 320 x 240 pixels, 2000 deg/s, shortly behind their edges."""
+    rng, events = np.random.default_rng(1), np.zeros(count, pecs.EVENT_DTYPE)
+    t, edge = np.sort(rng.integers(0, 600_000, count)), rng.integers(0, 4, count)
+    angle, radius = np.radians(90 * edge + 2000e-6 * t - 3 * rng.random(count)), 100 * np.sqrt(rng.random(count))
+    events["t"], events["p"] = t, edge % 2
+    events["x"], events["y"] = 160 + radius * np.cos(angle), 120 - radius * np.sin(angle)
+    return events
+
+
+def jobs_of(kind: str, folder: Path, output: Path) -> list[list[Path | str]]:
+    """Command lines, their outputs in `output`."""
+    if kind == "sense":
+        source = folder / "s" if (folder / "s").exists() else stack(folder / "s")
+        return [["sense", source, "-o", output / f"o.{e}", "--labels", output / f"{e}.npy"] for e in ("raw", "h5")]
+    recording = folder / "in.npz"
+    if not recording.exists():
+        pecs.write(recording, disk_events(300_000), 320, 240)
+    if kind == "convert":
+        endings = ("raw", "dat", "hdf5", "h5", "aedat4", "npz", "csv")
+        return [["convert", recording, output / f"o.{e}"] for e in endings]
+    scene = ROOT / "scenes/rotating_disk"
+    given = [recording, "--scene", scene, "--pixel-pitch-um", "19.44", "-o", output / "a.json"]
+    return [["align", *given, "--picture", output / "a.png"]]
+
+
+def kill_program(kind: str, folder: Path, kills: int) -> bool:
+    """`kills` in all, in turn over the kind's jobs."""
+    rng, ended, seen, wrong = random.Random(kind), 0, 0, []
+    whole, broken = folder / f"whole {kind}", folder / f"broken {kind}"
+    whole.mkdir()
+    broken.mkdir()
+    pairs = list(zip(jobs_of(kind, folder, whole), jobs_of(kind, folder, broken), strict=True))
+    longest_s = [to_the_end([program(), *job]) for job, _ in pairs]
+    good = {p.name: p.read_bytes() for p in whole.iterdir()}
+
+    def check(there: set[str]) -> None:
+        for name in there:
+            data = (broken / name).read_bytes()
+            if name.endswith(".run.json"):
+                json.loads(data)  # names its own command
+            elif good[name] != data:
+                wrong.append(name)
+
+    for i in range(kills):
+        which = i % len(pairs)
+        for path in broken.iterdir():
+            if i % 4 == 0 or not path.name.endswith(".partial"):  # three of four begin over what a killed one left
+                path.unlink()
+        words = [program(), *pairs[which][1]]
+        if i // len(pairs) % 2:
+            ended += killed(words, 10 * longest_s[which], watch=broken)
+        else:
+            ended += killed(words, rng.uniform(0, 1.1 * longest_s[which]))
+        there = {p.name for p in broken.iterdir() if not p.name.endswith(".partial")}
+        seen += len(there)
+        check(there)
+    for _, job in pairs:
+        to_the_end([program(), *job])
+    left = {p.name for p in broken.iterdir()}
+    check(left & good.keys())
+    if left != good.keys():
+        wrong.append(f"at the end {sorted(left ^ good.keys())}")
+    print(f"{kind}: killed {ended} times of {kills}, {seen} outputs were there, wrong: {wrong or 'none'}")
+    return not wrong
+
+
+def main(kills: int, kinds: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
-        whole, broken = Path(folder) / "whole", Path(folder) / "broken"
-        began = time.monotonic()
-        if start(whole).wait() != 0:
-            sys.exit("the unbroken run failed")
-        longest_s = 2.5 + (time.monotonic() - began) / kills  # about one run in all, starts included
-        rng, killed, left = random.Random(1), 0, []
-        for _ in range(kills):
-            process = start(broken)
-            try:
-                process.wait(rng.uniform(0, longest_s))
-            except subprocess.TimeoutExpired:
-                process.send_signal(signal.SIGKILL)
-                process.wait()
-                killed += 1
-            left.append(len(list(broken.glob("frame_*.exr"))))
-        if start(broken).wait() != 0:
-            sys.exit("the last run failed")
-        names = sorted(p.name for p in whole.iterdir())
-        same = names == sorted(p.name for p in broken.iterdir()) and all(
-            (whole / name).read_bytes() == (broken / name).read_bytes() for name in names
-        )
-        print(f"killed {killed} times of {kills}, frames after each: {left}; {len(names)} files, same: {same}")
-        return 0 if same else 1
+        do: dict[str, Callable[[], bool]] = {"render": lambda: kill_render(Path(folder), kills)}
+        for kind in ("sense", "convert", "align"):
+            do[kind] = lambda kind=kind: kill_program(kind, Path(folder), kills)
+        return 0 if all([do[kind]() for kind in kinds or do]) else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 20))
+    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 20, sys.argv[2:]))
