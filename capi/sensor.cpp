@@ -85,7 +85,9 @@ std::vector<float> mended(std::span<const float> values, pecs_sensor& count) {
   return out;
 }
 
-std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t_us, bool last) {
+// motion: null, or of so many channels a frame.
+std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t_us, const float* motion, int channels,
+                  bool last) {
   if (s.finished) throw pecs::Error(pecs::ExitCode::usage, "frames: got some after the last");
   check_unit(s, t_us);
   s.found.events.clear();
@@ -99,12 +101,20 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
     }
     std::vector<const float*> planes;
     for (std::size_t i = 0; i < t_us.size(); ++i) planes.push_back(frames + i * pixels);
-    s.sensor.push(planes, t_us, last, s.found);
+    if (motion)
+      s.sensor.push_moving(planes, t_us, motion, static_cast<std::size_t>(channels), last, s.found);
+    else
+      s.sensor.push(planes, t_us, last, s.found);
   });
   if (!s.frames && !t_us.empty()) s.first_us = t_us.front();
   s.frames += std::ssize(t_us);
   s.finished = last;
   return std::ssize(s.found.events);
+}
+
+void check_frames(const float* frames, const double* t_us, int64_t count) {
+  if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+  if (count > 0) given(frames, "frames"), given(t_us, "t_us");
 }
 
 }  // namespace
@@ -122,9 +132,19 @@ pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error) {
 int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                          pecs_error* error) {
   return guard(error, [&] {
-    if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
-    if (count > 0) given(frames, "frames"), given(t_us, "t_us");
-    return push(given(sensor, "sensor"), frames, {t_us, static_cast<std::size_t>(count)}, last != 0);
+    check_frames(frames, t_us, count);
+    return push(given(sensor, "sensor"), frames, {t_us, static_cast<std::size_t>(count)}, nullptr, 0, last != 0);
+  });
+}
+
+int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count,
+                                const float* motion, int channels, int last, pecs_error* error) {
+  return guard(error, [&] {
+    check_frames(frames, t_us, count);
+    if (channels < 1)
+      throw pecs::Error(pecs::ExitCode::usage, fmt::format("channels: got {}, wanted 2, 4 or 12", channels));
+    return push(given(sensor, "sensor"), frames, {t_us, static_cast<std::size_t>(count)}, &given(motion, "motion"),
+                channels, last != 0);
   });
 }
 

@@ -211,6 +211,11 @@ PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* err
  * whose value is not finite keeps its last one. Returns how many events there are. */
 PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                                   pecs_error* error);
+/* The same where it is known how things moved in the interval before each frame: motion is [count][channels][height]
+ * [width], channels as of pecs_carry; that of the first frame ever is not looked at. Light between the frames is
+ * carried along it, so often that nothing moves more than half a pixel. */
+PECS_API int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count,
+                                         const float* motion, int channels, int last, pecs_error* error);
 /* Copies the events of the last push, sorted by time, then row, then column. Returns how many; `capacity` must hold
  * them. */
 PECS_API int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, int64_t capacity, pecs_error* error);

@@ -38,6 +38,17 @@ _push = function(
     ctypes.c_int64,
     ctypes.c_int,
 )
+_push_moving = function(
+    "pecs_sensor_push_moving",
+    ctypes.c_int64,
+    ctypes.c_void_p,
+    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
+    np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS"),
+    ctypes.c_int64,
+    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
+    ctypes.c_int,
+    ctypes.c_int,
+)
 _events = function("pecs_sensor_events", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 _labels = function("pecs_sensor_labels", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 _dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p)
@@ -135,9 +146,14 @@ class Sensor(Handle):
         }
         super().__init__(_open(json.dumps(options).encode()))
 
-    def push(self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False) -> Events:
+    def push(
+        self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
+    ) -> Events:
         """One frame [H, W], or several [T, H, W], at rising times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`).
 
+        `motion`: how things moved in the interval before each frame, [channels, H, W] (or [T, channels, H, W]) as
+        `pecs.carry` takes it: 12 channels, or optical flow in 2 or 4; NaN where it is not known. Light between the
+        frames is then carried along it. That of the very first frame is not looked at.
         `last`: no frame follows; the sensor closes. Negative values are taken as 0, a pixel whose value is not finite
         keeps its last one; both are counted in `bad_values`, and the first push that has some warns.
         Raises ValueError for a wrong shape, and for times that do not rise or lie less than 1 us apart.
@@ -150,15 +166,32 @@ class Sensor(Handle):
             raise ValueError(
                 f"frames: got shape {frames.shape} at {times.size} times, wanted {(times.size, *self.shape)}"
             )
-        return self._push(frames, times, last)
+        return self._push(frames, times, last, None if motion is None else self._motion(motion, len(frames)))
+
+    def _motion(self, motion: ArrayLike, frames: int) -> NDArray[np.float32]:
+        out = np.ascontiguousarray(_as_array(motion), np.float32)
+        out = out[None] if out.ndim == 3 else out
+        if out.ndim != 4 or (len(out), *out.shape[2:]) != (frames, *self.shape) or out.shape[1] not in (2, 4, 12):
+            raise ValueError(f"motion: got shape {out.shape}, wanted ({frames}, 2 | 4 | 12, *{self.shape})")
+        return out
 
     def finish(self) -> Events:
         """The events of the last interval; nothing can be pushed after it."""
         return self._push(np.empty((0, *self.shape), np.float32), np.empty(0), True)
 
-    def _push(self, frames: NDArray[np.float32], times: NDArray[np.float64], last: bool) -> Events:
+    def _push(
+        self,
+        frames: NDArray[np.float32],
+        times: NDArray[np.float64],
+        last: bool,
+        motion: NDArray[np.float32] | None = None,
+    ) -> Events:
         with self._use() as handle:
-            out = np.empty(_push(handle, frames, times, len(frames), last), EVENT_DTYPE)
+            if motion is None:
+                count = _push(handle, frames, times, len(frames), last)
+            else:
+                count = _push_moving(handle, frames, times, len(frames), motion, motion.shape[1], last)
+            out = np.empty(count, EVENT_DTYPE)
             _events(handle, out.ctypes.data, len(out))
             self.dropped = _dropped(handle)
             if self.labels:

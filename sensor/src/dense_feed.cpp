@@ -6,12 +6,6 @@
 #include "subpixels.h"
 
 namespace pecs::sensor {
-namespace {
-
-constexpr double kStep_px = 0.5;  // of motion between planes
-
-}  // namespace
-
 DenseFeed::DenseFeed(const Timeline& timeline, PhotocurrentReader& light)
     : timeline_(timeline),
       light_(light),
@@ -46,9 +40,8 @@ void DenseFeed::load(std::int64_t step, const Plane& first, Interval& interval) 
   const StackInfo& info = light_.info();
   interval.carrier.emplace(timeline_.source().read_motion(timeline_.frame(step)), info.file_width(),
                            info.file_height());
-  const double most = std::max(1.0, timeline_.t_us(step + 1) - timeline_.t_us(step));  // a microsecond apart
-  const double parts = std::min(most, std::ceil(interval.carrier->longest_path_px() / (kStep_px * info.subpixels)));
-  for (double k = 1; k < parts; ++k) interval.at.push_back(k / parts);
+  const auto between = interval.carrier->instants(timeline_.t_us(step + 1) - timeline_.t_us(step), info.subpixels);
+  interval.at.insert(interval.at.end(), between.begin(), between.end());
   load_between(step, first, interval);
 }
 

@@ -8,11 +8,13 @@
 #include <cmath>
 
 #include "pecs/error.h"
+#include "pecs/sensor/motion.h"
 
 namespace pecs::sensor {
 namespace {
 
-constexpr std::uint32_t kTile = 8192;  // pixels
+constexpr std::uint32_t kTile = 8192;                       // pixels
+constexpr std::size_t kBatchBytes = std::size_t{32} << 20;  // planes that are carried before they are worked on
 static_assert(kTile % PixelModel::kBlock == 0);
 
 // work(tile, events) for the tiles of a region in parallel; tiles that follow each other share a part of the sorter.
@@ -87,9 +89,44 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
 }
 
 void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out) {
+  advance(planes, t_us, last, out);
+  if (planes.empty()) return;
+  last_plane_.assign(planes.back(), planes.back() + pixels());
+  last_t_us_ = t_us.back();
+}
+
+void Sensor::push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
+                         std::size_t channels, bool last, LabelledEvents& out) {
+  std::vector<std::vector<float>> between;
+  std::vector<const float*> batch;
+  std::vector<double> times_us;
+  for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
+    if (!last_plane_.empty() && t_us[i] > last_t_us_) {
+      const Carrier carrier({motion, channels * pixels()}, width_, height_);
+      const double length_us = t_us[i] - last_t_us_;
+      const std::vector<double> instants = carrier.instants(length_us);
+      const float *first = last_plane_.data(), *second = planes[i];
+      for (std::size_t k = 0; k < instants.size(); ++k) {
+        if (between.size() == batch.size()) between.emplace_back(pixels());
+        float* to = between[batch.size()].data();
+        carrier.planes({&first, 1}, {&second, 1}, instants[k], {&to, 1});
+        batch.push_back(to);
+        times_us.push_back(last_t_us_ + length_us * instants[k]);
+        if (batch.size() * pixels() * sizeof(float) < kBatchBytes && k + 1 < instants.size()) continue;
+        advance(batch, times_us, false, out);
+        batch.clear(), times_us.clear();
+      }
+    }
+    push({&planes[i], 1}, {&t_us[i], 1}, last && i + 1 == planes.size(), out);
+  }
+  if (planes.empty()) push({}, {}, last, out);
+}
+
+void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,
+                     LabelledEvents& out) {
   const FrameBatch batch = clock_.batch(planes, t_us, last);
   sorter_.begin(batch.t_us);
-  pixels_.advance(batch, {0, static_cast<std::uint32_t>(width_) * static_cast<std::uint32_t>(height_)}, sorter_);
+  pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);
   if (!readout_) return sorter_.take(clock_.final_us(), out);
   fired_.events.clear();
   fired_.causes.clear();

@@ -237,3 +237,48 @@ def test_pictures_between_at_wrong_times_are_one_line(tmp_path, pecs_program):
     done = pecs_program("sense", stack, "-o", tmp_path / "p.csv", "--quiet")
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1
     assert "between_000000_000005.exr: pecsTimeNs: got 1000, wanted more than 2000" in done.stderr
+
+
+def pushed(frames, t_us, motions, **options):
+    """Events of frames given one by one, each with the motion before it."""
+    with pecs.Sensor(SCENE.width, SCENE.height, photocurrent_a=1e-15, **options) as sensor:
+        parts = [sensor.push(frames[0], t_us[0])]
+        for frame, t, motion in zip(frames[1:], t_us[1:], motions, strict=True):
+            parts.append(sensor.push(frame, t, motion=motion))
+        return np.concatenate([*parts, sensor.finish()])
+
+
+def test_pushed_frames_give_the_same_events(tmp_path, pecs_program):
+    there, back = SCENE.motion(), SCENE.motion()[[*range(6, 12), *range(6)]]
+    ends = [SCENE.frame(0), SCENE.frame(1)]
+    stack = write_stack(tmp_path / "s", [*ends, ends[0]], [0, STEP_NS, 2 * STEP_NS], [there, back])
+    sense(pecs_program, stack, "-o", tmp_path / "o.csv", "--seed", 3)
+    wanted = read_csv(tmp_path / "o.csv")
+    chip, reader = pecs.Chip("imx636"), pecs.StackReader(stack)
+    frames = [(1e15 * chip.photocurrent(reader, i)).astype(np.float32) for i in range(3)]
+    t_us = np.array([0, STEP_NS, 2 * STEP_NS]) / 1000
+    events = pushed(frames, t_us, [there, back], seed=3)
+    assert len(events) > 5000
+    # The light differs by its rounding: by an event here and there.
+    assert abs(len(events) - len(wanted)) < 5
+    assert matched(np.stack([events[k] for k in "txyp"], 1).astype(int), wanted, 2) > 0.999
+    # Together, and with a motion for the first frame too, which is not looked at.
+    with pecs.Sensor(SCENE.width, SCENE.height, photocurrent_a=1e-15, seed=3) as sensor:
+        together = sensor.push(np.stack(frames), t_us, last=True, motion=np.stack([there * np.nan, there, back]))
+    assert np.array_equal(together, events)
+
+
+def test_optical_flow_may_be_pushed(tmp_path):
+    motion = SCENE.motion()
+    frames, t_us = [SCENE.frame(0), SCENE.frame(1)], [0, STEP_NS / 1000]
+    full = pushed(frames, t_us, [motion], chip="ideal")
+    flow = pushed(frames, t_us, [motion[[2, 3, 8, 9]]], chip="ideal")
+    frozen = pushed(frames, t_us, [np.full((2, *SCENE.frame(0).shape), np.nan)], chip="ideal")
+    plain = np.concatenate([pecs.simulate(np.stack(frames), t_us, "ideal", photocurrent_a=1e-15)])
+    columns = [np.stack([events[k] for k in "txyp"], 1).astype(int) for events in (full, flow, frozen, plain)]
+    assert matched(columns[1], columns[0], 200) > 0.8 > 0.4 > matched(columns[2], columns[0], 200)
+    assert np.array_equal(columns[2], columns[3])
+    with pecs.Sensor(SCENE.width, SCENE.height) as sensor:
+        sensor.push(frames[0], 0)
+        with pytest.raises(ValueError, match="motion: got shape"):
+            sensor.push(frames[1], 1000, motion=motion[:3])

@@ -284,6 +284,14 @@ double Carrier::longest_path_px() const {
   return std::max(interval_->first.longest_path_px(), interval_->second.longest_path_px());
 }
 
+std::vector<double> Carrier::instants(double length_us, int subpixels) const {
+  constexpr double kStep_px = 0.5;
+  const double parts = std::min(std::max(1.0, length_us), std::ceil(longest_path_px() / (kStep_px * subpixels)));
+  std::vector<double> fractions;
+  for (double k = 1; k < parts; ++k) fractions.push_back(k / parts);
+  return fractions;
+}
+
 void Carrier::planes(std::span<const float* const> first, std::span<const float* const> second, double s,
                      std::span<float* const> out, CarrySide side) const {
   const std::size_t pixels =

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <memory>
 #include <span>
+#include <vector>
 
 namespace pecs::sensor {
 
@@ -29,6 +30,9 @@ class Carrier {
 
   // Of the path of any point within the interval, the longest [px]. 0: nothing moves.
   double longest_path_px() const;
+  // Fractions in (0, 1), evenly spaced, between which nothing moves more than half a pixel (of so many subpixels), nor
+  // less than a microsecond passes in an interval of this length.
+  std::vector<double> instants(double length_us, int subpixels = 1) const;
 
   // Planes of light at the fraction s, each [height * width], from those at the start and at the end. s = 0 and s = 1
   // give the keyframes; equal values that nothing moves over stay as they are. Where both keyframes show a point they

@@ -56,15 +56,25 @@ class Sensor {
   // planes: [height * width] each, at rising times. Appends the events that are final; `last`: no frame follows, so all
   // are. Throws bad_input for times that do not rise.
   void push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out);
+  // The same with the motion of the interval before each of them: so many channels a plane, as Carrier takes them; that
+  // of the first plane ever is not looked at. Light between planes is carried along it. Throws bad_input also for
+  // another number of channels.
+  void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
+                   std::size_t channels, bool last, LabelledEvents& out);
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
 
  private:
+  std::size_t pixels() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
+  void advance(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out);
+
   int width_, height_;
   PixelArray pixels_;
   EventSorter sorter_;
   FrameClock clock_;
   std::optional<Readout> readout_;
   LabelledEvents fired_;  // to be read out
+  std::vector<float> last_plane_;
+  double last_t_us_ = 0;
 };
 
 }  // namespace pecs::sensor
