@@ -80,42 +80,38 @@ def _digest(values: np.ndarray) -> bytes:
 
 def carried(before: Geometry, after: Geometry, polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
     """points [3, n] in polygons [n] (-1: not known) of `before`, in `after`; NaN where the two do not correspond. A
-    point off its triangle (in a subdivided surface) keeps its distance."""
+    point off its triangle (of a surface that Cycles subdivides) stays as far off."""
     topology, out = before.topology, np.full(points.shape, np.nan)
     if topology is None or topology is not after.topology or topology.triangles is None:
         return out
     first, count = topology.first[polygon], topology.first[polygon + 1] - topology.first[polygon]
     usable = (polygon >= 0) & (count <= MAX_TRIANGLES)
-    inside = np.full(len(polygon), -np.inf)  # the least barycentric coordinate: of a point's own triangle, the greatest
+    inside = np.full(len(polygon), -np.inf)  # the least barycentric coordinate, not negative in a point's own triangle
     for k in range(count[usable].max(initial=0)):
-        these = np.flatnonzero(usable & (count > k))
+        these = np.flatnonzero(usable & (count > k) & (inside < 0))
         triangle = topology.triangles[first[these] + k]
-        u, v, height = _in_triangle(before.vertices, triangle, points[:, these])
+        u, v, rest = _in_triangle(_corners(before.vertices, triangle), points[:, these])
         least = np.minimum(np.minimum(u, v), 1 - u - v)
         better = least > inside[these]  # not where it is NaN, in a triangle without area
-        these, triangle = these[better], triangle[better]
+        these = these[better]
         inside[these] = least[better]
-        out[:, these] = _of_triangle(after.vertices, triangle, u[better], v[better], height[better])
+        a, ab, ac = _corners(after.vertices, triangle[better])
+        out[:, these] = a + u[better] * ab + v[better] * ac + rest[:, better]
     return out
 
 
-def _corners(vertices: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A corner, the two edges from it, and their normal: [3, n] each."""
-    a, b, c = (vertices[triangle[:, k]].astype(float).T for k in range(3))
-    return a, b - a, c - a, np.cross(b - a, c - a, axis=0)
+def _corners(vertices: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A corner of triangles [n, 3], and the two edges from it: [3, n] each."""
+    a, b, c = (vertices[corner].T.astype(float) for corner in triangle.T)
+    return a, b - a, c - a
 
 
-def _in_triangle(vertices, triangle, points):
-    """Weights of the second and third corner, and the distance from the plane."""
-    a, ab, ac, normal = _corners(vertices, triangle)
-    area, p = (normal**2).sum(0), points - a
+def _in_triangle(corners: tuple, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of the second and third corner, and what leads from the plane to the point."""
+    a, ab, ac = corners
+    p = points - a
+    bb, bc, cc, pb, pc = (np.einsum("in,in->n", *pair) for pair in ((ab, ab), (ab, ac), (ac, ac), (p, ab), (p, ac)))
     with np.errstate(all="ignore"):
-        u = (np.cross(p, ac, axis=0) * normal).sum(0) / area
-        v = (np.cross(ab, p, axis=0) * normal).sum(0) / area
-        return u, v, (p * normal).sum(0) / np.sqrt(area)
-
-
-def _of_triangle(vertices, triangle, u, v, height):
-    a, ab, ac, normal = _corners(vertices, triangle)
-    with np.errstate(all="ignore"):
-        return a + u * ab + v * ac + height * normal / np.linalg.norm(normal, axis=0)
+        area = bb * cc - bc * bc
+        u, v = (cc * pb - bc * pc) / area, (bb * pc - bc * pb) / area
+        return u, v, p - u * ab - v * ac

@@ -67,6 +67,7 @@ class Sight:
             self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), scratch)
         else:
             self._camera = bpy.data.objects.new(name, job.source.scene.camera.data)
+            bpy.context.view_layer.update()  # a scene folder's camera may just have been made
         if self._camera.name not in scene.collection.objects:
             scene.collection.objects.link(self._camera)
 
@@ -76,11 +77,10 @@ class Sight:
         if self._job.lens:
             source.place([self._camera])
         else:
-            bpy.context.view_layer.update()  # a scene folder's camera may just have been made
             own = source.scene.camera
-            self._camera.data = self._sharp_copy(own.data)
+            if self._camera.data != (sharp := self._sharp_copy(own.data)):  # else Blender would look at everything anew
+                self._camera.data = sharp
             self._camera.matrix_world = own.matrix_world
-        bpy.context.view_layer.update()
         return self._camera
 
     def _sharp_copy(self, own: bpy.types.Camera) -> bpy.types.Camera:
