@@ -128,6 +128,26 @@ def vanishing():
         square.keyframe_insert("hide_render", frame=frame)
 
 
+def cut():
+    """Markers change the camera at frame 2, which has samples of its own."""
+    scene = start()
+    put(grid("wall", 4), (0, 8, 0))
+    put(grid("near", 0.8), (0.2, 3, 0.1))
+    other = put(scene.camera.data, (0.5, 0, 0.2), (88, 0, 5), "other")
+    for frame, camera in ((1, scene.camera), (2, other)):
+        scene.timeline_markers.new(camera.name, frame=frame).camera = camera
+    scene.view_layers[0].samples = 3
+
+
+def uncut():
+    """Its second camera alone."""
+    cut()
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects["other"]
+    scene.timeline_markers.clear()
+    scene.view_layers[0].samples = 0
+
+
 def fog():
     """A square that moves behind a box of fog and a clear pane, which move otherwise."""
     start()
@@ -198,7 +218,9 @@ def deforming():
     scene.frame_set(1)
 
 
-SCENES = {f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, fog, falling, deforming)}
+SCENES = {
+    f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, cut, uncut, fog, falling, deforming)
+}
 
 if __name__ == "__main__":
     folder, *names = sys.argv[1:]

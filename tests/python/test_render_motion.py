@@ -185,6 +185,22 @@ def test_a_camera_that_travels(blends):
         check_travel(way, Pinhole(), times)
 
 
+def test_markers_change_the_camera(blends):
+    """Of a lens, too, and of what is seen; the samples are those of the command line."""
+    args = ("--lens", LENS_NAME, "--focus-m", 4, "--fnumber", 4, "--film-shift-mm", 0.3, -0.2, "--samples", 16)
+    changes, stays = (render(blends, name, *args, frames=3) for name in ("cut", "uncut"))
+    for light, same in (("frame_000000.exr", False), ("frame_000001.exr", True), ("frame_000002.exr", True)):
+        assert ((changes / light).read_bytes() == (stays / light).read_bytes()) == same
+
+    def camera(t):
+        other = shift(0.5, 0, 0.2) @ turn(2, np.radians(5)) @ turn(0, np.radians(88))
+        return np.diag([1, -1, -1, 1]) @ np.linalg.inv(other) if t >= 1 else FLIP
+
+    for way, times in zip(motion(changes), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        check_way(way, LensCamera(changes), {(2, 9): still}, times, camera)
+    assert (motion(changes, 1)[:, :4] == 0).all()
+
+
 def test_every_instance_goes_its_own_way(blends):
     """Of a collection, of one mesh, and made by geometry nodes."""
     there, back = motion(render(blends, "instances"))

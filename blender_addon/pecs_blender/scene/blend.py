@@ -45,15 +45,20 @@ class BlendScene(Source):
         self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
         self.record = {"name": path.stem, "scene": self.scene.name, "illuminant": illuminant.name}
         self._illuminant, self._camera = illuminant, self.scene.camera
+        # Blender would put them in a lens camera's place at every render.
+        self._cuts = [(m.frame, m.camera) for m in self.scene.timeline_markers if m.camera and not m.camera.hide_render]
+        self._cuts.sort(key=lambda cut: cut[0])
+        self.scene.timeline_markers.clear()
         for layer in self.scene.view_layers:
             layer.use = layer == self.scene.view_layers[0]
 
     def set_time(self, t_s: float) -> None:
         """t = 0 is the scene's first frame."""
         frame = round(self.scene.frame_start + t_s * self._fps, 6)
+        if self._cuts:  # the last marker's camera; the first one's before it
+            self._camera = [self._cuts[0], *(cut for cut in self._cuts if cut[0] <= frame)][-1][1]
         self.scene.camera = self._camera
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
-        self._camera = self.scene.camera  # markers may change it
 
     def camera(self, focal_mm: float, film_width_mm: float):
         return self._camera  # as the file has it, depth of field included

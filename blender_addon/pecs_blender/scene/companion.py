@@ -47,7 +47,6 @@ def make(scene: bpy.types.Scene, size: tuple[int, int]) -> bpy.types.Scene:
     """The same objects and collections, for Cycles to look at apart from the light."""
     companion = scene.copy()
     companion.world = None
-    companion.timeline_markers.clear()  # they would change the camera
     if companion.rigidbody_world:
         with bpy.context.temp_override(scene=companion):
             bpy.ops.rigidbody.world_remove()
@@ -60,7 +59,6 @@ def make(scene: bpy.types.Scene, size: tuple[int, int]) -> bpy.types.Scene:
     for p in layer.bl_rna.properties:
         if p.identifier.startswith("use_pass_"):
             setattr(layer, p.identifier, p.identifier in ("use_pass_position", "use_pass_z"))
-    layer.samples = 0  # as the scene
     while layer.aovs:
         layer.aovs.remove(layer.aovs[0])
     for name in (INSTANCE, POLYGON):

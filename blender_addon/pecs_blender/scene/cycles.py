@@ -98,6 +98,8 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
         setattr(scene.cycles, key, value)
     scene.cycles.device = "CPU" if sampling.device == "CPU" else "GPU"
     scene.cycles.samples = sampling.samples
+    for layer in scene.view_layers:
+        layer.samples = 0  # else its own
     scene.cycles.seed = sampling.seed
     scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
     scene.render.resolution_x, scene.render.resolution_y = width, height
