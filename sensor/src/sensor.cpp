@@ -102,7 +102,7 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
   std::vector<double> times_us;
   for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
     if (!last_plane_.empty() && t_us[i] > last_t_us_) {
-      const Carrier carrier({motion, channels * pixels()}, width_, height_);
+      const Carrier carrier({motion, motion + channels * pixels()}, width_, height_);
       const double length_us = t_us[i] - last_t_us_;
       const std::vector<double> instants = carrier.instants(length_us);
       const float *first = last_plane_.data(), *second = planes[i];

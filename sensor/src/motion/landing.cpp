@@ -5,78 +5,141 @@
 namespace pecs::sensor::motion {
 namespace {
 
-// Slopes of displacement and depth on the surface of the point: central differences where both neighbours belong to it.
-void slopes(const Surfaces& from, const Weights& w, std::int32_t index, Place& place) {
-  const Point& p = from.at(index);
-  const auto along = [&](std::uint32_t ahead, std::uint32_t behind, int step, Vec2& slope, float& depth_slope) {
-    const bool next = p.flags & ahead, last = p.flags & behind;
+// How displacement and depth change from pixel to pixel of a point's surface.
+struct Slopes {
+  Vec2 by_x, by_y;
+  float z_by_x = 0, z_by_y = 0;
+};
+
+// Central differences where both neighbours belong to the surface.
+Slopes slopes_of(const Surfaces& from, const Weights& w, std::int32_t index) {
+  Slopes out;
+  const auto along = [&](std::uint16_t ahead, std::uint16_t behind, int step, Vec2& slope, float& z_slope) {
+    const bool next = from.flags(index) & ahead, last = from.flags(index) & behind;
     if (!next && !last) return;
-    const Point &b = next ? from.at(index + step) : p, &a = last ? from.at(index - step) : p;
+    const Point a = from.at(last ? index - step : index), b = from.at(next ? index + step : index);
     const float per = next && last ? 0.5f : 1.0f;
-    const Vec2 d1 = w.path(b), d0 = w.path(a);
+    const Vec2 d0 = w.path(a), d1 = w.path(b);
     slope = {per * (d1.x - d0.x), per * (d1.y - d0.y)};
-    const float dz = per * (w.depth(b) - w.depth(a));
-    depth_slope = std::isfinite(dz) ? dz : 0;
+    z_slope = per * (w.depth(b) - w.depth(a));
   };
-  along(kRight, kLeft, 1, place.by_x, place.z_by_x);
-  along(kDown, kUp, from.width(), place.by_y, place.z_by_y);
+  along(kRight, kLeft, 1, out.by_x, out.z_by_x);
+  along(kDown, kUp, from.width(), out.by_y, out.z_by_y);
+  return out;
+}
+
+// The point `of`, seen from the pixel (dx, dy) beside it.
+Seen place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
+  const Slopes s = slopes_of(from, w, of);
+  const Point p = from.at(of);
+  const Vec2 d = w.path(p);
+  const auto fx = static_cast<float>(of % from.width() + dx), fy = static_cast<float>(of / from.width() + dy);
+  const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
+  const float rx = x - (fx + d.x + s.by_x.x * ox + s.by_y.x * oy), ry = y - (fy + d.y + s.by_x.y * ox + s.by_y.y * oy);
+  float xx = 1 + s.by_x.x, xy = s.by_y.x, yx = s.by_x.y, yy = 1 + s.by_y.y;
+  float det = xx * yy - xy * yx;
+  if (!(det > 0.1f)) xx = yy = det = 1, xy = yx = 0;  // the surface turns away
+  const float u = (yy * rx - xy * ry) / det, v = (xx * ry - yx * rx) / det;
+  return {of + dy * from.width() + dx, fx + u, fy + v, w.depth(p) + s.z_by_x * u + s.z_by_y * v};
 }
 
 }  // namespace
 
-Place place_of(const Surfaces& from, const Weights& w, std::int32_t code) {
-  const std::int32_t index = code >> 1;
-  const bool rim = code & 1;
-  int dx = 0, dy = 0;
-  if (rim) {
-    const auto owner = static_cast<int>(from.at(index).flags >> kOwnerShift);
-    dx = owner % 3 - 1, dy = owner / 3 - 1;
-  }
-  const std::int32_t of = index + dy * from.width() + dx;
-  Place place;
-  slopes(from, w, of, place);
-  const Vec2 d = w.path(from.at(of));
-  const auto x = static_cast<float>(index % from.width()), y = static_cast<float>(index / from.width());
-  const auto fx = static_cast<float>(dx), fy = static_cast<float>(dy);
-  place.at = {x + (d.x - place.by_x.x * fx - place.by_y.x * fy), y + (d.y - place.by_x.y * fx - place.by_y.y * fy)};
-  place.z = w.depth(from.at(of));
-  return place;
+Seen seen_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
+  return place(from, w, index, 0, 0, x, y);
 }
 
-void Landing::put(Vec2 at, float z, std::int32_t code) {
-  const int column = static_cast<int>(std::floor(at.x + 0.5f)) - x0_,
-            row = static_cast<int>(std::floor(at.y + 0.5f)) - y0_;
-  if (column < 0 || column >= kWidth || row < 0 || row >= kHeight) return;
-  const auto k = static_cast<std::size_t>(row * kWidth + column);
-  if (codes_[k] != kNone && !(z < depths_[k])) return;  // the first of equals
-  codes_[k] = code;
-  depths_[k] = z;
+Seen rim_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
+  const auto [dx, dy] = from.owner(index);
+  return place(from, w, index + dy * from.width() + dx, -dx, -dy, x, y);
+}
+
+void Landing::clear(Layer& layer) {
+  std::ranges::fill(layer.z, kNothing);
+  std::ranges::fill(layer.u, 0.0f);
+  std::ranges::fill(layer.v, 0.0f);
+  std::ranges::fill(layer.index, kNone);
+}
+
+// What land_run finds of a row.
+struct Landing::Run {
+  static constexpr std::size_t kMost = kTileWidth + kSpare;
+  std::int32_t column[kMost], row[kMost];
+  float u[kMost], v[kMost], depth[kMost];
+};
+
+void Landing::land_tile(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1) {
+  const int left = std::max(x0 - 1, 0), right = std::min(x1 + 1, from.width());
+  const int top = std::max(y0 - 1, 0), bottom = std::min(y1 + 1, from.height());
+  const auto path_row = [&](int channel, int y) { return paths_[channel] + (y - y0 + 1) * kStride - (x0 - 1); };
+  for (int y = top; y < bottom; ++y) {
+    PathArguments a{{},
+                    w.mid,
+                    w.end,
+                    w.here,
+                    w.there,
+                    static_cast<std::size_t>(right - left),
+                    path_row(0, y) + left,
+                    path_row(1, y) + left,
+                    path_row(2, y) + left};
+    for (int c = 0; c < 6; ++c) a.channels[c] = from.channel(c) + static_cast<std::ptrdiff_t>(y) * from.width() + left;
+    paths(a);
+  }
+  Run run;
+  std::uint16_t flags[Run::kMost] = {};
+  for (int y = y0; y < y1; ++y) {
+    const std::int32_t first = y * from.width() + x0;
+    for (int x = x0; x < x1; ++x) flags[x - x0] = from.flags(first + x - x0);
+    land_run({path_row(0, y) + x0, path_row(1, y) + x0, path_row(2, y) + x0, kStride, flags, static_cast<float>(x0),
+              static_cast<float>(y), static_cast<std::size_t>(x1 - x0), run.column, run.row, run.u, run.v, run.depth});
+    for (int i = 0; i < x1 - x0; ++i) {
+      const auto column = static_cast<unsigned>(run.column[i] - x0_), row = static_cast<unsigned>(run.row[i] - y0_);
+      if (column >= kWidth || row >= kHeight) continue;
+      const std::size_t k = row * kWidth + column;
+      if (!(run.depth[i] < points.z[k])) continue;  // the first of equals
+      points.z[k] = run.depth[i];
+      points.u[k] = run.u[i];
+      points.v[k] = run.v[i];
+      points.index[k] = first + i;
+    }
+  }
+}
+
+void Landing::land_rims(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1) {
+  for (int y = y0; y < y1; ++y)
+    for (int x = x0; x < x1; ++x) {
+      const std::int32_t index = y * from.width() + x;
+      if (!(from.flags(index) & kSoiled)) continue;
+      const Seen here = rim_at(from, w, index, static_cast<float>(x), static_cast<float>(y));
+      // Where it is, to first order, is the other way round.
+      const float column = std::floor(2 * static_cast<float>(x) - here.u + 0.5f);
+      const float row = std::floor(2 * static_cast<float>(y) - here.v + 0.5f);
+      const Seen seen = rim_at(from, w, index, column, row);
+      const int cx = static_cast<int>(column) - x0_, cy = static_cast<int>(row) - y0_;
+      if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;
+      if (!has_rims) clear(rims);
+      has_rims = true;
+      const auto k = static_cast<std::size_t>(cy * kWidth + cx);
+      if (!(seen.z < rims.z[k])) continue;
+      rims.z[k] = seen.z, rims.u[k] = seen.u, rims.v[k] = seen.v, rims.index[k] = index;
+    }
 }
 
 void Landing::land(const Surfaces& from, const Weights& w, const Tile& tile, std::span<const std::int32_t> tiles) {
   x0_ = tile.x0 - 1, y0_ = tile.y0 - 1;
-  std::ranges::fill(codes_, kNone);
-  std::ranges::fill(depths_, std::numeric_limits<float>::infinity());
+  has_rims = false;
+  clear(points);
   for (const std::int32_t t : tiles) {
     const Tile source = from.tile(t);
     const Vec2 least = from.reach(t).least(w), most = from.reach(t).most(w);
     // Pixels that may land here; a rim's motion is its neighbour's and may differ by its slope.
-    const auto first = [](int edge, float d) { return static_cast<int>(std::floor(static_cast<float>(edge) - d)) - 3; };
-    const auto end = [](int edge, float d) { return static_cast<int>(std::ceil(static_cast<float>(edge) - d)) + 3; };
+    const auto first = [](int edge, float d) { return static_cast<int>(std::floor(static_cast<float>(edge) - d)) - 2; };
+    const auto end = [](int edge, float d) { return static_cast<int>(std::ceil(static_cast<float>(edge) - d)) + 2; };
     const int x0 = std::max(source.x0, first(x0_, most.x)), x1 = std::min(source.x1, end(x0_ + kWidth, least.x));
     const int y0 = std::max(source.y0, first(y0_, most.y)), y1 = std::min(source.y1, end(y0_ + kHeight, least.y));
-    for (int y = y0; y < y1; ++y)
-      for (int x = x0; x < x1; ++x) {
-        const std::int32_t index = y * from.width() + x;
-        const Point& p = from.at(index);
-        if (!(p.flags & kKnown)) continue;
-        const Vec2 d = w.path(p);
-        put({static_cast<float>(x) + d.x, static_cast<float>(y) + d.y}, w.depth(p), index * 2);
-        if (p.flags & kSoiled) {
-          const Place place = place_of(from, w, index * 2 + 1);
-          put(place.at, place.z * 1.0005f, index * 2 + 1);  // behind the surface itself
-        }
-      }
+    if (x0 >= x1 || y0 >= y1) continue;
+    land_tile(from, w, x0, y0, x1, y1);
+    if (from.reach(t).soiled) land_rims(from, w, x0, y0, x1, y1);
   }
 }
 

@@ -1,33 +1,31 @@
 #pragma once
 // What one keyframe shows: its points with their paths, which neighbours belong to one surface, and where blocks of
 // them go.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
-#include <span>
 #include <vector>
 
 namespace pecs::sensor::motion {
 
 // What is known of a pixel of a keyframe.
-constexpr std::uint32_t kKnown = 1,              // its motion
+constexpr std::uint16_t kKnown = 1,              // its motion
     kRight = 2, kLeft = 4, kDown = 8, kUp = 16,  // one surface with the neighbour there
-    kSoiled = 32,                                // beside a nearer surface, whose light it may hold in part,
-                                                 // and whose motion claims it too: kOwnerShift
-    kMixed = 64;                                 // it or a neighbour of its surface is soiled: no wide kernel
+    kSoiled = 32,  // beside a nearer surface, whose light it may hold in part: kOwnerShift
+    kMixed = 64;   // it or a neighbour of its surface is soiled: no wide kernel
 constexpr int kOwnerShift =
     8;  // of a soiled one, 4 bits: neighbour that the nearer surface is at, (dy + 1) * 3 + dx + 1
 
-// From keyframe 0 over the middle to the other keyframe.
-struct alignas(32) Point {
-  float x_mid = 0, y_mid = 0, x_end = 0, y_end = 0;  // displacements [px]
-  float z = 0, z_end = 0;
-  std::uint32_t flags = 0;
-  float unused = 0;
-};
+constexpr float kFar = 1e30f;  // depth of what has none
 
 struct Vec2 {
   float x = 0, y = 0;
+};
+
+// From keyframe 0 over the middle to the other keyframe.
+struct Point {
+  float x_mid, y_mid, x_end, y_end;  // displacements [px]
+  float z, z_end;                    // at most kFar
 };
 
 // Weights of a point's numbers at the fraction f of its path: the parabola through 0, middle and end; depths linear.
@@ -42,21 +40,17 @@ struct Weights {
   float mid, end, here, there;
 };
 
-// Least and largest displacement of a block, pixels that are about to be claimed by a neighbour's motion included.
+// Least and largest displacement of a block.
 struct Reach {
   Vec2 mid_least, mid_most, end_least, end_most;
-  bool any = false, moves = false, unknown = false;
+  bool any = false, moves = false, unknown = false, soiled = false;
   void add(const Point& p);
-  void add(const Reach& other);
   // At the fraction of `w`, outwards.
-  Vec2 least(const Weights& w) const { return bound(w, mid_least, mid_most, end_least, end_most); }
-  Vec2 most(const Weights& w) const { return bound(w, mid_most, mid_least, end_most, end_least); }
+  Vec2 least(const Weights& w) const { return at(w, mid_least, w.end >= 0 ? end_least : end_most); }
+  Vec2 most(const Weights& w) const { return at(w, mid_most, w.end >= 0 ? end_most : end_least); }
 
  private:
-  static Vec2 bound(const Weights& w, Vec2 mid, Vec2, Vec2 end, Vec2 end_other) {
-    const Vec2 e = w.end >= 0 ? end : end_other;
-    return {w.mid * mid.x + w.end * e.x, w.mid * mid.y + w.end * e.y};
-  }
+  static Vec2 at(const Weights& w, Vec2 m, Vec2 e) { return {w.mid * m.x + w.end * e.x, w.mid * m.y + w.end * e.y}; }
 };
 
 constexpr int kTileWidth = 64, kTileHeight = 32;
@@ -67,13 +61,27 @@ struct Tile {
 
 class Surfaces {
  public:
-  // channels: x_mid y_mid x_end y_end z z_end, each [height * width].
+  // channels: x_mid y_mid x_end y_end z z_end, each [height * width]; they must outlive this.
   Surfaces(const float* const (&channels)[6], int width, int height);
 
   int width() const { return width_; }
   int height() const { return height_; }
-  const Point& at(std::int32_t index) const { return points_[static_cast<std::size_t>(index)]; }
-  const Point& at(int x, int y) const { return at(y * width_ + x); }
+  Point at(std::int32_t index) const {
+    const auto value = [&](int c) { return channels_[c][index]; };
+    return {value(0), value(1), value(2), value(3), std::min(value(4), kFar), std::min(value(5), kFar)};
+  }
+  std::uint16_t flags(std::int32_t index) const { return flags_[static_cast<std::size_t>(index)]; }
+  const float* channel(int c) const { return channels_[c]; }
+  // Of a soiled pixel: the step to the neighbour that the nearer surface is at.
+  struct Step {
+    int dx, dy;
+  };
+  Step owner(std::int32_t index) const {
+    const int place = flags(index) >> kOwnerShift;
+    return {place % 3 - 1, place / 3 - 1};
+  }
+  // Whether a pixel is of one surface with its neighbour (dx, dy), over a corner too.
+  bool joined(std::int32_t index, int dx, int dy) const;
   double longest_path_px() const { return longest_; }
 
   int tiles_x() const { return (width_ + kTileWidth - 1) / kTileWidth; }
@@ -82,12 +90,14 @@ class Surfaces {
   const Reach& reach(int tile) const { return reach_[static_cast<std::size_t>(tile)]; }
 
  private:
-  std::uint32_t links_of(int x, int y) const;
+  std::uint16_t links_of(int x, int y) const;
+  std::uint16_t rim_of(int x, int y) const;
   Reach reach_of(const Tile& tile) const;
 
   int width_, height_;
+  const float* channels_[6];
   double longest_ = 0;
-  std::vector<Point> points_;
+  std::vector<std::uint16_t> flags_;
   std::vector<Reach> reach_;
 };
 

@@ -23,7 +23,7 @@ class Carrier {
   // motion: [12][height][width], of the layer. Or [2]: forward optical flow alone, x and y [px] from the start; or [4]:
   // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
   // infinite). Throws bad_input for another size. In the caller's TBB arena.
-  Carrier(std::span<const float> motion, int width, int height);
+  Carrier(std::vector<float> motion, int width, int height);
   ~Carrier();
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;

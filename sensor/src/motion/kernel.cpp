@@ -1,0 +1,209 @@
+// Included once per instruction set by Highway's foreach_target.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "motion/kernel.cpp"
+#include <hwy/foreach_target.h>
+// then
+#include <hwy/contrib/math/math-inl.h>
+#include <hwy/highway.h>
+
+#include <cstring>
+#include <limits>
+
+#include "motion/kernel.h"
+#include "motion/surfaces.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace pecs::sensor::motion::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using F = hn::ScalableTag<float>;
+using I32 = hn::RebindToSigned<F>;
+using U16 = hn::Rebind<std::uint16_t, F>;
+using V = hn::Vec<F>;
+using M = hn::Mask<F>;
+static_assert(hn::MaxLanes(F()) <= kSpare);
+
+void Paths(const PathArguments& a) {
+  const F f;
+  const V mid = hn::Set(f, a.mid), end = hn::Set(f, a.end), here = hn::Set(f, a.here), there = hn::Set(f, a.there);
+  const V far = hn::Set(f, kFar);
+  std::size_t i = 0;
+  const auto work = [&](const auto& load, const auto& store) {
+    store(hn::MulAdd(mid, load(0), hn::Mul(end, load(2))), a.x);
+    store(hn::MulAdd(mid, load(1), hn::Mul(end, load(3))), a.y);
+    const V z = hn::Min(load(4), far), z_end = hn::Min(load(5), far);
+    store(hn::MulAdd(here, z, hn::Mul(there, z_end)), a.z);
+  };
+  for (; i + hn::Lanes(f) <= a.count; i += hn::Lanes(f))
+    work([&](int c) { return hn::LoadU(f, a.channels[c] + i); }, [&](V v, float* to) { hn::StoreU(v, f, to + i); });
+  if (i == a.count) return;
+  HWY_ALIGN float part[hn::MaxLanes(F())] = {};
+  work(
+      [&](int c) {
+        std::memcpy(part, a.channels[c] + i, sizeof(float) * (a.count - i));
+        return hn::Load(f, part);
+      },
+      [&](V v, float* to) {
+        hn::Store(v, f, part);
+        std::memcpy(to + i, part, sizeof(float) * (a.count - i));
+      });
+}
+
+void LandRun(const LandingArguments& a) {
+  const F f;
+  const I32 i32;
+  const V one = hn::Set(f, 1.0f), half = hn::Set(f, 0.5f);
+  for (std::size_t i = 0; i < a.count; i += hn::Lanes(f)) {
+    const auto flags = hn::PromoteTo(i32, hn::LoadU(U16(), a.flags + i));
+    const auto has = [&](std::uint16_t flag) {
+      return hn::RebindMask(f, hn::TestBit(flags, hn::Set(i32, static_cast<std::int32_t>(flag))));
+    };
+    const M right = has(kRight), left = has(kLeft), down = has(kDown), up = has(kUp);
+    const auto slope = [&](const float* q, M ahead, M behind, std::ptrdiff_t step) {
+      const V c = hn::LoadU(f, q + i);
+      const V next = hn::IfThenElseZero(ahead, hn::Sub(hn::LoadU(f, q + i + step), c));
+      const V last = hn::IfThenElseZero(behind, hn::Sub(c, hn::LoadU(f, q + i - step)));
+      const V sum = hn::Add(next, last);
+      return hn::IfThenElse(hn::And(ahead, behind), hn::Mul(half, sum), sum);
+    };
+    const V dx = hn::LoadU(f, a.x + i), dy = hn::LoadU(f, a.y + i);
+    const V px = hn::Add(hn::Set(f, a.first_x), hn::ConvertTo(f, hn::Iota(i32, static_cast<std::int32_t>(i))));
+    const V py = hn::Set(f, a.row_y);
+    const V at_x = hn::Add(px, dx), at_y = hn::Add(py, dy);
+    const V to_x = hn::Floor(hn::Add(at_x, half)), to_y = hn::Floor(hn::Add(at_y, half));
+    const V rx = hn::Sub(to_x, at_x), ry = hn::Sub(to_y, at_y);
+
+    V xx = hn::Add(one, slope(a.x, right, left, 1)), xy = slope(a.x, down, up, a.stride);
+    V yx = slope(a.y, right, left, 1), yy = hn::Add(one, slope(a.y, down, up, a.stride));
+    V det = hn::NegMulAdd(xy, yx, hn::Mul(xx, yy));
+    const M turns = hn::Not(hn::Gt(det, hn::Set(f, 0.1f)));  // the surface turns away
+    xx = hn::IfThenElse(turns, one, xx), yy = hn::IfThenElse(turns, one, yy);
+    xy = hn::IfThenZeroElse(turns, xy), yx = hn::IfThenZeroElse(turns, yx);
+    det = hn::IfThenElse(turns, one, det);
+    const V per = hn::Div(one, det);
+    const V u = hn::Mul(per, hn::NegMulAdd(xy, ry, hn::Mul(yy, rx)));
+    const V v = hn::Mul(per, hn::NegMulAdd(yx, rx, hn::Mul(xx, ry)));
+    hn::StoreU(hn::Add(px, u), f, a.u + i);
+    hn::StoreU(hn::Add(py, v), f, a.v + i);
+    const V z =
+        hn::MulAdd(slope(a.z, right, left, 1), u, hn::MulAdd(slope(a.z, down, up, a.stride), v, hn::LoadU(f, a.z + i)));
+    hn::StoreU(z, f, a.depth + i);
+    const V outside = hn::Set(f, -1e6f);
+    const M known = hn::And(has(kKnown), hn::Lt(hn::Max(hn::Abs(to_x), hn::Abs(to_y)), hn::Set(f, 1e6f)));
+    hn::StoreU(hn::ConvertTo(i32, hn::IfThenElse(known, to_x, outside)), i32, a.column + i);
+    hn::StoreU(hn::ConvertTo(i32, hn::IfThenElse(known, to_y, outside)), i32, a.row + i);
+  }
+}
+
+void Contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out) {
+  const F f;
+  const hn::Rebind<std::uint8_t, F> u8;
+  const I32 i32;
+  for (std::size_t i = 0; i < count; i += hn::Lanes(f)) {
+    const auto row = [&](const float* at) {
+      return hn::Min(hn::LoadU(f, at), hn::Min(hn::LoadU(f, at - 1), hn::LoadU(f, at + 1)));
+    };
+    const float* at = depths + i;
+    const V here = hn::LoadU(f, at), least = hn::Min(row(at), hn::Min(row(at - stride), row(at + stride)));
+    const M look = hn::Or(hn::Ge(here, hn::Set(f, none)), hn::Lt(least, hn::Mul(here, hn::Set(f, 0.99f))));
+    const auto bytes = hn::IfThenElseZero(hn::RebindMask(i32, look), hn::Set(i32, 1));
+    hn::StoreU(hn::DemoteTo(u8, bytes), u8, out + i);
+  }
+}
+
+// Catmull-Rom weights of the pixels -1, 0, 1, 2 at the fraction x between 0 and 1.
+HWY_INLINE void catmull_rom(V x, V (&w)[4]) {
+  const F f;
+  const V half = hn::Set(f, 0.5f), one = hn::Set(f, 1.0f), y = hn::Sub(one, x), xy = hn::Mul(half, hn::Mul(x, y));
+  w[0] = hn::Neg(hn::Mul(xy, y));
+  w[3] = hn::Neg(hn::Mul(xy, x));
+  w[1] = hn::Mul(y, hn::Add(one, hn::Mul(x, hn::NegMulAdd(hn::Set(f, 1.5f), x, one))));
+  w[2] = hn::Mul(x, hn::Add(one, hn::Mul(y, hn::NegMulAdd(hn::Set(f, 1.5f), y, one))));
+}
+
+void CubicRun(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
+              float* out) {
+  const F f;
+  const I32 i32;
+  const hn::FixedTag<float, 4> f4;
+  constexpr std::size_t kMost = hn::MaxLanes(F());
+  const std::size_t lanes = hn::Lanes(f);
+  HWY_ALIGN float weights_x[4 * kMost], weights_y[4][kMost], sums[4 * kMost], least[4 * kMost], most[4 * kMost];
+  HWY_ALIGN std::int32_t offsets[kMost];
+  for (std::size_t i = 0; i < count; i += lanes) {
+    const auto inside = [&](V at, int size) {
+      return hn::Min(hn::Max(at, hn::Set(f, 1.0f)), hn::Set(f, static_cast<float>(size - 3)));
+    };
+    const V at_x = hn::LoadU(f, u + i), at_y = hn::LoadU(f, v + i);
+    const V x = inside(hn::Floor(at_x), width), y = inside(hn::Floor(at_y), height);
+    V wx[4], wy[4];
+    catmull_rom(hn::Sub(at_x, x), wx);
+    catmull_rom(hn::Sub(at_y, y), wy);
+    hn::StoreInterleaved4(wx[0], wx[1], wx[2], wx[3], f, weights_x);
+    for (int k = 0; k < 4; ++k) hn::Store(wy[k], f, weights_y[k]);
+    const auto offset = hn::Add(hn::Mul(hn::ConvertTo(i32, y), hn::Set(i32, width)), hn::ConvertTo(i32, x));
+    hn::Store(offset, i32, offsets);
+    for (std::size_t k = 0; k < lanes; ++k) {
+      const float* at = plane + offsets[k] - width - 1;
+      const auto r0 = hn::LoadU(f4, at), r1 = hn::LoadU(f4, at + width), r2 = hn::LoadU(f4, at + 2 * width),
+                 r3 = hn::LoadU(f4, at + 3 * width);
+      const auto w = [&](int row) { return hn::Set(f4, weights_y[row][k]); };
+      const auto sum = hn::MulAdd(w(3), r3, hn::MulAdd(w(2), r2, hn::MulAdd(w(1), r1, hn::Mul(w(0), r0))));
+      hn::Store(hn::Mul(sum, hn::Load(f4, weights_x + 4 * k)), f4, sums + 4 * k);
+      hn::Store(hn::Min(r1, r2), f4, least + 4 * k);
+      hn::Store(hn::Max(r1, r2), f4, most + 4 * k);
+    }
+    V s[4], low[4], high[4];
+    hn::LoadInterleaved4(f, sums, s[0], s[1], s[2], s[3]);
+    hn::LoadInterleaved4(f, least, low[0], low[1], low[2], low[3]);
+    hn::LoadInterleaved4(f, most, high[0], high[1], high[2], high[3]);
+    const V sum = hn::Add(hn::Add(s[0], s[1]), hn::Add(s[2], s[3]));
+    const V clamped = hn::Min(hn::Max(sum, hn::Min(low[1], low[2])), hn::Max(high[1], high[2]));
+    const M finite = hn::Lt(hn::Abs(sum), hn::Set(f, std::numeric_limits<float>::infinity()));
+    hn::StoreU(hn::IfThenElse(finite, clamped, hn::Set(f, std::numeric_limits<float>::quiet_NaN())), f, out + i);
+  }
+}
+
+void BlendRun(const float* a_run, const float* b_run, float s, std::size_t count, float* out) {
+  const F f;
+  const V zero = hn::Zero(f), weight = hn::Set(f, s), infinite = hn::Set(f, std::numeric_limits<float>::infinity());
+  for (std::size_t i = 0; i < count; i += hn::Lanes(f)) {
+    const V a = hn::LoadU(f, a_run + i), b = hn::LoadU(f, b_run + i);
+    const M has_a = hn::Lt(hn::Abs(a), infinite), has_b = hn::Lt(hn::Abs(b), infinite);
+    const M lit = hn::And(hn::Gt(a, zero), hn::Gt(b, zero)), same = hn::Eq(a, b);
+    V mixed = a;
+    if (!hn::AllTrue(f, same)) {
+      const V ratio =
+          hn::IfThenElse(hn::AndNot(same, hn::And(lit, hn::And(has_a, has_b))), hn::Div(b, a), hn::Set(f, 1.0f));
+      mixed = hn::Mul(a, hn::Exp(f, hn::Mul(weight, hn::Log(f, ratio))));
+      mixed = hn::IfThenElse(lit, mixed, hn::MulAdd(weight, hn::Sub(b, a), a));
+      mixed = hn::IfThenElse(same, a, mixed);
+    }
+    hn::StoreU(hn::IfThenElse(has_a, hn::IfThenElse(has_b, mixed, a), b), f, out + i);
+  }
+}
+
+}  // namespace pecs::sensor::motion::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace pecs::sensor::motion {
+HWY_EXPORT(Paths);
+HWY_EXPORT(LandRun);
+HWY_EXPORT(Contested);
+HWY_EXPORT(CubicRun);
+HWY_EXPORT(BlendRun);
+void paths(const PathArguments& arguments) { HWY_DYNAMIC_DISPATCH(Paths)(arguments); }
+void land_run(const LandingArguments& arguments) { HWY_DYNAMIC_DISPATCH(LandRun)(arguments); }
+void contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out) {
+  HWY_DYNAMIC_DISPATCH(Contested)(depths, stride, none, count, out);
+}
+void cubic_run(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
+               float* out) {
+  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, width, height, u, v, count, out);
+}
+void blend_run(const float* a, const float* b, float s, std::size_t count, float* out) {
+  HWY_DYNAMIC_DISPATCH(BlendRun)(a, b, s, count, out);
+}
+}  // namespace pecs::sensor::motion
+#endif

@@ -1,0 +1,45 @@
+#pragma once
+// The inner loops of carrying light, compiled for each instruction set (kernel.cpp). Arrays are read and written up to
+// kSpare values beyond their end.
+#include <cstddef>
+#include <cstdint>
+
+namespace pecs::sensor::motion {
+
+constexpr std::size_t kSpare = 16;
+
+// Displacements and depths of a run of points at an instant: weights as of Weights.
+struct PathArguments {
+  const float* channels[6];  // of the run's first point
+  float mid, end, here, there;
+  std::size_t count;
+  float *x, *y, *z;
+};
+void paths(const PathArguments& arguments);
+
+// Which pixel each of a run of points lands on, and what the surface around it shows there: the position in the
+// keyframe and the depth, linear around the point. Neighbours that are not of its surface do not count.
+struct LandingArguments {
+  const float *x, *y, *z;  // displacements and depths of the run; rows above and below, points left and right are there
+  std::ptrdiff_t stride;   // of a row
+  const std::uint16_t* flags;
+  float first_x, row_y;  // of the run's first point
+  std::size_t count;
+  std::int32_t *column, *row;  // far outside for points whose motion is not known
+  float *u, *v, *depth;
+};
+void land_run(const LandingArguments& arguments);
+
+// For a run of pixels whether it needs a closer look: nothing landed, or something nearer landed beside it. depths: of
+// the first pixel; rows are `stride` apart. One byte a pixel.
+void contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out);
+
+// Catmull-Rom interpolation at positions, clamped to the range of the four pixels around. The plane has more than three
+// rows and columns. Nearer to its border than two pixels the result is of other positions.
+void cubic_run(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
+               float* out);
+
+// out = a^(1-s) b^s; linear where one is not positive; a where they are equal; the other where one is not finite.
+void blend_run(const float* a, const float* b, float s, std::size_t count, float* out);
+
+}  // namespace pecs::sensor::motion

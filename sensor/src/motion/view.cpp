@@ -1,0 +1,101 @@
+#include "motion/view.h"
+
+#include <cmath>
+
+namespace pecs::sensor::motion {
+namespace {
+
+// Whether the surface reaches from the point to that position: half a pixel, or to the neighbour that belongs to it.
+bool covers(const Surfaces& from, const Seen& seen, bool is_rim) {
+  const std::uint16_t flags = is_rim ? 0 : from.flags(seen.index);
+  const auto within = [&](float d, std::uint16_t ahead, std::uint16_t behind) {
+    return std::abs(d) <= (flags & (d > 0 ? ahead : behind) ? 1.0f : 0.51f);
+  };
+  return within(seen.u - static_cast<float>(seen.index % from.width()), kRight, kLeft) &&
+         within(seen.v - static_cast<float>(seen.index / from.width()), kDown, kUp);
+}
+
+template <class Visit>
+void around(std::size_t slot, const Visit& visit) {
+  for (int dy = -1; dy <= 1; ++dy)
+    for (int dx = -1; dx <= 1; ++dx) visit(slot + static_cast<std::size_t>(dy * Landing::kWidth + dx));
+}
+
+}  // namespace
+
+void View::look(const Tile& tile, std::span<const std::int32_t> near) {
+  landing.land(from, weights, tile, near);
+  Landing::Layer& points = landing.points;
+  struct Found {
+    std::size_t slot;
+    Seen seen;
+  };
+  std::vector<Found> found;
+  std::uint8_t close[kTileWidth + kSpare];
+  for (int row = 0; row < tile.y1 - tile.y0; ++row) {
+    const std::size_t first = Landing::slot(0, row);
+    contested(points.z + first, Landing::kWidth, Landing::kNothing * 0.75f, kTileWidth, close);
+    for (int column = 0; column < tile.x1 - tile.x0; ++column) {
+      if (!close[column]) continue;
+      const std::size_t slot = first + static_cast<std::size_t>(column);
+      const auto x = static_cast<float>(tile.x0 + column), y = static_cast<float>(tile.y0 + row);
+      Seen best = points.seen(slot);
+      around(slot, [&](std::size_t k) {
+        if (k == slot || points.index[k] == kNone) return;
+        const Seen other = seen_at(from, weights, points.index[k], x, y);
+        if (other.z < best.z && covers(from, other, false)) best = other;
+      });
+      if (best.is()) found.push_back({slot, best});
+    }
+  }
+  for (const auto& [slot, seen] : found)
+    points.z[slot] = seen.z, points.u[slot] = seen.u, points.v[slot] = seen.v, points.index[slot] = seen.index;
+}
+
+Seen View::rim(int column, int row, int x, int y) const {
+  Seen best;
+  around(Landing::slot(column, row), [&](std::size_t k) {
+    if (landing.rims.index[k] == kNone) return;
+    const Seen seen = rim_at(from, weights, landing.rims.index[k], static_cast<float>(x), static_cast<float>(y));
+    if (seen.z < best.z && covers(from, seen, true)) best = seen;
+  });
+  return best;
+}
+
+bool View::is_before(const Seen& rim, const Seen& other) const {
+  if (!other.is()) return true;
+  const float behind = weights.depth(from.at(rim.index));
+  return other.z > std::min(0.5f * (rim.z + behind), 1.5f * rim.z);
+}
+
+std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second) {
+  const View* const views[2] = {first, second};
+  std::vector<Rim> rims;
+  std::uint8_t marked[Landing::kSlots] = {};
+  for (const View* view : views)
+    if (view && view->landing.has_rims)
+      for (std::size_t k = 0; k < Landing::kSlots; ++k)
+        if (view->landing.rims.index[k] != kNone)
+          for (int dy = -1; dy <= 1; ++dy)
+            for (int dx = -1; dx <= 1; ++dx)
+              if (const std::size_t at = k + static_cast<std::size_t>(dy * Landing::kWidth + dx); at < Landing::kSlots)
+                marked[at] = 1;
+  for (int row = 0; row < tile.y1 - tile.y0; ++row)
+    for (int column = 0; column < tile.x1 - tile.x0; ++column) {
+      const std::size_t slot = Landing::slot(column, row);
+      if (!marked[slot]) continue;
+      Rim rim{column, row, {}};
+      for (int k = 0; k < 2; ++k) {
+        if (!views[k] || !views[k]->landing.has_rims) continue;
+        const Seen seen = views[k]->rim(column, row, tile.x0 + column, tile.y0 + row);
+        if (!seen.is()) continue;
+        bool before = true;
+        for (const View* view : views) before &= !view || views[k]->is_before(seen, view->landing.points.seen(slot));
+        if (before) rim.seen[k] = seen;
+      }
+      if (rim.seen[0].is() || rim.seen[1].is()) rims.push_back(rim);
+    }
+  return rims;
+}
+
+}  // namespace pecs::sensor::motion

@@ -1,0 +1,34 @@
+#pragma once
+// What both keyframes show of a tile at an instant, whatever their light.
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "motion/landing.h"
+
+namespace pecs::sensor::motion {
+
+constexpr std::size_t kTilePixels = std::size_t{kTileWidth} * kTileHeight;
+
+// One keyframe.
+struct View {
+  const Surfaces& from;
+  Weights weights;
+  Landing landing{};
+
+  // Looks from the tiles that may reach this one. Pixels beside what is nearer are looked at closely.
+  void look(const Tile& tile, std::span<const std::int32_t> near);
+  // The rim that covers a pixel (x, y) of the picture, at (column, row) of the tile.
+  Seen rim(int column, int row, int x, int y) const;
+  // Whether a rim is before what the other keyframe shows at its pixel.
+  bool is_before(const Seen& rim, const Seen& other) const;
+};
+
+// Pixels of a tile at which a nearer surface's rim is seen, by one keyframe or both.
+struct Rim {
+  int column, row;
+  Seen seen[2];
+};
+std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second);
+
+}  // namespace pecs::sensor::motion
