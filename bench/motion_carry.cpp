@@ -85,10 +85,17 @@ double median(std::vector<double> v) {
 
 void run(const std::string& name, int passes, int threads) {
   const std::vector<float> layer = make(name).layer();
-  std::vector<float> first(kPixels), second(kPixels), out(kPixels), copy(kPixels);
+  std::vector<float> first(kPixels), second(kPixels), copy(kPixels);
   for (std::size_t i = 0; i < kPixels; ++i)
     first[i] = second[i] =
         1 + 0.5f * std::sin(0.4f * static_cast<float>(i % kWidth)) * std::cos(0.3f * static_cast<float>(i / kWidth));
+  std::vector<std::vector<float>> out(kPlanes, std::vector<float>(kPixels));
+  std::vector<double> fractions;
+  std::vector<float*> planes;
+  for (int k = 0; k < kPlanes; ++k) {
+    fractions.push_back((k + 0.5) / kPlanes);
+    planes.push_back(out[static_cast<std::size_t>(k)].data());
+  }
   std::vector<double> prepares, carries, copies;
   for (int pass = 0; pass < passes; ++pass) {
     copies.push_back(seconds([&] {
@@ -98,10 +105,7 @@ void run(const std::string& name, int passes, int threads) {
     const Carrier carrier(layer, kWidth, kHeight);
     prepares.push_back(cpu_s() - start);
     const float *a = first.data(), *b = second.data();
-    float* to = out.data();
-    carries.push_back(seconds([&] {
-      for (int k = 0; k < kPlanes; ++k) carrier.planes({&a, 1}, {&b, 1}, (k + 0.5) / kPlanes, {&to, 1});
-    }));
+    carries.push_back(seconds([&] { carrier.planes({&a, 1}, {&b, 1}, fractions, planes); }));
   }
   const double pixels = static_cast<double>(kPixels) * kPlanes;
   fmt::print(

@@ -48,7 +48,7 @@ extern "C" int pecs_carry(const float* first, const float* second, int bands, co
       b.push_back(second + k * pixels);
       to.push_back(out + k * pixels);
     }
-    Carrier(std::vector<float>(motion, motion + values), width, height).planes(a, b, fraction, to, which);
+    Carrier({motion, values}, width, height).planes(a, b, {&fraction, 1}, to, which);
     return 0;
   });
 }

@@ -52,15 +52,13 @@ void DenseFeed::load_between(std::int64_t step, const Plane& first, Interval& in
   const std::vector<std::int64_t> times_ns = timeline_.source().between_ns(frame);
   const auto begin_ns = static_cast<double>(info.times_ns[static_cast<std::size_t>(frame)]);
   const double length_ns = 1e3 * (timeline_.t_us(step + 1) - timeline_.t_us(step));
-  const double close = 0.25 / static_cast<double>(interval.planes());
+  const double close = 0.25 / static_cast<double>(interval.at.size());
   std::vector<double> instants;
   Plane rendered(times_ns.empty() ? 0 : first.size()), carried(rendered.size());
   for (std::size_t k = 0; k < times_ns.size(); ++k) {
     const double s = (static_cast<double>(times_ns[k]) - begin_ns) / length_ns;
     light_.read_between(frame, k, rendered.data());
-    const float *a = first.data(), *b = interval.second.data();
-    float* out = carried.data();
-    interval.carrier->planes({&a, 1}, {&b, 1}, s, {&out, 1});
+    interval.carrier->plane(first.data(), interval.second.data(), s, carried.data());
     interval.residuals.add(s, rendered, carried);
     std::erase_if(interval.at, [&](double at) { return at > 0 && std::abs(at - s) < close; });
     instants.push_back(s);
@@ -90,39 +88,53 @@ std::optional<Feed::Batch> DenseFeed::next() {
   return batch;
 }
 
-// Of the present interval; in the room given, or where it lies already.
-const float* DenseFeed::plane(double fraction, Plane& room) {
-  const StackInfo& info = light_.info();
+// Means of a plane's subpixels.
+void DenseFeed::average(const Plane& fine, Plane& plane) const {
+  plane.resize(pixels_);
+  average_squares(fine, light_.info().file_width(), light_.info().subpixels, plane);
+}
+
+// Carried planes of the present interval.
+void DenseFeed::carry(std::span<const double> fractions, std::span<Plane> planes) {
   const float *first = now_.first.data(), *second = now_.second.data();
-  const bool fine = info.subpixels > 1;
-  if (fraction > 0) {
-    Plane& carried = fine ? fine_ : room;
-    carried.resize(now_.first.size());
-    float* out = carried.data();
-    now_.carrier->planes({&first, 1}, {&second, 1}, fraction, {&out, 1});
-    now_.residuals.apply(fraction, carried);
-    first = out;
+  std::vector<float*> out;
+  for (Plane& plane : planes) {
+    plane.resize(now_.first.size());
+    out.push_back(plane.data());
   }
-  if (!fine) return first;
-  room.resize(pixels_);
-  average_squares({first, now_.first.size()}, info.file_width(), info.subpixels, room);
-  return room.data();
+  now_.carrier->planes({&first, 1}, {&second, 1}, fractions, out);
+  for (std::size_t k = 0; k < planes.size(); ++k) now_.residuals.apply(fractions[k], planes[k]);
 }
 
 // Of the present interval as many planes as a batch holds.
 Feed::Batch DenseFeed::part() {
   if (part_ == 0) begin_interval();
-  const auto room = static_cast<std::int64_t>(std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_)));
-  const std::int64_t end = std::min(now_.planes(), part_ + room);
-  between_.resize(static_cast<std::size_t>(std::max<std::int64_t>(std::ssize(between_), end - part_)));
-  Batch batch;
-  for (; part_ < end; ++part_) {
-    const double fraction = now_.at[static_cast<std::size_t>(part_)];
-    batch.planes.push_back(plane(fraction, between_[batch.planes.size()]));
-    batch.t_us.push_back(t_us(fraction));
+  const auto room = [](const Plane& plane) { return std::max<std::size_t>(1, kBatchBytes / (4 * plane.size())); };
+  const bool fine = light_.info().subpixels > 1;
+  planes_of_part_.resize(std::max<std::size_t>(1, std::min(now_.at.size() - part_, kBatchBytes / (4 * pixels_))));
+  const std::span<Plane> planes = planes_of_part_;
+  const std::span fractions = std::span<const double>(now_.at).subspan(part_, planes.size());
+  const std::size_t carried = part_ == 0 ? 1 : 0;  // from which on: the first is the keyframe
+  if (carried && fine) average(now_.first, planes[0]);
+  for (std::size_t k = carried; k < planes.size();) {
+    const std::size_t count = std::min(planes.size() - k, room(now_.first));
+    if (!fine) {
+      carry(fractions.subspan(k, count), planes.subspan(k, count));
+    } else {
+      fine_.resize(count);
+      carry(fractions.subspan(k, count), fine_);
+      for (std::size_t i = 0; i < count; ++i) average(fine_[i], planes[k + i]);
+    }
+    k += count;
   }
+  Batch batch;
+  for (std::size_t k = 0; k < planes.size(); ++k) {
+    batch.planes.push_back(k < carried && !fine ? now_.first.data() : planes[k].data());
+    batch.t_us.push_back(t_us(fractions[k]));
+  }
+  part_ += planes.size();
   if (loop_.is_on) keep(batch);
-  if (part_ == now_.planes()) {
+  if (part_ == now_.at.size()) {
     part_ = 0;
     ++step_;
     if (loop_.is_on && step_ == timeline_.source().frames()) loop_.is_whole = true;

@@ -1,6 +1,9 @@
 #pragma once
 #include <tbb/task_group.h>
 
+#include <span>
+#include <vector>
+
 #include "feed.h"
 #include "pecs/sensor/motion.h"
 #include "pecs/sensor/photocurrent.h"
@@ -28,7 +31,6 @@ class DenseFeed : public Feed {
     std::optional<Carrier> carrier;  // none behind the last frame
     std::vector<double> at{0.0};     // fractions of it to give planes of
     Residuals residuals;
-    std::int64_t planes() const { return static_cast<std::int64_t>(at.size()); }
   };
   // Of a loop, what is computed again and again: the planes of each frame's interval.
   struct Loop {
@@ -44,7 +46,8 @@ class DenseFeed : public Feed {
   void load(std::int64_t step, const Plane& first, Interval& interval);
   void load_between(std::int64_t step, const Plane& first, Interval& interval);
   void begin_interval();
-  const float* plane(double fraction, Plane& room);
+  void average(const Plane& fine, Plane& plane) const;
+  void carry(std::span<const double> fractions, std::span<Plane> planes);
   Batch part();
   Batch from_loop();
   void keep(const Batch& batch);
@@ -53,10 +56,11 @@ class DenseFeed : public Feed {
   const Timeline& timeline_;
   PhotocurrentReader& light_;
   std::size_t pixels_;
-  Plane fine_;  // a carried plane with its subpixels
-  std::int64_t step_ = 0, part_ = 0, planes_ = 0;
+  std::vector<Plane> fine_;  // carried planes with their subpixels
+  std::int64_t step_ = 0, planes_ = 0;
+  std::size_t part_ = 0;  // planes given of the present interval
   Interval now_, soon_;
-  std::vector<Plane> between_;
+  std::vector<Plane> planes_of_part_;
   Loop loop_;
   tbb::task_group ahead_;
 };

@@ -96,30 +96,30 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
 }
 
 void Sensor::push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
-                         std::size_t channels, bool last, LabelledEvents& out) {
+                         std::size_t channels, bool last, LabelledEvents& events) {
   std::vector<std::vector<float>> between;
-  std::vector<const float*> batch;
-  std::vector<double> times_us;
   for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
     if (!last_plane_.empty() && t_us[i] > last_t_us_) {
-      const Carrier carrier({motion, motion + channels * pixels()}, width_, height_);
+      const Carrier carrier({motion, channels * pixels()}, width_, height_);
       const double length_us = t_us[i] - last_t_us_;
       const std::vector<double> instants = carrier.instants(length_us);
-      const float *first = last_plane_.data(), *second = planes[i];
-      for (std::size_t k = 0; k < instants.size(); ++k) {
-        if (between.size() == batch.size()) between.emplace_back(pixels());
-        float* to = between[batch.size()].data();
-        carrier.planes({&first, 1}, {&second, 1}, instants[k], {&to, 1});
-        batch.push_back(to);
-        times_us.push_back(last_t_us_ + length_us * instants[k]);
-        if (batch.size() * pixels() * sizeof(float) < kBatchBytes && k + 1 < instants.size()) continue;
-        advance(batch, times_us, false, out);
-        batch.clear(), times_us.clear();
+      const float* first = last_plane_.data();
+      for (std::size_t k = 0; k < instants.size(); k += between.size()) {
+        between.resize(std::min(instants.size() - k, std::max<std::size_t>(1, kBatchBytes / (4 * pixels()))));
+        std::vector<float*> out;
+        std::vector<double> times_us;
+        for (auto& plane : between) {
+          plane.resize(pixels());
+          times_us.push_back(last_t_us_ + length_us * instants[k + out.size()]);
+          out.push_back(plane.data());
+        }
+        carrier.planes({&first, 1}, {&planes[i], 1}, std::span(instants).subspan(k, out.size()), out);
+        advance(std::vector<const float*>(out.begin(), out.end()), times_us, false, events);
       }
     }
-    push({&planes[i], 1}, {&t_us[i], 1}, last && i + 1 == planes.size(), out);
+    push({&planes[i], 1}, {&t_us[i], 1}, last && i + 1 == planes.size(), events);
   }
-  if (planes.empty()) push({}, {}, last, out);
+  if (planes.empty()) push({}, {}, last, events);
 }
 
 void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,

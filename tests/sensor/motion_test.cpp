@@ -70,7 +70,7 @@ Plane carry(const Carrier& carrier, const Plane& a, const Plane& b, double s, Ca
   Plane out(kPixels);
   const float *first = a.data(), *second = b.data();
   float* to = out.data();
-  carrier.planes({&first, 1}, {&second, 1}, s, {&to, 1}, side);
+  carrier.planes({&first, 1}, {&second, 1}, {&s, 1}, {&to, 1}, side);
   return out;
 }
 

@@ -19,7 +19,6 @@ namespace pecs::sensor {
 using namespace motion;
 
 struct Carrier::Interval {
-  std::vector<float> motion;  // [12][height][width]
   Surfaces first, second;
   // Of each tile: tiles of either keyframe whose points may come over it.
   struct Near {
@@ -36,49 +35,47 @@ namespace {
 
 constexpr float kSameDepth = 0.05f;  // of points that both keyframes show: relative difference
 
-// Planes of both keyframes at a fraction, and where the light goes.
+// Planes of both keyframes.
 struct Job {
   std::span<const float* const> first, second;
-  float s;
-  std::span<float* const> out;
   CarrySide side;
 };
 
-// One tile of the picture, at one instant.
+// One tile of the picture, instant by instant.
 class TileWork {
  public:
   TileWork(const Job& job, const Tile& tile, int width)
       : job_(job), tile_(tile), width_(static_cast<std::size_t>(width)) {}
 
-  // Where nothing moves.
-  void still() {
-    for (std::size_t k = 0; k < job_.out.size(); ++k) {
+  // Where nothing moves. out: a plane for each of the keyframes'.
+  void still(float s, std::span<float* const> out) {
+    for (std::size_t k = 0; k < out.size(); ++k) {
       load(job_.first[k], light_[0]);
       load(job_.second[k], light_[1]);
       const bool both = job_.side == CarrySide::both;
-      if (both) blend_run(light_[0], light_[1], job_.s, kTilePixels, out_);
-      store(both ? out_ : light_[job_.side == CarrySide::first ? 0 : 1], job_.out[k]);
+      if (both) blend_run(light_[0], light_[1], s, kTilePixels, out_);
+      store(both ? out_ : light_[job_.side == CarrySide::first ? 0 : 1], out[k]);
     }
   }
 
-  void carried(View* first, View* second, bool special) {
+  void carried(View* first, View* second, bool special, float s, std::span<float* const> out) {
     View* const views[2] = {first, second};
     std::vector<Rim> rims;
     if (special) rims = rims_of(tile_, first, second);
     if (first && second) drop_hidden(first->landing.points, second->landing.points);
-    for (std::size_t k = 0; k < job_.out.size(); ++k) {
+    for (std::size_t k = 0; k < out.size(); ++k) {
       const float* const planes[2] = {job_.first[k], job_.second[k]};
       for (int v = 0; v < 2; ++v)
         if (views[v]) sample(*views[v], planes[v], special, light_[v], soiled_[v]);
       if (first && second) {
         if (special) prefer_clean();
-        blend_run(light_[0], light_[1], job_.s, kTilePixels, out_);
-        fill_unseen(planes);
+        blend_run(light_[0], light_[1], s, kTilePixels, out_);
+        fill_unseen(planes, s);
       } else {
         take_alone(first ? 0 : 1, special);
       }
-      for (const Rim& rim : rims) add_rim(rim, views, planes);
-      store(out_, job_.out[k]);
+      for (const Rim& rim : rims) add_rim(rim, views, planes, s);
+      store(out_, out[k]);
     }
   }
 
@@ -138,11 +135,11 @@ class TileWork {
   }
 
   // What no keyframe shows is blended where it is.
-  void fill_unseen(const float* const (&planes)[2]) {
+  void fill_unseen(const float* const (&planes)[2], float s) {
     for (std::size_t row = 0; row < rows(); ++row)
       for (std::size_t i = 0; i < columns(); ++i) {
         float& out = out_[row * kTileWidth + i];
-        if (!std::isfinite(out)) out = blend(planes[0][pixel(row) + i], planes[1][pixel(row) + i], job_.s);
+        if (!std::isfinite(out)) out = blend(planes[0][pixel(row) + i], planes[1][pixel(row) + i], s);
       }
   }
 
@@ -150,12 +147,12 @@ class TileWork {
     for (std::size_t i = 0; i < kTilePixels; ++i) out_[i] = special && soiled_[side][i] ? kDark : light_[side][i];
   }
 
-  void add_rim(const Rim& rim, View* const (&views)[2], const float* const (&planes)[2]) {
+  void add_rim(const Rim& rim, View* const (&views)[2], const float* const (&planes)[2], float s) {
     float& out = out_[static_cast<std::size_t>(rim.row * kTileWidth + rim.column)];
     float light[2] = {kDark, kDark};
     for (int v = 0; v < 2; ++v)
       if (rim.seen[v].is()) light[v] = rim_light(views[v]->from, planes[v], rim.seen[v], out);
-    const float found = blend(light[0], light[1], job_.s);
+    const float found = blend(light[0], light[1], s);
     if (std::isfinite(found)) out = found;
   }
 
@@ -224,20 +221,17 @@ void Carrier::Interval::find_near() {
   });
 }
 
-Carrier::Carrier(std::vector<float> values, int width, int height) {
+Carrier::Carrier(std::span<const float> values, int width, int height) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   const std::size_t channels = pixels ? values.size() / pixels : 0;
   if (width < 1 || height < 1 || channels * pixels != values.size() ||
       (channels != 2 && channels != 4 && channels != kMotionChannels))
     throw bad_input("motion", "size", fmt::format("{} values for {}x{} pixels", values.size(), width, height),
                     "2, 4 or 12 channels");
-  if (channels != kMotionChannels) values = from_flow(values, channels, pixels);
-  const auto side = [&](std::size_t c) {
-    const auto plane = [&](std::size_t k) { return values.data() + (c + k) * pixels; };
-    return Surfaces({plane(0), plane(1), plane(2), plane(3), plane(4), plane(5)}, width, height);
-  };
-  Surfaces first = side(0), second = side(6);
-  interval_ = std::make_unique<Interval>(Interval{std::move(values), std::move(first), std::move(second)});
+  std::vector<float> flow;
+  if (channels != kMotionChannels) values = flow = from_flow(values, channels, pixels);
+  interval_ = std::make_unique<Interval>(
+      Interval{Surfaces(values.data(), width, height), Surfaces(values.data() + 6 * pixels, width, height)});
   interval_->find_near();
 }
 
@@ -257,26 +251,36 @@ std::vector<double> Carrier::instants(double length_us, int subpixels) const {
   return fractions;
 }
 
-void Carrier::planes(std::span<const float* const> first, std::span<const float* const> second, double s,
-                     std::span<float* const> out, CarrySide side) const {
-  const std::size_t pixels =
-      static_cast<std::size_t>(interval_->first.width()) * static_cast<std::size_t>(interval_->first.height());
-  if ((s <= 0 && side != CarrySide::second) || (s >= 1 && side != CarrySide::first)) {
-    for (std::size_t k = 0; k < out.size(); ++k) std::copy_n(s <= 0 ? first[k] : second[k], pixels, out[k]);
-    return;
-  }
+void Carrier::planes(std::span<const float* const> first, std::span<const float* const> second,
+                     std::span<const double> fractions, std::span<float* const> out, CarrySide side) const {
   const Interval& in = *interval_;
-  const Job job{first, second, static_cast<float>(s), out, side};
+  const std::size_t count = first.size();
+  const auto is_keyframe = [&](double s) {
+    return (s <= 0 && side != CarrySide::second) || (s >= 1 && side != CarrySide::first);
+  };
+  for (std::size_t k = 0; k < out.size(); ++k)
+    if (const double s = fractions[k / count]; is_keyframe(s))
+      std::copy_n((s <= 0 ? first : second)[k % count],
+                  static_cast<std::size_t>(in.first.width()) * static_cast<std::size_t>(in.first.height()), out[k]);
+  const Job job{first, second, side};
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t i) {
     const Interval::Near& near = in.near[i];
     const Tile tile = in.first.tile(static_cast<int>(i));
     TileWork work(job, tile, in.first.width());
-    if (near.still) return work.still();
-    View views[2] = {{in.first, Weights(s)}, {in.second, Weights(1 - s)}};
-    if (side != CarrySide::second) views[0].look(tile, near.first);
-    if (side != CarrySide::first) views[1].look(tile, near.second);
-    work.carried(side == CarrySide::second ? nullptr : &views[0], side == CarrySide::first ? nullptr : &views[1],
-                 near.special);
+    View a(in.first), b(in.second);
+    for (std::size_t f = 0; f < fractions.size(); ++f) {
+      const double s = fractions[f];
+      if (is_keyframe(s)) continue;
+      const auto to = out.subspan(f * count, count);
+      if (near.still) {
+        work.still(static_cast<float>(s), to);
+        continue;
+      }
+      if (side != CarrySide::second) a.look(Weights(s), tile, near.first);
+      if (side != CarrySide::first) b.look(Weights(1 - s), tile, near.second);
+      work.carried(side == CarrySide::second ? nullptr : &a, side == CarrySide::first ? nullptr : &b, near.special,
+                   static_cast<float>(s), to);
+    }
   });
 }
 

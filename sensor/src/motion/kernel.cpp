@@ -6,7 +6,6 @@
 #include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
-#include <cstring>
 #include <limits>
 
 #include "motion/kernel.h"
@@ -26,27 +25,12 @@ static_assert(hn::MaxLanes(F()) <= kSpare);
 void Paths(const PathArguments& a) {
   const F f;
   const V mid = hn::Set(f, a.mid), end = hn::Set(f, a.end), here = hn::Set(f, a.here), there = hn::Set(f, a.there);
-  const V far = hn::Set(f, kFar);
-  std::size_t i = 0;
-  const auto work = [&](const auto& load, const auto& store) {
-    store(hn::MulAdd(mid, load(0), hn::Mul(end, load(2))), a.x);
-    store(hn::MulAdd(mid, load(1), hn::Mul(end, load(3))), a.y);
-    const V z = hn::Min(load(4), far), z_end = hn::Min(load(5), far);
-    store(hn::MulAdd(here, z, hn::Mul(there, z_end)), a.z);
-  };
-  for (; i + hn::Lanes(f) <= a.count; i += hn::Lanes(f))
-    work([&](int c) { return hn::LoadU(f, a.channels[c] + i); }, [&](V v, float* to) { hn::StoreU(v, f, to + i); });
-  if (i == a.count) return;
-  HWY_ALIGN float part[hn::MaxLanes(F())] = {};
-  work(
-      [&](int c) {
-        std::memcpy(part, a.channels[c] + i, sizeof(float) * (a.count - i));
-        return hn::Load(f, part);
-      },
-      [&](V v, float* to) {
-        hn::Store(v, f, part);
-        std::memcpy(to + i, part, sizeof(float) * (a.count - i));
-      });
+  for (std::size_t i = 0; i < a.count; i += hn::Lanes(f)) {
+    const auto load = [&](std::size_t c) { return hn::LoadU(f, a.channels + c * a.stride + i); };
+    hn::StoreU(hn::MulAdd(mid, load(0), hn::Mul(end, load(2))), f, a.x + i);
+    hn::StoreU(hn::MulAdd(mid, load(1), hn::Mul(end, load(3))), f, a.y + i);
+    hn::StoreU(hn::MulAdd(here, load(4), hn::Mul(there, load(5))), f, a.z + i);
+  }
 }
 
 void LandRun(const LandingArguments& a) {

@@ -10,7 +10,8 @@ constexpr std::size_t kSpare = 16;
 
 // Displacements and depths of a run of points at an instant: weights as of Weights.
 struct PathArguments {
-  const float* channels[6];  // of the run's first point
+  const float* channels;  // of the run's first point
+  std::size_t stride;     // from channel to channel
   float mid, end, here, there;
   std::size_t count;
   float *x, *y, *z;

@@ -11,27 +11,28 @@ struct Slopes {
   float z_by_x = 0, z_by_y = 0;
 };
 
-// Central differences where both neighbours belong to the surface.
-Slopes slopes_of(const Surfaces& from, const Weights& w, std::int32_t index) {
+// Central differences where both neighbours belong to the surface. at: of the point, as Surfaces::where.
+Slopes slopes_of(const Weights& w, const float* at, std::uint16_t flags) {
   Slopes out;
   const auto along = [&](std::uint16_t ahead, std::uint16_t behind, int step, Vec2& slope, float& z_slope) {
-    const bool next = from.flags(index) & ahead, last = from.flags(index) & behind;
+    const bool next = flags & ahead, last = flags & behind;
     if (!next && !last) return;
-    const Point a = from.at(last ? index - step : index), b = from.at(next ? index + step : index);
+    const Point a = Surfaces::at(last ? at - step : at), b = Surfaces::at(next ? at + step : at);
     const float per = next && last ? 0.5f : 1.0f;
     const Vec2 d0 = w.path(a), d1 = w.path(b);
     slope = {per * (d1.x - d0.x), per * (d1.y - d0.y)};
     z_slope = per * (w.depth(b) - w.depth(a));
   };
   along(kRight, kLeft, 1, out.by_x, out.z_by_x);
-  along(kDown, kUp, from.width(), out.by_y, out.z_by_y);
+  along(kDown, kUp, kBlockWidth, out.by_y, out.z_by_y);
   return out;
 }
 
 // The point `of`, seen from the pixel (dx, dy) beside it.
 Seen place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
-  const Slopes s = slopes_of(from, w, of);
-  const Point p = from.at(of);
+  const float* at = from.where(of);
+  const Slopes s = slopes_of(w, at, from.flags(of));
+  const Point p = Surfaces::at(at);
   const Vec2 d = w.path(p);
   const auto fx = static_cast<float>(of % from.width() + dx), fy = static_cast<float>(of / from.width() + dy);
   const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
@@ -68,29 +69,21 @@ struct Landing::Run {
   float u[kMost], v[kMost], depth[kMost];
 };
 
-void Landing::land_tile(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1) {
-  const int left = std::max(x0 - 1, 0), right = std::min(x1 + 1, from.width());
-  const int top = std::max(y0 - 1, 0), bottom = std::min(y1 + 1, from.height());
-  const auto path_row = [&](int channel, int y) { return paths_[channel] + (y - y0 + 1) * kStride - (x0 - 1); };
-  for (int y = top; y < bottom; ++y) {
-    PathArguments a{{},
-                    w.mid,
-                    w.end,
-                    w.here,
-                    w.there,
-                    static_cast<std::size_t>(right - left),
-                    path_row(0, y) + left,
-                    path_row(1, y) + left,
-                    path_row(2, y) + left};
-    for (int c = 0; c < 6; ++c) a.channels[c] = from.channel(c) + static_cast<std::ptrdiff_t>(y) * from.width() + left;
-    paths(a);
-  }
+// The part of a tile that may land here.
+void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const Tile& part) {
+  const Tile source = from.tile(tile);
+  const auto [x0, y0, x1, y1] = part;
+  const auto above = static_cast<std::size_t>((y0 - source.y0) * kBlockWidth);  // the row above the part's first
+  paths({from.block(tile) + above, kBlockPixels, w.mid, w.end, w.here, w.there,
+         static_cast<std::size_t>((y1 - y0 + 2) * kBlockWidth), paths_[0] + above, paths_[1] + above,
+         paths_[2] + above});
   Run run;
   std::uint16_t flags[Run::kMost] = {};
   for (int y = y0; y < y1; ++y) {
     const std::int32_t first = y * from.width() + x0;
     for (int x = x0; x < x1; ++x) flags[x - x0] = from.flags(first + x - x0);
-    land_run({path_row(0, y) + x0, path_row(1, y) + x0, path_row(2, y) + x0, kStride, flags, static_cast<float>(x0),
+    const int at = (y - source.y0 + 1) * kBlockWidth + x0 - source.x0 + 1;
+    land_run({paths_[0] + at, paths_[1] + at, paths_[2] + at, kBlockWidth, flags, static_cast<float>(x0),
               static_cast<float>(y), static_cast<std::size_t>(x1 - x0), run.column, run.row, run.u, run.v, run.depth});
     for (int i = 0; i < x1 - x0; ++i) {
       const auto column = static_cast<unsigned>(run.column[i] - x0_), row = static_cast<unsigned>(run.row[i] - y0_);
@@ -105,7 +98,8 @@ void Landing::land_tile(const Surfaces& from, const Weights& w, int x0, int y0, 
   }
 }
 
-void Landing::land_rims(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1) {
+void Landing::land_rims(const Surfaces& from, const Weights& w, const Tile& part) {
+  const auto [x0, y0, x1, y1] = part;
   for (int y = y0; y < y1; ++y)
     for (int x = x0; x < x1; ++x) {
       const std::int32_t index = y * from.width() + x;
@@ -138,8 +132,8 @@ void Landing::land(const Surfaces& from, const Weights& w, const Tile& tile, std
     const int x0 = std::max(source.x0, first(x0_, most.x)), x1 = std::min(source.x1, end(x0_ + kWidth, least.x));
     const int y0 = std::max(source.y0, first(y0_, most.y)), y1 = std::min(source.y1, end(y0_ + kHeight, least.y));
     if (x0 >= x1 || y0 >= y1) continue;
-    land_tile(from, w, x0, y0, x1, y1);
-    if (from.reach(t).soiled) land_rims(from, w, x0, y0, x1, y1);
+    land_part(from, w, t, {x0, y0, x1, y1});
+    if (from.reach(t).soiled) land_rims(from, w, {x0, y0, x1, y1});
   }
 }
 

@@ -44,14 +44,13 @@ class Landing {
   static constexpr float kNothing = 2 * kFar;  // depth where nothing landed
 
  private:
-  static constexpr int kStride = kTileWidth + 2 + static_cast<int>(kSpare);
   struct Run;
-  void land_tile(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1);
-  void land_rims(const Surfaces& from, const Weights& w, int x0, int y0, int x1, int y1);
+  void land_part(const Surfaces& from, const Weights& w, int tile, const Tile& part);
+  void land_rims(const Surfaces& from, const Weights& w, const Tile& part);
   void clear(Layer& layer);
 
   int x0_ = 0, y0_ = 0;
-  float paths_[3][kStride * kHeight];  // of a keyframe's tile and the pixels around: x, y, depth
+  float paths_[3][kBlockPixels + kSpare];  // of a keyframe's tile and the pixels around: x, y, depth
 };
 
 }  // namespace pecs::sensor::motion

@@ -2,7 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
-#include <limits>
+#include "motion/kernel.h"
 
 namespace pecs::sensor::motion {
 namespace {
@@ -10,24 +10,30 @@ namespace {
 constexpr float kOneSurface_px = 0.5f;  // that neighbours of one surface may part within an interval
 constexpr float kSameSlope = 0.25f;     // or: how much their distance may differ from that of the next neighbours
 
-// How far two points part, at the middle or at the end.
-struct Parting {
-  Parting(const Point& a, const Point& b)
-      : d{b.x_mid - a.x_mid, b.y_mid - a.y_mid, b.x_end - a.x_end, b.y_end - a.y_end} {}
-  float most() const {
-    return std::max(std::max(std::abs(d[0]), std::abs(d[1])), std::max(std::abs(d[2]), std::abs(d[3])));
+// The channels of a keyframe's motion as they come.
+struct Raw {
+  const float* channels;
+  std::ptrdiff_t pixels;
+  float value(std::size_t c, std::ptrdiff_t i) const { return channels[static_cast<std::ptrdiff_t>(c) * pixels + i]; }
+  bool is_known(std::ptrdiff_t i) const {
+    float sum = 0;
+    for (std::size_t c = 0; c < 6; ++c) sum += c < 4 ? value(c, i) : std::min(value(c, i), kFar);
+    return std::isfinite(sum);
   }
-  float from(const Parting& o) const {
-    float far = 0;
-    for (int k = 0; k < 4; ++k) far = std::max(far, std::abs(d[k] - o.d[k]));
-    return far;
+  // How far two points part, at the middle or at the end.
+  float parting(std::ptrdiff_t i, std::ptrdiff_t k) const {
+    float most = 0;
+    for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(value(c, k) - value(c, i)));
+    return most;
   }
-  float d[4];
+  // How much that differs from point to point of three in a row.
+  float bend(std::ptrdiff_t i, std::ptrdiff_t step) const {
+    float most = 0;
+    for (std::size_t c = 0; c < 4; ++c)
+      most = std::max(most, std::abs(value(c, i + step) - 2 * value(c, i) + value(c, i - step)));
+    return most;
+  }
 };
-
-bool is_known(const Point& p) {
-  return std::isfinite(p.x_mid + p.y_mid + p.x_end + p.y_end) && !std::isnan(p.z + p.z_end);
-}
 
 float moved2(const Point& p) { return p.x_end * p.x_end + p.y_end * p.y_end; }
 
@@ -52,23 +58,16 @@ void Reach::add(const Point& p) {
   stretch(end_least, end_most, end);
 }
 
-Surfaces::Surfaces(const float* const (&channels)[6], int width, int height) : width_(width), height_(height) {
-  std::ranges::copy(channels, channels_);
+Surfaces::Surfaces(const float* channels, int width, int height) : width_(width), height_(height) {
+  const int tiles = tiles_x() * tiles_y();
+  blocks_.resize(static_cast<std::size_t>(tiles) * 6 * kBlockPixels + kSpare);
   flags_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  tbb::parallel_for(0, tiles, [&](int i) { fill_block(i, channels); });
   std::vector<float> longest(static_cast<std::size_t>(height));
-  tbb::parallel_for(0, height, [&](int y) {
-    float most = 0;
-    for (int x = 0; x < width; ++x) {
-      const Point p = at(y * width + x);
-      if (!is_known(p)) continue;
-      flags_[static_cast<std::size_t>(y * width + x)] = kKnown;
-      most = std::max(most, std::hypot(p.x_mid, p.y_mid) + std::hypot(p.x_end - p.x_mid, p.y_end - p.y_mid));
-    }
-    longest[static_cast<std::size_t>(y)] = most;
-  });
+  tbb::parallel_for(0, height, [&](int y) { longest[static_cast<std::size_t>(y)] = begin_row(channels, y); });
   longest_ = *std::ranges::max_element(longest);
 
-  // In three passes, each of which looks at what the one before found of the neighbours.
+  // In passes, each of which looks at what the one before found of the neighbours.
   std::vector<std::uint16_t> found(flags_.size());
   const auto add = [&](const auto& value) {
     tbb::parallel_for(0, height, [&](int y) {
@@ -76,19 +75,76 @@ Surfaces::Surfaces(const float* const (&channels)[6], int width, int height) : w
     });
     for (std::size_t i = 0; i < flags_.size(); ++i) flags_[i] |= found[i];
   };
-  add([&](int x, int y) { return links_of(x, y); });
-  add([&](int x, int y) { return rim_of(x, y); });
-  add([&](int x, int y) -> std::uint16_t {
-    bool soiled = flags(y * width_ + x) & kSoiled;
-    for (int dy = -1; dy <= 1; ++dy)
-      for (int dx = -1; dx <= 1; ++dx)
-        if ((dx || dy) && joined(y * width_ + x, dx, dy)) soiled |= (flags((y + dy) * width_ + x + dx) & kSoiled) != 0;
-    return soiled ? kMixed : 0;
+  add([&](int x, int y) {
+    const std::int32_t i = y * width_ + x;
+    const bool left = x > 0 && flags(i - 1) & kRight, up = y > 0 && flags(i - width_) & kDown;
+    return static_cast<std::uint16_t>((left ? kLeft : 0) | (up ? kUp : 0));
   });
+  add([&](int x, int y) { return rim_of(x, y); });
+  add([&](int x, int y) { return mixed_of(x, y); });
 
-  const int tiles = tiles_x() * tiles_y();
   reach_.resize(static_cast<std::size_t>(tiles));
-  tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(tile(i)); });
+  tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(i); });
+}
+
+// kKnown, kRight and kDown of a row; returns its longest path. Of a row b c of points: they are of one surface if they
+// hardly part, or as much as the neighbours beyond do.
+float Surfaces::begin_row(const float* channels, int y) {
+  const Raw raw{channels, static_cast<std::ptrdiff_t>(width_) * height_};
+  const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(y) * width_;
+  std::uint16_t* row = flags_.data() + first;
+  float longest2 = 0;
+  for (std::ptrdiff_t x = 0; x < width_; ++x) row[x] = raw.is_known(first + x) ? kKnown : 0;
+  for (std::ptrdiff_t x = 0; x < width_; ++x) {
+    const auto value = [&](std::size_t c) { return raw.value(c, first + x); };
+    const float a2 = value(0) * value(0) + value(1) * value(1), dx = value(2) - value(0), dy = value(3) - value(1);
+    const float path2 = 2 * (a2 + dx * dx + dy * dy);  // at least the squared sum of both halves
+    longest2 = row[x] && path2 > longest2 ? path2 : longest2;
+  }
+  const auto link = [&](std::ptrdiff_t step, std::uint16_t flag, std::ptrdiff_t count, int before, int after,
+                        int size) {
+    for (std::ptrdiff_t x = 0; x < count; ++x)
+      if (raw.parting(first + x, first + x + step) <= kOneSurface_px) row[x] |= flag;
+    for (std::ptrdiff_t x = 0; x < count; ++x) {
+      const std::ptrdiff_t i = first + x;
+      const int at = flag == kRight ? static_cast<int>(x) : y;
+      if (row[x] & flag || at < before || at + after >= size) continue;
+      const float off = kSameSlope * raw.parting(i, i + step);
+      if (raw.bend(i, step) <= off && raw.bend(i + step, step) <= off) row[x] |= flag;
+    }
+    for (std::ptrdiff_t x = 0; x < count; ++x)
+      if (row[x] & flag && !(row[x] & kKnown && raw.is_known(first + x + step)))
+        row[x] = static_cast<std::uint16_t>(row[x] & ~flag);
+  };
+  link(1, kRight, width_ - 1, 1, 2, width_);
+  if (y + 1 < height_) link(width_, kDown, width_, 1, 2, height_);
+  return std::sqrt(longest2);
+}
+
+std::uint16_t Surfaces::mixed_of(int x, int y) const {
+  const std::int32_t here = y * width_ + x;
+  std::uint16_t any = flags(here);
+  for (int dy = y > 0 ? -1 : 0; dy <= (y + 1 < height_ ? 1 : 0); ++dy)
+    for (int dx = x > 0 ? -1 : 0; dx <= (x + 1 < width_ ? 1 : 0); ++dx) any |= flags(here + dy * width_ + dx);
+  if (!(any & kSoiled)) return 0;
+  bool soiled = flags(here) & kSoiled;
+  for (int dy = -1; dy <= 1; ++dy)
+    for (int dx = -1; dx <= 1; ++dx)
+      if ((dx || dy) && joined(here, dx, dy)) soiled |= (flags(here + dy * width_ + dx) & kSoiled) != 0;
+  return soiled ? kMixed : 0;
+}
+
+void Surfaces::fill_block(int index, const float* channels) {
+  const Tile t = tile(index);
+  const int left = std::max(t.x0 - 1, 0), right = std::min(t.x1 + 1, width_);
+  float* block = blocks_.data() + static_cast<std::size_t>(index) * 6 * kBlockPixels;
+  for (std::size_t c = 0; c < 6; ++c)
+    for (int y = std::max(t.y0 - 1, 0); y < std::min(t.y1 + 1, height_); ++y) {
+      const float* from = channels + (c * static_cast<std::size_t>(height_) + static_cast<std::size_t>(y)) *
+                                         static_cast<std::size_t>(width_);
+      float* to = block + c * kBlockPixels + (y - t.y0 + 1) * kBlockWidth + left - t.x0 + 1;
+      for (int x = left; x < right; ++x, ++to) *to = c < 4 ? from[x] : std::min(from[x], kFar);
+    }
 }
 
 bool Surfaces::joined(std::int32_t index, int dx, int dy) const {
@@ -101,29 +157,6 @@ bool Surfaces::joined(std::int32_t index, int dx, int dy) const {
 Tile Surfaces::tile(int index) const {
   const int x = index % tiles_x() * kTileWidth, y = index / tiles_x() * kTileHeight;
   return {x, y, std::min(x + kTileWidth, width_), std::min(y + kTileHeight, height_)};
-}
-
-// Of a pixel b and its neighbour c, in a row a b c d: one surface if they hardly part, or as much as their neighbours
-// do.
-std::uint16_t Surfaces::links_of(int x, int y) const {
-  const auto known = [&](int column, int row) {
-    return column >= 0 && column < width_ && row >= 0 && row < height_ && (flags(row * width_ + column) & kKnown);
-  };
-  if (!known(x, y)) return 0;
-  const Point b = at(y * width_ + x);
-  const auto with = [&](int dx, int dy, std::uint16_t flag) -> std::uint16_t {
-    if (!known(x + dx, y + dy)) return 0;
-    const std::int32_t step = dy * width_ + dx, here = y * width_ + x;
-    const Point c = at(here + step);
-    const Parting parting(b, c);
-    if (parting.most() <= kOneSurface_px) return flag;
-    if (!known(x - dx, y - dy) || !known(x + 2 * dx, y + 2 * dy)) return 0;
-    const float off = kSameSlope * parting.most();
-    const bool even =
-        parting.from(Parting(at(here - step), b)) <= off && parting.from(Parting(c, at(here + 2 * step))) <= off;
-    return even ? flag : std::uint16_t{0};
-  };
-  return with(1, 0, kRight) | with(-1, 0, kLeft) | with(0, 1, kDown) | with(0, -1, kUp);
 }
 
 // kSoiled and the owner of a pixel beside a nearer surface, else 0: of its neighbours the one that shares a side, then
@@ -155,17 +188,20 @@ std::uint16_t Surfaces::rim_of(int x, int y) const {
 }
 
 // With the pixels around, whose motion may claim those at the block's rim.
-Reach Surfaces::reach_of(const Tile& tile) const {
+Reach Surfaces::reach_of(int index) const {
+  const Tile t = tile(index);
   Reach reach;
-  for (int y = std::max(tile.y0 - 1, 0); y < std::min(tile.y1 + 1, height_); ++y)
-    for (int x = std::max(tile.x0 - 1, 0); x < std::min(tile.x1 + 1, width_); ++x) {
-      const std::int32_t index = y * width_ + x;
-      reach.soiled |= (flags(index) & kSoiled) != 0;
-      if (flags(index) & kKnown)
-        reach.add(at(index));
+  for (int y = std::max(t.y0 - 1, 0); y < std::min(t.y1 + 1, height_); ++y) {
+    const float* row = block(index) + (y - t.y0 + 1) * kBlockWidth - t.x0 + 1;
+    for (int x = std::max(t.x0 - 1, 0); x < std::min(t.x1 + 1, width_); ++x) {
+      const std::uint16_t mine = flags(y * width_ + x);
+      reach.soiled |= (mine & kSoiled) != 0;
+      if (mine & kKnown)
+        reach.add({row[x], row[x + kBlockPixels], row[x + 2 * kBlockPixels], row[x + 3 * kBlockPixels], 0, 0});
       else
         reach.unknown = true;
     }
+  }
   return reach;
 }
 

@@ -59,19 +59,31 @@ struct Tile {
   int x0, y0, x1, y1;
 };
 
+// A tile's points with those of the pixels around: channel by channel, row by row.
+constexpr int kBlockWidth = kTileWidth + 2, kBlockHeight = kTileHeight + 2;
+constexpr std::size_t kBlockPixels = std::size_t{kBlockWidth} * kBlockHeight;
+
 class Surfaces {
  public:
-  // channels: x_mid y_mid x_end y_end z z_end, each [height * width]; they must outlive this.
-  Surfaces(const float* const (&channels)[6], int width, int height);
+  // channels: [6][height][width], x_mid y_mid x_end y_end z z_end.
+  Surfaces(const float* channels, int width, int height);
 
   int width() const { return width_; }
   int height() const { return height_; }
-  Point at(std::int32_t index) const {
-    const auto value = [&](int c) { return channels_[c][index]; };
-    return {value(0), value(1), value(2), value(3), std::min(value(4), kFar), std::min(value(5), kFar)};
+  // A pixel's values in its tile's block: neighbours lie beside it, those of other tiles too.
+  const float* where(std::int32_t index) const {
+    const int x = index % width_, y = index / width_;
+    return block(y / kTileHeight * tiles_x() + x / kTileWidth) + (y % kTileHeight + 1) * kBlockWidth + x % kTileWidth +
+           1;
   }
+  static Point at(const float* p) {
+    const auto value = [&](std::size_t c) { return p[c * kBlockPixels]; };
+    return {value(0), value(1), value(2), value(3), value(4), value(5)};
+  }
+  Point at(std::int32_t index) const { return at(where(index)); }
   std::uint16_t flags(std::int32_t index) const { return flags_[static_cast<std::size_t>(index)]; }
-  const float* channel(int c) const { return channels_[c]; }
+  // [6][kBlockHeight][kBlockWidth] of a tile; 0 beyond the picture.
+  const float* block(int tile) const { return blocks_.data() + static_cast<std::size_t>(tile) * 6 * kBlockPixels; }
   // Of a soiled pixel: the step to the neighbour that the nearer surface is at.
   struct Step {
     int dx, dy;
@@ -90,13 +102,15 @@ class Surfaces {
   const Reach& reach(int tile) const { return reach_[static_cast<std::size_t>(tile)]; }
 
  private:
-  std::uint16_t links_of(int x, int y) const;
+  float begin_row(const float* channels, int y);
   std::uint16_t rim_of(int x, int y) const;
-  Reach reach_of(const Tile& tile) const;
+  std::uint16_t mixed_of(int x, int y) const;
+  void fill_block(int index, const float* channels);
+  Reach reach_of(int index) const;
 
   int width_, height_;
-  const float* channels_[6];
   double longest_ = 0;
+  std::vector<float> blocks_;
   std::vector<std::uint16_t> flags_;
   std::vector<Reach> reach_;
 };

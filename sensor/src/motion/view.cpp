@@ -23,7 +23,8 @@ void around(std::size_t slot, const Visit& visit) {
 
 }  // namespace
 
-void View::look(const Tile& tile, std::span<const std::int32_t> near) {
+void View::look(const Weights& w, const Tile& tile, std::span<const std::int32_t> near) {
+  weights = w;
   landing.land(from, weights, tile, near);
   Landing::Layer& points = landing.points;
   struct Found {
@@ -40,8 +41,9 @@ void View::look(const Tile& tile, std::span<const std::int32_t> near) {
       const std::size_t slot = first + static_cast<std::size_t>(column);
       const auto x = static_cast<float>(tile.x0 + column), y = static_cast<float>(tile.y0 + row);
       Seen best = points.seen(slot);
+      if (!best.is()) best.z = Landing::kNothing;
       around(slot, [&](std::size_t k) {
-        if (k == slot || points.index[k] == kNone) return;
+        if (k == slot || points.z[k] >= best.z) return;  // nothing there, or farther
         const Seen other = seen_at(from, weights, points.index[k], x, y);
         if (other.z < best.z && covers(from, other, false)) best = other;
       });

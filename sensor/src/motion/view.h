@@ -12,12 +12,13 @@ constexpr std::size_t kTilePixels = std::size_t{kTileWidth} * kTileHeight;
 
 // One keyframe.
 struct View {
+  explicit View(const Surfaces& keyframe) : from(keyframe) {}
   const Surfaces& from;
-  Weights weights;
-  Landing landing{};
+  Weights weights{0};
+  Landing landing;
 
-  // Looks from the tiles that may reach this one. Pixels beside what is nearer are looked at closely.
-  void look(const Tile& tile, std::span<const std::int32_t> near);
+  // From the tiles that may reach this one, at the instant of `w`. Pixels beside what is nearer are looked at closely.
+  void look(const Weights& w, const Tile& tile, std::span<const std::int32_t> near);
   // The rim that covers a pixel (x, y) of the picture, at (column, row) of the tile.
   Seen rim(int column, int row, int x, int y) const;
   // Whether a rim is before what the other keyframe shows at its pixel.

@@ -23,24 +23,27 @@ class Carrier {
   // motion: [12][height][width], of the layer. Or [2]: forward optical flow alone, x and y [px] from the start; or [4]:
   // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
   // infinite). Throws bad_input for another size. In the caller's TBB arena.
-  Carrier(std::vector<float> motion, int width, int height);
+  Carrier(std::span<const float> motion, int width, int height);
   ~Carrier();
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;
 
-  // Of the path of any point within the interval, the longest [px]. 0: nothing moves.
+  // No point's path within the interval is longer [px]. 0: nothing moves.
   double longest_path_px() const;
   // Fractions in (0, 1), evenly spaced, between which nothing moves more than half a pixel (of so many subpixels), nor
   // less than a microsecond passes in an interval of this length.
   std::vector<double> instants(double length_us, int subpixels = 1) const;
 
-  // Planes of light at the fraction s, each [height * width], from those at the start and at the end. s = 0 and s = 1
-  // give the keyframes; equal values that nothing moves over stay as they are. Where both keyframes show a point they
-  // are blended in ln, s being the weight of the second; where one shows it that one counts; where none does, or the
-  // motion is not known, both are blended at the pixel itself. With one side alone such pixels are NaN. Light that is
-  // not finite counts as not seen. In the caller's TBB arena.
-  void planes(std::span<const float* const> first, std::span<const float* const> second, double s,
-              std::span<float* const> out, CarrySide side = CarrySide::both) const;
+  // Planes of light at fractions s, [fraction][plane], from those at the start and at the end; each [height * width].
+  // Together they cost less than one by one. s = 0 and s = 1 give the keyframes; equal values that nothing moves over
+  // stay as they are. Where both keyframes show a point they are blended in ln, s being the weight of the second; where
+  // one shows it that one counts; where none does, or the motion is not known, both are blended at the pixel itself.
+  // With one side alone such pixels are NaN. Light that is not finite counts as not seen. In the caller's TBB arena.
+  void planes(std::span<const float* const> first, std::span<const float* const> second,
+              std::span<const double> fractions, std::span<float* const> out, CarrySide side = CarrySide::both) const;
+  void plane(const float* first, const float* second, double s, float* out) const {
+    planes({&first, 1}, {&second, 1}, {&s, 1}, {&out, 1});
+  }
 
  private:
   struct Interval;

@@ -60,7 +60,7 @@ class Sensor {
   // of the first plane ever is not looked at. Light between planes is carried along it. Throws bad_input also for
   // another number of channels.
   void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
-                   std::size_t channels, bool last, LabelledEvents& out);
+                   std::size_t channels, bool last, LabelledEvents& events);
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
 
  private:
