@@ -10,9 +10,10 @@ if __package__ in (None, ""):  # blender --background --python …/__main__.py -
     sys.path[:0] = [str(here.parent), str(here.parents[1] / "python")]
 
 from pecs_blender.cli import main
-from pecs_blender.core import stop
+from pecs_blender.core import stop, streams
 
 if __name__ == "__main__":
+    streams.fill()
     code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
     if "bpy" in sys.modules:  # its own exit may hang, or print of memory it kept
         stop.clean_up()

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from .core import stop
+from .core import stop, streams
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
 from .core.options import DEFAULTS, RULES, Options, add_arguments
 from .core.resources import Restart
@@ -23,6 +23,9 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """One line."""
         raise RenderError(USAGE, message)
+
+    def _print_message(self, message: str, file: object = None) -> None:
+        streams.say(message)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -129,11 +132,10 @@ def _bands(args: dict) -> None:
         pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
         bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])
     if args["json"]:
-        print(json.dumps({"bands": bands}))
+        streams.say(json.dumps({"bands": bands}) + "\n")
         return
-    print("wavelength_nm  weight_nm")
-    for band in bands:
-        print(f"{band['lambda_nm']:13.3f}  {band['weight_nm']:9.3f}")
+    rows = [f"{band['lambda_nm']:13.3f}  {band['weight_nm']:9.3f}\n" for band in bands]
+    streams.say("wavelength_nm  weight_nm\n" + "".join(rows))
 
 
 def _merge(args: dict) -> None:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from test_faults import device
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 32, "--lens", "none")
 SHM = Path("/dev/shm")
@@ -73,6 +74,29 @@ def test_a_render_leaves_nothing_behind(root, tmp_path):
         subprocess.run(command(root, tmp_path / lens, *args), check=True, env=environment, capture_output=True)
         assert not list((tmp_path / "scratch").iterdir())
     assert leftovers() == before
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)], ids=str)
+def test_closed_descriptors(root, tmp_path, closed):
+    """Blender would open its own files under their numbers."""
+
+    def close():
+        for fd in closed:
+            os.close(fd)
+
+    words = command(root, tmp_path / "s", "--frames", 1, "--samples", 1)
+    done = subprocess.run(words, preexec_fn=close, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in (tmp_path / "s").iterdir()) == ["frame_000000.exr", "stack.json"]
+
+
+@pytest.mark.parametrize("args", [("--help",), ("bands",), ("bands", "--json"), ("render", "--help")], ids=" ".join)
+def test_a_standard_output_that_fails(tmp_path, args):
+    with open(device(tmp_path / "full", 1, 7), "wb") as full:
+        words = [sys.executable, "-m", "pecs_blender", *args]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 5
+    assert done.stderr == "pecs_blender: standard output: cannot be written: No space left on device\n"
 
 
 def test_two_renders_into_one_folder(root, tmp_path):
