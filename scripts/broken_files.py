@@ -11,15 +11,18 @@ kept in out/broken. Exit code 1 if any did.
 """
 
 import argparse
+import functools
 import json
+import os
 import random
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -130,11 +133,52 @@ def events() -> np.ndarray:
 
 
 class Kind:
-    """A good file, and what reads its mutants: arguments of the program, or a Python function."""
+    """A good file, and what reads its mutants: a Python function, arguments of the program, or both."""
 
     def __init__(self, file: Path, *arguments: object, read: Callable[[], object] | None = None):
         self.file, self.good = file, file.read_bytes()
         self.arguments, self.read = [str(a) for a in arguments], read
+
+
+def said_in_python(read: Callable[[], object]) -> tuple[str, str]:
+    """What happened in a word, and the line that says it."""
+    try:
+        read()
+    except (pecs.PecsError, RenderError) as e:
+        good = e.code in GOOD_CODES and len(str(e).splitlines()) == 1 and len(str(e)) < 1000
+        return ("refused" if good else f"wrong words, code {e.code}"), str(e)
+    except MemoryError as e:
+        return "memory", repr(e)
+    except OtherEvents:
+        return "other events", ""
+    except Exception as e:
+        return "traceback", repr(e)
+    return "taken", ""
+
+
+def in_python(kind: Kind, inputs: list[bytes]) -> Iterator[tuple[str, str]]:
+    """In a child process, which a crash or a hang ends; the next one goes on behind that input."""
+    done = 0
+    while done < len(inputs):
+        inward, outward = os.pipe()
+        child = os.fork()
+        if child == 0:
+            for data in inputs[done:]:
+                kind.file.write_bytes(data)
+                signal.setitimer(signal.ITIMER_PROF, MOST_CPU_S)  # ends the process
+                os.write(outward, (json.dumps(said_in_python(kind.read)) + "\n").encode())
+            os._exit(0)
+        os.close(outward)
+        with open(inward) as lines:
+            for line in lines:
+                done += 1
+                yield tuple(json.loads(line))
+        _, status, used = os.wait4(child, 0)
+        if status:
+            done += 1
+            yield ("hang" if os.WTERMSIG(status) == signal.SIGPROF else "crash"), f"status {status}"
+        if used.ru_maxrss << 10 > MOST_BYTES:
+            yield "memory", f"{used.ru_maxrss} KiB"
 
 
 def limits() -> None:
@@ -142,49 +186,60 @@ def limits() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (2 * MOST_BYTES, 2 * MOST_BYTES))
 
 
-def verdict(kind: Kind) -> tuple[str, str]:
-    """What happened in a word, and the line that says it."""
-    if kind.read:
-        try:
-            kind.read()
-        except RenderError as e:
-            return ("refused", str(e)) if e.code in GOOD_CODES and "\n" not in str(e) else ("wrong words", str(e))
-        except Exception as e:
-            return "traceback", repr(e)
-        return "taken", ""
-    done = subprocess.run([program(), *kind.arguments], capture_output=True, preexec_fn=limits)
-    said = done.stderr.decode(errors="replace")
-    lines = [line for line in said.splitlines() if not line.startswith("sense: ")]  # progress
-    if done.returncode in (-24, -9):  # SIGXCPU, then SIGKILL
+def in_program(kind: Kind, data: bytes) -> tuple[str, str]:
+    kind.file.write_bytes(data)
+    with tempfile.TemporaryFile() as stderr:
+        process = subprocess.Popen(
+            [program(), *kind.arguments], stdout=subprocess.DEVNULL, stderr=stderr, preexec_fn=limits
+        )
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = code = os.waitstatus_to_exitcode(status)
+        stderr.seek(0)
+        said = stderr.read().decode(errors="replace")
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "hang", said
-    if done.returncode < 0 or done.returncode in (134, 139):
+    if code < 0 or code in (134, 139):
         return "crash", said
-    if done.returncode == 7 or resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10 > MOST_BYTES:
+    if code == 7 or used.ru_maxrss << 10 > MOST_BYTES:
         return "memory", said
-    if done.returncode not in GOOD_CODES:
-        return f"exit code {done.returncode}", said
-    if done.returncode and (len(lines) != 1 or not lines[0].startswith("pecs: ") or len(lines[0]) > 1000):
+    if code not in GOOD_CODES:
+        return f"exit code {code}", said
+    if code and (len(said.splitlines()) != 1 or not said.startswith("pecs: ") or len(said) > 1000):
         return "wrong words", said
-    return ("refused" if done.returncode else "taken"), said
+    return ("refused" if code else "taken"), said
 
 
 GOOD = {"taken", "refused"}
 
 
+class OtherEvents(Exception):
+    """Where every byte has a check sum."""
+
+
+def same_events(file: Path) -> None:
+    if not np.array_equal(pecs.read(file), events()):
+        raise OtherEvents
+
+
 def try_all(name: str, kind: Kind, inputs: list[bytes]) -> dict[str, Any]:
+    """What Python can read, in Python, and one of 20 by the program too; the rest by the program."""
     seen: Counter[str] = Counter()
-    for i, data in enumerate(inputs):
-        kind.file.write_bytes(data)
-        word, said = verdict(kind)
-        if name == "npz" and word == "taken" and not (pecs.read(kind.file) == events()).all():
-            word = "other events"  # every member has a check sum
+
+    def count(i: int, word: str, said: str) -> None:
         seen[word] += 1
         if word not in GOOD:
             KEPT.mkdir(parents=True, exist_ok=True)
-            (KEPT / f"{name}-{i}").write_bytes(data)
+            (KEPT / f"{name}-{i}").write_bytes(inputs[min(i, len(inputs) - 1)])
             print(f"{name}-{i}: {word}: {said[:300]}", file=sys.stderr)
+
+    if kind.read:
+        for i, (word, said) in enumerate(in_python(kind, inputs)):
+            count(i, word, said)
+    if kind.arguments:
+        for i in range(0, len(inputs), 20 if kind.read else 1):
+            count(i, *in_program(kind, inputs[i]))
     kind.file.write_bytes(kind.good)
-    return {"kind": name, "runs": len(inputs), **seen}
+    return {"kind": name, "files": len(inputs), **seen}
 
 
 def stacks(folder: Path) -> tuple[Path, Path]:
@@ -199,11 +254,18 @@ def stacks(folder: Path) -> tuple[Path, Path]:
     return own, foreign
 
 
+def first_frame(folder: Path, fps: float | None = None) -> None:
+    with pecs.StackReader(folder, fps) as reader:
+        reader.read_frame(0)
+
+
 def frames(own: Path, foreign: Path, output: Path) -> dict[str, Kind]:
     words = ("-o", output / "o.raw", "--gain", "1e-9", "--quiet")
     return {
-        "frame": Kind(own / "frame_000000.exr", "sense", own, "-o", output / "o.raw", "--quiet"),
-        "frame alone": Kind(foreign / "a.exr", "sense", foreign, *words, "--fps", "100"),
+        "frame": Kind(own / "frame_000000.exr", "sense", own, *words[:2], "--quiet", read=lambda: first_frame(own)),
+        "frame alone": Kind(
+            foreign / "a.exr", "sense", foreign, *words, "--fps", "100", read=lambda: first_frame(foreign, 100)
+        ),
     }
 
 
@@ -213,10 +275,13 @@ def all_kinds(folder: Path) -> dict[str, Kind]:
     for name, ending in EVENTS.items():
         file = folder / f"in.{ending}"
         pecs.write(file, events(), 640, 480, format=name)
-        kinds[name] = Kind(file, "convert", file, output / "o.csv", "--format", "csv", "--quiet")
+        read = functools.partial(same_events if name == "npz" else pecs.read, file)
+        kinds[name] = Kind(file, "convert", file, output / "o.csv", "--format", "csv", "--quiet", read=read)
     own, foreign = stacks(folder)
     kinds |= frames(own, foreign, output)
-    kinds["stack.json"] = Kind(own / "stack.json", "sense", own, "-o", output / "o.raw", "--quiet")
+    kinds["stack.json"] = Kind(
+        own / "stack.json", "sense", own, "-o", output / "o.raw", "--quiet", read=lambda: first_frame(own)
+    )
 
     chips, lenses = ROOT / "sensor/chips", ROOT / "lens_data/lenses"
     chip = json.loads((chips / "imx636.json").read_text())
@@ -226,15 +291,17 @@ def all_kinds(folder: Path) -> dict[str, Kind]:
     (folder / "chip.json").write_text(json.dumps(chip | {"noise_table": "table.json"}))
     for name in ("chip", "table"):
         words = ("sense", own, "-o", output / "o.raw", "--quiet", "--chip", folder / "chip.json")
-        kinds[name] = Kind(folder / f"{name}.json", *words)
+        kinds[name] = Kind(folder / f"{name}.json", *words, read=lambda: pecs.Chip(folder / "chip.json").close())
     shutil.copy(lenses / "pecs_lab_15mm.json", folder / "lens.json")
-    kinds["lens"] = Kind(folder / "lens.json", "lens", "info", folder / "lens.json")
+    lens = folder / "lens.json"
+    kinds["lens"] = Kind(lens, "lens", "info", lens, read=lambda: pecs.Lens(lens).info())
     (folder / "lens.zmx").write_text(ZEMAX)
     pbrt = ("lens", "convert", "double_gauss_100mm_f3p1", "-o", folder / "lens.dat")
     subprocess.run([program(), *pbrt], check=True, capture_output=True)
     for name, ending in (("zemax", "zmx"), ("pbrt", "dat")):
         file = folder / f"lens.{ending}"
-        kinds[name] = Kind(file, "lens", "convert", file, "-o", output / "lens.json")
+        read = functools.partial(pecs.Lens, file)
+        kinds[name] = Kind(file, "lens", "convert", file, "-o", output / "lens.json", read=read)
 
     scene = Path(shutil.copytree(ROOT / "scenes/board", folder / "board"))
     (folder / "aligned.json").write_text(json.dumps(ALIGNED, indent=1))
@@ -268,13 +335,13 @@ def main() -> int:
         for name, kind in kinds.items():
             if a.only and name not in a.only.split(","):
                 continue
-            word, said = verdict(kind)
-            if not a.exr and word != "taken" and "align" not in kind.arguments:
-                sys.exit(f"{name}: the good file is {word}: {said}")
+            for word, said in [*in_python(kind, [kind.good])] if kind.read else []:
+                if word != "taken":
+                    sys.exit(f"{name}: the good file is {word}: {said}")
             rng = random.Random(f"{name} {a.seed}")
             is_json = kind.file.suffix == ".json"
             row = try_all(name, kind, whole if a.exr else [mutant(kind.good, rng, is_json) for _ in range(a.count)])
-            bad += sum(row[word] for word in row.keys() - GOOD - {"kind", "runs"})
+            bad += sum(row[word] for word in row.keys() - GOOD - {"kind", "files"})
             print(json.dumps(row), flush=True)
     return 1 if bad else 0
 
