@@ -168,6 +168,36 @@ def fog():
         move(thing, "location", [(0, distance, 0), (0.5, distance, 0)])
 
 
+def holes():
+    """A still plate with holes in every other square metre of a checker texture, behind nodes that shift it; through
+    them a wall is seen that moves. Its polygons have two materials, one of them a clear one."""
+    start()
+    wall = put(grid("wall", 12), (0, 8, 0))
+    move(wall, "location", [(0, 8, 0), (0.5, 8, 0)])
+    plate = put(grid("plate", 4, 2), (0, 4, 0))
+    texture, clear = bpy.data.materials.new("holes"), bpy.data.materials.new("clear")
+    for material in (texture, clear):
+        material.use_nodes = True
+    nodes, links = texture.node_tree.nodes, texture.node_tree.links
+    checker, ramp, mapping, place = (
+        nodes.new(f"ShaderNode{k}") for k in ("TexChecker", "ValToRGB", "Mapping", "TexCoord")
+    )
+    reroute = nodes.new("NodeReroute")
+    checker.inputs["Scale"].default_value = 1.0  # a square metre each
+    mapping.inputs["Location"].default_value = (0, 0.5, 0)  # away from the edges between squares
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (1, 1, 1, 1), (0, 0, 0, 1)  # the other way
+    ramp.color_ramp.elements.new(0.4).color = (1, 1, 1, 1)
+    links.new(place.outputs["Object"], mapping.inputs["Vector"])
+    links.new(mapping.outputs["Vector"], checker.inputs["Vector"])
+    links.new(checker.outputs["Fac"], ramp.inputs["Fac"])
+    links.new(ramp.outputs["Color"], reroute.inputs[0])
+    links.new(reroute.outputs[0], nodes["Principled BSDF"].inputs["Alpha"])
+    clear.node_tree.nodes["Principled BSDF"].inputs["Alpha"].default_value = 0.2
+    for material in (texture, clear):
+        plate.data.materials.append(material)
+    plate.data.polygons[3].material_index = 1  # at the upper right
+
+
 def falling():
     """A rigid body, baked."""
     scene = start()
@@ -219,7 +249,8 @@ def deforming():
 
 
 SCENES = {
-    f.__name__: f for f in (rigid, centimetres, travel, instances, vanishing, cut, uncut, fog, falling, deforming)
+    f.__name__: f
+    for f in (rigid, centimetres, travel, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
 }
 
 if __name__ == "__main__":

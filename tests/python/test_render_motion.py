@@ -330,6 +330,21 @@ def test_what_is_clear_is_looked_through(blends):
     assert there[2, square] == pytest.approx(3.2, abs=TOLERANCE_PX) and (there[:4, ~square] == 0).all()
 
 
+def test_holes_of_a_texture_are_looked_through(blends):
+    """As Cycles does, which depth asks; and all of a clear material's polygons."""
+    folder = render(blends, "holes", "--layers", "depth,motion")
+    there, _ = motion(folder)
+    with pecs.StackReader(folder) as stack:
+        depth = stack.read_layer("depth", 0)[1]
+    x, y = pixel_centres()
+    clear = (x > WIDTH / 2) & (y < HEIGHT / 2)
+    assert there[4][~clear] == pytest.approx(depth[~clear], rel=1e-5) and (there[4][clear] > 5).all()
+    plate = there[4] < 5
+    assert 0.3 < plate[~clear].mean() < 0.8
+    assert (there[:4, plate] == 0).all()
+    assert there[2, ~plate] == pytest.approx(np.full((~plate).sum(), 4.0), abs=TOLERANCE_PX)
+
+
 def test_a_baked_rigid_body(blends, tmp_path):
     """It falls with 9.81 m/s^2, Blender's damping of 4 % per second apart, and takes a child along; the light does not
     change by its second look."""

@@ -11,7 +11,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-INSTANCE, POLYGON, CLEAR = "pecs_instance", "pecs_polygon", "pecs_clear"
+from . import opacity
+
+INSTANCE, POLYGON, OPENING = "pecs_instance", "pecs_polygon", "pecs_opening"
+CLEAR = 1  # an OPENING of materials that are nowhere opaque
 MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
 
 
@@ -43,7 +46,7 @@ def simulated(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return list(dict.fromkeys(thing for body in bodies for thing in (body, *body.children_recursive)))
 
 
-def make(scene: bpy.types.Scene, size: tuple[int, int]) -> bpy.types.Scene:
+def make(scene: bpy.types.Scene, size: tuple[int, int], material: Material) -> bpy.types.Scene:
     """The same objects and collections, for Cycles to look at apart from the light."""
     companion = scene.copy()
     companion.world = None
@@ -64,63 +67,66 @@ def make(scene: bpy.types.Scene, size: tuple[int, int]) -> bpy.types.Scene:
     for name in (INSTANCE, POLYGON):
         layer.aovs.add().name = name
         layer.aovs[-1].type = "VALUE"
-    layer.material_override = _material()
+    layer.material_override = material.material
     return companion
 
 
-def _material() -> bpy.types.Material:
-    """Says which instance and polygon is hit; an object that is CLEAR is not."""
-    material = bpy.data.materials.new("pecs surfaces")
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    emission, hole, mix, output, clear, instance, polygon = (
-        tree.nodes.new(f"ShaderNode{kind}")
-        for kind in (
-            "Emission",
-            "BsdfTransparent",
-            "MixShader",
-            "OutputMaterial",
-            "Attribute",
-            "ObjectInfo",
-            "Attribute",
+class Material:
+    """Of all surfaces. It says which instance and polygon is hit, and lets through where the polygon's own material is
+    less than half opaque."""
+
+    def __init__(self) -> None:
+        self.material = bpy.data.materials.new("pecs surfaces")
+        self.material.use_nodes = True
+        self.material.node_tree.nodes.clear()
+        tree = opacity.Tree(self.material.node_tree)
+        self._numbers: dict[bpy.types.Material, int] = {}  # of those with holes, and of all that are clear
+        which = self._attribute(OPENING)
+        through = tree.math("COMPARE", which, float(CLEAR), 0.5)
+        for material in list(bpy.data.materials):
+            closure = opacity.surface(material)
+            opaque = closure if isinstance(closure, float) else tree.opacity(closure)
+            if not isinstance(opaque, float):
+                number = self._numbers[material] = CLEAR + 1 + len(self._numbers)
+                hole = tree.math("LESS_THAN", opaque, 0.5)
+                here = tree.math("COMPARE", which, float(number), 0.5)
+                through = tree.math("MAXIMUM", through, tree.math("MULTIPLY", hole, here))
+            elif opaque < 0.5:
+                self._numbers[material] = CLEAR
+        self._connect(tree, through)
+
+    def _attribute(self, name: str) -> bpy.types.NodeSocket:
+        node = self.material.node_tree.nodes.new("ShaderNodeAttribute")
+        node.attribute_name = name
+        return node.outputs["Fac"]
+
+    def _connect(self, opacities: opacity.Tree, through: bpy.types.NodeSocket) -> None:
+        tree = self.material.node_tree
+        emission, hole, mix, output, instance = (
+            tree.nodes.new(f"ShaderNode{kind}")
+            for kind in ("Emission", "BsdfTransparent", "MixShader", "OutputMaterial", "ObjectInfo")
         )
-    )
-    clear.attribute_type, clear.attribute_name, polygon.attribute_name = "OBJECT", CLEAR, POLYGON
-    links = [(clear.outputs["Fac"], mix.inputs[0]), (mix.outputs[0], output.inputs["Surface"])]
-    links += [(closure.outputs[0], mix.inputs[1 + k]) for k, closure in enumerate((emission, hole))]
-    for name, value in ((INSTANCE, instance.outputs["Random"]), (POLYGON, polygon.outputs["Fac"])):
-        opaque, product, aov = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("Math", "Math", "OutputAOV"))
-        opaque.operation, product.operation, aov.aov_name = "SUBTRACT", "MULTIPLY", name
-        links += [(clear.outputs["Fac"], opaque.inputs[1]), (opaque.outputs[0], product.inputs[0])]
-        links += [(value, product.inputs[1]), (product.outputs[0], aov.inputs["Value"])]  # AOVs add up along a ray
-        opaque.inputs[0].default_value = 1.0
-    for source, target in links:
-        tree.links.new(source, target)
-    return material
+        sources = (through, emission.outputs[0], hole.outputs[0])
+        for source, target in zip(sources, mix.inputs, strict=True):
+            tree.links.new(source, target)
+        tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        opaque = opacities.math("SUBTRACT", 1.0, through)
+        for name, value in ((INSTANCE, instance.outputs["Random"]), (POLYGON, self._attribute(POLYGON))):
+            node = tree.nodes.new("ShaderNodeOutputAOV")
+            node.aov_name = name
+            tree.links.new(opacities.math("MULTIPLY", value, opaque), node.inputs["Value"])  # AOVs add up along a ray
 
+    def mark(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Which polygons of evaluated meshes may let through."""
+        for thing in depsgraph.objects:
+            if isinstance(thing.data, bpy.types.Mesh):
+                slots = (slot.material for slot in thing.material_slots)
+                self._open(thing.data, [self._numbers.get(m and m.original, 0) for m in slots])
 
-def is_clear(material: bpy.types.Material) -> bool:
-    """Less than half opaque everywhere, as far as constants say: a volume alone, glassy panes of fog."""
-    if not (material.use_nodes and material.node_tree):
-        return False
-    output = material.node_tree.get_output_node("CYCLES") or material.node_tree.get_output_node("ALL")
-    if not output:
-        return False
-    if not output.inputs["Surface"].is_linked:
-        return output.inputs["Volume"].is_linked
-    return _opacity(output.inputs["Surface"]) < 0.5
-
-
-def _opacity(socket: bpy.types.NodeSocket) -> float:
-    if not socket.is_linked:
-        return 1.0
-    node = socket.links[0].from_node
-    if node.bl_idname == "ShaderNodeBsdfTransparent":
-        return 0.0
-    if node.bl_idname == "ShaderNodeMixShader" and not node.inputs[0].is_linked:
-        share, (one, other) = node.inputs[0].default_value, map(_opacity, node.inputs[1:])
-        return one * (1 - share) + other * share
-    if node.bl_idname == "ShaderNodeBsdfPrincipled" and not node.inputs["Alpha"].is_linked:
-        return node.inputs["Alpha"].default_value
-    return 1.0
+    @staticmethod
+    def _open(mesh: bpy.types.Mesh, numbers: list[int]) -> None:
+        if any(numbers) and len(mesh.polygons) and OPENING not in mesh.attributes:
+            slots = np.empty(len(mesh.polygons), np.int32)
+            mesh.polygons.foreach_get("material_index", slots)
+            values = np.array(numbers, np.float32)[slots.clip(0, len(numbers) - 1)]
+            mesh.attributes.new(OPENING, "FLOAT", "FACE").data.foreach_set("value", values)

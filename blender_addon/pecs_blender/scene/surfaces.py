@@ -5,8 +5,7 @@ A companion scene (scene/companion.py) is rendered by Cycles with one sample alo
 is then carried by its instance's matrix, or by the triangle of a mesh that deforms (scene/mesh_points.py).
 
 Not known: what an instance does that the other instant lacks, or whose Random another has too; meshes whose topology
-changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through, and
-surfaces with holes in their texture are seen as a whole.
+changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through.
 """
 
 from __future__ import annotations
@@ -63,13 +62,13 @@ class Surfaces:
 
     def __init__(self, job: Job, scratch: Path, scale: float = 1.0, name: str = "surfaces"):
         size = tuple(max(1, round(n * scale)) for n in job.size)
-        self._job, self._scene = job, companion.make(job.source.scene, size)
+        self._job, self._material = job, companion.Material()
+        self._scene = companion.make(job.source.scene, size, self._material)
         render = self._scene.render
         render.pixel_aspect_x, render.pixel_aspect_y = np.array(job.size) / size  # where the scale does not divide it
         self._sight, self._film = Sight(job, scratch, name, self._scene, size), cycles.Film(self._scene)
         self._geometries = Geometries()
         self._simulated = companion.simulated(job.source.scene)
-        self._clear = {material for material in bpy.data.materials if companion.is_clear(material)}
         self.size = size
 
     def centres(self) -> np.ndarray:
@@ -83,10 +82,7 @@ class Surfaces:
 
         def look(depsgraph: bpy.types.Depsgraph) -> None:
             found.append(self._poses(depsgraph))
-            for thing in depsgraph.objects if self._clear else ():
-                slots = thing.material_slots
-                if slots and all(slot.material and slot.material.original in self._clear for slot in slots):
-                    thing[companion.CLEAR] = 1.0
+            self._material.mark(depsgraph)
 
         passes = self._film.passes("Position", "Depth", companion.INSTANCE, companion.POLYGON, look=look)
         poses = found[-1]
