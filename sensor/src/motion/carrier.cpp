@@ -35,10 +35,11 @@ namespace {
 
 constexpr float kSameDepth = 0.05f;  // of points that both keyframes show: relative difference
 
-// Planes of both keyframes.
+// Planes of both keyframes; without coefficients where nothing moves.
 struct Job {
   std::span<const float* const> first, second;
   CarrySide side;
+  std::vector<Picture> pictures[2];
 };
 
 // One tile of the picture, instant by instant.
@@ -66,7 +67,7 @@ class TileWork {
     for (std::size_t k = 0; k < out.size(); ++k) {
       const float* const planes[2] = {job_.first[k], job_.second[k]};
       for (int v = 0; v < 2; ++v)
-        if (views[v]) sample(*views[v], planes[v], special, light_[v], soiled_[v]);
+        if (views[v]) sample(*views[v], job_.pictures[v][k], special, light_[v], soiled_[v]);
       if (first && second) {
         if (special) prefer_clean();
         blend_run(light_[0], light_[1], s, kTilePixels, out_);
@@ -74,7 +75,7 @@ class TileWork {
       } else {
         take_alone(first ? 0 : 1, special);
       }
-      for (const Rim& rim : rims) add_rim(rim, views, planes, s);
+      for (const Rim& rim : rims) add_rim(rim, views, k, s);
       store(out_, out[k]);
     }
   }
@@ -102,14 +103,15 @@ class TileWork {
     }
   }
 
-  void sample(const View& view, const float* plane, bool special, float* light, bool* soiled) const {
+  void sample(const View& view, const Picture& picture, bool special, float* light, bool* soiled) const {
     const Landing::Layer& points = view.landing.points;
     const Surfaces& from = view.from;
     for (std::size_t row = 0; row < rows(); ++row) {
       const std::size_t slot = Landing::slot(0, static_cast<int>(row));
       float* out = light + row * kTileWidth;
       if (from.width() > 3 && from.height() > 3)
-        cubic_run(plane, from.width(), from.height(), points.u + slot, points.v + slot, kTileWidth, out);
+        cubic_run(picture.plane(), picture.coefficients(), from.width(), from.height(), points.u + slot,
+                  points.v + slot, kTileWidth, out);
       for (std::size_t i = 0; i < columns(); ++i) out[i] = points.index[slot + i] == kNone ? kDark : out[i];
       if (!special) continue;
       for (std::size_t i = 0; i < columns(); ++i) {
@@ -117,12 +119,12 @@ class TileWork {
         soiled[row * kTileWidth + i] = false;
         if (!seen.is()) continue;
         if (from.flags(seen.index) & kMixed) {
-          const Light own = own_light(from, plane, seen);
+          const Light own = own_light(from, picture.plane(), seen);
           out[i] = own.value;
           soiled[row * kTileWidth + i] = own.soiled;
         } else if (!(seen.u >= 1 && seen.v >= 1 && seen.u < static_cast<float>(from.width() - 2) &&
                      seen.v < static_cast<float>(from.height() - 2))) {
-          out[i] = cubic(from, plane, seen.u, seen.v);
+          out[i] = picture.at(seen.u, seen.v);
         }
       }
     }
@@ -147,11 +149,11 @@ class TileWork {
     for (std::size_t i = 0; i < kTilePixels; ++i) out_[i] = special && soiled_[side][i] ? kDark : light_[side][i];
   }
 
-  void add_rim(const Rim& rim, View* const (&views)[2], const float* const (&planes)[2], float s) {
+  void add_rim(const Rim& rim, View* const (&views)[2], std::size_t k, float s) {
     float& out = out_[static_cast<std::size_t>(rim.row * kTileWidth + rim.column)];
     float light[2] = {kDark, kDark};
     for (int v = 0; v < 2; ++v)
-      if (rim.seen[v].is()) light[v] = rim_light(views[v]->from, planes[v], rim.seen[v], out);
+      if (rim.seen[v].is()) light[v] = rim_light(views[v]->from, job_.pictures[v][k], rim.seen[v], out);
     const float found = blend(light[0], light[1], s);
     if (std::isfinite(found)) out = found;
   }
@@ -262,7 +264,12 @@ void Carrier::planes(std::span<const float* const> first, std::span<const float*
     if (const double s = fractions[k / count]; is_keyframe(s))
       std::copy_n((s <= 0 ? first : second)[k % count],
                   static_cast<std::size_t>(in.first.width()) * static_cast<std::size_t>(in.first.height()), out[k]);
-  const Job job{first, second, side};
+  Job job{first, second, side, {}};
+  if (!std::ranges::all_of(in.near, &Interval::Near::still) && !std::ranges::all_of(fractions, is_keyframe))
+    for (std::size_t k = 0; k < count; ++k) {
+      job.pictures[0].emplace_back(first[k], in.first.width(), in.first.height());
+      job.pictures[1].emplace_back(second[k], in.first.width(), in.first.height());
+    }
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t i) {
     const Interval::Near& near = in.near[i];
     const Tile tile = in.first.tile(static_cast<int>(i));

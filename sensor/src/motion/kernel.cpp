@@ -95,24 +95,40 @@ void Contested(const float* depths, std::ptrdiff_t stride, float none, std::size
   }
 }
 
-// Catmull-Rom weights of the pixels -1, 0, 1, 2 at the fraction x between 0 and 1.
-HWY_INLINE void catmull_rom(V x, V (&w)[4]) {
+// sqrt(3) z^|k|, z = sqrt(3) - 2 (Unser, Aldroubi, Eden, IEEE Trans. Signal Process. 41, 1993), cut off; its sum is 1.
+constexpr float kSpline[8] = {1.73217656f,    -0.464135309f,   0.124364681f,    -0.0333234159f,
+                              0.00892898238f, -0.00239251362f, 0.000641072092f, -0.000171774749f};
+
+void SplineRun(const float* const (&taps)[kSplineTaps], std::size_t count, float* out) {
   const F f;
-  const V half = hn::Set(f, 0.5f), one = hn::Set(f, 1.0f), y = hn::Sub(one, x), xy = hn::Mul(half, hn::Mul(x, y));
-  w[0] = hn::Neg(hn::Mul(xy, y));
-  w[3] = hn::Neg(hn::Mul(xy, x));
-  w[1] = hn::Mul(y, hn::Add(one, hn::Mul(x, hn::NegMulAdd(hn::Set(f, 1.5f), x, one))));
-  w[2] = hn::Mul(x, hn::Add(one, hn::Mul(y, hn::NegMulAdd(hn::Set(f, 1.5f), y, one))));
+  for (std::size_t i = 0; i < count; i += hn::Lanes(f)) {
+    V sum = hn::Mul(hn::Set(f, kSpline[0]), hn::LoadU(f, taps[7] + i));
+    for (int k = 1; k < 8; ++k)
+      sum = hn::MulAdd(hn::Set(f, kSpline[k]), hn::Add(hn::LoadU(f, taps[7 - k] + i), hn::LoadU(f, taps[7 + k] + i)),
+                       sum);
+    hn::StoreU(sum, f, out + i);
+  }
 }
 
-void CubicRun(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
-              float* out) {
+// Cubic B-spline weights of the pixels -1, 0, 1, 2 at the fraction x between 0 and 1.
+HWY_INLINE void b_spline(V x, V (&w)[4]) {
+  const F f;
+  const V sixth = hn::Set(f, 1.0f / 6), one = hn::Set(f, 1.0f), half = hn::Set(f, 0.5f), y = hn::Sub(one, x);
+  const V x2 = hn::Mul(x, x), y2 = hn::Mul(y, y), two_thirds = hn::Set(f, 2.0f / 3);
+  w[0] = hn::Mul(sixth, hn::Mul(y2, y));
+  w[1] = hn::NegMulAdd(x2, hn::NegMulAdd(half, x, one), two_thirds);
+  w[2] = hn::NegMulAdd(y2, hn::NegMulAdd(half, y, one), two_thirds);
+  w[3] = hn::Mul(sixth, hn::Mul(x2, x));
+}
+
+void CubicRun(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
+              std::size_t count, float* out) {
   const F f;
   const I32 i32;
   const hn::FixedTag<float, 4> f4;
   constexpr std::size_t kMost = hn::MaxLanes(F());
   const std::size_t lanes = hn::Lanes(f);
-  HWY_ALIGN float weights_x[4 * kMost], weights_y[4][kMost], sums[4 * kMost], least[4 * kMost], most[4 * kMost];
+  HWY_ALIGN float weights_x[4 * kMost], weights_y[4][kMost], sums[4 * kMost], upper[4 * kMost], lower[4 * kMost];
   HWY_ALIGN std::int32_t offsets[kMost];
   for (std::size_t i = 0; i < count; i += lanes) {
     const auto inside = [&](V at, int size) {
@@ -121,30 +137,37 @@ void CubicRun(const float* plane, int width, int height, const float* u, const f
     const V at_x = hn::LoadU(f, u + i), at_y = hn::LoadU(f, v + i);
     const V x = inside(hn::Floor(at_x), width), y = inside(hn::Floor(at_y), height);
     V wx[4], wy[4];
-    catmull_rom(hn::Sub(at_x, x), wx);
-    catmull_rom(hn::Sub(at_y, y), wy);
+    b_spline(hn::Sub(at_x, x), wx);
+    b_spline(hn::Sub(at_y, y), wy);
     hn::StoreInterleaved4(wx[0], wx[1], wx[2], wx[3], f, weights_x);
     for (int k = 0; k < 4; ++k) hn::Store(wy[k], f, weights_y[k]);
     const auto offset = hn::Add(hn::Mul(hn::ConvertTo(i32, y), hn::Set(i32, width)), hn::ConvertTo(i32, x));
     hn::Store(offset, i32, offsets);
     for (std::size_t k = 0; k < lanes; ++k) {
-      const float* at = plane + offsets[k] - width - 1;
-      const auto r0 = hn::LoadU(f4, at), r1 = hn::LoadU(f4, at + width), r2 = hn::LoadU(f4, at + 2 * width),
-                 r3 = hn::LoadU(f4, at + 3 * width);
+      const std::ptrdiff_t first = offsets[k] - width - 1;
+      const float* at = coefficients + first;
       const auto w = [&](int row) { return hn::Set(f4, weights_y[row][k]); };
-      const auto sum = hn::MulAdd(w(3), r3, hn::MulAdd(w(2), r2, hn::MulAdd(w(1), r1, hn::Mul(w(0), r0))));
+      auto sum = hn::Mul(w(0), hn::LoadU(f4, at));
+      for (int row = 1; row < 4; ++row) sum = hn::MulAdd(w(row), hn::LoadU(f4, at + row * width), sum);
       hn::Store(hn::Mul(sum, hn::Load(f4, weights_x + 4 * k)), f4, sums + 4 * k);
-      hn::Store(hn::Min(r1, r2), f4, least + 4 * k);
-      hn::Store(hn::Max(r1, r2), f4, most + 4 * k);
+      hn::Store(hn::LoadU(f4, plane + first + width), f4, upper + 4 * k);
+      hn::Store(hn::LoadU(f4, plane + first + 2 * width), f4, lower + 4 * k);
     }
-    V s[4], low[4], high[4];
+    V s[4], a[4], b[4];
     hn::LoadInterleaved4(f, sums, s[0], s[1], s[2], s[3]);
-    hn::LoadInterleaved4(f, least, low[0], low[1], low[2], low[3]);
-    hn::LoadInterleaved4(f, most, high[0], high[1], high[2], high[3]);
+    hn::LoadInterleaved4(f, upper, a[0], a[1], a[2], a[3]);
+    hn::LoadInterleaved4(f, lower, b[0], b[1], b[2], b[3]);
     const V sum = hn::Add(hn::Add(s[0], s[1]), hn::Add(s[2], s[3]));
-    const V clamped = hn::Min(hn::Max(sum, hn::Min(low[1], low[2])), hn::Max(high[1], high[2]));
-    const M finite = hn::Lt(hn::Abs(sum), hn::Set(f, std::numeric_limits<float>::infinity()));
-    hn::StoreU(hn::IfThenElse(finite, clamped, hn::Set(f, std::numeric_limits<float>::quiet_NaN())), f, out + i);
+    const V least = hn::Min(hn::Min(a[1], a[2]), hn::Min(b[1], b[2]));
+    const V most = hn::Max(hn::Max(a[1], a[2]), hn::Max(b[1], b[2]));
+    const V beyond = hn::Mul(hn::Set(f, kBeyond), hn::Sub(most, least));
+    const V low = hn::Max(hn::Sub(least, beyond), hn::Mul(hn::Set(f, 1 - kBeyond), least));
+    V value = hn::Min(hn::Max(sum, low), hn::Add(most, beyond));
+    value = hn::IfThenElse(hn::And(hn::Eq(at_x, x), hn::Eq(at_y, y)), a[1], value);
+    // Of all four: Min and Max may pass over a NaN.
+    const V all = hn::Add(hn::Add(hn::Abs(a[1]), hn::Abs(a[2])), hn::Add(hn::Abs(b[1]), hn::Abs(b[2])));
+    const M finite = hn::Lt(all, hn::Set(f, std::numeric_limits<float>::infinity()));
+    hn::StoreU(hn::IfThenElse(finite, value, hn::Set(f, std::numeric_limits<float>::quiet_NaN())), f, out + i);
   }
 }
 
@@ -175,6 +198,7 @@ namespace pecs::sensor::motion {
 HWY_EXPORT(Paths);
 HWY_EXPORT(LandRun);
 HWY_EXPORT(Contested);
+HWY_EXPORT(SplineRun);
 HWY_EXPORT(CubicRun);
 HWY_EXPORT(BlendRun);
 void paths(const PathArguments& arguments) { HWY_DYNAMIC_DISPATCH(Paths)(arguments); }
@@ -182,9 +206,12 @@ void land_run(const LandingArguments& arguments) { HWY_DYNAMIC_DISPATCH(LandRun)
 void contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out) {
   HWY_DYNAMIC_DISPATCH(Contested)(depths, stride, none, count, out);
 }
-void cubic_run(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
-               float* out) {
-  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, width, height, u, v, count, out);
+void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, float* out) {
+  HWY_DYNAMIC_DISPATCH(SplineRun)(taps, count, out);
+}
+void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
+               std::size_t count, float* out) {
+  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out);
 }
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out) {
   HWY_DYNAMIC_DISPATCH(BlendRun)(a, b, s, count, out);

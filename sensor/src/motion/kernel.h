@@ -35,10 +35,18 @@ void land_run(const LandingArguments& arguments);
 // the first pixel; rows are `stride` apart. One byte a pixel.
 void contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out);
 
-// Catmull-Rom interpolation at positions, clamped to the range of the four pixels around. The plane has more than three
-// rows and columns. Nearer to its border than two pixels the result is of other positions.
-void cubic_run(const float* plane, int width, int height, const float* u, const float* v, std::size_t count,
-               float* out);
+// One pass, along rows or columns, from values to the coefficients of the cubic spline through them: kSplineTaps values
+// around each, the middle one its own.
+constexpr int kSplineTaps = 15;
+void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, float* out);
+
+// The spline (by its coefficients) at positions, within the range of the four pixels around (of `plane`) and a part of
+// it beyond; a pixel's own value at its centre; NaN where one of the four is not finite. Planes have more than three
+// rows and columns. Nearer to the border than two pixels the result is of other positions.
+void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
+               std::size_t count, float* out);
+// How far beyond the range of the four: of that range, and below at most this part of the least.
+constexpr float kBeyond = 0.25f;
 
 // out = a^(1-s) b^s; linear where one is not positive; a where they are equal; the other where one is not finite.
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out);

@@ -1,5 +1,7 @@
 #include "motion/light.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -7,12 +9,12 @@ namespace pecs::sensor::motion {
 namespace {
 
 // As the kernel's.
-void catmull_rom(float x, float (&w)[4]) {
-  const float y = 1 - x, xy = 0.5f * x * y;
-  w[0] = -xy * y;
-  w[1] = y * (1 + x * (1 - 1.5f * x));
-  w[2] = x * (1 + y * (1 - 1.5f * y));
-  w[3] = -xy * x;
+void b_spline(float x, float (&w)[4]) {
+  const float y = 1 - x;
+  w[0] = y * y * y / 6;
+  w[1] = 2.0f / 3 - x * x * (1 - 0.5f * x);
+  w[2] = 2.0f / 3 - y * y * (1 - 0.5f * y);
+  w[3] = x * x * x / 6;
 }
 
 // Light of the surface a soiled pixel shows, from where nothing else is in it: away from the nearer surface.
@@ -28,24 +30,59 @@ float behind_of(const Surfaces& from, const float* plane, std::int32_t index) {
 
 }  // namespace
 
-float cubic(const Surfaces& from, const float* plane, float u, float v) {
-  const int width = from.width(), height = from.height();
+Picture::Picture(const float* plane, int width, int height)
+    : plane_(plane),
+      width_(width),
+      height_(height),
+      coefficients_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) + kSpare) {
+  constexpr int kReach = kSplineTaps / 2;
+  std::vector<float> along_rows(coefficients_.size());
+  const auto row_of = [&](auto* values, int y) { return values + static_cast<std::ptrdiff_t>(y) * width; };
+  tbb::parallel_for(0, height, [&](int y) {
+    std::vector<float> row(static_cast<std::size_t>(width) + 2 * kReach + kSpare), out(row.size());
+    for (int x = 0; x < width; ++x) {
+      const float value = row_of(plane, y)[x];
+      row[static_cast<std::size_t>(x + kReach)] = std::isfinite(value) ? value
+                                                  : x > 0              ? row[static_cast<std::size_t>(x + kReach - 1)]
+                                                                       : 0;
+    }
+    std::fill_n(row.begin(), kReach, row[kReach]);
+    std::fill_n(row.begin() + width + kReach, kReach, row[static_cast<std::size_t>(width + kReach - 1)]);
+    const float* taps[kSplineTaps];
+    for (int k = 0; k < kSplineTaps; ++k) taps[k] = row.data() + k;
+    spline_run(taps, static_cast<std::size_t>(width), out.data());
+    std::copy_n(out.begin(), width, row_of(along_rows.data(), y));
+  });
+  tbb::parallel_for(0, height, [&](int y) {
+    std::vector<float> out(static_cast<std::size_t>(width) + kSpare);
+    const float* taps[kSplineTaps];
+    for (int k = 0; k < kSplineTaps; ++k)
+      taps[k] = row_of(along_rows.data(), std::clamp(y + k - kReach, 0, height - 1));
+    spline_run(taps, static_cast<std::size_t>(width), out.data());
+    std::copy_n(out.begin(), width, row_of(coefficients_.data(), y));
+  });
+}
+
+float Picture::at(float u, float v) const {
   const int x = static_cast<int>(std::floor(u)), y = static_cast<int>(std::floor(v));
   float wx[4], wy[4];
-  catmull_rom(u - static_cast<float>(x), wx);
-  catmull_rom(v - static_cast<float>(y), wy);
-  float sum = 0, least = std::numeric_limits<float>::infinity(), most = -least;
-  for (int j = 0; j < 4; ++j) {
-    const float* row = plane + static_cast<std::ptrdiff_t>(std::clamp(y - 1 + j, 0, height - 1)) * width;
-    float part = 0;
+  b_spline(u - static_cast<float>(x), wx);
+  b_spline(v - static_cast<float>(y), wy);
+  float sum = 0, least = std::numeric_limits<float>::infinity(), most = -least, all = 0;
+  for (int j = 0; j < 4; ++j)
     for (int i = 0; i < 4; ++i) {
-      const float value = row[std::clamp(x - 1 + i, 0, width - 1)];
-      part += wx[i] * value;
-      if ((i == 1 || i == 2) && (j == 1 || j == 2)) least = std::min(least, value), most = std::max(most, value);
+      const std::ptrdiff_t k = static_cast<std::ptrdiff_t>(std::clamp(y - 1 + j, 0, height_ - 1)) * width_ +
+                               std::clamp(x - 1 + i, 0, width_ - 1);
+      sum += wy[j] * wx[i] * coefficients_[static_cast<std::size_t>(k)];
+      if (i % 3 == 0 || j % 3 == 0) continue;
+      least = std::min(least, plane_[k]), most = std::max(most, plane_[k]);
+      all += std::abs(plane_[k]);
     }
-    sum += wy[j] * part;
-  }
-  return std::isfinite(sum) ? std::clamp(sum, least, most) : kDark;
+  if (!std::isfinite(all)) return kDark;
+  if (u == static_cast<float>(x) && v == static_cast<float>(y) && x >= 0 && y >= 0 && x < width_ && y < height_)
+    return plane_[static_cast<std::ptrdiff_t>(y) * width_ + x];
+  const float beyond = kBeyond * (most - least);
+  return std::clamp(sum, std::max(least - beyond, (1 - kBeyond) * least), most + beyond);
 }
 
 Light own_light(const Surfaces& from, const float* plane, const Seen& seen) {
@@ -70,11 +107,12 @@ Light own_light(const Surfaces& from, const float* plane, const Seen& seen) {
   return {from.flags(index) & kSoiled ? behind_of(from, plane, index) : plane[index], true};
 }
 
-float rim_light(const Surfaces& from, const float* plane, const Seen& rim, float behind) {
+float rim_light(const Surfaces& from, const Picture& picture, const Seen& rim, float behind) {
+  const float* plane = picture.plane();
   const auto [dx, dy] = from.owner(rim.index);
   const std::int32_t owner = rim.index + dy * from.width() + dx;
   const float front = plane[from.joined(owner, dx, dy) ? owner + dy * from.width() + dx : owner];
-  const float back = behind_of(from, plane, rim.index), light = cubic(from, plane, rim.u, rim.v);
+  const float back = behind_of(from, plane, rim.index), light = picture.at(rim.u, rim.v);
   if (!std::isfinite(front + back + light)) return kDark;
   if (!std::isfinite(behind)) behind = back;
   // The part of the pixel that the nearer surface covers: by its light, or by how far its last centre is.
