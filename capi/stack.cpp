@@ -114,6 +114,29 @@ int pecs_stack_reader_read_frame(const pecs_stack_reader* stack, const char* lay
   });
 }
 
+int64_t pecs_stack_reader_between(const pecs_stack_reader* stack, int64_t interval, int64_t* times_ns, int64_t capacity,
+                                  pecs_error* error) {
+  return guard(error, [&] {
+    const std::vector<std::int64_t> times = given(stack, "stack").reader.between_ns(interval);
+    std::copy_n(times.begin(), std::clamp<int64_t>(capacity, 0, std::ssize(times)), times_ns);
+    return static_cast<int64_t>(std::ssize(times));
+  });
+}
+
+int pecs_stack_reader_read_between(const pecs_stack_reader* stack, int64_t interval, int64_t which, float* values,
+                                   int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const StackReader& reader = given(stack, "stack").reader;
+    const std::int64_t count = std::ssize(reader.between_ns(interval));
+    if (which < 0 || which >= count)
+      throw pecs::bad_input(reader.folder().string(), "between", std::to_string(which),
+                            "one of the interval's " + std::to_string(count));
+    pecs::capi::need_room(static_cast<int64_t>(frame_values(reader.info(), nullptr, reader.folder())), capacity);
+    pecs::capi::copy_out(reader.read_between(interval, static_cast<std::size_t>(which)), values, capacity);
+    return 0;
+  });
+}
+
 void pecs_stack_reader_close(pecs_stack_reader* stack) { delete stack; }
 
 }  // extern "C"

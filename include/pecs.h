@@ -119,6 +119,12 @@ PECS_API char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error
 /* values: of `capacity` floats, filled. */
 PECS_API int pecs_stack_reader_read_frame(const pecs_stack_reader* stack, const char* layer, int64_t index,
                                           float* values, int64_t capacity, pecs_error* error);
+/* How many pictures lie within an interval; times_ns: of `capacity`, filled with the first ones' times. */
+PECS_API int64_t pecs_stack_reader_between(const pecs_stack_reader* stack, int64_t interval, int64_t* times_ns,
+                                           int64_t capacity, pecs_error* error);
+/* The light of one of them, NaN where it was not rendered. */
+PECS_API int pecs_stack_reader_read_between(const pecs_stack_reader* stack, int64_t interval, int64_t which,
+                                            float* values, int64_t capacity, pecs_error* error);
 PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
 /* ---- event files (sensor/events) ----------------------------------------------------------------------------- */

@@ -26,6 +26,14 @@ _writer_close = function("pecs_stack_writer_close", None, ctypes.c_void_p, error
 _open = function("pecs_stack_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
 _info = function("pecs_stack_reader_info", ctypes.c_void_p, ctypes.c_void_p)
 _read_frame = function("pecs_stack_reader_read_frame", ctypes.c_int, *_frame, _floats, ctypes.c_int64)
+_between_ns = function(
+    "pecs_stack_reader_between", ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
+)
+_read_between = function(
+    "pecs_stack_reader_read_between",
+    ctypes.c_int,
+    *(ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, _floats, ctypes.c_int64),
+)
 _reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error=False)
 
 
@@ -98,6 +106,20 @@ class StackReader(Handle):
     def read_frame(self, index: int) -> NDArray[np.float32]:
         """The light: [bands, height, width], float32."""
         return self.read_layer(LIGHT, index)
+
+    def between_ns(self, interval: int) -> list[int]:
+        """Times of the pictures within the interval that begins at a frame."""
+        with self._use() as handle:
+            times = np.empty(_between_ns(handle, interval, None, 0), np.int64)
+            _between_ns(handle, interval, times.ctypes.data, len(times))
+        return [int(t) for t in times]
+
+    def read_between(self, interval: int, which: int) -> NDArray[np.float32]:
+        """The light of one of these pictures, [bands, height, width]; NaN where it was not rendered."""
+        frame = np.empty(self.shape, np.float32)
+        with self._use() as handle:
+            _read_between(handle, interval, which, frame, frame.size)
+        return frame
 
     def read_layer(self, name: str, index: int) -> NDArray[np.float32]:
         """[channels, height, width], float32."""

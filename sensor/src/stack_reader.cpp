@@ -215,6 +215,14 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
 
 std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {
   const Layer& layer = layer_of(info_, name, folder_);
+  return whole(layer, [&](const RowSink& sink) { read_rows(index, layer, sink, 0, 0); });
+}
+
+std::vector<float> StackReader::read_between(std::int64_t interval, std::size_t which) const {
+  return whole(info_.layers[0], [&](const RowSink& sink) { read_between(interval, which, sink); });
+}
+
+std::vector<float> StackReader::whole(const Layer& layer, const std::function<void(const RowSink&)>& read) const {
   const auto width = static_cast<std::size_t>(info_.file_width());
   const auto height = static_cast<std::size_t>(info_.file_height());
   std::vector<float> frame(frame_values(info_, layer));
@@ -224,7 +232,7 @@ std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view 
       std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(c * block), block,
                   frame.begin() + static_cast<std::ptrdiff_t>((c * height + static_cast<std::size_t>(y)) * width));
   };
-  read_rows(index, layer, copy, 0, 0);
+  read(copy);
   return frame;
 }
 

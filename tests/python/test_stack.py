@@ -255,6 +255,12 @@ def test_pictures_between_frames(tmp_path):
         stack.write_between(1, 4, 150_000, part)
         assert stack.has_between(1, 4, 150_000)
         assert not stack.has_between(1, 4, 150_001) and not stack.has_between(0, 4, 50_000)
+        stack.write_frame(0, frame())
+        with StackReader(tmp_path / "s") as reader:
+            assert reader.between_ns(0) == [] and reader.between_ns(1) == [150_000]
+            np.testing.assert_allclose(reader.read_between(1, 0), part, rtol=2**-12)
+            with pytest.raises(pecs.PecsError, match="between: got 1, wanted one of the interval's 1"):
+                reader.read_between(1, 1)
         for interval, time_ns, message in (
             (1, 200_002, "got 200002 ns, wanted more than 100001 and less than 200002"),
             (2, 250_000, "interval: got 2, wanted 0 to 1"),

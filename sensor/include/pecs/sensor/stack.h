@@ -4,6 +4,7 @@
 // layer is meant by its name; the light's is kLight.
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <span>
@@ -86,8 +87,10 @@ class StackReader : public FrameSource {
   void read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const override;
   // The whole file as [channels][rows][columns].
   std::vector<float> read_frame(std::int64_t index, std::string_view layer = kLight) const;
+  std::vector<float> read_between(std::int64_t interval, std::size_t which) const;
 
  private:
+  std::vector<float> whole(const Layer& layer, const std::function<void(const RowSink&)>& read) const;
   void read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const;
   void read_file(const std::filesystem::path& path, const Layer& layer, std::optional<std::int64_t> time_ns,
                  const RowSink& sink, int begin, int end) const;
