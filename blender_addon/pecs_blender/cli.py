@@ -79,6 +79,7 @@ def _add_render(commands) -> None:
     )
     add("--scene-name", help="which scene of the .blend")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
+    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
     add("--overwrite", action="store_true", help="remove a stack that is there, instead of continuing it")
 
 
@@ -98,6 +99,7 @@ def _library_errors():
 def _render(args: dict) -> None:
     path, output, overrides = args.pop("scene"), args.pop("output"), args.pop("set")
     scene_name, allow_scripts, overwrite = args.pop("scene_name"), args.pop("allow_scripts"), args.pop("overwrite")
+    plan_only = args.pop("plan")
     options = Options(**args)
     try:
         import bpy  # before pecs
@@ -119,7 +121,7 @@ def _render(args: dict) -> None:
                 source = BlendScene(path, scene_name, illuminant, allow_scripts)
             else:
                 source = FolderScene(load_scene(path, overrides))
-            render(source, output, options, overwrite)
+            render(source, output, options, overwrite, plan_only)
     except OSError as e:
         raise RenderError(BAD_OUTPUT, f"{e.filename or output}: cannot be written: {e.strerror}") from None
 

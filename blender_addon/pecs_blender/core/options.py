@@ -12,6 +12,7 @@ from typing import Any
 
 from .errors import USAGE, RenderError
 
+TIMES = ("uniform", "adaptive")
 PLACEMENTS = ("gauss", "strata", "uniform")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 LAYERS = ("depth", "motion")  # beside the light
@@ -85,6 +86,15 @@ class Options:
     frames: str = option(
         "100", "N, A:B, 'period' for one period in equal steps, 'all' for a .blend's range", recorded=False
     )
+    time: str = option("uniform", "every instant, or keyframes and the motion between them", choices=TIMES)
+    step_px: float = option(24.0, "adaptive: how far anything may move between keyframes", above=0, high=256)
+    time_tolerance: float = option(
+        0.5, "adaptive: error of ln(photocurrent) that is left between keyframes, in contrast thresholds", above=0
+    )
+    subpixels: int | None = option(
+        None, "light per pixel in x and y; if not given, 1, and 2 where motion carries it", choices=(1, 2, 4)
+    )
+    share: int = option(2, "adaptive: keyframes on each side whose samples are shared", low=0, high=16)
     only: slice | None = option(
         None, "render these frames of the plan (a shard)", parse=_range, metavar="A:B", recorded=False
     )
@@ -106,7 +116,7 @@ class Options:
     film_tilt_deg: Sequence[float] = option(
         (0.0, 0.0), "about its x, then y axis", low=-80, high=80, metavar=("X", "Y")
     )
-    samples: int = option(8, "paths per pixel and band", low=1, high=65536)
+    samples: int = option(8, "paths per pixel and band, those of its subpixels together", low=1, high=65536)
     noise_target: float | None = option(
         None, "choose --samples: noise of ln(light), in contrast thresholds of the chip", above=0
     )
@@ -136,6 +146,10 @@ class Options:
             for number in numbers:
                 if isinstance(number, (int, float)) and not isinstance(number, bool) and not rule.allows(number):
                     raise RenderError(USAGE, f"{flag(name)}: got {number}, wanted {rule.wanted()}")
+
+    @property
+    def is_adaptive(self) -> bool:
+        return self.time == "adaptive"
 
     def recorded(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name, rule in RULES.items() if rule.recorded}

@@ -7,7 +7,16 @@ import fcntl
 import re
 from pathlib import Path
 
+import numpy as np
+
 from .errors import BAD_OUTPUT, RenderError
+
+
+def as_written(light: np.ndarray) -> np.ndarray:
+    """As it is read back: 12 bits of the mantissa, to nearest even (docs/exr_stack.md)."""
+    bits = np.ascontiguousarray(light, np.float32).view(np.uint32)
+    rounded = ((bits + 0x3FF + ((bits >> 11) & 1)) & ~np.uint32(0x7FF)).view(np.float32)
+    return np.where(np.isfinite(light), rounded, light)
 
 
 class Output:
@@ -28,6 +37,13 @@ class Output:
             raise RenderError(e.code, f"{e}{hint}") from None
         self._lock = self._locked(json_path, self._only)
         self.has_layer, self.write_layer = self._writer.has_layer, self._writer.write_layer
+        self.write_between = self._writer.write_between
+
+    def read_layer(self, name: str, index: int) -> np.ndarray:
+        import pecs
+
+        with pecs.StackReader(self._folder) as stack:
+            return stack.read_layer(name, index)
 
     def _locked(self, path: Path, frames: slice):
         """Byte i of stack.json stands for frame i: a lock may lie beyond a file's end, and dies with its process."""

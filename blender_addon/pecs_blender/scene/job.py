@@ -23,6 +23,11 @@ class Job:
     unit: np.ndarray  # per band: film irradiance (or radiance) of a rendered 1
     moving_px: tuple[int, int, int, int] | None
     rays_per_sample: int = 1
+    subpixels: int = 1  # of a sensor's pixel, in x and y: `size` counts them
+
+    def brightest_pass(self, weights: np.ndarray) -> int:
+        """Which of the passes has the bands of most weight."""
+        return int(np.argmax([weights[one.bands].sum() for one in self.passes]))
 
     def set_time(self, t_s: float) -> None:
         self.spectral.before_instant()

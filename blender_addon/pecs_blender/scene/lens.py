@@ -17,7 +17,6 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
-from ..core.errors import bad_input
 from ..core.options import Options
 from . import cycles
 from .source import Source
@@ -132,7 +131,7 @@ def cameras(
 def even_out(
     lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: cycles.Sampling
 ) -> np.ndarray:
-    """RI / <w> for each band and pixel, see above."""
+    """RI / <w> for each band and pixel, see above; infinite where no ray gets through the lens."""
     (width, height), pitch_mm = size, lens.pixel_pitch_mm
     scene = cycles.white_furnace()
     cycles.configure(scene, width, height, sampling)
@@ -145,12 +144,9 @@ def even_out(
         scene.camera = one.camera
         gain[one.bands] = film.render()[: one.bands.stop - one.bands.start]
         for k in range(one.bands.start, one.bands.stop):
-            if not gain[k].all():
-                raise bad_input(
-                    "render", "--samples", sampling.samples, "more: in some pixels no ray gets through the lens"
-                )
             pupil = lens.lens.pupil(lambda_nm=float(lambda_nm[k]), **lens.setting, **lens.frame)["pupil"]
             illumination = np.array([(p["r_mm"], p["relative_illumination"]) for p in pupil])
-            gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
+            with np.errstate(divide="ignore"):
+                gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
     bpy.data.scenes.remove(scene)
     return gain

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,30 +21,30 @@ from ..core.plan import Timeline, passes, timeline
 from ..core.progress import Progress
 from ..core.resources import Restart, check_disk, resident_mb
 from ..core.spectra import spectrum
-from . import cycles, layers, lens, noise
+from . import adaptive, cycles, layers, lens, noise
 from .job import Job
+from .judge import Judge
 from .source import Source
 from .spectral import SpectralScene
 
 
-def render(source: Source, folder: Path, options: Options, overwrite: bool = False) -> None:
-    width, height = size = _size(source, options)
+def render(source: Source, folder: Path, options: Options, overwrite: bool = False, plan_only: bool = False) -> None:
+    """plan_only: prints what would be rendered, how long that takes here and how much it writes."""
+    options = _resolved(options)
+    pixels = _size(source, options)
+    width, height = size = tuple(n * options.subpixels for n in pixels)
     chip = load_chip(options.chip)
-    options = replace(options, film_width_mm=options.film_width_mm or chip.film_width_mm(width))
-    _check_moving(options, width, height)
+    options = replace(options, film_width_mm=options.film_width_mm or chip.film_width_mm(pixels[0]))
+    _check_moving(options, *pixels)
     illuminant = spectrum(options.illuminant, source.folder)
     devices = cycles.device_names(options.device)
-    sampling = cycles.Sampling(
-        options.samples, options.seed, source.bounces, options.threads, options.device, options.denoise
-    )
+    rays = -(-options.samples // options.subpixels**2)
+    sampling = cycles.Sampling(rays, options.seed, source.bounces, options.threads, options.device, options.denoise)
     cycles.configure(source.scene, width, height, sampling)
-    plan = timeline(options.frames, options.fps, source.period_s, source.duration_s)
     spectral = SpectralScene(illuminant, source.folder, source.unit_m)
     lamps = spectral.emitters.mean_pairs()
     bands = pecs.bands(options.chip, options.bands, options.placement, lamps, options.min_nm, options.max_nm)
     channels = len(bands) + sum(len(layers.KINDS[name].channels) for name in options.layers)
-    check_disk(folder, len(plan.times_ns[options.only or slice(None)]) * channels * width * height)
-
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
         source.set_time(0.0)
@@ -52,15 +53,56 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
         if options.noise_target:
             samples = noise.samples(job, sampling, chip.weights(bands), _wanted(options, chip))
             sampling = replace(sampling, samples=samples)
+        grid = timeline(options.frames, options.fps, source.period_s, source.duration_s)
+        keys = adaptive.plan(job, grid, options.step_px, Path(scratch)) if options.is_adaptive else None
+        plan = keys.timeline if keys else grid
+        values = len(plan.times_ns[options.only or slice(None)]) * channels * width * height
+        if plan_only:
+            return print(_estimate(job, plan, grid, values))
+        check_disk(folder, values)
         light = layers.Light(job, sampling)
         beside = [layers.KINDS[name](job, Path(scratch)) for name in options.layers]
         settings = _settings(options, source, scale, spectral)
-        settings |= {"samples": sampling.samples, "device": ", ".join(devices)}
-        stack = _stack(source, plan, bands, size, options, record, settings)
+        settings |= {"samples": sampling.samples * options.subpixels**2, "device": ", ".join(devices)}
+        stack = _stack(source, plan, bands, pixels, options, record, settings)
         if beside:
             stack["layers"] = [layers.entry(layer) for layer in beside]
         with Output(folder, stack, options.only, overwrite) as output:
-            _render_frames(job, plan, [*beside, light], output, options)
+            if keys:
+                tolerance = options.time_tolerance * chip.contrast_threshold
+                judge = Judge(chip.weights(bands), tolerance, options.subpixels)
+                adaptive.Adaptive(job, keys, light, beside, judge, options).render(output)
+            else:
+                _render_frames(job, plan, [*beside, light], output, options)
+
+
+def _estimate(job: Job, plan: Timeline, grid: Timeline, values: int) -> str:
+    """From a strip of a sixteenth of the picture, in the first pass."""
+    scene, film, (width, height) = job.source.scene, cycles.Film(job.source.scene), job.size
+    job.set_time(plan.times_ns[0] * 1e-9)
+    scene.camera = job.passes[0].camera
+    scene.cycles.samples *= job.rays_per_sample
+    job.spectral.set_pass(job.passes[0].rgb_nm)
+    strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)
+    cycles.set_border(scene, strip)
+    film.render()  # scene and shaders are built
+    start = time.perf_counter()
+    film.render()
+    each_s = (time.perf_counter() - start) * height / (strip[3] - strip[1]) * len(job.passes)
+    count, all_of = len(plan.times_ns), len(grid.times_ns)
+    what = f"{count} keyframes of {all_of} instants" if count < all_of else f"{count} instants"
+    beside = ", and what lies between; what stands still costs nothing" if count < all_of else ""
+    return f"{what}, {each_s:.1f} s each: {count * each_s / 3600:.2f} h{beside}; up to {values * 4e-9:.1f} GB"
+
+
+def _resolved(options: Options) -> Options:
+    """What an option's default depends on."""
+    if not options.is_adaptive:
+        return replace(options, subpixels=options.subpixels or 1)
+    if options.moving_px:
+        raise RenderError(USAGE, "--moving-px: got --time adaptive, wanted uniform: what stands still is found")
+    with_motion = options.layers if "motion" in options.layers else (*options.layers, "motion")
+    return replace(options, subpixels=options.subpixels or 2, layers=with_motion)
 
 
 def _check_moving(options: Options, width: int, height: int) -> None:
@@ -74,7 +116,8 @@ def _job(source, spectral, options, bands, size, scale, scratch) -> tuple[Job, d
     lambda_nm = np.array([b["lambda_nm"] for b in bands])
     slices = passes(len(bands), options.bands_per_pass)
     unit = spectral.emitters.norm(lambda_nm) * scale
-    common = {"moving_px": options.moving_px}
+    moving_px = options.moving_px and tuple(n * options.subpixels for n in options.moving_px)
+    common = {"moving_px": moving_px, "subpixels": options.subpixels}
     if chosen := lens.choose(source, options, *size):
         made = lens.cameras(chosen, lambda_nm, slices, options.colour_tolerance_px, source.unit_m, scratch)
         common["rays_per_sample"] = made.rays_per_sample
@@ -118,8 +161,8 @@ def _size(source: Source, options: Options) -> tuple[int, int]:
 
 
 def _wanted(options: Options, chip: Chip) -> float:
-    """Variance of ln(light)."""
-    return (options.noise_target * chip.contrast_threshold) ** 2
+    """Variance of a subpixel's ln(light)."""
+    return (options.noise_target * chip.contrast_threshold * options.subpixels) ** 2
 
 
 def _stack(source, plan, bands, size, options, record, settings) -> dict:
@@ -130,6 +173,8 @@ def _stack(source, plan, bands, size, options, record, settings) -> dict:
         "width": size[0],
         "height": size[1],
         "pixel_pitch_m": options.film_width_mm * 1e-3 / size[0],
+        **({"subpixels": options.subpixels} if options.subpixels > 1 else {}),
+        **({"between": True} if options.is_adaptive else {}),
         "bands": bands,
         "times_ns": plan.times_ns,
         "period_ns": plan.period_ns,

@@ -8,12 +8,18 @@ n_k there (core/light.py). Absolute radiance = rendered * n_k * s, where s is th
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
+from ...core.errors import bad_input
+from ...core.tiles import Box
 from .. import cycles
 from .. import lens as lenses
 from ..job import Job
+
+NEAR_PX = 1  # within which some ray must get through the lens
+BLUR_PX = 16  # as far as diffraction carries light that matters
 
 
 class Light:
@@ -31,6 +37,8 @@ class Light:
         if job.lens and not any(job.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(job.lens, job.passes, job.lambda_nm, job.size, rays)
         self._to_film = to_film.astype(np.float32)
+        self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * job.subpixels) for gain in self._to_film]
+        self._to_film[~np.isfinite(self._to_film)] = 0
         if job.moving_px:
             cycles.set_border(scene, None)
             job.set_time(0.0)
@@ -44,16 +52,79 @@ class Light:
             fresh, frame = frame, self._still.copy()
             frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
         frame *= self._to_film
+        self._light_up(frame)
+        return self.blur(frame)
+
+    def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
+        """[channels, height, width] of the present instant in these boxes (None: everywhere), before diffraction; NaN
+        elsewhere, and in the bands of other passes."""
+        (width, height), scene = self._job.size, self._job.source.scene
+        frame = np.full(self._shape, np.nan, np.float32)
+        to_film = np.broadcast_to(self._to_film, self._shape)
+        for one in self._job.passes[passes]:
+            self._set_pass(one)
+            for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
+                cycles.set_border(scene, box if boxes_px else None)
+                at = (slice(box[1], box[3]), slice(box[0], box[2]))
+                picture = self._film.render()[: one.bands.stop - one.bands.start]
+                frame[one.bands, at[0], at[1]] = picture[:, at[0], at[1]] * to_film[one.bands, at[0], at[1]]
+        cycles.set_border(scene, self._job.moving_px)
+        self._light_up(frame)
+        return frame
+
+    def _light_up(self, frame: np.ndarray) -> None:
+        """Where no ray gets through the lens: a neighbour's light."""
+        for picture, (dark, near) in zip(frame, self._dark, strict=True):
+            picture.ravel()[dark] = picture.ravel()[near]
+
+    def blur(self, frame: np.ndarray) -> np.ndarray:
+        """By diffraction, in place."""
         for one in self._job.passes:
             for picture, blur in zip(frame[one.bands], one.blurs, strict=False):  # none without diffraction
                 blur(picture)
         return frame
 
+    def parts(self, boxes_px: list[Box], under: np.ndarray) -> np.ndarray:
+        """[channels, height, width] of the present instant in these boxes, NaN elsewhere. under: the light of another
+        instant, which lies around them when a lens blurs."""
+        if not any(one.blurs for one in self._job.passes):
+            return self.fresh(boxes_px)
+        frame = self.fresh([self._grown(box) for box in boxes_px])
+        around, result = np.where(np.isnan(frame), under, frame), np.full_like(frame, np.nan)
+        for box in boxes_px:
+            left, top, right, bottom = self._grown(box)
+            part = self.blur(np.ascontiguousarray(around[:, top:bottom, left:right]))
+            x, y = slice(box[0] - left, box[2] - left), slice(box[1] - top, box[3] - top)
+            result[:, box[1] : box[3], box[0] : box[2]] = part[:, y, x]
+        return result
+
+    def _grown(self, box: Box) -> Box:
+        (left, top, right, bottom), (width, height) = box, self._job.size
+        return max(0, left - BLUR_PX), max(0, top - BLUR_PX), min(width, right + BLUR_PX), min(height, bottom + BLUR_PX)
+
+    def _set_pass(self, one: lenses.Pass) -> None:
+        if self._job.lens:
+            self._job.source.scene.camera = one.camera
+        self._job.spectral.set_pass(one.rgb_nm)
+
     def _passes(self) -> np.ndarray:
-        job, frame = self._job, np.empty(self._shape, np.float32)
-        for one in job.passes:
-            if job.lens:
-                job.source.scene.camera = one.camera
-            job.spectral.set_pass(one.rgb_nm)
+        frame = np.empty(self._shape, np.float32)
+        for one in self._job.passes:
+            self._set_pass(one)
             frame[one.bands] = self._film.render()[: one.bands.stop - one.bands.start]
         return frame
+
+
+def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the dark pixels [height, width], and of a lit one near each."""
+    at = np.flatnonzero(dark)
+    if not at.size:
+        return at, at
+    (y, x), near = np.divmod(at, dark.shape[1]), np.full(at.size, -1)
+    steps = sorted(product(range(-reach_px, reach_px + 1), repeat=2), key=lambda step: step[0] ** 2 + step[1] ** 2)
+    for dy, dx in steps:
+        v, u = np.clip(y + dy, 0, dark.shape[0] - 1), np.clip(x + dx, 0, dark.shape[1] - 1)
+        near = np.where((near < 0) & ~dark[v, u], v * dark.shape[1] + u, near)
+    if (near < 0).any():
+        raise bad_input("render", "--samples", "too few", "more: in some pixels no ray gets through the lens")
+    return at, near

@@ -21,26 +21,30 @@ class Motion:
     )
 
     def __init__(self, job: Job, scratch: Path):
-        self._job, self._surfaces = job, Surfaces(job, scratch, name="motion_rays")
-        self._last: tuple[float, Seen] | None = None  # the next interval begins with it
+        self._job, self.surfaces = job, Surfaces(job, scratch, name="motion_rays")
+        self._kept: dict[float, Seen] = {}
+        self.keep = 1  # of the instants seen last; the next interval begins with one
 
     def render(self, begin_s: float, end_s: float) -> np.ndarray:
-        first = self._seen(begin_s)
+        first = self.seen(begin_s)
         self._job.set_time((begin_s + end_s) / 2)
-        middle = self._surfaces.poses()
-        last = self._seen(end_s)
+        middle = self.surfaces.poses()
+        last = self.seen(end_s)
         return np.concatenate([self._way(first, middle, last.poses), self._way(last, middle, first.poses)])
 
-    def _seen(self, t_s: float) -> Seen:
-        if self._last is None or self._last[0] != t_s:
+    def seen(self, t_s: float) -> Seen:
+        """Moves the scene there, if it is not known."""
+        if t_s not in self._kept:
             self._job.set_time(t_s)
-            self._last = t_s, self._surfaces.seen()
-        return self._last[1]
+            self._kept[t_s] = self.surfaces.seen()
+            while len(self._kept) > self.keep:
+                self._kept.pop(next(iter(self._kept)))
+        return self._kept[t_s]
 
     def _way(self, seen: Seen, middle: Poses, end: Poses) -> np.ndarray:
         """Six channels."""
-        places = self._surfaces.place(seen, middle), self._surfaces.place(seen, end)
-        moves = np.concatenate([place[:2] for place in places]) - np.tile(self._surfaces.centres(), (2, 1, 1))
+        places = self.surfaces.place(seen, middle), self.surfaces.place(seen, end)
+        moves = np.concatenate([place[:2] for place in places]) - np.tile(self.surfaces.centres(), (2, 1, 1))
         moves[:, np.isnan(moves).any(0)] = np.nan
         moves[:, (np.hypot(moves[::2], moves[1::2]) < STILL_PX).all(0)] = 0
         z_end = np.where(np.isnan(moves[0]), np.nan, places[1][2])

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where two pictures of one instant differ by more than their noise, and in which rectangles to render that."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+TILE_PX = 16
+BLOCK_PX = 4
+EDGE_PX = 0.15  # of the sensor's pixels: an edge may lie this much elsewhere
+SIGMAS = 4.0
+LIKE_NEIGHBOURS = 3.0  # a block scatters at most so much more than those around it; else it is no noise
+STRIP_PX, EVERY_PX = 4, 48  # of a probe
+
+Box = tuple[int, int, int, int]  # left, top, right, bottom
+
+
+def tiles_of(width: int, height: int) -> tuple[int, int]:
+    """Rows and columns."""
+    return -(-height // TILE_PX), -(-width // TILE_PX)
+
+
+def differing(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: int) -> np.ndarray:
+    """Tiles [rows, columns] with a block whose light differs: by more than `tolerance` times itself and than a shift of
+    its edges by EDGE_PX, and by more than the scatter within blocks there explains. a, b: [height, width], with so many
+    subpixels a pixel; NaN says nothing."""
+    d = b - a
+    mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
+    down, right = np.gradient(np.nan_to_num(mean))
+    allowed = tolerance * np.abs(mean) + EDGE_PX * subpixels * np.hypot(down, right)
+    rows, columns = tiles_of(a.shape[1], a.shape[0])
+    side = TILE_PX // BLOCK_PX
+
+    def blocks(values):
+        """[rows of blocks, columns of blocks, pixels]"""
+        padded = np.full((rows * TILE_PX, columns * TILE_PX), np.nan)
+        padded[: a.shape[0], : a.shape[1]] = values
+        shape = rows * side, BLOCK_PX, columns * side, BLOCK_PX
+        return padded.reshape(shape).swapaxes(1, 2).reshape(rows * side, columns * side, -1)
+
+    d = blocks(d)
+    known = np.isfinite(d)
+    n = known.sum(-1)
+    d = np.where(known, d, 0)
+    total = d.sum(-1)
+    scatter = np.sqrt(np.maximum((d**2).sum(-1) - total**2 / np.maximum(n, 1), 0) * n / np.maximum(n - 1, 1))
+    limit = np.where(known, blocks(allowed), 0).sum(-1)
+    scatter = np.minimum(scatter, LIKE_NEIGHBOURS * _median(np.where(n >= BLOCK_PX, scatter, np.nan)))
+    wrong = (n >= BLOCK_PX) & (np.abs(total) > limit) & (np.abs(total) > SIGMAS * scatter)
+    return wrong.reshape(rows, side, columns, side).any((1, 3))
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Of each value and its 24 neighbours, without NaN."""
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), (5, 5))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN
+        return np.nanmedian(around, axis=(2, 3))
+
+
+def tiles_with(pixels: np.ndarray) -> np.ndarray:
+    """Tiles that have one of the pixels [height, width]."""
+    rows, columns = tiles_of(*pixels.shape[::-1])
+    padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
+    padded[: pixels.shape[0], : pixels.shape[1]] = pixels
+    return padded.reshape(rows, TILE_PX, columns, TILE_PX).any((1, 3))
+
+
+def grown(tiles: np.ndarray) -> np.ndarray:
+    """With their neighbours."""
+    more = np.pad(tiles, 1)
+    more = more[:-2] | more[1:-1] | more[2:]
+    return more[:, :-2] | more[:, 1:-1] | more[:, 2:]
+
+
+def probe_strips(width: int, height: int, index: int) -> list[Box]:
+    """A part of the picture that meets everything of some size; other rows for each index."""
+    first = (EVERY_PX // 2 + STRIP_PX * (index % 4)) % max(1, height - STRIP_PX + 1)
+    return [(0, y, width, y + STRIP_PX) for y in range(first, height - STRIP_PX + 1, EVERY_PX)]
+
+
+def boxes(tiles: np.ndarray, width: int, height: int) -> list[Box]:
+    """Rectangles [px] that cover them without overlap, mostly full."""
+    found: list[Box] = []
+
+    def cover(top: int, left: int, part: np.ndarray) -> None:
+        if not part.any():
+            return
+        ys, xs = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
+        top, left, part = top + ys[0], left + xs[0], part[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
+        h, w = part.shape
+        if part.size <= 4 or part.mean() > 0.7:
+            right, bottom = min(width, (left + w) * TILE_PX), min(height, (top + h) * TILE_PX)
+            found.append((int(left * TILE_PX), int(top * TILE_PX), int(right), int(bottom)))
+        elif h > w:
+            cover(top, left, part[: h // 2])
+            cover(top + h // 2, left, part[h // 2 :])
+        else:
+            cover(top, left, part[:, : w // 2])
+            cover(top, left + w // 2, part[:, w // 2 :])
+
+    cover(0, 0, tiles)
+    return found

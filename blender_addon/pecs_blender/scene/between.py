@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What motion does not explain between two keyframes is rendered at instants of the plan that lie between them.
+
+Both keyframes, carried along the motion to the middle, must agree there (in photocurrent, by blocks of pixels, beyond
+noise), and with strips that are rendered in the middle: when a lamp flickers, both may agree and be wrong. Where they
+do not, the middle is rendered; and where that picture differs from what the sensor would have taken, each half in the
+same way, down to the plan's own instants (docs/motion.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pecs
+
+from ..core.output import Output
+from ..core.tiles import boxes, grown, probe_strips
+from .job import Job
+from .judge import Judge
+from .layers import Light
+
+ROUNDS = 3  # of growing, until what is rendered agrees at its rim
+
+
+@dataclass
+class Interval:
+    """Between keyframes `first` and `second` (light, [bands, height, width]) at plan instants `start` and `end`."""
+
+    index: int
+    start: int
+    end: int
+    first: np.ndarray
+    second: np.ndarray
+    motion: np.ndarray
+    residual: dict[int, np.ndarray] = field(default_factory=dict)  # ln(rendered / carried), NaN where not rendered
+
+
+class Between:
+    def __init__(self, job: Job, light: Light, judge: Judge, times_s: list[float], output: Output):
+        """times_s: the plan's instants."""
+        self._job, self._light, self._judge, self._times_s, self._output = job, light, judge, times_s, output
+
+    def refine(self, it: Interval) -> int:
+        """How many pixels were rendered for it."""
+        if it.end - it.start < 2:
+            return 0
+        wrong = self._disagreeing(it) | self._probed(it)
+        return self._halve(it, it.start, it.end, wrong)
+
+    def _fraction(self, it: Interval, step: int) -> float:
+        start_s, end_s = self._times_s[it.start], self._times_s[it.end]
+        return (self._times_s[step] - start_s) / (end_s - start_s)
+
+    def _disagreeing(self, it: Interval) -> np.ndarray:
+        first, second = self._judge.plane(it.first), self._judge.plane(it.second)
+        fraction = self._fraction(it, (it.start + it.end) // 2)
+        a, b = (pecs.carry(first, second, it.motion, fraction, side=side) for side in ("first", "second"))
+        nowhere = np.isnan(a) & np.isnan(b)
+        return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
+
+    def _probed(self, it: Interval) -> np.ndarray:
+        middle, probe = (it.start + it.end) // 2, self._job.brightest_pass(self._judge.weights)
+        bands = self._job.passes[probe].bands
+        self._job.set_time(self._times_s[middle])
+        seen = self._light.fresh(probe_strips(*self._job.size, it.index), slice(probe, probe + 1))
+        return self._judge.differing(self._carried(it, middle, bands), self._judge.plane(seen, bands))
+
+    def _carried(self, it: Interval, step: int, bands: slice = slice(None)) -> np.ndarray:
+        first, second = self._judge.plane(it.first, bands), self._judge.plane(it.second, bands)
+        return pecs.carry(first, second, it.motion, self._fraction(it, step))
+
+    def _predicted(self, it: Interval, step: int) -> np.ndarray:
+        """As the sensor will: carried, times what was rendered between."""
+        nodes = sorted(it.residual)
+        shape = it.first.shape[1:]
+        before, after = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        t_before = np.full(shape, self._times_s[it.start])
+        t_after = np.full(shape, self._times_s[it.end])
+        for node in nodes:
+            known = np.isfinite(it.residual[node])
+            t, values = self._times_s[node], it.residual[node]
+            earlier = known & (node < step)
+            before[earlier], t_before[earlier] = values[earlier], t
+            later = known & (node > step) & (t < t_after)
+            after[later], t_after[later] = values[later], t
+        part = (self._times_s[step] - t_before) / (t_after - t_before)
+        return self._carried(it, step) * np.exp(before + part * (after - before))
+
+    def _halve(self, it: Interval, low: int, high: int, wrong: np.ndarray) -> int:
+        middle = (low + high) // 2
+        if middle == low or not wrong.any():
+            return 0
+        carried, predicted = self._carried(it, middle), self._predicted(it, middle)
+        wanted, picture = np.zeros_like(wrong), np.full(it.first.shape, np.nan, np.float32)
+        for _ in range(ROUNDS):
+            more = grown(wrong) & ~wanted
+            if not more.any():
+                break
+            if (wanted | more).mean() > 0.6:
+                more = ~wanted
+            self._job.set_time(self._times_s[middle])
+            fresh = self._light.parts(boxes(more, *self._job.size), it.first)
+            picture = np.where(np.isnan(fresh), picture, fresh)
+            wanted |= more
+            wrong = self._judge.differing(predicted, self._judge.plane(picture))
+        self._output.write_between(it.index, middle - it.start, round(self._times_s[middle] * 1e9), picture)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            residual = np.log(self._judge.plane(picture) / carried)
+        it.residual[middle] = np.where(np.isinf(residual), 0, residual)
+        pixels = int(np.isfinite(picture[0]).sum())
+        return pixels + self._halve(it, low, middle, wrong) + self._halve(it, middle, high, wrong)

@@ -1,0 +1,58 @@
+"""Where two pictures differ (pecs_blender.core.tiles), and which rectangles cover that."""
+
+import numpy as np
+import pytest
+from pecs_blender.core import tiles
+
+SHAPE = 90, 150  # no multiple of a tile
+
+
+def test_boxes_cover_all_tiles_once():
+    rng = np.random.default_rng(3)
+    for share in (0.02, 0.3, 0.8, 1.0):
+        wanted = rng.random(tiles.tiles_of(150, 90)) < share
+        count = np.zeros(SHAPE, int)
+        for left, top, right, bottom in tiles.boxes(wanted, 150, 90):
+            count[top:bottom, left:right] += 1
+        assert count.max() <= 1
+        for row, column in np.argwhere(wanted):
+            tile = slice(row * tiles.TILE_PX, (row + 1) * tiles.TILE_PX)
+            assert (count[tile, column * tiles.TILE_PX : (column + 1) * tiles.TILE_PX] == 1).all()
+        assert count.mean() <= max(0.1, 1.6 * share)
+
+
+def test_neighbours():
+    one = np.zeros((5, 6), bool)
+    one[0, 3] = True
+    assert np.argwhere(tiles.grown(one)).tolist() == [[y, x] for y in (0, 1) for x in (2, 3, 4)]
+    pixels = np.zeros(SHAPE, bool)
+    pixels[89, 149] = True
+    assert np.argwhere(tiles.tiles_with(pixels)).tolist() == [[5, 9]]
+
+
+def test_noise_does_not_differ_and_light_does():
+    rng = np.random.default_rng(5)
+    light = 1 + 0.5 * np.sin(np.arange(150) / 3) * np.sin(np.arange(90) / 4)[:, None]
+    noisy = [light * (1 + 0.1 * rng.standard_normal(SHAPE)) for _ in range(2)]
+    assert tiles.differing(*noisy, 0.05, 1).mean() < 0.05
+    changed = noisy[1].copy()
+    changed[32:48, 64:80] *= 1.3
+    found = tiles.differing(noisy[0], changed, 0.05, 1)
+    assert found[2, 4] and found.sum() <= 4
+    changed[32:48, 64:80] = np.nan  # says nothing
+    assert not tiles.differing(noisy[0], changed, 0.05, 1)[2, 4]
+
+
+@pytest.mark.parametrize("shift_px, differs", [(0.1, False), (0.5, True)])
+def test_edges_may_lie_a_little_elsewhere(shift_px, differs):
+    x = np.arange(150) - 75.3
+    step, moved = (1 + 9 * np.clip(x - shift, 0, 1) * np.ones(SHAPE) for shift in (0, shift_px))
+    assert tiles.differing(step, moved, 0.05, 1).any() == differs
+
+
+def test_strips_lie_in_the_picture():
+    for height in (4, 9, 54, 720):
+        for index in range(5):
+            for left, top, right, bottom in tiles.probe_strips(64, height, index):
+                assert (left, right) == (0, 64) and 0 <= top < bottom <= height
+    assert tiles.probe_strips(64, 54, 0) and tiles.probe_strips(64, 54, 0) != tiles.probe_strips(64, 54, 1)
