@@ -11,6 +11,7 @@ DenseFeed::DenseFeed(const Timeline& timeline, PhotocurrentReader& light)
       light_(light),
       pixels_(static_cast<std::size_t>(light.info().width) * static_cast<std::size_t>(light.info().height)) {
   loop_.is_on = timeline.loops();
+  is_ahead_ = light.info().subpixels == 1;  // else two intervals hold too much
   soon_.first = read(0);
   load(0, soon_.first, soon_);
 }
@@ -30,7 +31,7 @@ DenseFeed::Plane DenseFeed::read(std::int64_t step) {
   return plane;
 }
 
-// All but the light at its start, which is `first`.
+// The light at its end, and how it gets there from `first`.
 void DenseFeed::load(std::int64_t step, const Plane& first, Interval& interval) {
   interval.carrier.reset();
   interval.residuals = {};
@@ -38,8 +39,8 @@ void DenseFeed::load(std::int64_t step, const Plane& first, Interval& interval) 
   if (step + 1 >= *timeline_.steps()) return;
   interval.second = read(step + 1);
   const StackInfo& info = light_.info();
-  interval.carrier.emplace(timeline_.source().read_motion(timeline_.frame(step)), info.file_width(),
-                           info.file_height());
+  interval.carrier.emplace(info.file_width(), info.file_height(),
+                           [&](const RowSink& sink) { timeline_.source().read_motion(timeline_.frame(step), sink); });
   const auto between = interval.carrier->instants(timeline_.t_us(step + 1) - timeline_.t_us(step), info.subpixels);
   interval.at.insert(interval.at.end(), between.begin(), between.end());
   load_between(step, first, interval);
@@ -69,10 +70,15 @@ void DenseFeed::load_between(std::int64_t step, const Plane& first, Interval& in
 }
 
 void DenseFeed::begin_interval() {
+  if (step_ > 0 && !is_ahead_) {
+    now_.carrier.reset();
+    load(step_, now_.second, soon_);
+  }
   ahead_.wait();
   std::swap(now_, soon_);
   if (step_ > 0) std::swap(now_.first, soon_.second);  // the end of the one before
-  if (step_ + 1 < *timeline_.steps()) ahead_.run([this, step = step_ + 1] { load(step, now_.second, soon_); });
+  if (is_ahead_ && step_ + 1 < *timeline_.steps())
+    ahead_.run([this, step = step_ + 1] { load(step, now_.second, soon_); });
 }
 
 double DenseFeed::t_us(double fraction) const {
@@ -109,15 +115,15 @@ void DenseFeed::carry(std::span<const double> fractions, std::span<Plane> planes
 // Of the present interval as many planes as a batch holds.
 Feed::Batch DenseFeed::part() {
   if (part_ == 0) begin_interval();
-  const auto room = [](const Plane& plane) { return std::max<std::size_t>(1, kBatchBytes / (4 * plane.size())); };
   const bool fine = light_.info().subpixels > 1;
+  const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * now_.first.size()));
   planes_of_part_.resize(std::max<std::size_t>(1, std::min(now_.at.size() - part_, kBatchBytes / (4 * pixels_))));
   const std::span<Plane> planes = planes_of_part_;
   const std::span fractions = std::span<const double>(now_.at).subspan(part_, planes.size());
   const std::size_t carried = part_ == 0 ? 1 : 0;  // from which on: the first is the keyframe
   if (carried && fine) average(now_.first, planes[0]);
   for (std::size_t k = carried; k < planes.size();) {
-    const std::size_t count = std::min(planes.size() - k, room(now_.first));
+    const std::size_t count = std::min(planes.size() - k, room);
     if (!fine) {
       carry(fractions.subspan(k, count), planes.subspan(k, count));
     } else {

@@ -14,7 +14,8 @@ namespace pecs::sensor {
 
 // Photocurrent of whole pictures, at the source's instants and between them: carried along its motion, with its
 // subpixels if it has some, so often that nothing moves more than half a pixel from plane to plane. The next interval
-// is decoded while one is worked on; a loop whose planes fit into memory is computed once. In the caller's TBB arena.
+// is decoded while one is worked on, but not with subpixels, where two hold too much; a loop whose planes fit into
+// memory is computed once. In the caller's TBB arena.
 class DenseFeed : public Feed {
  public:
   DenseFeed(const Timeline& timeline, PhotocurrentReader& light);
@@ -62,6 +63,7 @@ class DenseFeed : public Feed {
   Interval now_, soon_;
   std::vector<Plane> planes_of_part_;
   Loop loop_;
+  bool is_ahead_ = true;  // the next interval is loaded while one is worked on
   tbb::task_group ahead_;
 };
 

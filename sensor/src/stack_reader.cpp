@@ -157,6 +157,10 @@ bool StackReader::has_motion() const {
   return true;
 }
 
+void StackReader::read_motion(std::int64_t interval, const RowSink& sink) const {
+  read_rows(interval, layer_of(info_, kMotion, folder_), sink, 0, 0);
+}
+
 void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
   const int side = info_.subpixels;
   if (side == 1) return read_rows(index, info_.layers[0], sink, begin, end);

@@ -19,6 +19,16 @@ namespace pecs::sensor {
 using namespace motion;
 
 struct Carrier::Interval {
+  Interval(int width, int height) : first(width, height), second(width, height) {}
+  void put(int y, int rows, const float* values) {
+    first.put(y, rows, values);
+    second.put(y, rows, values + static_cast<std::ptrdiff_t>(6 * rows) * first.width());
+  }
+  void close() {
+    first.close();
+    second.close();
+    find_near();
+  }
   Surfaces first, second;
   // Of each tile: tiles of either keyframe whose points may come over it.
   struct Near {
@@ -232,9 +242,15 @@ Carrier::Carrier(std::span<const float> values, int width, int height) {
                     "2, 4 or 12 channels");
   std::vector<float> flow;
   if (channels != kMotionChannels) values = flow = from_flow(values, channels, pixels);
-  interval_ = std::make_unique<Interval>(
-      Interval{Surfaces(values.data(), width, height), Surfaces(values.data() + 6 * pixels, width, height)});
-  interval_->find_near();
+  interval_ = std::make_unique<Interval>(width, height);
+  interval_->put(0, height, values.data());
+  interval_->close();
+}
+
+Carrier::Carrier(int width, int height, const std::function<void(const RowSink&)>& read)
+    : interval_(std::make_unique<Interval>(width, height)) {
+  read([&](int y, int rows, std::span<const float> values) { interval_->put(y, rows, values.data()); });
+  interval_->close();
 }
 
 Carrier::~Carrier() = default;

@@ -10,30 +10,26 @@ namespace {
 constexpr float kOneSurface_px = 0.5f;  // that neighbours of one surface may part within an interval
 constexpr float kSameSlope = 0.25f;     // or: how much their distance may differ from that of the next neighbours
 
-// The channels of a keyframe's motion as they come.
-struct Raw {
-  const float* channels;
-  std::ptrdiff_t pixels;
-  float value(std::size_t c, std::ptrdiff_t i) const { return channels[static_cast<std::ptrdiff_t>(c) * pixels + i]; }
-  bool is_known(std::ptrdiff_t i) const {
-    float sum = 0;
-    for (std::size_t c = 0; c < 6; ++c) sum += c < 4 ? value(c, i) : std::min(value(c, i), kFar);
-    return std::isfinite(sum);
-  }
-  // How far two points part, at the middle or at the end.
-  float parting(std::ptrdiff_t i, std::ptrdiff_t k) const {
-    float most = 0;
-    for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(value(c, k) - value(c, i)));
-    return most;
-  }
-  // How much that differs from point to point of three in a row.
-  float bend(std::ptrdiff_t i, std::ptrdiff_t step) const {
-    float most = 0;
-    for (std::size_t c = 0; c < 4; ++c)
-      most = std::max(most, std::abs(value(c, i + step) - 2 * value(c, i) + value(c, i - step)));
-    return most;
-  }
-};
+// Of a point in a block: how far it and another one part, at the middle or at the end.
+float parting(const float* p, const float* q) {
+  float most = 0;
+  for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(q[c * kBlockPixels] - p[c * kBlockPixels]));
+  return most;
+}
+
+// How much that differs from point to point of three in a row.
+float bend(const float* a, const float* b, const float* c) {
+  float most = 0;
+  for (std::size_t k = 0; k < 4 * kBlockPixels; k += kBlockPixels)
+    most = std::max(most, std::abs(c[k] - 2 * b[k] + a[k]));
+  return most;
+}
+
+bool is_known(const float* p) {
+  float sum = 0;
+  for (std::size_t c = 0; c < 6; ++c) sum += p[c * kBlockPixels];
+  return std::isfinite(sum);
+}
 
 float moved2(const Point& p) { return p.x_end * p.x_end + p.y_end * p.y_end; }
 
@@ -58,13 +54,29 @@ void Reach::add(const Point& p) {
   stretch(end_least, end_most, end);
 }
 
-Surfaces::Surfaces(const float* channels, int width, int height) : width_(width), height_(height) {
-  const int tiles = tiles_x() * tiles_y();
-  blocks_.resize(static_cast<std::size_t>(tiles) * 6 * kBlockPixels + kSpare);
-  flags_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  tbb::parallel_for(0, tiles, [&](int i) { fill_block(i, channels); });
-  std::vector<float> longest(static_cast<std::size_t>(height));
-  tbb::parallel_for(0, height, [&](int y) { longest[static_cast<std::size_t>(y)] = begin_row(channels, y); });
+Surfaces::Surfaces(int width, int height)
+    : width_(width),
+      height_(height),
+      blocks_(static_cast<std::size_t>(tiles_x() * tiles_y()) * 6 * kBlockPixels + kSpare),
+      flags_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height)) {}
+
+void Surfaces::put(int y, int rows, const float* values) {
+  for (std::size_t c = 0; c < 6; ++c)
+    for (int row = y; row < y + rows; ++row, values += width_)
+      for (int ty = std::max(row - 1, 0) / kTileHeight; ty <= std::min(row + 1, height_ - 1) / kTileHeight; ++ty)
+        for (int tx = 0; tx < tiles_x(); ++tx) {
+          const Tile t = tile(ty * tiles_x() + tx);
+          const int left = std::max(t.x0 - 1, 0), right = std::min(t.x1 + 1, width_);
+          float* to = blocks_.data() + (static_cast<std::size_t>(ty * tiles_x() + tx) * 6 + c) * kBlockPixels +
+                      (row - t.y0 + 1) * kBlockWidth + left - t.x0 + 1;
+          for (int x = left; x < right; ++x, ++to) *to = c < 4 ? values[x] : std::min(values[x], kFar);
+        }
+}
+
+void Surfaces::close() {
+  const int tiles = tiles_x() * tiles_y(), width = width_, height = height_;
+  std::vector<float> longest(static_cast<std::size_t>(tiles));
+  tbb::parallel_for(0, tiles, [&](int i) { longest[static_cast<std::size_t>(i)] = link(i); });
   longest_ = *std::ranges::max_element(longest);
 
   // In passes, each of which looks at what the one before found of the neighbours.
@@ -87,38 +99,47 @@ Surfaces::Surfaces(const float* channels, int width, int height) : width_(width)
   tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(i); });
 }
 
-// kKnown, kRight and kDown of a row; returns its longest path. Of a row b c of points: they are of one surface if they
-// hardly part, or as much as the neighbours beyond do.
-float Surfaces::begin_row(const float* channels, int y) {
-  const Raw raw{channels, static_cast<std::ptrdiff_t>(width_) * height_};
-  const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(y) * width_;
-  std::uint16_t* row = flags_.data() + first;
+// kKnown, kRight and kDown of a tile; returns its longest path.
+float Surfaces::link(int index) {
+  const Tile t = tile(index);
+  const int count = t.x1 - t.x0;
   float longest2 = 0;
-  for (std::ptrdiff_t x = 0; x < width_; ++x) row[x] = raw.is_known(first + x) ? kKnown : 0;
-  for (std::ptrdiff_t x = 0; x < width_; ++x) {
-    const auto value = [&](std::size_t c) { return raw.value(c, first + x); };
-    const float a2 = value(0) * value(0) + value(1) * value(1), dx = value(2) - value(0), dy = value(3) - value(1);
-    const float path2 = 2 * (a2 + dx * dx + dy * dy);  // at least the squared sum of both halves
-    longest2 = row[x] && path2 > longest2 ? path2 : longest2;
-  }
-  const auto link = [&](std::ptrdiff_t step, std::uint16_t flag, std::ptrdiff_t count, int before, int after,
-                        int size) {
-    for (std::ptrdiff_t x = 0; x < count; ++x)
-      if (raw.parting(first + x, first + x + step) <= kOneSurface_px) row[x] |= flag;
-    for (std::ptrdiff_t x = 0; x < count; ++x) {
-      const std::ptrdiff_t i = first + x;
-      const int at = flag == kRight ? static_cast<int>(x) : y;
-      if (row[x] & flag || at < before || at + after >= size) continue;
-      const float off = kSameSlope * raw.parting(i, i + step);
-      if (raw.bend(i, step) <= off && raw.bend(i + step, step) <= off) row[x] |= flag;
+  for (int y = t.y0; y < t.y1; ++y) {
+    std::uint16_t* row = flags_.data() + static_cast<std::ptrdiff_t>(y) * width_ + t.x0;
+    const float* p = block(index) + (y - t.y0 + 1) * kBlockWidth + 1;
+    for (int x = 0; x < count; ++x) row[x] = is_known(p + x) ? kKnown : 0;
+    for (int x = 0; x < count; ++x) {
+      const Point point = at(p + x);
+      const float dx = point.x_end - point.x_mid, dy = point.y_end - point.y_mid;
+      // At least the squared sum of both halves.
+      const float path2 = 2 * (point.x_mid * point.x_mid + point.y_mid * point.y_mid + dx * dx + dy * dy);
+      longest2 = row[x] && path2 > longest2 ? path2 : longest2;
     }
-    for (std::ptrdiff_t x = 0; x < count; ++x)
-      if (row[x] & flag && !(row[x] & kKnown && raw.is_known(first + x + step)))
-        row[x] = static_cast<std::uint16_t>(row[x] & ~flag);
-  };
-  link(1, kRight, width_ - 1, 1, 2, width_);
-  if (y + 1 < height_) link(width_, kDown, width_, 1, 2, height_);
+    for (int x = 0; x < count; ++x)
+      if (parting(p + x, p + x + 1) <= kOneSurface_px) row[x] |= kRight;
+    for (int x = 0; x < count; ++x)
+      if (parting(p + x, p + x + kBlockWidth) <= kOneSurface_px) row[x] |= kDown;
+    for (int x = 0; x < count; ++x) {
+      if ((row[x] & (kRight | kDown)) != (kRight | kDown))
+        for (const std::uint16_t flag : {kRight, kDown}) row[x] |= links_of(t.x0 + x, y, flag);
+      if (t.x0 + x + 1 >= width_ || !(row[x] & kKnown) || !is_known(p + x + 1))
+        row[x] &= static_cast<std::uint16_t>(~kRight);
+      if (y + 1 >= height_ || !(row[x] & kKnown) || !is_known(p + x + kBlockWidth))
+        row[x] &= static_cast<std::uint16_t>(~kDown);
+    }
+  }
   return std::sqrt(longest2);
+}
+
+// `flag` if a pixel and its neighbour there part as much as the next ones beyond them do.
+std::uint16_t Surfaces::links_of(int x, int y, std::uint16_t flag) const {
+  const bool right = flag == kRight;
+  const int along = right ? x : y, size = right ? width_ : height_;
+  if (along < 1 || along + 2 >= size) return 0;
+  const std::int32_t here = y * width_ + x, step = right ? 1 : width_;
+  const float *a = where(here - step), *b = where(here), *c = where(here + step), *d = where(here + 2 * step);
+  const float off = kSameSlope * parting(b, c);
+  return bend(a, b, c) <= off && bend(b, c, d) <= off ? flag : std::uint16_t{0};
 }
 
 std::uint16_t Surfaces::mixed_of(int x, int y) const {
@@ -132,19 +153,6 @@ std::uint16_t Surfaces::mixed_of(int x, int y) const {
     for (int dx = -1; dx <= 1; ++dx)
       if ((dx || dy) && joined(here, dx, dy)) soiled |= (flags(here + dy * width_ + dx) & kSoiled) != 0;
   return soiled ? kMixed : 0;
-}
-
-void Surfaces::fill_block(int index, const float* channels) {
-  const Tile t = tile(index);
-  const int left = std::max(t.x0 - 1, 0), right = std::min(t.x1 + 1, width_);
-  float* block = blocks_.data() + static_cast<std::size_t>(index) * 6 * kBlockPixels;
-  for (std::size_t c = 0; c < 6; ++c)
-    for (int y = std::max(t.y0 - 1, 0); y < std::min(t.y1 + 1, height_); ++y) {
-      const float* from = channels + (c * static_cast<std::size_t>(height_) + static_cast<std::size_t>(y)) *
-                                         static_cast<std::size_t>(width_);
-      float* to = block + c * kBlockPixels + (y - t.y0 + 1) * kBlockWidth + left - t.x0 + 1;
-      for (int x = left; x < right; ++x, ++to) *to = c < 4 ? from[x] : std::min(from[x], kFar);
-    }
 }
 
 bool Surfaces::joined(std::int32_t index, int dx, int dy) const {

@@ -65,8 +65,11 @@ constexpr std::size_t kBlockPixels = std::size_t{kBlockWidth} * kBlockHeight;
 
 class Surfaces {
  public:
-  // channels: [6][height][width], x_mid y_mid x_end y_end z z_end.
-  Surfaces(const float* channels, int width, int height);
+  Surfaces(int width, int height);
+  // Rows from y on: values[(channel * rows + row) * width + x], x_mid y_mid x_end y_end z z_end.
+  void put(int y, int rows, const float* values);
+  // After all rows. In the caller's TBB arena.
+  void close();
 
   int width() const { return width_; }
   int height() const { return height_; }
@@ -102,10 +105,10 @@ class Surfaces {
   const Reach& reach(int tile) const { return reach_[static_cast<std::size_t>(tile)]; }
 
  private:
-  float begin_row(const float* channels, int y);
+  float link(int tile);
+  std::uint16_t links_of(int x, int y, std::uint16_t flag) const;
   std::uint16_t rim_of(int x, int y) const;
   std::uint16_t mixed_of(int x, int y) const;
-  void fill_block(int index, const float* channels);
   Reach reach_of(int index) const;
 
   int width_, height_;

@@ -3,9 +3,12 @@
 // Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between the
 // keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
+
+#include "pecs/sensor/source.h"
 
 namespace pecs::sensor {
 
@@ -24,6 +27,8 @@ class Carrier {
   // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
   // infinite). Throws bad_input for another size. In the caller's TBB arena.
   Carrier(std::span<const float> motion, int width, int height);
+  // The same of the layer's 12 channels, as they are read row by row.
+  Carrier(int width, int height, const std::function<void(const RowSink&)>& read);
   ~Carrier();
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;

@@ -64,10 +64,10 @@ class FrameSource {
   // All rows of a frame with its subpixels: width * subpixels columns.
   virtual void read_fine_rows(std::int64_t index, const RowSink& sink) const { read_rows(index, sink); }
   virtual void will_read(std::int64_t) const {}  // a frame soon
-  // Whether it knows where what is seen moves to (the layer kMotion), and the motion of the interval that begins at a
-  // frame, as Carrier takes it (motion.h). May be called from many threads.
+  // Whether it knows where what is seen moves to (the layer kMotion), and all rows of the motion of the interval that
+  // begins at a frame, in the channels that Carrier takes (motion.h). May be called from many threads.
   virtual bool has_motion() const { return false; }
-  virtual std::vector<float> read_motion(std::int64_t) const { return {}; }
+  virtual void read_motion(std::int64_t, const RowSink&) const {}
   // Pictures within the interval that begins at a frame: their times, as info().times_ns counts, rising; and all rows
   // of one of them with its subpixels, NaN where it was not rendered.
   virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }

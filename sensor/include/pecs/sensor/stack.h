@@ -75,7 +75,7 @@ class StackReader : public FrameSource {
   void will_read(std::int64_t index) const override;
   // Throw bad_input naming stack.json for a layer of that name that is no motion.
   bool has_motion() const override;
-  std::vector<float> read_motion(std::int64_t interval) const override { return read_frame(interval, kMotion); }
+  void read_motion(std::int64_t interval, const RowSink& sink) const override;
   std::filesystem::path frame_path(std::int64_t index) const;
 
   // Decodes rows [begin, end) of a frame of the light (end 0: all) in blocks, in order; checks its size, channels and
