@@ -115,15 +115,17 @@ float rim_light(const Surfaces& from, const Picture& picture, const Seen& rim, f
   const float back = behind_of(from, plane, rim.index), light = picture.at(rim.u, rim.v);
   if (!std::isfinite(front + back + light)) return kDark;
   if (!std::isfinite(behind)) behind = back;
-  // The part of the pixel that the nearer surface covers: by its light, or by how far its last centre is.
-  float part = (light - back) / (front - back);
-  if (!(std::abs(front - back) > 0.05f * std::max(front, back))) {
-    const auto fx = static_cast<float>(dx), fy = static_cast<float>(dy);
-    const float u = rim.u - static_cast<float>(rim.index % from.width()),
-                v = rim.v - static_cast<float>(rim.index / from.width());
-    part = (u * fx + v * fy) / (fx * fx + fy * fy);
+  // The part of the pixel that the nearer surface covers. Its edge lies across the way from the owner's centre to this
+  // one's; how much of both pixels it covers, which their light tells, says where.
+  const auto fx = static_cast<float>(dx), fy = static_cast<float>(dy), length = std::sqrt(fx * fx + fy * fy);
+  const float u = rim.u - static_cast<float>(owner % from.width()),
+              v = rim.v - static_cast<float>(owner / from.width());
+  float covered = 1;
+  if (std::abs(front - back) > 0.05f * std::max(front, back)) {
+    const auto part_of = [&](std::int32_t at) { return std::clamp((plane[at] - back) / (front - back), 0.0f, 1.0f); };
+    covered = part_of(owner) + part_of(rim.index);
   }
-  part = std::clamp(part, 0.0f, 1.0f);
+  const float part = std::clamp(covered + (u * fx + v * fy) / (length * length), 0.0f, 1.0f);
   // Where it covers much, the keyframe's own light with another background; where little, the background now.
   const float exchanged = light + (1 - part) * (behind - back), composed = part * front + (1 - part) * behind;
   return std::max(0.0f, part * exchanged + (1 - part) * composed);
