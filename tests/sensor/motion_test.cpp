@@ -239,6 +239,28 @@ TEST(Motion, LightThatIsNoneIsTakenFromTheOtherKeyframe) {
   EXPECT_LT(worst(got, light(m, 0.5), 16), 0.02);
 }
 
+TEST(Motion, WildNumbersDoNoHarm) {
+  constexpr float kWild[] = {1e30f, -1e30f, std::numeric_limits<float>::infinity(), kNaN, -5, 0, 3e4f, 1e-30f, 2.5f};
+  Plane motion = layer(rotation(0.2)), a = light(translation(0, 0), 0);
+  for (std::size_t i = 0; i < motion.size(); i += 7) motion[i] = kWild[i / 7 % std::size(kWild)];
+  for (std::size_t i = 0; i < a.size(); i += 11) a[i] = std::abs(kWild[i / 11 % std::size(kWild)]);
+  const Carrier carrier(motion, kWidth, kHeight);
+  EXPECT_LE(carrier.longest_path_px(), std::hypot(kWidth, kHeight));
+  EXPECT_LE(carrier.instants(100).size(), 100);
+  for (const double s : {1e-6, 0.3, 0.999}) {
+    const Plane got = carry(carrier, a, a, s);
+    EXPECT_TRUE(std::ranges::all_of(got, [](float v) { return v >= 0 || std::isnan(v); }));
+    EXPECT_GT(std::ranges::count_if(got, [](float v) { return std::isfinite(v); }), 0.8 * kPixels);
+  }
+  for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {1, 200}, {200, 1}}) {
+    const Plane small(static_cast<std::size_t>(width * height), 2.0f);
+    Plane out(small.size());
+    const Carrier tiny(Plane(kMotionChannels * small.size(), 0.25f), width, height);
+    tiny.plane(small.data(), small.data(), 0.5, out.data());
+    EXPECT_TRUE(std::ranges::all_of(out, [](float v) { return std::abs(v - 2) < 1e-5f; })) << width << 'x' << height;
+  }
+}
+
 TEST(Motion, LightStaysLight) {
   const Motion m = rotation(0.1);
   const auto steps = [&](double t) {  // of 1 to 1000, and nothing

@@ -25,10 +25,15 @@ float bend(const float* a, const float* b, const float* c) {
   return most;
 }
 
+// Displacements beyond this are of nothing that is seen.
+constexpr float kMost_px = 32768;
+
 bool is_known(const float* p) {
-  float sum = 0;
-  for (std::size_t c = 0; c < 6; ++c) sum += p[c * kBlockPixels];
-  return std::isfinite(sum);
+  float depths = 0;
+  for (std::size_t c = 4; c < 6; ++c) depths += p[c * kBlockPixels];
+  bool near = true;  // false for NaN
+  for (std::size_t c = 0; c < 4; ++c) near &= std::abs(p[c * kBlockPixels]) < kMost_px;
+  return near && std::isfinite(depths);
 }
 
 float moved2(const Point& p) { return p.x_end * p.x_end + p.y_end * p.y_end; }
@@ -77,7 +82,7 @@ void Surfaces::close() {
   const int tiles = tiles_x() * tiles_y(), width = width_, height = height_;
   std::vector<float> longest(static_cast<std::size_t>(tiles));
   tbb::parallel_for(0, tiles, [&](int i) { longest[static_cast<std::size_t>(i)] = link(i); });
-  longest_ = *std::ranges::max_element(longest);
+  longest_ = std::min<double>(*std::ranges::max_element(longest), std::hypot(width_, height_));
 
   // In passes, each of which looks at what the one before found of the neighbours.
   std::vector<std::uint16_t> found(flags_.size());

@@ -33,7 +33,7 @@ class Carrier {
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;
 
-  // No point's path within the interval is longer [px]. 0: nothing moves.
+  // No point's path within the interval is longer [px], as far as the picture is wide and high. 0: nothing moves.
   double longest_path_px() const;
   // Fractions in (0, 1), evenly spaced, between which nothing moves more than half a pixel (of so many subpixels), nor
   // less than a microsecond passes in an interval of this length.
