@@ -2,7 +2,8 @@
 """Renders the lab's sequences (R_360_H, R_360_L, R_60_H, T_1_H, T_1_L, T_0.6_H) and simulates their events:
 OUT/NAME/stack and OUT/NAME/events.raw. Stopped, it continues where it was when run again.
 
-    tools/sequences.py R_360_L -o out/sequences                at full size: days on two cores
+    tools/sequences.py R_360_L -o out/sequences -- --time adaptive     at full size: an hour or two of one core
+    tools/sequences.py R_360_L -o out/sequences                at full size with uniform steps: days on two cores
     tools/sequences.py all -o out/sequences --coarser 4        a grid four times coarser: minutes each
     tools/sequences.py T_1_L --coarser 4 --frames 50 -- --samples 2        the first 50 instants alone
 
@@ -39,7 +40,10 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         print(f"{sequence.name}: {folder}", flush=True)
         render = [sys.executable, "-m", "pecs_blender", "render", sequence.scene, "-o", folder / "stack"]
-        render += [*sequences.render_arguments(sequence, args.coarser, args.frames), *more]
+        options = sequences.render_arguments(sequence, args.coarser, args.frames)
+        if "adaptive" in more:  # it finds what stands still
+            options = [word for word in options if not word.startswith("--moving-px")]
+        render += [*options, *more]
         sense = [program(), "sense", folder / "stack", "-o", folder / "events.raw"]
         sense += sequences.sense_arguments(sequence, args.frames)
         for command in (render, sense):

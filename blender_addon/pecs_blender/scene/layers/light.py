@@ -19,7 +19,7 @@ from .. import lens as lenses
 from ..job import Job
 
 NEAR_PX = 1  # within which some ray must get through the lens
-BLUR_PX = 16  # as far as diffraction carries light that matters
+BLUR_PX, HALO_PX = 16, 64  # so far around, diffraction asks for the instant's own light, and for some other's
 
 
 class Light:
@@ -89,18 +89,18 @@ class Light:
         instant, which lies around them when a lens blurs."""
         if not any(one.blurs for one in self._job.passes):
             return self.fresh(boxes_px)
-        frame = self.fresh([self._grown(box) for box in boxes_px])
+        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
         around, result = np.where(np.isnan(frame), under, frame), np.full_like(frame, np.nan)
         for box in boxes_px:
-            left, top, right, bottom = self._grown(box)
+            left, top, right, bottom = self._grown(box, HALO_PX)
             part = self.blur(np.ascontiguousarray(around[:, top:bottom, left:right]))
             x, y = slice(box[0] - left, box[2] - left), slice(box[1] - top, box[3] - top)
             result[:, box[1] : box[3], box[0] : box[2]] = part[:, y, x]
         return result
 
-    def _grown(self, box: Box) -> Box:
+    def _grown(self, box: Box, by_px: int) -> Box:
         (left, top, right, bottom), (width, height) = box, self._job.size
-        return max(0, left - BLUR_PX), max(0, top - BLUR_PX), min(width, right + BLUR_PX), min(height, bottom + BLUR_PX)
+        return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
 
     def _set_pass(self, one: lenses.Pass) -> None:
         if self._job.lens:
