@@ -54,6 +54,9 @@ assert "exists and differs in 'times_ns" in message and is_error, message
 bpy.context.scene.pecs.overwrite = True
 background.start(operators.PECS_OT_render.job(bpy.context.scene))
 assert ended() == (output + ": rendered", False), background.state.message
+background.start(operators.PECS_OT_plan.job(bpy.context.scene))
+message, is_error = ended()
+assert message.startswith("2 instants, ") and " GB" in message and not is_error, message
 background.start(operators.PECS_OT_preview.job(bpy.context.scene))
 bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
 assert ended()[0].startswith("Stopped"), background.state.message

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -58,7 +59,7 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
         plan = keys.timeline if keys else grid
         values = len(plan.times_ns[options.only or slice(None)]) * channels * width * height
         if plan_only:
-            return print(_estimate(job, plan, grid, values))
+            return print(f"render: {_estimate(job, plan, grid, values)}", file=sys.stderr)
         check_disk(folder, values)
         light = layers.Light(job, sampling)
         beside = [layers.KINDS[name](job, Path(scratch)) for name in options.layers]

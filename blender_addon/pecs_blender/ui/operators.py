@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -17,6 +18,7 @@ from . import background, settings
 
 PREVIEW_WIDTH = 320
 PREVIEW_BANDS = ("--bands", "12", "--placement", "uniform", "--min-nm", "400", "--max-nm", "700")  # for the eye
+AT_ONCE = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
 
 
@@ -43,10 +45,25 @@ class PECS_OT_render(_Background, bpy.types.Operator):
 
     @staticmethod
     def job(scene) -> background.Job:
-        output = Path(bpy.path.abspath(scene.pecs.output))
-        frames = "all" if scene.pecs.whole_range else str(scene.pecs.frames)
-        extra = ["--frames", frames, *(["--overwrite"] if scene.pecs.overwrite else [])]
-        return background.Job(scene, output, extra, lambda job: f"{job.output}: rendered")
+        extra = ["--overwrite"] if scene.pecs.overwrite else []
+        return _render(scene, extra, lambda job: f"{job.output}: rendered")
+
+
+def _render(scene, extra: list[str], done: Callable[[background.Job], str]) -> background.Job:
+    output = Path(bpy.path.abspath(scene.pecs.output))
+    frames = "all" if scene.pecs.whole_range else str(scene.pecs.frames)
+    return background.Job(scene, output, ["--frames", frames, *extra], done)
+
+
+class PECS_OT_plan(_Background, bpy.types.Operator):
+    """Say how many frames, hours and gigabytes the stack will take, from a probe of seconds"""
+
+    bl_idname = "pecs.plan"
+    bl_label = "Plan"
+
+    @staticmethod
+    def job(scene) -> background.Job:
+        return _render(scene, ["--plan"], lambda job: job.last_line.removeprefix("render: "))
 
 
 class PECS_OT_preview(_Background, bpy.types.Operator):
@@ -62,7 +79,7 @@ class PECS_OT_preview(_Background, bpy.types.Operator):
         index = max(0, round(t_s * scene.pecs.fps))
         width = min(PREVIEW_WIDTH, render.resolution_x)
         folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / background.PREVIEW_STACK
-        extra = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS]
+        extra = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *AT_ONCE]
         return background.Job(scene, folder, extra, _show)
 
 
@@ -133,4 +150,4 @@ class PECS_OT_draw_lens(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (PECS_OT_render, PECS_OT_preview, PECS_OT_stop, PECS_OT_draw_lens)
+CLASSES = (PECS_OT_render, PECS_OT_plan, PECS_OT_preview, PECS_OT_stop, PECS_OT_draw_lens)

@@ -36,6 +36,9 @@ class PECS_PT_render(bpy.types.Panel):
         column = layout.column(align=True)
         column.prop(s, "output")
         column.prop(s, "overwrite")
+        column.prop(s, "time")
+        if s.time == "adaptive":
+            column.prop(s, "step_px")
         column.prop(s, "fps")
         column.prop(s, "whole_range")
         if not s.whole_range:
@@ -53,7 +56,9 @@ class PECS_PT_render(bpy.types.Panel):
             row = layout.row(align=True)
             row.operator("pecs.draw_lens", icon="CAMERA_DATA")
             row.operator("pecs.preview", icon="IMAGE_DATA")
-            layout.operator("pecs.render", icon="RENDER_ANIMATION")
+            row = layout.row(align=True)
+            row.operator("pecs.plan", icon="TIME")
+            row.operator("pecs.render", icon="RENDER_ANIMATION")
             if state.message:
                 layout.label(text=state.message, icon="ERROR" if state.is_error else "INFO")
 

@@ -52,6 +52,8 @@ _SHOWN = {
     "samples": ("Samples", {}),
     "device": ("Device", {}),
     "fps": ("Instants per second", {}),
+    "time": ("Steps", {}),
+    "step_px": ("Most motion (px)", {}),
 }
 _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
 
