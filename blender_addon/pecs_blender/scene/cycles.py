@@ -262,13 +262,18 @@ def _passes_by_name(result):
 
 
 @contextlib.contextmanager
-def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object):
-    """What lies first on each ray through a pixel's centre, in the whole picture; then all is as before."""
-    layer = scene.view_layers[0]
+def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None):
+    """What lies first on each ray through a pixel's centre, in the whole picture, or a smaller one of the same film;
+    then all is as before."""
+    render, cycles, layer = scene.render, scene.cycles, scene.view_layers[0]
+    whole = render.resolution_x, render.resolution_y
+    width, height = size or whole
+    aspect = {"pixel_aspect_x": whole[0] / width, "pixel_aspect_y": whole[1] / height}
+    ray = {"samples": 1, "max_bounces": 0, "transparent_max_bounces": 1024, "filter_width": 0.01}
     changes = (
         (scene, {"camera": camera}),
-        (scene.render, {"use_border": False}),
-        (scene.cycles, {"samples": 1, "max_bounces": 0, "use_denoising": False, "filter_width": 0.01}),
+        (render, {"use_border": False, "resolution_x": width, "resolution_y": height} | aspect),
+        (cycles, ray | {"use_denoising": False}),
         (layer, {"use_pass_position": True, "use_pass_z": True}),
     )
     saved = [(thing, {key: getattr(thing, key) for key in values}) for thing, values in changes]

@@ -52,9 +52,9 @@ class View:
 
 
 class Sight:
-    """name: of its camera and files. scene: which is looked at. size: of the picture, the job's or a smaller one."""
+    """name: of its camera and files. size: of the picture, the job's or a smaller one."""
 
-    def __init__(self, job: Job, scratch: Path, name: str, scene: bpy.types.Scene, size: tuple[int, int] | None = None):
+    def __init__(self, job: Job, scratch: Path, name: str, size: tuple[int, int] | None = None):
         self._job, self.size = job, size or job.size
         self._per_pixel = np.array(self.size) / job.size  # pixels here per pixel of the job
         self._sharp: dict[bpy.types.Camera, bpy.types.Camera] = {}
@@ -67,9 +67,8 @@ class Sight:
             self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), scratch)
         else:
             self._camera = bpy.data.objects.new(name, job.source.scene.camera.data)
+            job.source.scene.collection.objects.link(self._camera)
             bpy.context.view_layer.update()  # a scene folder's camera may just have been made
-        if self._camera.name not in scene.collection.objects:
-            scene.collection.objects.link(self._camera)
 
     def camera(self) -> bpy.types.Object:
         """Where the scene's camera is now."""

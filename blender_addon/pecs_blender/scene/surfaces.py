@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which surface point each pixel's centre sees, and where on the film those points are at another instant.
 
-A companion scene (scene/companion.py) is rendered by Cycles with one sample along chief rays (scene/sight.py); a point
-is then carried by its instance's matrix, or by the triangle of a mesh that deforms (scene/mesh_points.py).
+The light's scene is rendered by Cycles with one sample along chief rays (scene/sight.py), all surfaces in a material
+that tells them apart (scene/identity.py). A point is then carried by its instance's matrix, or by the triangle of a
+mesh that deforms (scene/mesh_points.py). A second scene would cost more: Blender keeps the data of one at a time.
 
 Not known: what an instance does that the other instant lacks, or whose Random another has too; meshes whose topology
 changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through.
@@ -10,13 +11,15 @@ changes; hair, curves and points that move by themselves; panoramic cameras that
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from . import companion, cycles
+from . import cycles
+from .identity import INSTANCE, POLYGON, Identity, name_id
 from .job import Job
 from .mesh_points import Geometries, Geometry, carried
 from .sight import Sight, View, transformed
@@ -61,15 +64,9 @@ class Surfaces:
     """scale: of the picture that it looks at, 1/4 for a quarter of the pixels in x and y."""
 
     def __init__(self, job: Job, scratch: Path, scale: float = 1.0, name: str = "surfaces"):
-        size = tuple(max(1, round(n * scale)) for n in job.size)
-        self._job, self._material = job, companion.Material()
-        self._scene = companion.make(job.source.scene, size, self._material)
-        render = self._scene.render
-        render.pixel_aspect_x, render.pixel_aspect_y = np.array(job.size) / size  # where the scale does not divide it
-        self._sight, self._film = Sight(job, scratch, name, self._scene, size), cycles.Film(self._scene)
-        self._geometries = Geometries()
-        self._simulated = companion.simulated(job.source.scene)
-        self.size = size
+        self.size = tuple(max(1, round(n * scale)) for n in job.size)
+        self._job, self._identity, self._geometries = job, Identity(), Geometries()
+        self._sight, self._film = Sight(job, scratch, name, self.size), cycles.Film(job.source.scene)
 
     def centres(self) -> np.ndarray:
         """[2, h, w]: film x, y of the pixels' centres."""
@@ -77,25 +74,21 @@ class Surfaces:
 
     def seen(self) -> Seen:
         """At the instant at which the job's scene stands."""
-        self._follow()
-        found = []
-
-        def look(depsgraph: bpy.types.Depsgraph) -> None:
-            found.append(self._poses(depsgraph))
-            self._material.mark(depsgraph)
-
-        passes = self._film.passes("Position", "Depth", companion.INSTANCE, companion.POLYGON, look=look)
+        found, scene = [], self._job.source.scene
+        with cycles.for_one_sample(scene, self._sight.camera(), self.size), self._identity.on(scene.view_layers[0]):
+            names = "Position", "Depth", INSTANCE, POLYGON
+            passes = self._film.passes(*names, look=lambda d: found.append(self._poses(d, self._identity.mark)))
         poses = found[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
         depth = np.where(surface, points[2] * self._job.source.unit_m, np.inf)
-        instance = np.where(surface, poses.find(passes[companion.INSTANCE][0]), SKY)
-        return Seen(poses, depth, instance.astype(np.int32), points, passes[companion.POLYGON][0].astype(np.int32) - 1)
+        instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
+        return Seen(poses, depth, instance.astype(np.int32), points, passes[POLYGON][0].astype(np.int32) - 1)
 
     def poses(self) -> Poses:
         """At the instant at which the job's scene stands."""
-        self._follow()
         found = []
+        self._sight.camera()
         self._film.look(lambda d: found.append(self._poses(d)))
         return found[-1]
 
@@ -134,15 +127,7 @@ class Surfaces:
         turned = (view.camera_from_world @ np.linalg.inv(before.camera_from_world))[:3, :3] @ along
         return np.where(np.isnan(turned[0]), 0, turned)
 
-    def _follow(self) -> None:
-        """The companion to the instant of the job's scene."""
-        scene, own = self._scene, self._job.source.scene
-        scene.frame_current, scene.frame_subframe = own.frame_current, own.frame_subframe
-        scene.camera = self._sight.camera()
-
-    def _poses(self, depsgraph: bpy.types.Depsgraph) -> Poses:
-        for thing in self._simulated:
-            thing.evaluated_get(depsgraph).matrix_world = thing.matrix_world
+    def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
         ids, matrices, geometry, found, numbers = [], [], [], [], {}
         for instance in depsgraph.object_instances:
             thing = instance.object
@@ -153,8 +138,8 @@ class Surfaces:
             if key not in numbers:
                 numbers[key] = len(found)
                 found.append(self._geometries.of(data))
-                companion.number_polygons(data)
-            ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else companion.name_id(thing.name))
+                mark(thing)
+            ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else name_id(thing.name))
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)

@@ -18,7 +18,7 @@ class Depth:
 
     def __init__(self, job: Job, scratch: Path):
         self._job, self._film = job, cycles.Film(job.source.scene)
-        self._sight = Sight(job, scratch, "depth_rays", job.source.scene)
+        self._sight = Sight(job, scratch, "depth_rays")
 
     def render(self, t_s: float) -> np.ndarray:
         views = []

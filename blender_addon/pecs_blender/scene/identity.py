@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What tells instances and polygons apart in a picture: one material for all surfaces, which writes Object Info's
+Random (of each instance another) and the polygon's number into AOVs.
+
+The numbers are an attribute that only evaluated meshes of a render's depsgraph get: the file does not have it, and the
+light's materials do not ask for it.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+
+from . import opacity
+
+INSTANCE, POLYGON, OPENING = "pecs_instance", "pecs_polygon", "pecs_opening"
+CLEAR = 1  # an OPENING of materials that are nowhere opaque
+MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
+
+
+def name_id(name: str) -> int:
+    """Cycles' Random of an object that is no instance (util/hash.h: a string's hash, and Jenkins' lookup3 of it)."""
+    key = 0
+    for byte in name.encode():
+        key = key * 37 + (byte if byte < 128 else byte - 256)
+    mask = 0xFFFFFFFF
+    start = (0xDEADBEEF + (2 << 2) + 13) & mask
+    state = {"a": (start + key) & mask, "b": start, "c": start}
+    for of, by, turn in zip("cabcabc", "bcabcab", (14, 11, 25, 16, 4, 14, 24), strict=True):
+        other = state[by]
+        state[of] = ((state[of] ^ other) - ((other << turn) | (other >> (32 - turn)))) & mask
+    return state["c"]
+
+
+class Identity:
+    """Of all surfaces. It says which instance and polygon is hit, and lets through where the polygon's own material is
+    less than half opaque."""
+
+    def __init__(self) -> None:
+        self.material = bpy.data.materials.new("pecs surfaces")
+        self.material.use_nodes = True
+        self.material.node_tree.nodes.clear()
+        tree = opacity.Tree(self.material.node_tree)
+        self._numbers: dict[bpy.types.Material, int] = {}  # of those with holes, and of all that are clear
+        which = self._attribute(OPENING)
+        through = tree.math("COMPARE", which, float(CLEAR), 0.5)
+        for material in list(bpy.data.materials):
+            closure = opacity.surface(material)
+            opaque = closure if isinstance(closure, float) else tree.opacity(closure)
+            if not isinstance(opaque, float):
+                number = self._numbers[material] = CLEAR + 1 + len(self._numbers)
+                hole = tree.math("LESS_THAN", opaque, 0.5)
+                here = tree.math("COMPARE", which, float(number), 0.5)
+                through = tree.math("MAXIMUM", through, tree.math("MULTIPLY", hole, here))
+            elif opaque < 0.5:
+                self._numbers[material] = CLEAR
+        self._connect(tree, through)
+
+    def _attribute(self, name: str) -> bpy.types.NodeSocket:
+        node = self.material.node_tree.nodes.new("ShaderNodeAttribute")
+        node.attribute_name = name
+        return node.outputs["Fac"]
+
+    def _connect(self, tree: opacity.Tree, through: bpy.types.NodeSocket) -> None:
+        nodes, links = self.material.node_tree.nodes, self.material.node_tree.links
+        black, hole, mix, output, instance = (
+            nodes.new(f"ShaderNode{kind}")
+            for kind in ("BsdfDiffuse", "BsdfTransparent", "MixShader", "OutputMaterial", "ObjectInfo")
+        )
+        black.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)  # emission would make every polygon a lamp
+        for source, target in zip((through, black.outputs[0], hole.outputs[0]), mix.inputs, strict=True):
+            links.new(source, target)
+        links.new(mix.outputs[0], output.inputs["Surface"])
+        opaque = tree.math("SUBTRACT", 1.0, through)
+        for name, value in ((INSTANCE, instance.outputs["Random"]), (POLYGON, self._attribute(POLYGON))):
+            node = nodes.new("ShaderNodeOutputAOV")
+            node.aov_name = name
+            links.new(tree.math("MULTIPLY", value, opaque), node.inputs["Value"])  # AOVs add up along a ray
+
+    @contextmanager
+    def on(self, layer: bpy.types.ViewLayer):
+        """Of all surfaces; then all is as before."""
+        own, layer.material_override = layer.material_override, self.material
+        for name in (INSTANCE, POLYGON):
+            aov = layer.aovs.add()
+            aov.name, aov.type = name, "VALUE"
+        try:
+            yield
+        finally:
+            layer.material_override = own
+            for name in (INSTANCE, POLYGON):
+                layer.aovs.remove(layer.aovs[name])
+
+    def mark(self, thing: bpy.types.Object) -> None:
+        """Numbers the polygons of an evaluated object's mesh, and says which may let through."""
+        mesh = thing.data
+        if not isinstance(mesh, bpy.types.Mesh) or not len(mesh.polygons) or POLYGON in mesh.attributes:
+            return
+        if len(mesh.polygons) < MAX_POLYGONS:
+            _add(mesh, POLYGON, np.arange(1, len(mesh.polygons) + 1))
+        materials = [slot.material for slot in thing.material_slots] or mesh.materials
+        openings = np.array([self._numbers.get(material and material.original, 0) for material in materials])
+        if openings.any():
+            slots = np.empty(len(mesh.polygons), np.int32)
+            mesh.polygons.foreach_get("material_index", slots)
+            _add(mesh, OPENING, openings[slots.clip(0, len(openings) - 1)])
+
+
+def _add(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
+    mesh.attributes.new(name, "FLOAT", "FACE").data.foreach_set("value", values.astype(np.float32))
