@@ -128,6 +128,17 @@ def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):
     assert files(tmp_path / "shards") == files(whole)
 
 
+def test_through_a_lens_too(root, tmp_path):
+    args = ("--bands", 2, "--width", 48, "--fps", 2000, "--frames", 21, "--samples", 8)
+    run(root / "scenes/rotating_disk", "-o", tmp_path / "s", *args, "--time", "adaptive")
+    stack = json.loads((tmp_path / "s/stack.json").read_text())
+    assert len(stack["times_ns"]) < 6 and stack["lens"]["name"]
+    with pecs.StackReader(tmp_path / "s") as reader:
+        assert (reader.read_frame(0) > 0).all()
+    pecs.sense(tmp_path / "s", tmp_path / "e.npz", noise=False, overrides={"corner_hz_per_a": 1e18})
+    assert len(pecs.read(tmp_path / "e.npz")) > 50
+
+
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
     result = run(
         blends / "room.blend",

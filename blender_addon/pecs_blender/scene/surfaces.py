@@ -87,8 +87,8 @@ class Surfaces:
 
     def poses(self) -> Poses:
         """At the instant at which the job's scene stands."""
-        found = []
-        self._sight.camera()
+        found, scene, camera = [], self._job.source.scene, self._sight.camera()
+        scene.camera = scene.camera or camera  # without one, Blender renders nothing
         self._film.look(lambda d: found.append(self._poses(d)))
         return found[-1]
 
