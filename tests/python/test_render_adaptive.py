@@ -123,9 +123,12 @@ def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):
         (stopped / name).unlink()
     run(blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive")
     assert files(stopped) == files(whole)
-    for part in ("0:1", f"1:{count}"):
-        run(blends / "shadow.blend", "-o", tmp_path / "shards", *COMMON, "--time", "adaptive", "--only", part)
-    assert files(tmp_path / "shards") == files(whole)
+    shards = [tmp_path / "first", tmp_path / "second"]
+    for shard, part in zip(shards, ("0:1", f"1:{count}"), strict=True):
+        run(blends / "shadow.blend", "-o", shard, *COMMON, "--time", "adaptive", "--only", part)
+    command = [sys.executable, "-m", "pecs_blender", "merge", *shards, "-o", tmp_path / "merged"]
+    subprocess.run(command, check=True)
+    assert files(tmp_path / "merged") == files(whole)
 
 
 def test_through_a_lens_too(root, tmp_path):

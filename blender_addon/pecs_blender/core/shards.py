@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import bad_input
@@ -39,6 +40,11 @@ def merge(shards: list[Path], output: Path) -> None:
             for index, place in enumerate(wanted[layer]):
                 if not writer.has_layer(layer, index):
                     _place(files[place], output / (stacks[0].patterns[layer] % index))
+        intervals = {place: i for i, place in enumerate(stacks[0].intervals(whole["times_ns"]))}
+        for stack in stacks:
+            for place, number, path in stack.between():
+                if place in intervals:
+                    _place(path, output / f"between_{intervals[place]:06d}_{number}.exr")
 
 
 class _Shard:
@@ -60,10 +66,17 @@ class _Shard:
 
     def places(self, layer: str, times_ns: list[int]) -> list[tuple[int, ...]]:
         """What a layer's files belong to, in their order: an instant [ns], or the two of an interval."""
-        if layer not in self._per_interval:
-            return [(t,) for t in times_ns]
+        return self.intervals(times_ns) if layer in self._per_interval else [(t,) for t in times_ns]
+
+    def intervals(self, times_ns: list[int]) -> list[tuple[int, int]]:
         ends = times_ns[1:] + ([times_ns[0] + self._period_ns] if self._period_ns else [])
         return list(zip(times_ns, ends, strict=False))
+
+    def between(self) -> Iterator[tuple[tuple[int, int], str, Path]]:
+        """Pictures within intervals (docs/exr_stack.md): interval, number and file."""
+        for i, place in enumerate(self.intervals(self.times_ns)):
+            for path in sorted(self.folder.glob(f"between_{i:06d}_*.exr")):
+                yield place, path.stem.rsplit("_", 1)[1], path
 
     def files(self, layer: str) -> dict[tuple[int, ...], Path]:
         """By what they belong to."""
