@@ -41,12 +41,10 @@ class Between:
         """times_s: the plan's instants."""
         self._job, self._light, self._judge, self._times_s, self._output = job, light, judge, times_s, output
 
-    def refine(self, it: Interval) -> int:
-        """How many pixels were rendered for it."""
-        if it.end - it.start < 2:
-            return 0
-        wrong = self._disagreeing(it) | self._probed(it)
-        return self._halve(it, it.start, it.end, wrong)
+    def refine(self, it: Interval) -> None:
+        """Renders and writes what its keyframes and its motion do not tell."""
+        if it.end - it.start > 1:
+            self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
 
     def _fraction(self, it: Interval, step: int) -> float:
         start_s, end_s = self._times_s[it.start], self._times_s[it.end]
@@ -87,10 +85,10 @@ class Between:
         part = (self._times_s[step] - t_before) / (t_after - t_before)
         return self._carried(it, step) * np.exp(before + part * (after - before))
 
-    def _halve(self, it: Interval, low: int, high: int, wrong: np.ndarray) -> int:
+    def _halve(self, it: Interval, low: int, high: int, wrong: np.ndarray) -> None:
         middle = (low + high) // 2
         if middle == low or not wrong.any():
-            return 0
+            return
         carried, predicted = self._carried(it, middle), self._predicted(it, middle)
         wanted, picture = np.zeros_like(wrong), np.full(it.first.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
@@ -108,5 +106,5 @@ class Between:
         with np.errstate(divide="ignore", invalid="ignore"):
             residual = np.log(self._judge.plane(picture) / carried)
         it.residual[middle] = np.where(np.isinf(residual), 0, residual)
-        pixels = int(np.isfinite(picture[0]).sum())
-        return pixels + self._halve(it, low, middle, wrong) + self._halve(it, middle, high, wrong)
+        self._halve(it, low, middle, wrong)
+        self._halve(it, middle, high, wrong)
