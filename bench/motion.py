@@ -124,7 +124,6 @@ def main() -> None:
 VARIANTS = {
     "uniform": (),
     "seed": ("--seed", 2),
-    "quarter": (),
     "adaptive": ("--time", "adaptive"),
     "step 8": ("--time", "adaptive", "--step-px", 8),
     "step 32": ("--time", "adaptive", "--step-px", 32),

@@ -15,8 +15,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+
+FLOATS = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")  # arguments that are whole arrays
+DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 
 
 class PecsError(RuntimeError):

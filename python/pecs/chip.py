@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import Handle, function, json_function, path_bytes, take_json
+from ._library import FLOATS, Handle, function, json_function, path_bytes, take_json
 from .stack import StackReader
 
-_floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
 _models = function("pecs_models", ctypes.c_void_p)
 _bands = json_function("pecs_bands")
 _open = function("pecs_chip_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
@@ -27,7 +26,7 @@ _photocurrent = function(
     ctypes.c_void_p,
     ctypes.c_char_p,
     ctypes.c_int64,
-    _floats,
+    FLOATS,
     ctypes.c_int64,
 )
 _close = function("pecs_chip_close", None, ctypes.c_void_p, error=False)

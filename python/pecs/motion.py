@@ -7,17 +7,16 @@ import ctypes
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import function
+from ._library import FLOATS, function
 
-_floats = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
 _carry = function(
     "pecs_carry",
     ctypes.c_int,
-    *(_floats, _floats, ctypes.c_int),
-    *(_floats, ctypes.c_int),
+    *(FLOATS, FLOATS, ctypes.c_int),
+    *(FLOATS, ctypes.c_int),
     *(ctypes.c_int, ctypes.c_int),
     *(ctypes.c_double, ctypes.c_char_p),
-    *(_floats, ctypes.c_int64),
+    *(FLOATS, ctypes.c_int64),
 )
 
 

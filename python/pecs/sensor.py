@@ -24,31 +24,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import Handle, function
+from ._library import DOUBLES, FLOATS, Handle, function
 from .chip import Chip, chip_options
 from .events import EVENT_DTYPE, Events
 
 _open = function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
-_push = function(
-    "pecs_sensor_push",
-    ctypes.c_int64,
-    ctypes.c_void_p,
-    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
-    np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS"),
-    ctypes.c_int64,
-    ctypes.c_int,
-)
-_push_moving = function(
-    "pecs_sensor_push_moving",
-    ctypes.c_int64,
-    ctypes.c_void_p,
-    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
-    np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS"),
-    ctypes.c_int64,
-    np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS"),
-    ctypes.c_int,
-    ctypes.c_int,
-)
+_frames = (ctypes.c_void_p, FLOATS, DOUBLES, ctypes.c_int64)  # sensor, frames, their times, count
+_push = function("pecs_sensor_push", ctypes.c_int64, *_frames, ctypes.c_int)
+_push_moving = function("pecs_sensor_push_moving", ctypes.c_int64, *_frames, FLOATS, ctypes.c_int, ctypes.c_int)
 _events = function("pecs_sensor_events", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 _labels = function("pecs_sensor_labels", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 _dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p)

@@ -16,14 +16,6 @@ DenseFeed::DenseFeed(const Timeline& timeline, PhotocurrentReader& light)
   load(0, soon_.first, soon_);
 }
 
-DenseFeed::~DenseFeed() noexcept {
-  ahead_.cancel();
-  try {
-    ahead_.wait();
-  } catch (...) {  // of an interval that nobody asked for
-  }
-}
-
 DenseFeed::Plane DenseFeed::read(std::int64_t step) {
   const auto side = static_cast<std::size_t>(light_.info().subpixels);
   Plane plane(pixels_ * side * side);
@@ -89,7 +81,6 @@ double DenseFeed::t_us(double fraction) const {
 std::optional<Feed::Batch> DenseFeed::next() {
   if (step_ == *timeline_.steps()) return {};
   Batch batch = loop_.is_whole ? from_loop() : part();
-  planes_ += std::ssize(batch.planes);
   batch.last = step_ == *timeline_.steps();
   return batch;
 }

@@ -1,6 +1,4 @@
 #pragma once
-#include <tbb/task_group.h>
-
 #include <span>
 #include <vector>
 
@@ -19,10 +17,8 @@ namespace pecs::sensor {
 class DenseFeed : public Feed {
  public:
   DenseFeed(const Timeline& timeline, PhotocurrentReader& light);
-  ~DenseFeed() noexcept override;
   std::optional<Batch> next() override;
   std::int64_t steps() const override { return step_; }
-  std::int64_t planes() const { return planes_; }  // given so far
 
  private:
   using Plane = std::vector<float>;
@@ -58,13 +54,13 @@ class DenseFeed : public Feed {
   PhotocurrentReader& light_;
   std::size_t pixels_;
   std::vector<Plane> fine_;  // carried planes with their subpixels
-  std::int64_t step_ = 0, planes_ = 0;
+  std::int64_t step_ = 0;
   std::size_t part_ = 0;  // planes given of the present interval
   Interval now_, soon_;
   std::vector<Plane> planes_of_part_;
   Loop loop_;
   bool is_ahead_ = true;  // the next interval is loaded while one is worked on
-  tbb::task_group ahead_;
+  Ahead ahead_;           // last: it goes first
 };
 
 }  // namespace pecs::sensor

@@ -33,14 +33,6 @@ LightFeed::LightFeed(const Timeline& timeline, PhotocurrentReader& light, Region
   }
 }
 
-LightFeed::~LightFeed() noexcept {
-  ahead_.cancel();
-  try {
-    ahead_.wait();
-  } catch (...) {  // of a batch that nobody asked for
-  }
-}
-
 void LightFeed::decode(std::int64_t first_step, std::int64_t end_step, Planes& planes) {
   const std::int64_t soon = std::min(*timeline_.steps(), end_step + batch_);
   for (std::int64_t i = end_step; !is_cached_ && i < soon; ++i) timeline_.source().will_read(timeline_.frame(i));

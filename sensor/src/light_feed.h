@@ -1,6 +1,4 @@
 #pragma once
-#include <tbb/task_group.h>
-
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -18,7 +16,6 @@ namespace pecs::sensor {
 class LightFeed : public Feed {
  public:
   LightFeed(const Timeline& timeline, PhotocurrentReader& light, Region region);
-  ~LightFeed() noexcept override;
   std::optional<Batch> next() override;
   std::int64_t steps() const override { return step_; }
 
@@ -37,7 +34,7 @@ class LightFeed : public Feed {
   int beyond_ = 0;                // live frames after the window
   std::array<Planes, 2> planes_;  // of this batch and of the next; cached: of all frames, in the first
   std::size_t half_ = 0;
-  tbb::task_group ahead_;
+  Ahead ahead_;  // last: it goes first
 };
 
 }  // namespace pecs::sensor

@@ -115,7 +115,7 @@ void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* pla
 }
 
 void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
-  source_.read_fine_rows(frame, sums(info().width * info().subpixels, 0, plane));
+  source_.read_fine_rows(frame, sums(info().file_width(), 0, plane));
 }
 
 void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, float* plane) {

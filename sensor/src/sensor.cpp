@@ -7,14 +7,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "feed.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
 
 namespace pecs::sensor {
 namespace {
 
-constexpr std::uint32_t kTile = 8192;                       // pixels
-constexpr std::size_t kBatchBytes = std::size_t{32} << 20;  // planes that are carried before they are worked on
+constexpr std::uint32_t kTile = 8192;  // pixels
 static_assert(kTile % PixelModel::kBlock == 0);
 
 // work(tile, events) for the tiles of a region in parallel; tiles that follow each other share a part of the sorter.

@@ -132,14 +132,19 @@ const Layer& layer_of(const StackInfo& info, std::string_view name, const std::f
   throw bad_input(folder.string(), "layer", std::string(name.substr(0, 40)), "one of " + known);
 }
 
+namespace {
+
+std::int64_t intervals(const StackInfo& info) { return std::ssize(info.times_ns) - (info.period_ns ? 0 : 1); }
+
+}  // namespace
+
 std::int64_t planned_frames(const StackInfo& info, const Layer& layer) {
-  return static_cast<std::int64_t>(info.times_ns.size()) - (layer.per_interval && !info.period_ns ? 1 : 0);
+  return layer.per_interval ? intervals(info) : std::ssize(info.times_ns);
 }
 
 std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::int64_t interval,
                                                   const std::filesystem::path& folder) {
-  const auto instants = static_cast<std::int64_t>(info.times_ns.size());
-  const std::int64_t count = instants - (info.period_ns ? 0 : 1);
+  const std::int64_t instants = std::ssize(info.times_ns), count = intervals(info);
   if (interval < 0 || interval >= count)
     throw bad_input(folder.string(), "interval", std::to_string(interval), fmt::format("0 to {}", count - 1));
   const auto at = [&](std::int64_t i) { return info.times_ns[static_cast<std::size_t>(i)]; };

@@ -46,6 +46,14 @@ def pecs_program():
     return run
 
 
+def pecs_blender(*args, check=True):
+    """Runs `python -m pecs_blender`; its text output."""
+    command = [sys.executable, "-m", "pecs_blender", *map(str, args)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert not check or result.returncode == 0, result.stderr
+    return result
+
+
 @pytest.fixture(scope="session")
 def python():
     return sys.executable

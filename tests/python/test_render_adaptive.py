@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import load_script
+from conftest import load_script, pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -28,18 +28,11 @@ def bench(root):
     return load_script(root / "bench/motion.py")
 
 
-def run(*args, check=True):
-    command = [sys.executable, "-m", "pecs_blender", "render", *map(str, args)]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert not check or result.returncode == 0, result.stderr
-    return result
-
-
 def render(blends, name, *args):
     """The folder of a stack, rendered once."""
     folder = blends / "-".join(map(str, (name, *args)))
     if not folder.is_dir():
-        run(blends / f"{name}.blend", "-o", folder, *COMMON, *args)
+        pecs_blender("render", blends / f"{name}.blend", "-o", folder, *COMMON, *args)
     return folder
 
 
@@ -121,19 +114,18 @@ def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):
     shutil.copytree(whole, stopped)
     for name in ("frame_000001.exr", "motion_000000.exr", between(whole)[0]):
         (stopped / name).unlink()
-    run(blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive")
+    pecs_blender("render", blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive")
     assert files(stopped) == files(whole)
     shards = [tmp_path / "first", tmp_path / "second"]
     for shard, part in zip(shards, ("0:1", f"1:{count}"), strict=True):
-        run(blends / "shadow.blend", "-o", shard, *COMMON, "--time", "adaptive", "--only", part)
-    command = [sys.executable, "-m", "pecs_blender", "merge", *shards, "-o", tmp_path / "merged"]
-    subprocess.run(command, check=True)
+        pecs_blender("render", blends / "shadow.blend", "-o", shard, *COMMON, "--time", "adaptive", "--only", part)
+    pecs_blender("merge", *shards, "-o", tmp_path / "merged")
     assert files(tmp_path / "merged") == files(whole)
 
 
 def test_through_a_lens_too(root, tmp_path):
     args = ("--bands", 2, "--width", 48, "--fps", 2000, "--frames", 21, "--samples", 8)
-    run(root / "scenes/rotating_disk", "-o", tmp_path / "s", *args, "--time", "adaptive")
+    pecs_blender("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *args, "--time", "adaptive")
     stack = json.loads((tmp_path / "s/stack.json").read_text())
     assert len(stack["times_ns"]) < 6 and stack["lens"]["name"]
     with pecs.StackReader(tmp_path / "s") as reader:
@@ -143,7 +135,8 @@ def test_through_a_lens_too(root, tmp_path):
 
 
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
-    result = run(
+    result = pecs_blender(
+        "render",
         blends / "room.blend",
         "-o",
         tmp_path / "s",

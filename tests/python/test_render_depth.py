@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -20,13 +21,6 @@ def blends(root, tmp_path_factory):
     names = ("measured", "centimetres")
     subprocess.run([sys.executable, root / "tests/python/blend_files.py", folder, *names], check=True)
     return folder
-
-
-def render(*args, check=True):
-    command = [sys.executable, "-m", "pecs_blender", *map(str, args)]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert not check or result.returncode == 0, result.stderr
-    return result
 
 
 def layers(folder):
@@ -73,7 +67,7 @@ def pixel_centres():
 def own(blends):
     """Renders with the file's own camera, out of focus and shifted."""
     for name in ("measured", "centimetres"):
-        render("render", blends / f"{name}.blend", "-o", blends / f"own_{name}", *COMMON, "--layers", "depth")
+        pecs_blender("render", blends / f"{name}.blend", "-o", blends / f"own_{name}", *COMMON, "--layers", "depth")
     return blends
 
 
@@ -91,7 +85,7 @@ def test_depth_of_the_scenes_own_camera(own, name):
 def lensed(blends):
     for name in ("measured", "centimetres"):
         args = ("--layers", "depth", "--samples", 8, "--film-shift-mm", 0.3, -0.2)
-        render("render", blends / f"{name}.blend", "-o", blends / f"lens_{name}", *COMMON, *LENS, *args)
+        pecs_blender("render", blends / f"{name}.blend", "-o", blends / f"lens_{name}", *COMMON, *LENS, *args)
     return blends
 
 
@@ -124,37 +118,37 @@ def test_a_scene_in_centimetres_is_the_same_scene(lensed, own):
 
 def test_an_instant_is_done_when_all_its_layers_are(blends, tmp_path):
     args = ("render", blends / "measured.blend", *COMMON[:2], "--samples", 1, "--width", 12)
-    render(*args, "-o", tmp_path / "light", "--frames", 4)
-    render(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
+    pecs_blender(*args, "-o", tmp_path / "light", "--frames", 4)
+    pecs_blender(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
     whole = {p.name: p.read_bytes() for p in (tmp_path / "s").iterdir()}
     for path in (tmp_path / "light").glob("*.exr"):  # the light does not depend on what lies beside it
         assert path.read_bytes() == whole[path.name]
     (tmp_path / "s/depth_000001.exr").unlink()
     (tmp_path / "s/depth_000002.exr").write_bytes(whole["depth_000002.exr"][:-50])
     before = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*")}
-    result = render(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
+    result = pecs_blender(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
     assert "2 of 4 are there already" in result.stderr
     assert {p.name: p.read_bytes() for p in (tmp_path / "s").iterdir()} == whole
     assert {p.name: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*")} == before
 
     for name, frames in (("a", "0:3"), ("b", "3:4")):
-        render(*args, "-o", tmp_path / name, "--frames", frames, "--layers", "depth")
-    render("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
+        pecs_blender(*args, "-o", tmp_path / name, "--frames", frames, "--layers", "depth")
+    pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
     assert {p.name: p.read_bytes() for p in (tmp_path / "merged").iterdir()} == whole
     (tmp_path / "b/depth_000000.exr").unlink()
-    result = render("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "x", check=False)
+    result = pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "x", check=False)
     assert result.returncode == 4 and "depth: instant" in result.stderr
 
-    result = render(*args, "-o", tmp_path / "s", "--frames", 4, check=False)
+    result = pecs_blender(*args, "-o", tmp_path / "s", "--frames", 4, check=False)
     assert result.returncode == 5 and "layers" in result.stderr and "--overwrite" in result.stderr
-    render(*args, "-o", tmp_path / "s", "--frames", 2, "--overwrite")
+    pecs_blender(*args, "-o", tmp_path / "s", "--frames", 2, "--overwrite")
     assert sorted(p.name for p in (tmp_path / "s").iterdir()) == ["frame_000000.exr", "frame_000001.exr", "stack.json"]
-    result = render(*args, "-o", tmp_path / "x", "--layers", "flow", check=False)
+    result = pecs_blender(*args, "-o", tmp_path / "x", "--layers", "flow", check=False)
     assert result.returncode == 2 and len(result.stderr.splitlines()) == 1
 
 
 def test_the_film_is_the_chips(blends, tmp_path):
     for chip, width_mm in (("davis346", 346 * 0.0185), ("imx636", 6.2208)):
-        render("render", blends / "measured.blend", "-o", tmp_path / chip, *COMMON, "--width", 8, "--chip", chip)
+        pecs_blender("render", blends / "measured.blend", "-o", tmp_path / chip, *COMMON, "--width", 8, "--chip", chip)
         stack = json.loads((tmp_path / chip / "stack.json").read_text())
         assert stack["render"]["film_width_mm"] == pytest.approx(width_mm)

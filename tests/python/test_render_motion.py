@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -25,18 +26,13 @@ def blends(root, tmp_path_factory):
     return folder
 
 
-def run(*args, check=True):
-    command = [sys.executable, "-m", "pecs_blender", *map(str, args)]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert not check or result.returncode == 0, result.stderr
-    return result
-
-
 def render(blends, name, *args, frames=2):
     """The folder of a stack with motion, rendered once."""
     folder = blends / "-".join(map(str, (name, frames, *args)))
     if not folder.is_dir():
-        run("render", blends / f"{name}.blend", "-o", folder, *COMMON, "--frames", frames, "--layers", "motion", *args)
+        pecs_blender(
+            "render", blends / f"{name}.blend", "-o", folder, *COMMON, "--frames", frames, "--layers", "motion", *args
+        )
     return folder
 
 
@@ -266,7 +262,7 @@ def files(folder):
 def test_light_is_the_same_beside_motion(blends, tmp_path):
     for name in ("deforming", "instances"):
         beside = render(blends, name, frames=3)
-        run("render", blends / f"{name}.blend", "-o", tmp_path / name, *COMMON, "--frames", 3)
+        pecs_blender("render", blends / f"{name}.blend", "-o", tmp_path / name, *COMMON, "--frames", 3)
         alone = {n: b for n, b in files(tmp_path / name).items() if n.startswith("frame")}
         assert len(alone) == 3 and alone.items() <= files(beside).items()
 
@@ -275,7 +271,7 @@ def test_a_scene_folders_light_is_the_same_beside_motion(root, tmp_path):
     """Cycles keeps its state between frames: noise would be another if motion made it begin anew."""
     args = ("--frames", 2, "--fps", 100, "--bands", 1, "--samples", 4, "--lens", "none", "--width", 48)
     for name, more in (("alone", ()), ("beside", ("--layers", "motion"))):
-        run("render", root / "scenes/room", "-o", tmp_path / name, *args, *more)
+        pecs_blender("render", root / "scenes/room", "-o", tmp_path / name, *args, *more)
     with pecs.StackReader(tmp_path / "alone") as alone, pecs.StackReader(tmp_path / "beside") as beside:
         for i in range(2):
             assert np.mean(alone.read_frame(i) == beside.read_frame(i)) > 0.99  # Cycles' glass varies in the last digit
@@ -285,18 +281,18 @@ def test_shards_of_a_plan_have_all_intervals(blends, tmp_path):
     whole = render(blends, "travel", frames=4)
     args = ("render", blends / "travel.blend", *COMMON, "--layers", "motion")
     for name, only in (("a", "0:2"), ("b", "2:4")):
-        run(*args, "-o", tmp_path / name, "--frames", 4, "--only", only)
+        pecs_blender(*args, "-o", tmp_path / name, "--frames", 4, "--only", only)
     names = [sorted(p.name for p in (tmp_path / n).glob("motion*")) for n in "ab"]
     assert names == [["motion_000000.exr", "motion_000001.exr"], ["motion_000002.exr"]]
-    run("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
+    pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
     assert files(tmp_path / "merged") == files(whole)
 
     for name, frames in (("c", "0:2"), ("d", "2:4"), ("e", "1:3")):  # of instants: one interval lies between
-        run(*args, "-o", tmp_path / name, "--frames", frames)
-    result = run("merge", tmp_path / "c", tmp_path / "d", "-o", tmp_path / "x", check=False)
+        pecs_blender(*args, "-o", tmp_path / name, "--frames", frames)
+    result = pecs_blender("merge", tmp_path / "c", tmp_path / "d", "-o", tmp_path / "x", check=False)
     assert result.returncode == 4 and "motion: interval 1000000000 to 2000000000 ns" in result.stderr
     assert len(result.stderr.splitlines()) == 1
-    run("merge", *(tmp_path / n for n in "cde"), "-o", tmp_path / "y")  # e has it
+    pecs_blender("merge", *(tmp_path / n for n in "cde"), "-o", tmp_path / "y")  # e has it
     assert files(tmp_path / "y") == files(whole)
 
 
@@ -304,19 +300,19 @@ def test_a_stopped_job_goes_on(blends, tmp_path):
     """After a restart at every step, and where files are missing."""
     whole = files(render(blends, "rigid", frames=3))
     args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *COMMON, "--frames", 3, "--layers", "motion")
-    result = run(*args, "--restart-growth-mb", -1)
+    result = pecs_blender(*args, "--restart-growth-mb", -1)
     assert result.stderr.count("are there already") >= 2 and files(tmp_path / "s") == whole
     (tmp_path / "s/motion_000001.exr").unlink()
     (tmp_path / "s/motion_000000.exr").write_bytes(whole["motion_000000.exr"][:-9])
     before = (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns
-    result = run(*args)
+    result = pecs_blender(*args)
     assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == whole
     assert (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns == before
 
 
 def test_a_scene_that_repeats_has_an_interval_more(root, tmp_path):
     args = ("--frames", "period", "--fps", 100, "--bands", 1, "--samples", 1, "--lens", "none", "--width", WIDTH)
-    run("render", root / "scenes/room", "-o", tmp_path / "s", *args, "--layers", "motion,depth")
+    pecs_blender("render", root / "scenes/room", "-o", tmp_path / "s", *args, "--layers", "motion,depth")
     stack = json.loads((tmp_path / "s/stack.json").read_text())
     assert [entry["name"] for entry in stack["layers"]] == ["motion", "depth"]
     assert stack["layers"][0]["at"] == "interval" and len(stack["layers"][0]["channels"]) == 12
@@ -369,6 +365,6 @@ def test_a_baked_rigid_body(blends, tmp_path):
         assert np.ptp(moving[3]) < TOLERANCE_PX and np.abs(moving[2]).max() < TOLERANCE_PX
         falls.append(moving[3].mean())
     assert np.diff(falls) == pytest.approx(9.81 / 24**2 * WIDTH / 4, rel=0.01)
-    run("render", blends / "falling.blend", "-o", tmp_path / "s", *COMMON, *args, "--frames", 5)
+    pecs_blender("render", blends / "falling.blend", "-o", tmp_path / "s", *COMMON, *args, "--frames", 5)
     alone = {n: b for n, b in files(tmp_path / "s").items() if n.startswith("frame")}
     assert len(alone) == 5 and alone.items() <= files(folder).items()

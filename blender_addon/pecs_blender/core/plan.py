@@ -16,9 +16,14 @@ class Timeline:
     period_ns: int | None  # set when the frames cover exactly one period
 
     @property
+    def bounds_ns(self) -> list[int]:
+        """Of the intervals between neighbouring instants; in a scene that repeats the last instant begins one, too."""
+        return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
+
+    @property
     def ends_ns(self) -> list[int]:
-        """Of the intervals that begin at times_ns; the last instant begins one in a scene that repeats."""
-        return self.times_ns[1:] + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
+        """Of the intervals that begin at times_ns."""
+        return self.bounds_ns[1:]
 
 
 def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:

@@ -7,9 +7,11 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from .errors import bad_input
+from .plan import Timeline
 from .strict_json import JsonObject, read_json, shown
 
 
@@ -69,8 +71,7 @@ class _Shard:
         return self.intervals(times_ns) if layer in self._per_interval else [(t,) for t in times_ns]
 
     def intervals(self, times_ns: list[int]) -> list[tuple[int, int]]:
-        ends = times_ns[1:] + ([times_ns[0] + self._period_ns] if self._period_ns else [])
-        return list(zip(times_ns, ends, strict=False))
+        return list(pairwise(Timeline(times_ns, self._period_ns).bounds_ns))
 
     def between(self) -> Iterator[tuple[tuple[int, int], str, Path]]:
         """Pictures within intervals (docs/exr_stack.md): interval, number and file."""

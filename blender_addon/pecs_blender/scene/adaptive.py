@@ -75,16 +75,14 @@ class Adaptive:
         wanted = range(count)[self._options.only or slice(None)]
         missing = [i for i in wanted if not self._is_done(i, output)]
         progress = Progress("render", len(wanted), len(wanted) - len(missing))
-        grid_s = [t * 1e-9 for t in self._plan.grid.times_ns]
-        if self._plan.grid.period_ns:
-            grid_s.append((self._plan.grid.times_ns[0] + self._plan.grid.period_ns) * 1e-9)
+        grid_s = [t * 1e-9 for t in self._plan.grid.bounds_ns]
         between = Between(self._job, self._light, self._judge, grid_s, output)
         first_mb = None
         for done, index in enumerate(missing, len(wanted) - len(missing) + 1):
             t_s = self._time_s(index)
-            self._job.set_time(t_s)
             for layer in self._instants:
                 if not output.has_layer(layer.name, index):
+                    self._job.set_time(t_s)
                     output.write_layer(layer.name, index, layer.render(t_s))
             first = self._clean_light(index, output)
             if not output.has_layer("light", index):

@@ -15,12 +15,13 @@ import numpy as np
 import pecs
 
 from ..core.output import Output
-from ..core.tiles import boxes, grown, probe_strips
+from ..core.tiles import boxes, grown
 from .job import Job
 from .judge import Judge
 from .layers import Light
 
 ROUNDS = 3  # of growing, until what is rendered agrees at its rim
+MOST = 0.6  # of the picture; more is rendered as a whole
 
 
 @dataclass
@@ -33,6 +34,7 @@ class Interval:
     first: np.ndarray
     second: np.ndarray
     motion: np.ndarray
+    planes: tuple[np.ndarray, ...] = ()  # photocurrent of both
     residual: dict[int, np.ndarray] = field(default_factory=dict)  # ln(rendered / carried), NaN where not rendered
 
 
@@ -44,6 +46,7 @@ class Between:
     def refine(self, it: Interval) -> None:
         """Renders and writes what its keyframes and its motion do not tell."""
         if it.end - it.start > 1:
+            it.planes = self._judge.plane(it.first), self._judge.plane(it.second)
             self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
 
     def _fraction(self, it: Interval, step: int) -> float:
@@ -51,24 +54,23 @@ class Between:
         return (self._times_s[step] - start_s) / (end_s - start_s)
 
     def _disagreeing(self, it: Interval) -> np.ndarray:
-        first, second = self._judge.plane(it.first), self._judge.plane(it.second)
+        first, second = it.planes
         fraction = self._fraction(it, (it.start + it.end) // 2)
         a, b = (pecs.carry(first, second, it.motion, fraction, side=side) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
 
     def _probed(self, it: Interval) -> np.ndarray:
-        middle, probe = (it.start + it.end) // 2, self._job.brightest_pass(self._judge.weights)
-        bands = self._job.passes[probe].bands
+        middle = (it.start + it.end) // 2
+
+        def carried(bands: slice) -> np.ndarray:
+            planes = (self._judge.plane(light, bands) for light in (it.first, it.second))
+            return pecs.carry(*planes, it.motion, self._fraction(it, middle))
+
         self._job.set_time(self._times_s[middle])
-        seen = self._light.fresh(probe_strips(*self._job.size, it.index), slice(probe, probe + 1))
-        return self._judge.differing(self._carried(it, middle, bands), self._judge.plane(seen, bands))
+        return self._judge.strips_differing(self._job, self._light, it.index, carried)
 
-    def _carried(self, it: Interval, step: int, bands: slice = slice(None)) -> np.ndarray:
-        first, second = self._judge.plane(it.first, bands), self._judge.plane(it.second, bands)
-        return pecs.carry(first, second, it.motion, self._fraction(it, step))
-
-    def _predicted(self, it: Interval, step: int) -> np.ndarray:
+    def _predicted(self, it: Interval, step: int, carried: np.ndarray) -> np.ndarray:
         """As the sensor will: carried, times what was rendered between."""
         nodes = sorted(it.residual)
         shape = it.first.shape[1:]
@@ -83,28 +85,30 @@ class Between:
             later = known & (node > step) & (t < t_after)
             after[later], t_after[later] = values[later], t
         part = (self._times_s[step] - t_before) / (t_after - t_before)
-        return self._carried(it, step) * np.exp(before + part * (after - before))
+        return carried * np.exp(before + part * (after - before))
 
     def _halve(self, it: Interval, low: int, high: int, wrong: np.ndarray) -> None:
         middle = (low + high) // 2
         if middle == low or not wrong.any():
             return
-        carried, predicted = self._carried(it, middle), self._predicted(it, middle)
+        carried = pecs.carry(*it.planes, it.motion, self._fraction(it, middle))
+        predicted = self._predicted(it, middle, carried)
+        self._job.set_time(self._times_s[middle])
         wanted, picture = np.zeros_like(wrong), np.full(it.first.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
             more = grown(wrong) & ~wanted
             if not more.any():
                 break
-            if (wanted | more).mean() > 0.6:
+            if (wanted | more).mean() > MOST:
                 more = ~wanted
-            self._job.set_time(self._times_s[middle])
             fresh = self._light.parts(boxes(more, *self._job.size), it.first)
             picture = np.where(np.isnan(fresh), picture, fresh)
             wanted |= more
-            wrong = self._judge.differing(predicted, self._judge.plane(picture))
+            plane = self._judge.plane(picture)
+            wrong = self._judge.differing(predicted, plane)
         self._output.write_between(it.index, middle - it.start, round(self._times_s[middle] * 1e9), picture)
         with np.errstate(divide="ignore", invalid="ignore"):
-            residual = np.log(self._judge.plane(picture) / carried)
+            residual = np.log(plane / carried)
         it.residual[middle] = np.where(np.isinf(residual), 0, residual)
         self._halve(it, low, middle, wrong)
         self._halve(it, middle, high, wrong)

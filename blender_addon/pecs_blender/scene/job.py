@@ -25,10 +25,6 @@ class Job:
     rays_per_sample: int = 1
     subpixels: int = 1  # of a sensor's pixel, in x and y: `size` counts them
 
-    def brightest_pass(self, weights: np.ndarray) -> int:
-        """Which of the passes has the bands of most weight."""
-        return int(np.argmax([weights[one.bands].sum() for one in self.passes]))
-
     def set_time(self, t_s: float) -> None:
         self.spectral.before_instant()
         self.source.set_time(t_s)

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.tiles import differing
+from ..core.tiles import differing, probe_strips
+from .job import Job
+from .layers import Light
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,16 @@ class Judge:
     def plane(self, light: np.ndarray, bands: slice = slice(None)) -> np.ndarray:
         """Photocurrent [height, width] of some bands of [bands, height, width]."""
         return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[bands])
+
+    def strips_differing(
+        self, job: Job, light: Light, index: int, expected: Callable[[slice], np.ndarray]
+    ) -> np.ndarray:
+        """Tiles in which strips of the present instant, rendered in the brightest pass, differ from the plane that
+        `expected` gives for the pass's bands. index: other strips for each."""
+        probe = int(np.argmax([self.weights[one.bands].sum() for one in job.passes]))
+        bands = job.passes[probe].bands
+        seen = light.fresh(probe_strips(*job.size, index), slice(probe, probe + 1))
+        return self.differing(expected(bands), self.plane(seen, bands))
 
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two planes differ; NaN says nothing."""

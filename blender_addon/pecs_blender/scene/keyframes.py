@@ -76,9 +76,7 @@ def parabola(middle: np.ndarray, end: np.ndarray, fraction: float) -> np.ndarray
 def choose(plan: Timeline, motion: Paths, step_px: float) -> list[int]:
     """Indices of the plan's instants, the first and the last among them (with a period, the last interval ends at its
     end)."""
-    grid_s = [t * 1e-9 for t in plan.times_ns]
-    if plan.period_ns:
-        grid_s.append((plan.times_ns[0] + plan.period_ns) * 1e-9)
+    grid_s = [t * 1e-9 for t in plan.bounds_ns]
     last = len(grid_s) - 1
     keys, guess = [0], 1
     while keys[-1] < last:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.tiles import boxes, grown, probe_strips, tiles_with
+from ..core.tiles import boxes, grown, tiles_with
 from .job import Job
 from .judge import Judge
 from .layers import Light, Motion
@@ -36,15 +36,19 @@ class Frames:
             return self._light.blur(still.copy())
         now = self._motion.seen(t_s)
         self._job.set_time(t_s)
-        frame, done = still.copy(), None
-        more = grown(self._moved(there, now) | self._changed(still, index))
+        changed = self._judge.strips_differing(
+            self._job, self._light, index, lambda bands: self._judge.plane(still, bands)
+        )
+        frame, plane = still.copy(), self._judge.plane(still)
+        more = grown(self._moved(there, now) | changed)
+        done = np.zeros_like(more)
         while more.any():
-            done = more if done is None else done | more
+            done |= more
             if done.mean() > MOST:
                 return self._light.blur(self._light.fresh())
             fresh = self._light.fresh(boxes(more, *self._job.size))
             frame = np.where(np.isnan(fresh), frame, fresh)
-            more = grown(self._judge.differing(self._judge.plane(still), self._judge.plane(frame))) & ~done
+            more = grown(self._judge.differing(plane, self._judge.plane(frame))) & ~done
         return self._light.blur(frame)
 
     def _moved(self, before: Seen, now: Seen) -> np.ndarray:
@@ -54,10 +58,3 @@ class Frames:
         for seen, poses in ((before, now.poses), (now, before.poses)):
             moved |= ~(surfaces.place(seen, poses)[:2] == centres).all(0)
         return tiles_with(moved)
-
-    def _changed(self, still: np.ndarray, index: int) -> np.ndarray:
-        """Tiles in which a strip shows other light."""
-        strips, probe = probe_strips(*self._job.size, index), self._job.brightest_pass(self._judge.weights)
-        bands = self._job.passes[probe].bands
-        seen = self._light.fresh(strips, slice(probe, probe + 1))
-        return self._judge.differing(self._judge.plane(still, bands), self._judge.plane(seen, bands))

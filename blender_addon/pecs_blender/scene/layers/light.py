@@ -40,19 +40,16 @@ class Light:
         self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * job.subpixels) for gain in self._to_film]
         self._to_film[~np.isfinite(self._to_film)] = 0
         if job.moving_px:
-            cycles.set_border(scene, None)
             job.set_time(0.0)
-            self._still = self._passes()
-            cycles.set_border(scene, job.moving_px)
+            self._still = self.fresh()
 
     def render(self, t_s: float) -> np.ndarray:
-        frame = self._passes()
-        if self._job.moving_px:
-            left, top, right, bottom = self._job.moving_px
-            fresh, frame = frame, self._still.copy()
-            frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
-        frame *= self._to_film
-        self._light_up(frame)
+        if not self._job.moving_px:
+            return self.blur(self.fresh())
+        left, top, right, bottom = self._job.moving_px
+        fresh, frame = self.fresh([self._job.moving_px]), self._still.copy()
+        frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
+        self._light_up(frame)  # across the box's rim
         return self.blur(frame)
 
     def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
@@ -62,13 +59,15 @@ class Light:
         frame = np.full(self._shape, np.nan, np.float32)
         to_film = np.broadcast_to(self._to_film, self._shape)
         for one in self._job.passes[passes]:
-            self._set_pass(one)
+            if self._job.lens:
+                scene.camera = one.camera
+            self._job.spectral.set_pass(one.rgb_nm)
             for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
                 cycles.set_border(scene, box if boxes_px else None)
                 at = (slice(box[1], box[3]), slice(box[0], box[2]))
                 picture = self._film.render()[: one.bands.stop - one.bands.start]
                 frame[one.bands, at[0], at[1]] = picture[:, at[0], at[1]] * to_film[one.bands, at[0], at[1]]
-        cycles.set_border(scene, self._job.moving_px)
+        cycles.set_border(scene, None)
         self._light_up(frame)
         return frame
 
@@ -101,18 +100,6 @@ class Light:
     def _grown(self, box: Box, by_px: int) -> Box:
         (left, top, right, bottom), (width, height) = box, self._job.size
         return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
-
-    def _set_pass(self, one: lenses.Pass) -> None:
-        if self._job.lens:
-            self._job.source.scene.camera = one.camera
-        self._job.spectral.set_pass(one.rgb_nm)
-
-    def _passes(self) -> np.ndarray:
-        frame = np.empty(self._shape, np.float32)
-        for one in self._job.passes:
-            self._set_pass(one)
-            frame[one.bands] = self._film.render()[: one.bands.stop - one.bands.start]
-        return frame
 
 
 def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
