@@ -1,0 +1,98 @@
+"""Parts of an event file in DSEC's layout, found by its index `ms_to_idx`: a window costs what it holds."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..events import EVENT_DTYPE, Events
+from ._check import fault, library
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+class EventFile:
+    """Opens the file when first asked, in each process anew.
+
+    with EventFile("events.h5") as file:
+        events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms
+        events = file.read(0, 5000)                # by index
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        if "_file" in self.__dict__:
+            self.__dict__.pop("_file").close()
+
+    @cached_property
+    def _file(self) -> Any:
+        h5py = library("h5py", "h5py", "reading parts of an event file")
+        try:
+            file = h5py.File(self.path, "r")
+        except OSError as e:
+            fault(self.path, "file", str(e), "an HDF5 file")
+        for name in ("events/t", "events/x", "events/y", "events/p", "ms_to_idx", "t_offset"):
+            if name not in file:
+                file.close()
+                fault(self.path, name, None, "a data set of DSEC's layout")
+        return file
+
+    @cached_property
+    def t_offset_us(self) -> int:
+        return int(self._file["t_offset"][()])
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pixel array."""
+        attributes = self._file["events"].attrs
+        return int(attributes.get("width", 0)), int(attributes.get("height", 0))
+
+    def __len__(self) -> int:
+        return int(self._file["events/t"].shape[0])
+
+    def read(self, first: int, last: int) -> Events:
+        """The events of these indices."""
+        first, last = max(0, first), min(last, len(self))
+        out = np.zeros(max(0, last - first), EVENT_DTYPE)
+        if len(out):
+            for name in "txyp":
+                out[name] = self._file[f"events/{name}"][first:last]
+            out["t"] += self.t_offset_us
+        return Events(out, *self.size)
+
+    def blocks(self, size: int = 1 << 20) -> Any:
+        """All events, some at a time."""
+        for first in range(0, len(self), size):
+            yield self.read(first, first + size)
+
+    def index(self, t_us: float) -> int:
+        """Of the first event at t_us or later."""
+        t_us = int(np.ceil(t_us)) - self.t_offset_us
+        ms_to_idx = self._file["ms_to_idx"]
+        ms = t_us // 1000
+        if ms < 0:
+            return 0
+        if ms >= len(ms_to_idx):
+            return len(self)
+        first = int(ms_to_idx[ms])
+        last = int(ms_to_idx[ms + 1]) if ms + 1 < len(ms_to_idx) else len(self)
+        return first + int(np.searchsorted(self._file["events/t"][first:last], t_us, "left"))
+
+    def between(self, start_us: float, end_us: float) -> Events:
+        """The events with start_us <= t < end_us."""
+        return self.read(self.index(start_us), self.index(end_us))

@@ -1,0 +1,232 @@
+"""One sequence of a data set, as it lies on disk (docs/datasets.md): strict about what it finds, and lazy.
+
+    sequence = pecs.datasets.Sequence("SET/sequences/0000")
+    left = sequence.cameras["left"]
+    events, causes = left.events(), left.causes()
+    distance_m, z_m = left.truth.depth(0)              # at left.truth.times_us[0]
+    flow_px = left.truth.flow(0)                       # from there to times_us[1]
+
+Only sequence.json is read at once; everything else when it is asked for. Sequences may be pickled. Axes: a camera looks
+along z, x is right and y down; the world has z up; all metres. `a_from_b` [4, 4] takes points of b to a. K and the
+rectification have OpenCV's pixels, whose first centre is at (0, 0); boxes have edges, a first pixel from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..events import Events, read
+from ..sensor import LABELS
+from ._check import Fields, existing, fault, read_array, read_columns, read_json, read_rows
+from .event_file import EventFile
+from .truth import Truth
+
+FORMAT = 1
+IMU_DTYPE = np.dtype([("t_us", "<f8"), ("gyro", "<f8", 3), ("accel", "<f8", 3)])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of an RGB camera; start and end of the exposure of its middle row."""
+
+    start_us: int
+    end_us: int
+    path: Path
+    sharp_path: Path  # the same instant without motion blur, where the sequence has it
+
+    @property
+    def middle_us(self) -> float:
+        return (self.start_us + self.end_us) / 2
+
+
+class Camera:
+    """One camera of the rig; what it has seen is read when asked for."""
+
+    def __init__(self, folder: Path, entry: Fields):
+        self.name = entry.text("name")
+        self.kind = entry.text("kind", ("events", "rgb"))
+        self.folder = folder / self.name
+        self.width, self.height = entry.whole("width", 1), entry.whole("height", 1)
+        self.pixel_pitch_m = entry.number("pixel_pitch_um", 1e-3) * 1e-6
+        self.K, self.K_rect = entry.array("K", 3, 3), entry.array("K_rect", 3, 3)
+        self.R_rect = entry.array("R_rect", 3, 3)
+        self.distortion = entry.array("distortion", -1)
+        self.distortion_model = entry.text("distortion_model", ("radtan", "rational"))
+        self.rig_from_camera = entry.array("rig_from_camera", 4, 4)
+        self.partner = entry.optional_text("partner")
+        self.baseline_m = None if entry.value.get("baseline_m") is None else entry.number("baseline_m", 0)
+        self.info: dict[str, Any] = entry.value
+        if len(self.distortion) not in (4, 5, 8, 12, 14):
+            entry.fault("distortion", "4, 5, 8, 12 or 14 coefficients of OpenCV")
+        for key in ("R_rect", "rig_from_camera"):
+            R = getattr(self, key)[:3, :3]
+            if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+                entry.fault(key, "a rotation")
+
+    def __repr__(self) -> str:
+        return f"<Camera {self.name!r}: {self.kind}, {self.width}x{self.height}>"
+
+    @property
+    def events_path(self) -> Path:
+        return self.folder / "events.h5"
+
+    def events(self) -> Events:
+        """All events; `event_file` reads parts."""
+        events = read(existing(self.events_path, "the events of an event camera"), "dsec")
+        if (events.width, events.height) != (self.width, self.height):
+            fault(self.events_path, "size", (events.width, events.height), f"{(self.width, self.height)}")
+        return events
+
+    def event_file(self) -> EventFile:
+        """The events by time or index, without reading all of them."""
+        return EventFile(existing(self.events_path, "the events of an event camera"))
+
+    def causes(self) -> NDArray[np.uint8]:
+        """Why each event came [n]: index into `pecs.sensor.LABELS`."""
+        causes = read_array(self.folder / "causes.npy", "the cause of each event", "u1", (-1,))
+        return self._per_event(causes, len(LABELS))
+
+    def objects(self) -> NDArray[np.uint16]:
+        """The object that the pixel saw at the event's time [n]: its id, 0 none or unknown."""
+        return self._per_event(read_array(self.folder / "objects.npy", "the object of each event", "<u2", (-1,)))
+
+    def _per_event(self, values: NDArray[Any], limit: int | None = None) -> NDArray[Any]:
+        with self.event_file() as events:
+            if len(values) != len(events):
+                fault(Path(values.filename), "length", len(values), f"{len(events)}, one for each event")
+        if limit and len(values) and values.max() >= limit:
+            fault(Path(values.filename), "greatest value", int(values.max()), f"less than {limit}")
+        return values
+
+    def rectify_map(self) -> NDArray[np.float32]:
+        """Where each pixel lies in the undistorted (stereo-rectified) picture [H, W, 2]: x, y of K_rect."""
+        path = self.folder / "rectify_map.npy"
+        return read_array(path, "the rectification map", "<f4", (self.height, self.width, 2))
+
+    def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times [n] in us and world_from_camera [n, 4, 4], as the renderer followed them."""
+        return read_poses(self.folder / "camera_path.txt")
+
+    def frames(self) -> list[Frame]:
+        """The pictures of an RGB camera, in time; [] of a camera without."""
+        path = self.folder / "rgb.csv"
+        if not path.exists():
+            return []
+        out: list[Frame] = []
+        for number, (index, start, end) in enumerate(read_rows(path, ("index", "start_us", "end_us"), "frames"), 2):
+            if index != len(out) or end < start or (out and start < out[-1].start_us):
+                fault(path, f"line {number}", (index, start, end), f"index {len(out)}, times that do not fall")
+            name = f"{index:06d}.png"
+            picture = existing(self.folder / "rgb" / name, f"the picture of {path}: line {number}")
+            out.append(Frame(start, end, picture, self.folder / "sharp" / name))
+        return out
+
+    @property
+    def has_truth(self) -> bool:
+        return (self.folder / "truth" / "stack.json").is_file()
+
+    @cached_property
+    def truth(self) -> Truth:
+        """Depth, flow, objects … at instants of this camera."""
+        return Truth(self.folder / "truth", self.width, self.height)
+
+
+class Sequence:
+    """A folder with sequence.json. `info` is all that it says; `cameras` are by name, in its order."""
+
+    def __init__(self, folder: str | PathLike[str]):
+        self.folder = Path(folder)
+        path = self.folder / "sequence.json"
+        self.info = read_json(path, "a sequence of a data set")
+        fields = Fields(path, "", self.info)
+        if fields.whole("format") != FORMAT:
+            fields.fault("format", f"{FORMAT}")
+        self.name, self.split = fields.text("name"), fields.text("split")
+        self.duration_us = fields.whole("duration_us", 1)
+        self.cameras: dict[str, Camera] = {}
+        for entry in fields.objects("cameras"):
+            camera = Camera(self.folder, entry)
+            if camera.name in self.cameras or Path(camera.name).name != camera.name:
+                entry.fault("name", "a folder's name that no other camera has")
+            self.cameras[camera.name] = camera
+        for camera in self.cameras.values():
+            self._check_partner(path, camera)
+
+    def _check_partner(self, path: Path, camera: Camera) -> None:
+        if camera.partner is None:
+            return
+        other = self.cameras.get(camera.partner)
+        if other is None or other is camera or other.partner != camera.name:
+            fault(path, f"camera {camera.name}: partner", camera.partner, "a camera whose partner is this one")
+        if not camera.baseline_m or camera.baseline_m != other.baseline_m:
+            fault(path, f"camera {camera.name}: baseline_m", camera.baseline_m, "metres, the same for both partners")
+
+    def __repr__(self) -> str:
+        return f"<Sequence {self.name!r}: {self.duration_us / 1e6:g} s, {', '.join(self.cameras)}>"
+
+    def of_kind(self, kind: str) -> list[Camera]:
+        """The cameras of a kind, "events" or "rgb", in the order of sequence.json."""
+        return [camera for camera in self.cameras.values() if camera.kind == kind]
+
+    def stereo_pairs(self, kind: str = "events") -> list[tuple[Camera, Camera]]:
+        """(left, right) of a kind: the right one's centre has the greater x in the rectified picture."""
+        pairs = []
+        for camera in self.of_kind(kind):
+            other = self.cameras.get(camera.partner or "")
+            if other is not None and rect_from_rect(camera, other)[0, 3] > 0:
+                pairs.append((camera, other))
+        return pairs
+
+    def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times [n] in us and world_from_rig [n, 4, 4]."""
+        return read_poses(self.folder / "poses.txt")
+
+    def imu(self) -> NDArray[Any] | None:
+        """The IMU's samples (`IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s2, specific force] in the rig's axes)."""
+        if self.info.get("imu") is None:
+            return None
+        rows = read_columns(self.folder / "imu.csv", 7, ",", "the IMU's samples")
+        out = np.zeros(len(rows), IMU_DTYPE)
+        out["t_us"], out["gyro"], out["accel"] = rows[:, 0] / 1e3, rows[:, 1:4], rows[:, 4:7]
+        return out
+
+
+def rect_from_rect(camera: Camera, other: Camera) -> NDArray[np.float64]:
+    """Where the rectified frame of another camera lies in that of this one [4, 4]."""
+    camera_from_other = np.linalg.inv(camera.rig_from_camera) @ other.rig_from_camera
+    rect_from_camera, rect_from_other = np.eye(4), np.eye(4)
+    rect_from_camera[:3, :3], rect_from_other[:3, :3] = camera.R_rect, other.R_rect
+    return rect_from_camera @ camera_from_other @ rect_from_other.T
+
+
+def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A file of TUM rows `t_s tx ty tz qx qy qz qw`: times [n] in us and poses [n, 4, 4]."""
+    rows = read_columns(path, 8, None, "poses (t_s tx ty tz qx qy qz qw)")
+    falls = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
+    if len(falls):
+        fault(path, f"pose {falls[0] + 1}: t_s", float(rows[falls[0] + 1, 0]), "a time after the one before")
+    q = rows[:, 4:]
+    length = np.linalg.norm(q, axis=1)
+    bad = np.flatnonzero(np.abs(length - 1) > 1e-3)
+    if len(bad):
+        fault(path, f"pose {bad[0]}: quaternion", q[bad[0]].tolist(), "length 1")
+    x, y, z, w = (q / length[:, None]).T
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, 3] = rows[:, 1:4]
+    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
+    poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
+    poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
+    return rows[:, 0] * 1e6, poses
+
+
+def sequences(folder: str | PathLike[str], split: str | None = None) -> list[Sequence]:
+    """All sequences of a data set in the order of their names, or those of one split."""
+    found = sorted(existing(Path(folder) / "sequences", "a data set").glob("*/sequence.json"))
+    return [s for s in (Sequence(path.parent) for path in found) if split in (None, s.split)]

@@ -1,0 +1,165 @@
+"""Ground truth of one camera at its instants: an EXR stack without light (docs/exr_stack.md), and objects.json."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..stack import StackReader
+from ._check import Fields, existing, fault, read_json
+
+BOX_DTYPE = np.dtype(
+    [("id", "<u4"), ("class_id", "<u4")]
+    + [(name, "<f8") for name in ("x0", "y0", "x1", "y1")]  # what is seen of it; NaN when nothing
+    + [(name, "<f8") for name in ("amodal_x0", "amodal_y0", "amodal_x1", "amodal_y1")]
+    + [("visible_px", "<i8"), ("occluded", "<f8"), ("truncated", "<f8")]
+)
+_LARGEST_ID = 1 << 16  # ids per event are u2
+
+
+class Truth:
+    """Depth, normals, objects and flow at `times_us` [n]. Index i is an instant; of flow, the interval from i to i+1.
+
+    `classes`: {id: name}. `objects`: the list of objects.json, each with id, name, class, class_id, size_m,
+    centre_local. Pictures are in the camera's own, distorted pixels.
+    """
+
+    def __init__(self, folder: Path, width: int, height: int):
+        self.folder = folder
+        self.shape = height, width
+        existing(folder / "stack.json", "ground truth")
+
+    def __getstate__(self) -> dict[str, Any]:  # what is open stays in its process
+        return {"folder": self.folder, "shape": self.shape}
+
+    @cached_property
+    def _stack(self) -> StackReader:
+        stack = StackReader(self.folder)
+        size = stack.info["height"], stack.info["width"]
+        if size != self.shape or stack.shape[1:] != self.shape:
+            fault(self.folder / "stack.json", "size in samples", stack.shape[1:], f"{self.shape}, one sample a pixel")
+        return stack
+
+    @cached_property
+    def times_us(self) -> NDArray[np.float64]:
+        return np.array(self._stack.info["times_ns"], np.float64) / 1e3
+
+    def __len__(self) -> int:
+        return len(self.times_us)
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of what there is: "depth", "normal", "objects", "motion"."""
+        return tuple(layer["name"] for layer in self._stack.layers if layer["name"] != "light")
+
+    def depth(self, i: int) -> NDArray[np.float32]:
+        """[2, H, W] in m: distance along the chief ray, and z along the optical axis; inf where there is nothing."""
+        return self._channels("depth", i, ("distance", "z"))
+
+    def normal(self, i: int) -> NDArray[np.float32]:
+        """[3, H, W], in the camera's axes; 0 where there is nothing."""
+        return self._channels("normal", i)
+
+    def instances(self, i: int) -> NDArray[np.int64]:
+        """[H, W]: ids of `objects`, 0 none."""
+        (values,) = self._channels("objects", i, ("instance",))
+        whole = np.rint(values)
+        bad = ~((whole == values) & (0 <= whole) & (whole < _LARGEST_ID))
+        if bad.any():
+            y, x = np.argwhere(bad)[0]
+            fault(self.folder, f"objects {i}: pixel ({x}, {y})", float(values[y, x]), f"an integer below {_LARGEST_ID}")
+        return whole.astype(np.int64)
+
+    def flow(self, i: int) -> NDArray[np.float32]:
+        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i] is at times_us[i + 1]; NaN unknown."""
+        return np.moveaxis(self._channels("motion", i, ("x_end", "y_end")), 0, -1)
+
+    def flow_back(self, i: int) -> NDArray[np.float32]:
+        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i + 1] was at times_us[i]; NaN unknown."""
+        return np.moveaxis(self._channels("motion", i, ("back_x_end", "back_y_end")), 0, -1)
+
+    def motion(self, i: int) -> NDArray[np.float32]:
+        """[12, H, W]: the whole layer of the interval from i to i + 1, as `pecs.carry` takes it."""
+        return self._channels("motion", i)
+
+    def _channels(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
+        layer = next((layer for layer in self._stack.layers if layer["name"] == name), None)
+        if layer is None:
+            fault(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")
+        count = len(self) - (layer["at"] == "interval")
+        if not 0 <= i < count:
+            raise IndexError(f"{self.folder}: {name} {i}: got {count} of them")
+        missing = set(wanted or ()) - set(layer["channels"])
+        if missing:
+            fault(self.folder / "stack.json", f"layer {name}: channels", layer["channels"], ", ".join(sorted(missing)))
+        values = self._stack.read_layer(name, i)
+        return values[[layer["channels"].index(c) for c in wanted]] if wanted else values
+
+    @cached_property
+    def _json(self) -> dict[str, Any]:
+        path = self.folder / "objects.json"
+        top = Fields(path, "", read_json(path, "the objects of the ground truth"))
+        if top.whole("format") != 1:
+            top.fault("format", "1")
+        if not isinstance(top.value.get("classes"), dict):
+            top.fault("classes", "an object of class names by id")
+        classes = {}
+        for key, name in top.value["classes"].items():
+            if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str):
+                top.fault("classes", "names by positive ids")
+            classes[int(key)] = name
+        known = {}
+        for entry in top.objects("objects"):
+            number, class_id = entry.whole("id", 1), entry.whole("class_id")
+            if number in known or number >= _LARGEST_ID:
+                entry.fault("id", f"an id below {_LARGEST_ID} that no other object has")
+            if class_id and class_id not in classes:
+                entry.fault("class_id", "0 or an id of `classes`")
+            entry.text("name"), entry.array("size_m", 3)
+            known[number] = entry.value
+        instants = top.objects("instants")
+        if [entry.whole("t_ns") for entry in instants] != list(self._stack.info["times_ns"]):
+            fault(path, "instants", len(instants), f"the {len(self)} times of stack.json")
+        return {"classes": classes, "objects": known, "instants": instants}
+
+    @property
+    def classes(self) -> dict[int, str]:
+        return dict(self._json["classes"])
+
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        return list(self._json["objects"].values())
+
+    def _instant(self, i: int) -> list[Fields]:
+        if not 0 <= i < len(self):
+            raise IndexError(f"{self.folder}: instant {i}: got {len(self)} of them")
+        entries: list[Fields] = self._json["instants"][i].objects("objects")
+        for entry in entries:
+            if entry.whole("id", 1) not in self._json["objects"]:
+                entry.fault("id", "an id of `objects`")
+        return entries
+
+    def boxes(self, i: int) -> NDArray[Any]:
+        """`BOX_DTYPE`, one row for each object of the instant, in px. A pixel i covers i to i + 1. `x0` … `y1`: what is
+        seen; `amodal_…`: all of it, also behind others and outside the picture. `occluded`: share of its silhouette
+        in the picture that others hide; `truncated`: share of its amodal box outside."""
+        entries = self._instant(i)
+        out = np.zeros(len(entries), BOX_DTYPE)
+        for row, entry in zip(out, entries, strict=True):
+            row["id"] = entry.whole("id")
+            row["class_id"] = self._json["objects"][entry.whole("id")]["class_id"]
+            seen = [np.nan] * 4 if entry.value.get("box_px") is None else entry.array("box_px", 4)
+            amodal = [np.nan] * 4 if entry.value.get("amodal_px") is None else entry.array("amodal_px", 4)
+            for name, value in zip(BOX_DTYPE.names[2:10], [*seen, *amodal], strict=True):
+                row[name] = value
+            row["visible_px"] = entry.whole("visible_px")
+            row["occluded"], row["truncated"] = entry.number("occluded", 0), entry.number("truncated", 0)
+        return out
+
+    def object_poses(self, i: int) -> dict[int, NDArray[np.float64]]:
+        """{id: world_from_object [4, 4]}: the object's axes, its scale left out."""
+        return {entry.whole("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
