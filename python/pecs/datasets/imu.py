@@ -1,0 +1,246 @@
+"""An inertial measurement unit on a trajectory: angular rate and specific force from its exact derivatives, then the
+errors of a named part.
+
+    imu = Imu.of_part("mpu6050", rate_hz=1000)
+    samples = measure(trajectory, imu, np.random.default_rng(7))
+
+Parts are files in imus/, from data sheets. Axes: the IMU's, `rig_from_imu` [4, 4] says how it sits in the rig (whose
+axes the trajectory's body has). At rest it reads +g along what points up. Model per axis, in this order:
+    turn-on bias, constant, uniform within the part's tolerance times `turn_on` (0: removed by a calibration at rest)
+    + bias instability: first-order Gauss-Markov process whose Allan deviation peaks at the part's floor
+    + bias random walk + white noise of the part's density up to half the rate; then clipped at the range and rounded to
+    a step of the converter. Scale errors, cross-axis sensitivity, temperature and the part's own low-pass are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import poses
+from .parameters import number
+from .paths import GRAVITY_M_S2, Trajectory
+from .poses import bad_input
+
+PARTS = Path(__file__).parent / "imus"
+# Allan deviation's peak over the standard deviation of a first-order Gauss-Markov process: 0.437 q_c sqrt(T) with
+# sigma = q_c sqrt(T / 2) (IEEE 952-1997, B.4.5).
+GAUSS_MARKOV_PEAK = 0.437 * math.sqrt(2)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of three like axes; unit u is rad/s or m/s^2. noise: u/sqrt(Hz), one-sided; bias_floor: u, of the Allan
+    deviation, over bias_time_s; bias_walk: u/sqrt(s); turn_on, range, step: u (0: none, no limit, exact)."""
+
+    noise: float = 0.0
+    bias_floor: float = 0.0
+    bias_time_s: float = 1.0
+    bias_walk: float = 0.0
+    turn_on: float = 0.0
+    range: float = math.inf
+    step: float = 0.0
+
+    def bias(self, count: int, rate_hz: float, turn_on: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """[count, 3]."""
+        constant = turn_on * self.turn_on * rng.uniform(-1, 1, 3)
+        drive = rng.standard_normal((count, 3))
+        walk = np.concatenate([np.zeros((1, 3)), rng.standard_normal((max(count - 1, 0), 3))])
+        keep = math.exp(-1 / (rate_hz * self.bias_time_s))
+        sigma = self.bias_floor / GAUSS_MARKOV_PEAK
+        drive[1:] *= math.sqrt(1 - keep * keep)
+        return (
+            constant
+            + sigma * _decaying_sum(drive, keep)
+            + np.cumsum(walk, axis=0) * self.bias_walk / math.sqrt(rate_hz)
+        )
+
+    def read(self, true: NDArray[np.float64], bias: NDArray[np.float64], rate_hz: float, rng) -> NDArray[np.float64]:
+        noise = self.noise * math.sqrt(rate_hz / 2) * rng.standard_normal(true.shape)
+        got = np.clip(true + bias + noise, -self.range, self.range - self.step)
+        return np.round(got / self.step) * self.step if self.step else got
+
+
+@dataclass(frozen=True)
+class Imu:
+    """`part` is for records. turn_on: see above."""
+
+    rate_hz: float
+    gyro: Errors = Errors()
+    accel: Errors = Errors()
+    rig_from_imu: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    turn_on: float = 0.0
+    part: str = "ideal"
+
+    @classmethod
+    def of_part(
+        cls,
+        name: str,
+        rate_hz: float | None = None,
+        rig_from_imu: ArrayLike | None = None,
+        gyro_range_dps: float | None = None,
+        accel_range_g: float | None = None,
+        turn_on: float = 0.0,
+    ) -> Imu:
+        """A part of imus/ (or "ideal": exact) at its own rate and widest ranges, unless said otherwise."""
+        rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
+        if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
+            raise bad_input(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
+        number("imu: turn_on", turn_on, 0, 10, "")
+        if name == "ideal":
+            return cls(number("imu: rate_hz", rate_hz or 1000.0, 1, 1e6, "Hz"), rig_from_imu=rig)
+        part = _part(name)
+        rate = number("imu: rate_hz", part["rate_hz"] if rate_hz is None else rate_hz, 1, 1e6, "Hz")
+        gyro = _errors(part["gyro"], "gyro", "dps", math.radians(1), math.radians(1), gyro_range_dps)
+        accel = _errors(part["accel"], "accel", "g", 1e-6 * GRAVITY_M_S2, 1e-3 * GRAVITY_M_S2, accel_range_g)
+        return cls(rate, gyro, accel, rig, turn_on, name)
+
+    def kalibr(self) -> dict[str, float]:
+        """What Kalibr's imu.yaml calls these: densities two-sided (1/sqrt(2) of ours), and the random walk that the
+        bias makes in times short against its own."""
+        values = {"update_rate": self.rate_hz}
+        for name, e in (("gyroscope", self.gyro), ("accelerometer", self.accel)):
+            walk = math.hypot(e.bias_walk, e.bias_floor / GAUSS_MARKOV_PEAK * math.sqrt(2 / e.bias_time_s))
+            values |= {f"{name}_noise_density": e.noise / math.sqrt(2), f"{name}_random_walk": walk}
+        return values
+
+
+def parts() -> list[str]:
+    """Names for Imu.of_part."""
+    return [*sorted(path.stem for path in PARTS.glob("*.json")), "ideal"]
+
+
+def _part(name: str) -> Mapping:
+    if name not in parts():
+        raise bad_input(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
+    return json.loads((PARTS / f"{name}.json").read_text())
+
+
+def _errors(data: Mapping, sensor: str, unit: str, small: float, turn_on: float, wanted: float | None) -> Errors:
+    """Of a part's file. `small`: SI units of the noise's unit, `turn_on`: of the turn-on bias's."""
+    small_name, turn_on_name = ("dps", "dps") if unit == "dps" else ("ug", "mg")
+    ranges = data[f"ranges_{unit}"]
+    if wanted is not None and wanted not in ranges:
+        listed = ", ".join(f"{r:g}" for r in ranges)
+        raise bad_input(f"imu: {sensor}_range_{unit}: got {wanted!r}, wanted one of {listed}")
+    full = (ranges[-1] if wanted is None else wanted) * (math.radians(1) if unit == "dps" else GRAVITY_M_S2)
+    return Errors(
+        noise=data[f"noise_{small_name}_per_sqrt_hz"] * small,
+        bias_floor=data[f"bias_floor_{small_name}"] * small,
+        bias_time_s=data["bias_time_s"],
+        bias_walk=data[f"bias_walk_{small_name}_per_sqrt_s"] * small,
+        turn_on=data[f"turn_on_{turn_on_name}"] * turn_on,
+        range=full,
+        step=full / 2 ** (data["bits"] - 1),
+    )
+
+
+@dataclass(frozen=True)
+class Samples:
+    """t_ns [n]; what the IMU says: gyro_rad_s, accel_m_s2 [n, 3] (specific force), in its axes; and what only a
+    simulator knows, the biases in it."""
+
+    t_ns: NDArray[np.int64]
+    gyro_rad_s: NDArray[np.float64]
+    accel_m_s2: NDArray[np.float64]
+    gyro_bias_rad_s: NDArray[np.float64]
+    accel_bias_m_s2: NDArray[np.float64]
+
+
+def sample_times_ns(duration_s: float, rate_hz: float) -> NDArray[np.int64]:
+    """From 0 to duration_s, both included where the rate allows."""
+    return np.round(np.arange(math.floor(duration_s * rate_hz * (1 + 1e-12)) + 1) * (1e9 / rate_hz)).astype(np.int64)
+
+
+def measure(trajectory: Trajectory, imu: Imu, rng: np.random.Generator) -> Samples:
+    """The IMU's samples over the whole trajectory. The same generator gives the same bits."""
+    t_ns = sample_times_ns(trajectory.duration_s, imu.rate_hz)
+    true = ideal(trajectory, t_ns * 1e-9, imu.rig_from_imu)
+    errors = (imu.gyro, imu.accel)
+    bias = [e.bias(len(t_ns), imu.rate_hz, imu.turn_on, rng) for e in errors]
+    said = [e.read(v, b, imu.rate_hz, rng) for e, v, b in zip(errors, true, bias, strict=True)]
+    return Samples(t_ns, *said, *bias)
+
+
+def ideal(
+    trajectory: Trajectory, t_s: ArrayLike, rig_from_imu: ArrayLike | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Angular rate [rad/s] and specific force [m/s^2], [n, 3] in the IMU's axes at t_s [n]:
+    w, and R^T (a + g) + w' x r + w x (w x r) at the lever arm r."""
+    s, rig = trajectory.state(t_s), np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
+    turn, lever = rig[:3, :3], rig[:3, 3]
+    w, dw = s.angular_velocity_rad_s, s.angular_acceleration_rad_s2
+    carried = s.acceleration_m_s2 + [0.0, 0.0, GRAVITY_M_S2]
+    force = np.einsum("nji,nj->ni", s.world_from_body, carried)
+    force += np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
+    return w @ turn, force @ turn
+
+
+def motion(
+    trajectory: Trajectory, t_s: ArrayLike, rig_from_imu: ArrayLike | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The IMU's own world_from_imu [n, 4, 4] and velocity [n, 3] in the world: what integrate() should come to."""
+    s, rig = trajectory.state(t_s), np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
+    pose = np.tile(np.eye(4), (len(s.position_m), 1, 1))
+    pose[:, :3, :3], pose[:, :3, 3] = s.world_from_body, s.position_m
+    turning = np.einsum("nij,nj->ni", s.world_from_body, np.cross(s.angular_velocity_rad_s, rig[:3, 3]))
+    return pose @ rig, s.velocity_m_s + turning
+
+
+def integrate(
+    t_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike, world_from_imu: ArrayLike, velocity_m_s: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Strapdown: world_from_imu [n, 4, 4] and velocity [n, 3] at t_s [n], from rates and specific forces [n, 3] then
+    and the first pose [4, 4] and velocity [3].
+
+    Rates between samples are a spline of degree 5; a step's rotation is Magnus' expansion of fourth order (Iserles et
+    al. 2000, eq. 4.19). Velocity and position are integrals of the spline of the force in the world.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    t, w, f = (np.asarray(v, float) for v in (t_s, gyro_rad_s, accel_m_s2))
+    start = np.asarray(world_from_imu, float)
+    degree = min(5, (len(t) - 1) // 2 * 2 + 1 if len(t) > 2 else 1)
+    rate = make_interp_spline(t, w, min(degree, len(t) - 1))
+    h = np.diff(t)[:, None]
+    early, late = (rate(t[:-1] + h[:, 0] * (0.5 + side * math.sqrt(3) / 6)) for side in (-1, 1))
+    # R' = R [w]x multiplies from the right: the commutator's sign is the other one.
+    turns = h / 2 * (early + late) + math.sqrt(3) / 12 * h * h * np.cross(early, late)
+    rotation = np.concatenate([start[None, :3, :3], rotation_from_vector(turns)])
+    step = 1
+    while step < len(rotation):  # all products from the first, doubling
+        rotation = np.concatenate([rotation[:step], rotation[:-step] @ rotation[step:]])
+        step *= 2
+    world = np.einsum("nij,nj->ni", rotation, f) - [0.0, 0.0, GRAVITY_M_S2]
+    gained = make_interp_spline(t, world, min(degree, len(t) - 1)).antiderivative()
+    travelled = gained.antiderivative()
+    velocity = np.asarray(velocity_m_s, float) + gained(t) - gained(t[0])
+    past = (t - t[0])[:, None]
+    pose = np.tile(np.eye(4), (len(t), 1, 1))
+    pose[:, :3, :3] = rotation
+    drift = (np.asarray(velocity_m_s, float) - gained(t[0])) * past
+    pose[:, :3, 3] = start[:3, 3] + drift + travelled(t) - travelled(t[0])
+    return pose, velocity
+
+
+def rotation_from_vector(v: ArrayLike) -> NDArray[np.float64]:
+    """[n, 3, 3] of rotation vectors [n, 3]."""
+    v = np.asarray(v, float)
+    angle = np.linalg.norm(v, axis=-1, keepdims=True)
+    return poses.matrix_from_quaternion(
+        np.concatenate([v * np.sinc(angle / (2 * math.pi)) / 2, np.cos(angle / 2)], axis=-1)
+    )
+
+
+def _decaying_sum(drive: NDArray[np.float64], keep: float) -> NDArray[np.float64]:
+    """x[i] = keep x[i - 1] + drive[i], along the first axis."""
+    x = drive.copy()
+    for i in range(1, len(x)):
+        x[i] += keep * x[i - 1]
+    return x

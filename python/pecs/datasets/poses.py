@@ -1,0 +1,223 @@
+"""Poses: rotations, interpolation, and the files of TUM and EuRoC, read strictly and written so that they read back bit
+by bit.
+
+Quaternions are (x y z w), world_from_body; [4, 4] matrices map body points to the world. TUM rows are
+`t_s tx ty tz qx qy qz qw`; EuRoC csv has nanoseconds and the quaternion's w first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._library import PecsInputError
+from ._check import cannot_write, existing, fault
+
+TUM_HEADER = "# t_s tx ty tz qx qy qz qw"
+EUROC_IMU_HEADER = (
+    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+)
+EUROC_POSE_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+UNIT_TOLERANCE = 1e-2  # of a quaternion's length: files have few digits
+
+
+def bad_input(message: str) -> PecsInputError:
+    return PecsInputError(message, 4)  # docs/exit_codes.md
+
+
+def matrix_from_quaternion(q: ArrayLike) -> NDArray[np.float64]:
+    """[..., 3, 3] of [..., 4] (x y z w), of any length but 0."""
+    q = np.asarray(q, float)
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def quaternion_from_matrix(m: ArrayLike) -> NDArray[np.float64]:
+    """[..., 4] (x y z w) with w >= 0, of rotations [..., 3, 3]. From the largest component (Shepperd 1978)."""
+    m = np.asarray(m, float)
+    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    squares = np.stack([1 + a - b - c, 1 - a + b - c, 1 - a - b + c, 1 + a + b + c], axis=-1)  # 4 q^2
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    xw, yw, zw = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    products = np.stack(  # 4 q q_k for each k that may be the largest
+        [
+            np.stack([squares[..., 0], xy, xz, xw], axis=-1),
+            np.stack([xy, squares[..., 1], yz, yw], axis=-1),
+            np.stack([xz, yz, squares[..., 2], zw], axis=-1),
+            np.stack([xw, yw, zw, squares[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    largest = squares.argmax(axis=-1)[..., None, None]
+    q = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., 3:] < 0, -q, q)
+
+
+def pose_matrix(positions_m: ArrayLike, quaternions: ArrayLike) -> NDArray[np.float64]:
+    """[..., 4, 4] of positions [..., 3] and quaternions [..., 4]."""
+    positions_m = np.asarray(positions_m, float)
+    m = np.zeros((*positions_m.shape[:-1], 4, 4))
+    m[..., :3, :3] = matrix_from_quaternion(quaternions)
+    m[..., :3, 3] = positions_m
+    m[..., 3, 3] = 1
+    return m
+
+
+def position_quaternion(matrices: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions [..., 3] and quaternions [..., 4] of [..., 4, 4]."""
+    matrices = np.asarray(matrices, float)
+    return matrices[..., :3, 3].copy(), quaternion_from_matrix(matrices[..., :3, :3])
+
+
+def inverse(matrices: ArrayLike) -> NDArray[np.float64]:
+    """Of rigid [..., 4, 4]."""
+    matrices = np.asarray(matrices, float)
+    m = np.zeros_like(matrices)
+    m[..., :3, :3] = np.swapaxes(matrices[..., :3, :3], -1, -2)
+    m[..., :3, 3] = -(m[..., :3, :3] @ matrices[..., :3, 3:])[..., 0]
+    m[..., 3, 3] = 1
+    return m
+
+
+def slerp(q0: ArrayLike, q1: ArrayLike, fraction: ArrayLike) -> NDArray[np.float64]:
+    """[..., 4]: the shorter great circle from q0 to q1 at constant rate (Shoemake 1985)."""
+    q0, q1, f = np.asarray(q0, float), np.asarray(q1, float), np.asarray(fraction, float)[..., None]
+    cosine = (q0 * q1).sum(axis=-1, keepdims=True)
+    q1 = np.where(cosine < 0, -q1, q1)
+    angle = np.arctan2(
+        np.linalg.norm(q1 - q0, axis=-1, keepdims=True) / 2, np.linalg.norm(q1 + q0, axis=-1, keepdims=True) / 2
+    )
+    sine = np.sin(2 * angle)
+    near = sine < 1e-9
+    a = np.where(near, 1 - f, np.sin((1 - f) * 2 * angle) / np.where(near, 1, sine))
+    b = np.where(near, f, np.sin(f * 2 * angle) / np.where(near, 1, sine))
+    q = a * q0 + b * q1
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray[np.float64]:
+    """Poses [m, 4, 4] at `at` [m] between poses [n, 4, 4] at rising times [n]: positions linear, rotations slerp; the
+    same unit of time. Raises ValueError outside the times."""
+    at, times = np.asarray(at, float), np.asarray(times, float)
+    if at.size and (at.min() < times[0] or at.max() > times[-1]):
+        raise bad_input(f"poses: got {at.min():g} to {at.max():g}, wanted times within {times[0]:g} to {times[-1]:g}")
+    i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(len(times) - 2, 0))
+    j = np.minimum(i + 1, len(times) - 1)
+    f = (at - times[i]) / np.where(j > i, times[j] - times[i], 1.0)
+    p, q = position_quaternion(matrices)
+    return pose_matrix(p[i] + f[:, None] * (p[j] - p[i]), slerp(q[i], q[j], f))
+
+
+# Files
+
+
+def write_tum(path: str | PathLike, t_s: ArrayLike, positions_m: ArrayLike, quaternions: ArrayLike) -> None:
+    """Poses at t_s [n]: positions [n, 3], quaternions [n, 4]. Numbers have as many digits as they need."""
+    rows = np.column_stack([np.asarray(v, float) for v in (t_s, positions_m, quaternions)])
+    _write(path, [TUM_HEADER, *(" ".join(map(repr, row)) for row in rows.tolist())])
+
+
+def read_tum(path: str | PathLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """t_s [n], positions_m [n, 3], quaternions [n, 4] of length 1. Raises PecsInputError with file and line."""
+    rows = _table(Path(path), None, 8, TUM_HEADER[2:])
+    return rows[:, 0], rows[:, 1:4], _unit_quaternions(Path(path), rows[:, 4:8])
+
+
+def write_euroc_poses(path: str | PathLike, t_ns: ArrayLike, positions_m: ArrayLike, quaternions: ArrayLike) -> None:
+    q = np.asarray(quaternions, float)
+    _write_csv(path, EUROC_POSE_HEADER, t_ns, np.column_stack([np.asarray(positions_m, float), q[:, [3, 0, 1, 2]]]))
+
+
+def read_euroc_poses(path: str | PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """t_ns [n], positions_m [n, 3], quaternions [n, 4] (x y z w) of state_groundtruth_estimate0/data.csv; velocities
+    and biases that follow are left out."""
+    rows = _table(Path(path), ",", 8, EUROC_POSE_HEADER[1:], more=True)
+    return _nanoseconds(Path(path)), rows[:, 1:4], _unit_quaternions(Path(path), rows[:, [5, 6, 7, 4]])
+
+
+def write_euroc_imu(path: str | PathLike, t_ns: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
+    """imu0/data.csv: angular rate [n, 3] and specific force [n, 3] at t_ns [n]."""
+    _write_csv(path, EUROC_IMU_HEADER, t_ns, np.column_stack([gyro_rad_s, accel_m_s2]))
+
+
+def read_euroc_imu(path: str | PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """t_ns [n], gyro_rad_s [n, 3], accel_m_s2 [n, 3]."""
+    rows = _table(Path(path), ",", 7, EUROC_IMU_HEADER[1:])
+    return _nanoseconds(Path(path)), rows[:, 1:4], rows[:, 4:7]
+
+
+def _write_csv(path, header: str, t_ns: ArrayLike, columns: ArrayLike) -> None:
+    rows = np.asarray(columns, float).tolist()
+    times = np.asarray(t_ns).astype(np.int64).tolist()
+    _write(path, [header, *(",".join([str(t), *map(repr, row)]) for t, row in zip(times, rows, strict=True))])
+
+
+def _write(path: str | PathLike, lines: list[str]) -> None:
+    try:
+        Path(path).write_text("\n".join(lines) + "\n")
+    except OSError as e:
+        cannot_write(Path(path), e.strerror)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of every line that is no comment."""
+    existing(path, "a file of poses or of an IMU")
+    try:
+        text = path.read_text(errors="replace")
+    except OSError as e:
+        raise bad_input(f"{path}: {e.strerror}, wanted text") from None
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield number, line
+
+
+def _table(path: Path, comma: str | None, columns: int, names: str, more: bool = False) -> NDArray[np.float64]:
+    """Rows of finite numbers, the first (a time) rising."""
+    rows: list[list[float]] = []
+    for number, line in _lines(path):
+        words = line.split(comma)
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = []
+        if not (len(row) == columns or more and len(row) > columns) or not all(map(math.isfinite, row)):
+            fault(path, f"line {number}", line.strip(), f"{columns} finite numbers: {names}")
+        if rows and row[0] <= rows[-1][0]:
+            fault(path, f"line {number}: time", words[0].strip(), "a time after the one before")
+        rows.append(row[:columns])
+    if not rows:
+        fault(path, "rows", 0, f"at least one of {names}")
+    return np.array(rows)
+
+
+def _nanoseconds(path: Path) -> NDArray[np.int64]:
+    """The first column as integers: a double has too few digits for nanoseconds since 1970."""
+    times = []
+    for number, line in _lines(path):
+        word = line.split(",")[0].strip()
+        if not word.isdigit():
+            fault(path, f"line {number}: time", word, "whole nanoseconds")
+        times.append(int(word))
+    return np.array(times, np.int64)
+
+
+def _unit_quaternions(path: Path, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(q, axis=1)
+    wrong = np.flatnonzero(np.abs(length - 1) > UNIT_TOLERANCE)
+    if len(wrong):
+        number = [n for n, _ in _lines(path)][wrong[0]]
+        fault(path, f"line {number}: length of the quaternion", float(length[wrong[0]]), "1")
+    exact = np.abs(length - 1) < 1e-12  # as written: bits stay
+    return np.where(exact[:, None], q, q / length[:, None])

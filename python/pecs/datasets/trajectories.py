@@ -1,0 +1,422 @@
+"""Motions of a camera or a rig, drawn: `plan` draws until the path keeps clear of the scene's surfaces and sees some.
+
+    rng = np.random.default_rng(7)
+    parameters = {"duration_s": 2, "volume": [[-1, -1, 1], [1, 1, 2]], "speed_m_per_s": 1.5, "pauses": 1}
+    trajectory = plan("drone", parameters, Surfaces([0.0], [points]), rng)
+    positions_m, quaternions = trajectory.pose(np.linspace(0, 2, 2001))
+
+The same parameters, surfaces and generator give the same bits. docs/trajectories.md describes every kind and parameter.
+How to add a kind: a path in paths.py, its parameters in `PARAMETERS`, its draw in `DRAWS`; the tests go over `KINDS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import paths, poses, taylor
+from .parameters import COMMON, PARAMETERS, read
+from .paths import Clock, Trajectory
+from .poses import bad_input
+from .taylor import Series, spline
+
+KINDS = tuple(PARAMETERS)
+MAX_WAYPOINTS = 2000
+CANDIDATES = 64  # points drawn at once
+MIN_THRUST_G = 0.3  # of a drone
+MAX_ELEVATION_DEG = 80.0  # of the view: straight up has no level camera
+
+# Shake, assumed: rms of rotation [deg] and translation [mm] per axis in bands [Hz], with how many sines. Hands: sway,
+# what held cameras were measured to do at about 2 and 4 Hz (doi 10.5100/jje.31.399, abstract), and physiological
+# tremor at 8-12 Hz; the amplitudes are guesses that add up to 2.7 deg/s. A car's body on its springs, and its wheels.
+HAND_SHAKE = ((0.3, 1.5, 6, 0.25, 1.5), (1.5, 5.0, 8, 0.1, 0.4), (8.0, 12.0, 6, 0.02, 0.03))
+CAR_SHAKE = ((0.8, 2.0, 6, 0.3, 8.0), (9.0, 13.0, 6, 0.01, 0.3))
+
+
+class Surfaces:
+    """Samples of a scene's surfaces. times_s [m] rise; points: m arrays [n, 3] of what moves (or of everything, at one
+    instant); static [n, 3]: what does not. spacing_m: how far a point of a surface may lie from the nearest sample.
+    Between two instants both count."""
+
+    def __init__(
+        self, times_s: ArrayLike, points: Sequence[ArrayLike], static: ArrayLike | None = None, spacing_m: float = 0.0
+    ):
+        from scipy.spatial import cKDTree
+
+        self.times_s, self.spacing_m = np.atleast_1d(np.asarray(times_s, float)), spacing_m
+        moving = [np.asarray(p, float).reshape(-1, 3) for p in points]
+        if len(moving) != len(self.times_s) or (np.diff(self.times_s) <= 0).any():
+            raise bad_input(f"surfaces: got {len(moving)} sets of points at {self.times_s}, wanted one per rising time")
+        self.static = np.zeros((0, 3)) if static is None else np.asarray(static, float).reshape(-1, 3)
+        self.moving = moving
+        self._trees = [cKDTree(p) for p in moving]
+        self._static_tree = cKDTree(self.static)
+
+    def _around(self, t_s: float) -> tuple[int, int]:
+        i = int(np.searchsorted(self.times_s, t_s, side="right")) - 1
+        return max(i, 0), min(max(i + (t_s > self.times_s[max(i, 0)]), 0), len(self.times_s) - 1)
+
+    def points(self, t_s: float) -> NDArray[np.float64]:
+        """[n, 3] at about t_s."""
+        return np.concatenate([self.static, self.moving[self._around(t_s)[0]]])
+
+    def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[n]: from positions [n, 3] to the nearest sample at t_s [n]; inf where there is none."""
+        nearest = self._static_tree.query(positions_m)[0] if len(self.static) else np.full(len(t_s), np.inf)
+        first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
+        second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
+        for k in np.unique(np.concatenate([first, second])):
+            if len(self.moving[k]):
+                mine = np.flatnonzero((first == k) | (second == k))
+                nearest[mine] = np.minimum(nearest[mine], self._trees[k].query(positions_m[mine])[0])
+        return nearest
+
+
+class _Rejected(Exception):
+    """Why a draw will not do; `way_s` where along the way, if it is at one place."""
+
+    def __init__(self, why: str, way_s: float | None = None):
+        super().__init__(why)
+        self.way_s = way_s
+
+
+def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rng: np.random.Generator) -> Trajectory:
+    """A trajectory of a kind (KINDS) that stays `clearance_m` away from all surfaces at all times and always sees some.
+
+    Without surfaces nothing is in the way. Raises PecsInputError, one line: a parameter that is unknown or out of its
+    range, a waypoint that cannot be reached, or what no path of `tries` met.
+    """
+    if kind not in PARAMETERS:
+        raise bad_input(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
+    p = read(kind, parameters)
+    clock = _clock(p, rng)
+    route, again_from_s, why = None, None, ""
+    for _ in range(p["tries"]):
+        try:
+            if kind in SPLINES:
+                if route is None:
+                    route = _Route(kind, p, clock, surfaces, rng)
+                elif again_from_s is not None:
+                    route.redraw(again_from_s)
+            path, drawn = DRAWS[kind](p, clock, route, rng)
+            trajectory = Trajectory(path, clock, kind, _record(p, clock, route, drawn))
+            _check(trajectory, p, surfaces)
+            return trajectory
+        except _Rejected as e:
+            why, again_from_s = str(e), e.way_s
+            if route and not route.given and again_from_s is None:
+                route = None
+    raise bad_input(f"{kind}: no path in {p['tries']} tries: {why}")
+
+
+def _clock(p: dict, rng: np.random.Generator) -> Clock:
+    duration, ramp, pauses = p["duration_s"], p["pause_ramp_s"], p["pauses"]
+    if isinstance(pauses, int):
+        each = p["pause_s"] + 2 * ramp
+        if pauses * each > duration:
+            raise bad_input(
+                f"pauses: got {pauses} of {each:g} s with their ramps, wanted at most {duration:g} s in all"
+            )
+        starts = np.sort(rng.uniform(0, duration - pauses * each, pauses)) + each * np.arange(pauses) + ramp
+        pauses = [(float(start), p["pause_s"]) for start in starts]
+    return Clock(duration, tuple(map(tuple, pauses)), ramp, p["speed"])
+
+
+def _record(p: dict, clock: Clock, route: _Route | None, drawn: dict) -> dict:
+    """What was drawn, as JSON takes it."""
+    record = {key: value for key, value in p.items() if value is not None}
+    record |= {"pauses": [list(pause) for pause in clock.pauses], "speed": list(clock.speed)}
+    if route:
+        record |= {"waypoints": route.points.tolist(), "waypoint_times_s": route.times_s.tolist()}
+    return record | drawn
+
+
+# Waypoints
+
+
+class _Route:
+    """Waypoints [n, 3] and when the way passes them; those of the parameters, or random ones in `volume`."""
+
+    def __init__(self, kind: str, p: dict, clock: Clock, surfaces: Surfaces | None, rng: np.random.Generator):
+        self._kind, self._p, self._clock, self._surfaces, self._rng = kind, p, clock, surfaces, rng
+        self.given = p["waypoints"] is not None
+        if self.given:
+            self.points = np.array(p["waypoints"], float)
+            self.times_s = self._times(self.points)
+            self.times_s *= clock.way_s / self.times_s[-1]  # all of them in the time there is
+            self._reach()
+            return
+        if p["volume"] is None:
+            raise bad_input(f"{kind}: got neither volume nor waypoints, wanted one of them")
+        self._low, self._high = np.array(p["volume"], float)
+        self._extend([])
+
+    def redraw(self, way_s: float) -> None:
+        """Anew near that place and after it, unless they are given (then only what else is drawn changes)."""
+        if self.given:
+            return
+        keep = max(int(np.searchsorted(self.times_s, way_s)) - 1 - int(self._rng.integers(0, 3)), 0)
+        self._extend(list(self.points[:keep]))
+
+    def _times(self, points) -> NDArray[np.float64]:
+        steps = np.linalg.norm(np.diff(np.asarray(points), axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)]) / self._p["speed_m_per_s"]
+
+    def _needed(self) -> float:
+        return needed_m(self._p["clearance_m"], self._surfaces)
+
+    def _distance(self, way_s: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._surfaces is None:
+            return np.full(len(points), np.inf)
+        # About when: where the clock runs evenly. The whole path is checked at its own times.
+        t = np.minimum(way_s / max(self._clock.way_s, 1e-12), 1.0) * self._clock.duration_s
+        return self._surfaces.distance(t, points)
+
+    def _reach(self) -> None:
+        distance = self._distance(self.times_s, self.points)
+        worst = int(np.argmin(distance))
+        if distance[worst] < self._needed():
+            point = ", ".join(f"{c:g}" for c in self.points[worst])
+            raise bad_input(
+                f"{self._kind}: unreachable waypoint {worst + 1}: ({point}) m is {distance[worst]:.3g} m from a "
+                f"surface, wanted {self._needed():.3g} m"
+            )
+
+    def _extend(self, points: list) -> None:
+        """On to the end of the way, and one further, so that the spline's end is not the path's."""
+        if self._p["speed_m_per_s"] * self._clock.way_s > MAX_WAYPOINTS * self._p["step_m"][1]:
+            raise bad_input(
+                f"{self._kind}: got a way of {self._p['speed_m_per_s'] * self._clock.way_s:.4g} m, wanted at most "
+                f"{MAX_WAYPOINTS} steps of {self._p['step_m'][1]:g} m"
+            )
+        while len(points) < 5 or self._times(points)[-2] < self._clock.way_s:
+            points.append(self._next(points))
+        self.points, self.times_s = np.array(points), self._times(points)
+
+    def _next(self, points: list) -> NDArray[np.float64]:
+        """A point at a step's distance, clear, with a clear line to it."""
+        short, far = self._p["step_m"]
+        low, high = self._low, self._high
+        if points:
+            low, high = np.maximum(low, points[-1] - far), np.minimum(high, points[-1] + far)
+        nearest = 0.0
+        for _ in range(8):
+            candidates = self._rng.uniform(low, high, (CANDIDATES, 3))
+            if points:
+                step = np.linalg.norm(candidates - points[-1], axis=1)
+                candidates = candidates[(step >= short) & (step <= far) & self._turns(points, candidates)]
+            for candidate in candidates:
+                line = np.linspace(points[-1] if points else candidate, candidate, 8)[1:]
+                way = np.full(len(line), self._times([*points, candidate])[-1] if points else 0.0)
+                distance = self._distance(way, line).min()
+                if distance >= self._needed():
+                    return candidate
+                nearest = max(nearest, distance)
+        if nearest == 0:
+            raise _Rejected(
+                f"unreachable waypoint {len(points) + 1}: no step of {short:g} to {far:g} m stays in the volume"
+            )
+        raise _Rejected(
+            f"unreachable waypoint {len(points) + 1}: every way to it comes within {nearest:.3g} m of a surface, "
+            f"wanted {self._needed():.3g} m"
+        )
+
+    def _turns(self, points: list, candidates: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which candidates lie ahead: for a vehicle as far as its turning circle lets, for a drone within 120 deg."""
+        if self._kind == "drone" and len(points) > 1:
+            ahead, step = points[-1] - points[-2], candidates - points[-1]
+            return step @ ahead > -0.5 * np.linalg.norm(ahead) * np.linalg.norm(step, axis=1)
+        if self._kind != "vehicle":
+            return np.ones(len(candidates), bool)
+        step = (candidates - points[-1])[:, :2]
+        heading = self._p["heading_deg"]
+        if len(points) > 1:
+            ahead = (points[-1] - points[-2])[:2]
+        elif heading is not None:
+            ahead = np.array([math.cos(math.radians(heading)), math.sin(math.radians(heading))])
+        else:
+            return np.ones(len(candidates), bool)
+        turn = np.abs(np.arctan2(ahead[0] * step[:, 1] - ahead[1] * step[:, 0], step @ ahead))
+        return turn <= np.minimum(0.5 * np.linalg.norm(step, axis=1) / self._p["min_radius_m"], math.radians(50))
+
+
+# Draws: parameters, clock, route, generator -> the path, and what was drawn beside the waypoints
+
+
+def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
+    position = spline(route.times_s, route.points, 7)
+    yaw = None
+    if p["target"] is None:
+        at = Series.variable(route.times_s, 0)
+        velocity = np.stack([axis.derivative()(at).values() for axis in position[:2]])
+        yaw = spline(route.times_s, np.unwrap(np.arctan2(velocity[1], velocity[0]))[:, None], 5)[0]
+    return paths.Drone(position, yaw, p["target"], math.radians(p["pitch_deg"])), {}
+
+
+def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
+    position = spline(route.times_s, route.points, 5)
+    knots = np.arange(math.ceil(clock.way_s / p["gaze_s"]) + 4) * p["gaze_s"]
+    wander = np.radians(p["wander_deg"]) * rng.uniform(-1, 1, (len(knots), 2))
+    gaze, drawn = None, {}
+    if p["target"] is None:
+        yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
+        drawn = {"yaw_deg": yaw_deg}
+        gaze = spline(knots, np.radians([yaw_deg, p["pitch_deg"]]) + wander, 5)
+    shake = _waves(HAND_SHAKE, p["shake"], [1e-3] * 3, [math.radians(1)] * 3, rng)
+    return paths.HandHeld(position, gaze, p["target"], None if gaze else spline(knots, wander, 5), shake), drawn
+
+
+def _vehicle(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
+    position = spline(route.times_s, route.points[:, :2], 5)
+    way = Series.variable(np.linspace(0, clock.way_s, 64 * len(route.points)), 2)
+    x, y = (axis(way) for axis in position)
+    speed = np.hypot(x.values(1), y.values(1))
+    curvature = np.abs(x.values(1) * y.values(2) - y.values(1) * x.values(2)) / speed**3
+    tightest = int(np.argmax(curvature))
+    if curvature[tightest] * p["min_radius_m"] > 1:
+        radius = 1 / curvature[tightest]
+        raise _Rejected(f"turns on a radius of {radius:.3g} m, wanted {p['min_radius_m']:g} m", way.values()[tightest])
+    shake = _waves(CAR_SHAKE, p["shake"], [1e-3], [math.radians(1)] * 2, rng)
+    return paths.Vehicle(position, float(route.points[0, 2]), math.radians(p["pitch_deg"]), shake), {}
+
+
+def _waves(bands, factor: float, metres: list[float], radians: list[float], rng) -> paths.Waves:
+    """Rows of translation (per mm), then rotation (per degree), independent of each other, normal in amplitude."""
+    frequencies = np.concatenate([rng.uniform(low, high, count) for low, high, count, _, _ in bands])
+    rms = np.concatenate([np.tile([[mm], [deg]], count) / math.sqrt(count) for _, _, count, deg, mm in bands], axis=1)
+    scale = factor * np.concatenate([np.outer(metres, rms[0]), np.outer(radians, rms[1])])
+    a, b = scale * rng.standard_normal(scale.shape), scale * rng.standard_normal(scale.shape)
+    return paths.Waves(frequencies, np.hypot(a, b), np.arctan2(b, a))
+
+
+def _orbit(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+    side = 1 if rng.uniform() < 0.5 else -1
+    start_deg = p["start_deg"] if p["start_deg"] is not None else float(rng.uniform(0, 360))
+    rate = side * p["speed_m_per_s"] / p["radius_m"]
+    phase = float(rng.uniform(0, 2 * math.pi))
+    path = paths.Orbit(p["target"], p["radius_m"], p["height_m"], p["bob_m"], rate, math.radians(start_deg), phase)
+    return path, {"start_deg": start_deg, "side": side, "bob_phase_rad": phase}
+
+
+def _still(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+    position = p["position"]
+    if position is None:
+        if p["volume"] is None:
+            raise bad_input("still: got neither position nor volume, wanted one of them")
+        position = tuple(rng.uniform(*np.array(p["volume"], float)).tolist())
+    if p["target"] is not None:
+        ahead = np.subtract(p["target"], position)
+        return paths.Still(position, tuple(ahead.tolist()), 2), {"position": list(position)}
+    yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
+    yaw, pitch = math.radians(yaw_deg), math.radians(p["pitch_deg"])
+    ahead = (math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch))
+    return paths.Still(position, ahead), {"position": list(position), "yaw_deg": yaw_deg}
+
+
+def _recorded(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+    if p["format"] == "euroc":
+        t_ns, position, quaternion = poses.read_euroc_poses(p["file"])
+        t = (t_ns - t_ns[0]) * 1e-9
+    else:
+        t, position, quaternion = poses.read_tum(p["file"])
+        t = t - t[0]
+    spare = t[-1] - clock.way_s
+    if len(t) < 6 or spare < (p["start_s"] or 0):
+        wanted = f"wanted 6 or more of at least {clock.way_s + (p['start_s'] or 0):g} s"
+        raise bad_input(f"{p['file']}: got {len(t)} poses of {t[-1]:g} s, {wanted}")
+    start = p["start_s"] if p["start_s"] is not None else float(rng.uniform(0, spare))
+    flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1, 1))
+    quaternion[1:] *= flips[:, None]
+    path = paths.Recorded(
+        spline(t, position, 5, p["knot_s"]),
+        spline(t, quaternion, 5, p["knot_s"]),
+        start,
+        np.array(p["world_from_recorded"], float),
+        np.array(p["body_from_camera"], float),
+    )
+    return path, {"start_s": start}
+
+
+DRAWS: dict[str, Callable] = {
+    "drone": _drone,
+    "hand_held": _hand_held,
+    "vehicle": _vehicle,
+    "orbit": _orbit,
+    "still": _still,
+    "recorded": _recorded,
+}
+SPLINES = ("drone", "hand_held", "vehicle")
+assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
+
+
+# Checks of a whole path
+
+
+def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
+    """From every sample of a surface, so that the surface between samples keeps clearance_m, too; with an eighth more
+    for what the camera moves between two checks."""
+    return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8
+
+
+def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
+    if isinstance(trajectory.path, paths.Drone):
+        _check_drone(trajectory, p)
+    t = instants(trajectory, p["clearance_m"] / 4)
+    at = t[:: max(len(t) // 64, 1)]
+    rotation = trajectory.matrices(at)[:, :3, :3]
+    view = np.degrees(np.arcsin(np.clip(rotation[:, 2, 2], -1, 1)))
+    steep = int(np.argmax(np.abs(view)))
+    if p.get("target") is not None and abs(view[steep]) > MAX_ELEVATION_DEG:
+        wanted = f"wanted at most {MAX_ELEVATION_DEG:g}"
+        raise _Rejected(f"looks {view[steep]:.0f} deg up at {at[steep]:.3g} s, {wanted}", _way(trajectory, at[steep]))
+    if surfaces is None:
+        return
+    distance = surfaces.distance(t, trajectory.positions(t))
+    worst, needed = int(np.argmin(distance)), needed_m(p["clearance_m"], surfaces)
+    if distance[worst] < needed:
+        why = f"comes within {distance[worst]:.3g} m of a surface at {t[worst]:.3g} s, wanted {needed:.3g} m"
+        raise _Rejected(why, _way(trajectory, t[worst]))
+    for i in range(0, len(at), 4):
+        to = surfaces.points(at[i]) - trajectory.positions(at[i : i + 1])
+        ahead = to @ rotation[i, :, 2]
+        if not (ahead > math.cos(math.radians(p["view_deg"] / 2)) * np.linalg.norm(to, axis=1)).any():
+            why = f"sees nothing within {p['view_deg']:g} deg at {at[i]:.3g} s"
+            raise _Rejected(why, _way(trajectory, at[i]))
+
+
+def _check_drone(trajectory: Trajectory, p: dict) -> None:
+    """That a quadrotor could: tilt, rate, and a thrust that is never nearly zero (it would turn over at once)."""
+    t = np.linspace(0, trajectory.duration_s, 512)
+    force = taylor.values(trajectory.path.thrust(trajectory.path.frame(*trajectory.clock(t, 4))[0]))
+    tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))
+    rate = np.degrees(np.linalg.norm(trajectory.angular_velocity(t), axis=1))
+    thrust = np.linalg.norm(force, axis=1) / paths.GRAVITY_M_S2
+    for name, value, limit in (
+        ("tilts {:.0f} deg", tilt, p["max_tilt_deg"]),
+        ("has a thrust of {:.2f} g", -thrust, -MIN_THRUST_G),
+        ("turns at {:.0f} deg/s", rate, p["max_rate_deg_s"]),
+    ):
+        worst = int(np.argmax(value))
+        if value[worst] > limit:
+            what = f"{name.format(abs(value[worst]))} at {t[worst]:.3g} s"
+            wanted = f"wanted {'at least' if limit < 0 else 'at most'} {abs(limit):g}: slower, or longer steps"
+            raise _Rejected(f"{what}, {wanted}", _way(trajectory, t[worst]))
+
+
+def _way(trajectory: Trajectory, t_s: float) -> float:
+    return float(trajectory.clock(np.array([t_s]), 0)[1].values()[0])
+
+
+def instants(trajectory: Trajectory, step_m: float, most: int = 20000) -> NDArray[np.float64]:
+    """Times from 0 to the end, at least 65, between which the trajectory moves by at most step_m (more when that takes
+    more than `most`)."""
+    t = np.linspace(0, trajectory.duration_s, 4097)
+    steps = np.linalg.norm(np.diff(trajectory.positions(t), axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    count = min(math.ceil(length[-1] / step_m) + 1, most)
+    even = np.interp(np.linspace(0, length[-1], count), length, t)
+    return np.unique(np.concatenate([even, t[::64]]))
