@@ -101,6 +101,7 @@ StackInfo parse_stack_info(const Json& json, const std::string& file) {
     o.fail("subpixels", fmt::format("{}x{} in all", info.file_width(), info.file_height()),
            fmt::format("at most {}", kMaxSide));
   info.has_between = o.boolean_or("between", false);
+  info.has_light = o.boolean_or("light", true);
   for (JsonObject& band : o.objects("bands")) {
     const Band b{band.number("lambda_nm", {100, 20000}), band.number("weight_nm", {0, 1e6})};
     if (!info.bands.empty() && b.lambda_nm < info.bands.back().lambda_nm + 2 * kSameLambda_nm)

@@ -100,6 +100,10 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
   info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
   if (info_.has_between) between_ = betweens_in(folder_);
   const Layer& light = info_.layers[0];
+  if (!info_.has_light) {
+    frames_ = std::ssize(info_.times_ns);
+    return;
+  }
   const std::vector<std::int64_t> present = frames_in(folder_, light);
   if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
   for (std::size_t i = 0; i < present.size(); ++i)
@@ -183,6 +187,7 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
   if (index < 0 || index >= count)
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
   const bool is_light = layer.name == kLight;
+  if (is_light && !info_.has_light) throw bad_input(folder_.string(), "light", "layers alone", "a stack with light");
   const auto time_ns = has_json_ ? std::optional(info_.times_ns[static_cast<std::size_t>(index)]) : std::nullopt;
   read_file(is_light ? frame_path(index) : folder_ / frame_name(layer, index), layer, time_ns, sink, begin, end);
 }

@@ -87,6 +87,17 @@ def travel():
     move(scene.camera, "rotation_euler", [(math.pi / 2, 0, 0), (math.pi / 2 + 0.02, 0.01, 0.05)])
 
 
+def led():
+    """As `travel`, with a camera that much else moves: a parent, a constraint, deltas."""
+    travel()
+    scene = bpy.context.scene
+    parent = put(None, (0, -1, 0), name="parent")
+    move(parent, "rotation_euler", [(0, 0, 0), (0, 0, 0.5)])
+    scene.camera.parent, scene.camera.delta_location = parent, (0.1, 0, 0)
+    scene.camera.delta_rotation_euler, scene.camera.scale = (0.1, 0, 0.1), (2, 2, 2)
+    scene.camera.constraints.new("TRACK_TO").target = bpy.data.objects["near"]
+
+
 def instances():
     """Collection instances that move, and geometry-nodes instances on a mesh that moves, one mesh linked twice."""
     start()
@@ -250,7 +261,7 @@ def deforming():
 
 SCENES = {
     f.__name__: f
-    for f in (rigid, centimetres, travel, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
+    for f in (rigid, centimetres, travel, led, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
 }
 
 if __name__ == "__main__":

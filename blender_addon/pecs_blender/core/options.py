@@ -107,6 +107,14 @@ class Options:
     layers: tuple[str, ...] = option(
         (), f"what to render beside the light: a list of {', '.join(LAYERS)}", parse=_layers, recorded=False
     )
+    no_light: bool = option(False, "only the --layers, no light", recorded=False)
+    camera_path: str | None = option(
+        None,
+        "moves the camera: a text file of rows t_s tx ty tz qx qy qz qw (TUM), in metres, from camera axes x right, "
+        "y down, z forward to the scene's",
+        metavar="FILE",
+        recorded=False,
+    )
     width: int | None = option(None, "pixels; the scene's if not given", low=1, high=8192, recorded=False)
     height: int | None = option(None, "pixels; in the scene's shape if not given", low=1, high=8192, recorded=False)
     film_width_mm: float | None = option(None, "of a lens camera; the chip's if not given", low=0.01, high=1000)

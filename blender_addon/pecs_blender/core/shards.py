@@ -56,7 +56,8 @@ class _Shard:
         top = JsonObject(self.json, path)
         self.times_ns = top.numbers("times_ns")
         self._period_ns = top.maybe_number("period_ns")
-        self.patterns, self._per_interval = {"light": "frame_%06d.exr"}, set()
+        lit = self.json.get("light", True)
+        self.patterns, self._per_interval = {"light": "frame_%06d.exr"} if lit else {}, set()
         for i, entry in enumerate(top.any("layers") if top.has("layers") else ()):
             layer = JsonObject(entry, path, f"layers[{i}]")
             pattern = layer.text("files")

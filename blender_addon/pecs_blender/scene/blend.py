@@ -58,7 +58,16 @@ class BlendScene(Source):
         if self._cuts:  # the last marker's camera; the first one's before it
             self._camera = [self._cuts[0], *(cut for cut in self._cuts if cut[0] <= frame)][-1][1]
         self.scene.camera = self._camera
+        if self.path:
+            self._camera.matrix_world = self.on_path(t_s)
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
+
+    def follow(self, path) -> None:
+        super().follow(path)
+        for camera in {self._camera, *(camera for _, camera in self._cuts)}:  # nothing else moves them
+            camera.animation_data_clear()
+            camera.constraints.clear()
+            camera.parent = None
 
     def camera(self, focal_mm: float, film_width_mm: float):
         return self._camera  # as the file has it, depth of field included

@@ -22,7 +22,7 @@ METER_SAMPLES = 4096
 class FolderScene(Source):
     def __init__(self, scene_file: SceneFile):
         self.scene = cycles.empty_scene()
-        self._file = scene_file
+        self._file, self._t_s, self._pinhole = scene_file, 0.0, None
         self._parts = scene_file.build()
         self.folder = scene_file.folder
         self.lens = scene_file.camera
@@ -35,15 +35,20 @@ class FolderScene(Source):
 
     def set_time(self, t_s: float) -> None:
         self._parts.pose(t_s)
+        self._t_s = t_s
+        if self.path and self._pinhole:
+            self.place([self._pinhole])
 
     def camera(self, focal_mm: float, film_width_mm: float):
-        camera = cycles.pinhole_camera("pinhole", focal_mm, film_width_mm)
-        self.place([camera])
-        self.scene.camera = camera
-        return camera
+        self._pinhole = self.scene.camera = cycles.pinhole_camera("pinhole", focal_mm, film_width_mm)
+        self.place([self._pinhole])
+        return self._pinhole
 
     def place(self, cameras) -> None:
         for camera in cameras:
+            if self.path:
+                camera.matrix_world = self.on_path(self._t_s)
+                continue
             camera.rotation_euler = [math.radians(a) for a in self.lens.get("rotation_deg", LOOK_ALONG_Y_DEG)]
 
     def radiance_per_unit(self, spectral) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 import pecs
 
 from ..core import stop
+from ..core.camera_path import read_camera_path
 from ..core.chip import Chip, load_chip
 from ..core.errors import USAGE, RenderError
 from ..core.options import Options
@@ -32,6 +33,8 @@ from .spectral import SpectralScene
 def render(source: Source, folder: Path, options: Options, overwrite: bool = False, plan_only: bool = False) -> None:
     """plan_only: prints what would be rendered, how long that takes here and how much it writes."""
     options = _resolved(options)
+    if options.camera_path:
+        source.follow(read_camera_path(Path(options.camera_path)))
     pixels = _size(source, options)
     width, height = size = tuple(n * options.subpixels for n in pixels)
     chip = load_chip(options.chip)
@@ -45,24 +48,29 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
     spectral = SpectralScene(illuminant, source.folder, source.unit_m)
     lamps = spectral.emitters.mean_pairs()
     bands = pecs.bands(options.chip, options.bands, options.placement, lamps, options.min_nm, options.max_nm)
-    channels = len(bands) + sum(len(layers.KINDS[name].channels) for name in options.layers)
+    channels = sum(len(layers.KINDS[name].channels) for name in options.layers)
+    channels += 0 if options.no_light else len(bands)
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
+        grid = timeline(options.frames, options.fps, source.period_s, source.duration_s)
+        if source.path:
+            source.path.check(grid)
         source.set_time(0.0)
-        scale = source.radiance_per_unit(spectral) * options.light_scale
+        scale = 1.0 if options.no_light else source.radiance_per_unit(spectral) * options.light_scale
         job, record = _job(source, spectral, options, bands, size, scale, Path(scratch))
         if options.noise_target:
             samples = noise.samples(job, sampling, chip.weights(bands), _wanted(options, chip))
             sampling = replace(sampling, samples=samples)
-        grid = timeline(options.frames, options.fps, source.period_s, source.duration_s)
         keys = adaptive.plan(job, grid, options.step_px, Path(scratch)) if options.is_adaptive else None
         plan = keys.timeline if keys else grid
         values = len(plan.times_ns[options.only or slice(None)]) * channels * width * height
-        if plan_only:
-            return print(f"render: {_estimate(job, plan, grid, values)}", file=sys.stderr)
-        check_disk(folder, values)
-        light = layers.Light(job, sampling)
+        if not plan_only:
+            check_disk(folder, values)
+        light = [] if options.no_light or plan_only else [layers.Light(job, sampling)]
         beside = [layers.KINDS[name](job, Path(scratch)) for name in options.layers]
+        if plan_only:
+            each_s = _layers_s(job, plan, beside) if options.no_light else _light_s(job, plan)
+            return print(f"render: {_estimate(plan, grid, each_s, values)}", file=sys.stderr)
         settings = _settings(options, source, scale, spectral)
         settings |= {"samples": sampling.samples * options.subpixels**2, "device": ", ".join(devices)}
         stack = _stack(source, plan, bands, pixels, options, record, settings)
@@ -72,13 +80,23 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
             if keys:
                 tolerance = options.time_tolerance * chip.contrast_threshold
                 judge = Judge(chip.weights(bands), tolerance, options.subpixels)
-                adaptive.Adaptive(job, keys, light, beside, judge, options).render(output)
+                adaptive.Adaptive(job, keys, *light, beside, judge, options).render(output)
             else:
-                _render_frames(job, plan, [*beside, light], output, options)
+                _render_frames(job, plan, [*beside, *light], output, options)
 
 
-def _estimate(job: Job, plan: Timeline, grid: Timeline, values: int) -> str:
-    """From a strip of a sixteenth of the picture, in the first pass."""
+def _layers_s(job: Job, plan: Timeline, made: list[layers.Layer]) -> float:
+    """How long the first instant takes, once scene and shaders are built."""
+    for _ in range(2):
+        start = time.perf_counter()
+        job.set_time(plan.times_ns[0] * 1e-9)
+        for layer in _due(made, plan, 0):
+            layer.render(*_times_s(layer, plan, 0))
+    return time.perf_counter() - start
+
+
+def _light_s(job: Job, plan: Timeline) -> float:
+    """How long an instant takes, from a strip of a sixteenth of the picture in the first pass."""
     scene, film, (width, height) = job.source.scene, cycles.Film(job.source.scene), job.size
     job.set_time(plan.times_ns[0] * 1e-9)
     scene.camera = job.passes[0].camera
@@ -89,7 +107,10 @@ def _estimate(job: Job, plan: Timeline, grid: Timeline, values: int) -> str:
     film.render()  # scene and shaders are built
     start = time.perf_counter()
     film.render()
-    each_s = (time.perf_counter() - start) * height / (strip[3] - strip[1]) * len(job.passes)
+    return (time.perf_counter() - start) * height / (strip[3] - strip[1]) * len(job.passes)
+
+
+def _estimate(plan: Timeline, grid: Timeline, each_s: float, values: int) -> str:
     count, all_of = len(plan.times_ns), len(grid.times_ns)
     what = f"{count} keyframes of {all_of} instants" if count < all_of else f"{count} instants"
     beside = ", and what lies between; what stands still costs nothing" if count < all_of else ""
@@ -98,6 +119,12 @@ def _estimate(job: Job, plan: Timeline, grid: Timeline, values: int) -> str:
 
 def _resolved(options: Options) -> Options:
     """What an option's default depends on."""
+    if options.no_light:
+        if not options.layers:
+            raise RenderError(USAGE, "--no-light: got no --layers, wanted some, or light")
+        for name, given in (("--time adaptive", options.is_adaptive), ("--noise-target", options.noise_target)):
+            if given:
+                raise RenderError(USAGE, f"{name}: got --no-light, wanted light")
     if not options.is_adaptive:
         return replace(options, subpixels=options.subpixels or 1)
     if options.moving_px:
@@ -129,21 +156,28 @@ def _job(source, spectral, options, bands, size, scale, scratch) -> tuple[Job, d
     return Job(source, spectral, size, lambda_nm, None, through, unit, **common), None
 
 
+def _due(made: list[layers.Layer], plan: Timeline, index: int) -> list[layers.Layer]:
+    """Of an instant, in their order: those of the interval that begins there move the scene on."""
+    due = [layer for layer in made if layer.at == "instant" or index < len(plan.ends_ns)]
+    return sorted(due, key=lambda layer: layer.at == "interval")
+
+
+def _times_s(layer: layers.Layer, plan: Timeline, index: int) -> list[float]:
+    bounds_s = [t * 1e-9 for t in plan.bounds_ns[index : index + 2]]
+    return bounds_s[:1] if layer.at == "instant" else bounds_s
+
+
 def _render_frames(job: Job, plan: Timeline, made: list[layers.Layer], output: Output, options: Options) -> None:
-    """An instant is done when all its layers are there, and those of the interval that begins there; these come last:
-    they move the scene on."""
-    made = sorted(made, key=lambda layer: layer.at == "interval")
+    """An instant is done when all its layers are there, and those of the interval that begins there."""
     wanted = range(len(plan.times_ns))[options.only or slice(None)]
-    due = ((i, [m for m in made if m.at == "instant" or i < len(plan.ends_ns)]) for i in wanted)
+    due = ((i, _due(made, plan, i)) for i in wanted)
     missing = [(i, todo) for i, of in due if (todo := [m for m in of if not output.has_layer(m.name, i)])]
     progress = Progress("render", len(wanted), len(wanted) - len(missing))
     first_mb = None
     for done, (index, todo) in enumerate(missing, len(wanted) - len(missing) + 1):
-        t_s = plan.times_ns[index] * 1e-9
-        job.set_time(t_s)
+        job.set_time(plan.times_ns[index] * 1e-9)
         for layer in todo:
-            times = (t_s,) if layer.at == "instant" else (t_s, plan.ends_ns[index] * 1e-9)
-            output.write_layer(layer.name, index, layer.render(*times))
+            output.write_layer(layer.name, index, layer.render(*_times_s(layer, plan, index)))
         progress.at(done)
         stop.check()
         first_mb = first_mb or resident_mb()
@@ -176,6 +210,7 @@ def _stack(source, plan, bands, size, options, record, settings) -> dict:
         "pixel_pitch_m": options.film_width_mm * 1e-3 / size[0],
         **({"subpixels": options.subpixels} if options.subpixels > 1 else {}),
         **({"between": True} if options.is_adaptive else {}),
+        **({"light": False} if options.no_light else {}),
         "bands": bands,
         "times_ns": plan.times_ns,
         "period_ns": plan.period_ns,
@@ -190,8 +225,9 @@ def _settings(options: Options, source: Source, scale: float, spectral: Spectral
     """What decides the picture."""
     return {
         **options.recorded(),
+        **({"camera_path_sha256": source.path.sha256} if source.path else {}),
         "emitters": [s.name for s in spectral.emitters.spectra],
-        "radiance_per_relative_power": scale,
+        "radiance_per_relative_power": None if options.no_light else scale,
         "approximated": spectral.approximated,
         "cycles": cycles.SETTINGS | source.bounces,
     }

@@ -20,6 +20,7 @@ import numpy as np
 
 from . import cycles
 from .job import Job
+from .source import FLIP
 
 CHIEF_RAYS = """
 shader chief_rays(output point position = 0, output vector direction = 0, output color throughput = 1) {{
@@ -28,7 +29,6 @@ shader chief_rays(output point position = 0, output vector direction = 0, output
   direction = vector(d[0], d[1], d[2]);
 }}
 """
-FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # to Blender's camera axes and back
 NEAR_FIELD = 0.98  # of the lens's field: from there on its image map is continued on a straight line
 
 

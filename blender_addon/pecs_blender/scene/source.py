@@ -8,12 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import mathutils
+import numpy as np
+
+from ..core.camera_path import CameraPath
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Blender's camera axes, and back
 
 
 class Source(ABC):
     """scene: the Blender scene, as Cycles shall render it. unit_m: metres per unit of its coordinates. lens: `lens` (a
     name or "none"), `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says
-    of it. folder: where files that it names lie."""
+    of it. folder: where files that it names lie. path: what the camera follows instead of its own motion."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -24,6 +30,17 @@ class Source(ABC):
     period_s: float | None = None
     unit_m: float = 1.0
     duration_s: float | None = None  # what `--frames all` covers
+    path: CameraPath | None = None
+
+    def follow(self, path: CameraPath) -> None:
+        """From the next set_time on."""
+        self.path = path
+
+    def on_path(self, t_s: float) -> mathutils.Matrix:
+        """matrix_world of a camera that follows the path."""
+        matrix = self.path.world_from_camera(t_s) @ FLIP
+        matrix[:3, 3] /= self.unit_m
+        return mathutils.Matrix(matrix)
 
     @abstractmethod
     def set_time(self, t_s: float) -> None:

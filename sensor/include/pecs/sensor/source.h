@@ -42,6 +42,7 @@ struct StackInfo {
   int file_width() const { return width * subpixels; }
   int file_height() const { return height * subpixels; }
   bool has_between = false;  // pictures between frames may lie in the stack
+  bool has_light = true;     // false: layers alone; a read of the light throws
   std::optional<double> pixel_pitch_m;
   std::vector<Band> bands;
   std::vector<std::int64_t> times_ns;  // rising

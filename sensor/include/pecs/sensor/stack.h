@@ -65,7 +65,8 @@ class StackReader : public FrameSource {
   // Reads stack.json; without one, the header of the first EXR file (of any name, in natural order): spectral channels
   // S0.<wavelength>nm (pbrt-v4, Mitsuba, …), pbrt's Radiance.C01 to C31 (400 to 700 nm), or R, G, B (relative light at
   // 465, 550 and 610 nm), and times from `times`. Throws not_found (folder, no frames), bad_input (a gap, wrong
-  // channels, no times, …). Trailing frames may be missing: frames() counts those of the light that are there.
+  // channels, no times, …). Trailing frames may be missing: frames() counts those of the light that are there; in a
+  // stack without light, the instants.
   explicit StackReader(std::filesystem::path folder, const FrameTimes& times = {});
   const StackInfo& info() const override { return info_; }
   const std::filesystem::path& folder() const { return folder_; }
