@@ -13,7 +13,7 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
-[ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev)
+[ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev python3-torch)
 
 say "Debian packages"
 debian_packages "${PACKAGES[@]}"
@@ -33,6 +33,20 @@ else
 fi
 # `import pecs` and `python -m pecs_blender` come from this checkout.
 printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" >"$("$PY" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+
+if [ "$WITH_TESTS" = ON ]; then
+  say "Readers of data sets that are not ours (.venv-datasets)"
+  [ -x .venv-datasets/bin/python ] || /usr/bin/python3.11 -m venv --system-site-packages .venv-datasets
+  key=$(cat requirements/test_datasets*.txt | sha256sum)
+  if [ "$(cat .venv-datasets/pecs-current 2>/dev/null)" != "$key" ]; then
+    OTHER=(.venv-datasets/bin/python -m pip install --quiet --disable-pip-version-check)
+    "${OTHER[@]}" -r requirements/test_datasets.txt
+    "${OTHER[@]}" --no-deps -r requirements/test_datasets_no_deps.txt
+    printf '%s' "$key" >.venv-datasets/pecs-current
+  else
+    echo "all there"
+  fi
+fi
 
 say "Program (build/release)"
 [ "$WITH_TESTS" = OFF ] && grep -qs 'PECS_BUILD_TESTS:BOOL=ON' build/release/CMakeCache.txt && WITH_TESTS=ON

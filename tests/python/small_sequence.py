@@ -1,5 +1,5 @@
-"""A native sequence whose truth is known in closed form: a wall, and before it a textured card that moves, seen by two
-event cameras and one RGB camera through lenses with distortion."""
+"""A native sequence whose truth is known in closed form: a wall, and before it a textured card that moves, seen through
+lenses with distortion by two event cameras, an RGB camera beside them, and one on the pixels of the left."""
 
 import json
 from pathlib import Path
@@ -53,10 +53,10 @@ class Eye:
         pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.K, self.distortion)[0][:, 0]
         return pixels, points[:, 2]
 
-    def look(self, t_us):
-        """Points of the world [n, 3], z [n], id [n], normals in the camera's axes [n, 3]."""
+    def look(self, t_us, rays=None):
+        """Points of the world [n, 3], z [n], id [n], normals in the camera's axes [n, 3]; of rays with z = 1."""
         pose = self.world_from_camera(t_us)
-        eye, rays = pose[:3, 3], self.rays @ pose[:3, :3].T
+        eye, rays = pose[:3, 3], (self.rays if rays is None else rays) @ pose[:3, :3].T
         card = CARD_CENTRE + CARD_SPEED * t_us * 1e-6
         z_wall = (WALL_Y + WALL_SLOPE * eye[0] - eye[1]) / (rays[:, 1] - WALL_SLOPE * rays[:, 0])
         z_card = (card[1] - eye[1]) / rays[:, 1]
@@ -76,11 +76,11 @@ class Eye:
         pixels, z = self.project(self.moved(world, ids, from_us, to_us), to_us)
         return self.picture(pixels - self.grid), self.picture(z)
 
-    def light(self, t_us):
-        world, _, ids, _ = self.look(t_us)
+    def light(self, t_us, rays=None):
+        world, _, ids, _ = self.look(t_us, rays)
         at = world - np.where(ids[:, None] == CARD, CARD_SPEED * t_us * 1e-6, 0)
         wave = np.sin(at[:, 0] * 23) * np.sin(at[:, 2] * 19 + 1) + np.where(ids == CARD, 0.6 * np.sin(at[:, 0] * 61), 0)
-        return self.picture(np.exp(wave)).astype(np.float32)
+        return np.exp(wave).astype(np.float32).reshape(*((self.height, self.width) if rays is None else (-1,)))
 
     def picture(self, values):
         return values.reshape(self.height, self.width, *values.shape[1:])
@@ -106,11 +106,12 @@ def rig():
     rgb = Eye("rgb", "rgb", (80, 60), 80, (-0.05, 0, 0, 0, 0), turned(0.05))
     camera = np.linalg.inv(right.rig_from_camera) @ left.rig_from_camera
     R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        left.K, left.distortion, right.K, right.distortion, (96, 72), camera[:3, :3], camera[:3, 3], alpha=0
+        left.K, left.distortion, right.K, right.distortion, (96, 72), camera[:3, :3], camera[:3, 3], alpha=0.5
     )
     for eye, other, R, P in ((left, right, R1, P1), (right, left, R2, P2)):
         eye.R_rect, eye.K_rect, eye.partner, eye.baseline_m = R, P[:, :3], other.name, 0.12
-    return left, right, rgb
+    frame = Eye("frame", "rgb", (96, 72), 90, left.distortion, np.eye(4))  # behind the same lens as the left
+    return left, right, rgb, frame
 
 
 def write_truth(folder, eye):
@@ -230,6 +231,8 @@ def write(folder: Path, name="0000", split="train"):
             write_events(at, eye, seed=i + 1)
         else:
             write_pictures(at, eye)
+            if eye.name == "frame":
+                write_truth(at / "truth", eye)
         entries.append(
             {
                 **{"name": eye.name, "kind": eye.kind, "width": eye.width, "height": eye.height, "chip": "davis346"},
@@ -248,3 +251,13 @@ def write(folder: Path, name="0000", split="train"):
     info |= {"scene": "card", "cameras": entries, "imu": {"rate_hz": 1000}, "versions": {}}
     (folder / "sequence.json").write_text(json.dumps(info, indent=1))
     return folder
+
+
+def same_events(found, events, seconds=True):
+    """found: (t, x, y, p), t in seconds or us."""
+    t, x, y, p = (np.asarray(v) for v in found)
+    assert len(t) == len(events) > 0
+    np.testing.assert_array_equal(np.rint(t * 1e6).astype(np.int64) if seconds else t, events["t"])
+    np.testing.assert_array_equal(x, events["x"])
+    np.testing.assert_array_equal(y, events["y"])
+    np.testing.assert_array_equal(p.astype(np.uint8), events["p"])

@@ -10,10 +10,12 @@ import pytest
 import small_sequence as small
 from pecs.datasets import Sequence, sequences
 
+pytest_plugins = ["datasets_fixtures"]
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return small.write(tmp_path_factory.mktemp("set") / "sequences" / "0000")
+
+@pytest.fixture
+def folder(sequence):
+    return sequence.folder
 
 
 @pytest.fixture
@@ -186,9 +188,9 @@ def test_what_other_files_say_wrong(broken):
     spoil(broken / "rgb" / "rgb.csv", "1,27500", "2,27500")
     fails(rgb.frames, "rgb.csv: line 3: got (2, 27500, 32500), wanted index 1")
     spoil(broken / "imu.csv", "-9.81", "nan")
-    fails(Sequence(broken).imu, "imu.csv: line 2: got '0,0,0,0,0,nan,0', wanted 7 numbers")
+    fails(Sequence(broken).imu, "imu.csv: line 2: got '0,0,0,0,0,nan,0', wanted 7")
     spoil(broken / "poses.txt", "\n0.002 ", "\n0.0005 ")
-    fails(Sequence(broken).poses, "poses.txt: pose 2: t_s: got 0.0005, wanted a time after")
+    fails(Sequence(broken).poses, "poses.txt: line 4: time: got '0.0005'")
     (broken / "left" / "events.h5").unlink()
     fails(left.events, "events.h5: no such file", pecs.PecsNotFoundError)
     fails(lambda: rgb.truth, "truth/stack.json: no such file", pecs.PecsNotFoundError)

@@ -1,7 +1,9 @@
-"""Data sets of events with ground truth: reading them (docs/dataset_formats.md says into which formats they go)."""
+"""Data sets of events with ground truth: reading them, and writing them in the formats of others
+(docs/dataset_formats.md)."""
 
+from . import writers
 from .event_file import EventFile
-from .sequence import Camera, Frame, Sequence, sequences
-from .truth import Truth
+from .sequence import IMU_DTYPE, Camera, Frame, Sequence, sequences
+from .truth import BOX_DTYPE, Truth
 
-__all__ = ["Camera", "EventFile", "Frame", "Sequence", "Truth", "sequences"]
+__all__ = ["BOX_DTYPE", "Camera", "EventFile", "Frame", "IMU_DTYPE", "Sequence", "Truth", "sequences", "writers"]

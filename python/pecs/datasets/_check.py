@@ -109,23 +109,6 @@ class Fields:
         return [Fields(self.path, f"{self.at(key)}[{i}]", v) for i, v in enumerate(value)]
 
 
-def read_columns(path: Path, columns: int, separator: str | None, what: str) -> NDArray[np.float64]:
-    """Rows of `columns` finite numbers [n, columns]; lines that begin with # and empty ones are skipped."""
-    rows = []
-    for number, line in enumerate(_lines(path, what), 1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        words = line.split(separator)
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            row = []
-        if len(row) != columns or not np.isfinite(row).all():
-            fault(path, f"line {number}", line, f"{columns} numbers")
-        rows.append(row)
-    return np.array(rows, np.float64).reshape(-1, columns)
-
-
 def read_rows(path: Path, header: tuple[str, ...], what: str) -> list[list[int]]:
     """A CSV file of integers under exactly this header."""
     rows = list(csv.reader(_lines(path, what)))

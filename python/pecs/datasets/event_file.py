@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..events import EVENT_DTYPE, Events
 from ._check import fault, library
@@ -92,6 +93,14 @@ class EventFile:
         first = int(ms_to_idx[ms])
         last = int(ms_to_idx[ms + 1]) if ms + 1 < len(ms_to_idx) else len(self)
         return first + int(np.searchsorted(self._file["events/t"][first:last], t_us, "left"))
+
+    def ms_to_idx(self, duration_us: int) -> NDArray[np.uint64]:
+        """For every millisecond to the end of `duration_us`, or of the events: the first event with t >= 1000 ms."""
+        stored, late_ms = self._file["ms_to_idx"][:], self.t_offset_us // 1000
+        out = np.full(max(-(-duration_us // 1000) + 1, late_ms + len(stored)), len(self), np.uint64)
+        out[:late_ms] = 0
+        out[late_ms : late_ms + len(stored)] = stored
+        return out
 
     def between(self, start_us: float, end_us: float) -> Events:
         """The events with start_us <= t < end_us."""

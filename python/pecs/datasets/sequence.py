@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..events import Events, read
 from ..sensor import LABELS
-from ._check import Fields, existing, fault, read_array, read_columns, read_json, read_rows
+from ._check import Fields, existing, fault, read_array, read_json, read_rows
 from .event_file import EventFile
+from .poses import interpolate, pose_matrix, read_euroc_imu, read_tum
 from .truth import Truth
 
 FORMAT = 1
@@ -88,6 +89,10 @@ class Camera:
         """The events by time or index, without reading all of them."""
         return EventFile(existing(self.events_path, "the events of an event camera"))
 
+    def has(self, name: str) -> bool:
+        """Whether there are "causes" or "objects" of the events."""
+        return (self.folder / f"{name}.npy").is_file()
+
     def causes(self) -> NDArray[np.uint8]:
         """Why each event came [n]: index into `pecs.sensor.LABELS`."""
         causes = read_array(self.folder / "causes.npy", "the cause of each event", "u1", (-1,))
@@ -113,6 +118,10 @@ class Camera:
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times [n] in us and world_from_camera [n, 4, 4], as the renderer followed them."""
         return read_poses(self.folder / "camera_path.txt")
+
+    def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
+        """world_from_camera at these times [n, 4, 4], between two poses on the shortest way."""
+        return interpolate(times_us, *self.poses())
 
     def frames(self) -> list[Frame]:
         """The pictures of an RGB camera, in time; [] of a camera without."""
@@ -192,9 +201,9 @@ class Sequence:
         """The IMU's samples (`IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s2, specific force] in the rig's axes)."""
         if self.info.get("imu") is None:
             return None
-        rows = read_columns(self.folder / "imu.csv", 7, ",", "the IMU's samples")
-        out = np.zeros(len(rows), IMU_DTYPE)
-        out["t_us"], out["gyro"], out["accel"] = rows[:, 0] / 1e3, rows[:, 1:4], rows[:, 4:7]
+        t_ns, gyro, accel = read_euroc_imu(existing(self.folder / "imu.csv", "the IMU's samples"))
+        out = np.zeros(len(t_ns), IMU_DTYPE)
+        out["t_us"], out["gyro"], out["accel"] = t_ns / 1e3, gyro, accel
         return out
 
 
@@ -208,22 +217,8 @@ def rect_from_rect(camera: Camera, other: Camera) -> NDArray[np.float64]:
 
 def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A file of TUM rows `t_s tx ty tz qx qy qz qw`: times [n] in us and poses [n, 4, 4]."""
-    rows = read_columns(path, 8, None, "poses (t_s tx ty tz qx qy qz qw)")
-    falls = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
-    if len(falls):
-        fault(path, f"pose {falls[0] + 1}: t_s", float(rows[falls[0] + 1, 0]), "a time after the one before")
-    q = rows[:, 4:]
-    length = np.linalg.norm(q, axis=1)
-    bad = np.flatnonzero(np.abs(length - 1) > 1e-3)
-    if len(bad):
-        fault(path, f"pose {bad[0]}: quaternion", q[bad[0]].tolist(), "length 1")
-    x, y, z, w = (q / length[:, None]).T
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, 3] = rows[:, 1:4]
-    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
-    poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
-    poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
-    return rows[:, 0] * 1e6, poses
+    t_s, positions_m, quaternions = read_tum(existing(path, "poses"))
+    return np.round(t_s * 1e9) / 1e3, pose_matrix(positions_m, quaternions)
 
 
 def sequences(folder: str | PathLike[str], split: str | None = None) -> list[Sequence]:

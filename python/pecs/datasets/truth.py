@@ -82,6 +82,15 @@ class Truth:
         """[H, W, 2] in px: where what a pixel's centre sees at times_us[i + 1] was at times_us[i]; NaN unknown."""
         return np.moveaxis(self._channels("motion", i, ("back_x_end", "back_y_end")), 0, -1)
 
+    def velocity(self, i: int) -> NDArray[np.float32]:
+        """[H, W, 2] in px/s of what a pixel's centre sees at times_us[i], on the parabola of `motion`; NaN unknown."""
+        forward = i + 1 < len(self)
+        names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
+        start = i if forward else i - 1
+        moves = np.moveaxis(self._channels("motion", start, tuple(names)), 0, -1)
+        seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
+        return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
+
     def motion(self, i: int) -> NDArray[np.float32]:
         """[12, H, W]: the whole layer of the interval from i to i + 1, as `pecs.carry` takes it."""
         return self._channels("motion", i)

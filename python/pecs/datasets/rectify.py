@@ -1,0 +1,133 @@
+"""From a camera's own picture to the undistorted one (stereo-rectified where it has a partner).
+
+Truth lies on the camera's own pixels; DSEC's flow and disparity lie on those of the rectified picture. A value there is
+interpolated between the four pixels around, if they see one surface, else it is that of the nearest one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._library import PecsInputError
+from ._check import library
+from .sequence import Camera, rect_from_rect
+
+_SURFACE_PX = 1.0  # neighbours that differ by more see two surfaces
+
+
+def _cv2() -> Any:
+    return library("cv2", "opencv-python-headless", "rectification")
+
+
+def pixels(camera: Camera) -> NDArray[np.float64]:
+    """OpenCV's coordinates of every pixel [H, W, 2]."""
+    return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(np.float64)
+
+
+def to_rect(camera: Camera, points_px: NDArray[Any]) -> NDArray[np.float64]:
+    """Where points of the camera's own picture [..., 2] lie in the rectified one. OpenCV's pixels in and out."""
+    cv2 = _cv2()
+    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    flat = np.ascontiguousarray(points_px, np.float64).reshape(-1, 1, 2)
+    out = cv2.undistortPointsIter(flat, camera.K, camera.distortion, camera.R_rect, camera.K_rect, stop)
+    return out.reshape(np.shape(points_px))
+
+
+def from_rect(camera: Camera) -> NDArray[np.float32]:
+    """Where each pixel of the rectified picture lies in the camera's own one [H, W, 2]; OpenCV's pixels."""
+    size = camera.width, camera.height
+    maps = _cv2().initUndistortRectifyMap(
+        camera.K, camera.distortion, camera.R_rect, camera.K_rect, size, _cv2().CV_32FC1
+    )
+    return np.stack(maps, -1)
+
+
+def rays(camera: Camera) -> NDArray[np.float64]:
+    """Directions of the pixels' centres with z = 1 [H, W, 3], in the camera's axes."""
+    cv2 = _cv2()
+    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    grid = pixels(camera)
+    xy = cv2.undistortPointsIter(grid.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, stop)
+    return np.concatenate([xy.reshape(grid.shape), np.ones((*grid.shape[:2], 1))], -1)
+
+
+class Rectifier:
+    """What one camera's pictures need to become rectified ones."""
+
+    def __init__(self, camera: Camera):
+        self.camera = camera
+        self.at = from_rect(camera)  # [H, W, 2]
+        self._rect_z_of_z = rays(camera) @ camera.R_rect[2]  # depth along the rectified axis, of z = 1
+        self._pixels = pixels(camera)
+        self._rect = to_rect(camera, self._pixels)
+
+    def sample(self, values: NDArray[Any], surface: NDArray[Any] | None = None) -> NDArray[np.float64]:
+        """Values on the camera's pixels [H, W, C] at the pixels of the rectified picture; NaN outside and where the
+        nearest pixel has none. `surface` [H, W]: pixels of different numbers see different things."""
+        height, width = values.shape[:2]
+        x, y = self.at[..., 0].astype(np.float64), self.at[..., 1].astype(np.float64)
+        inside = (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        x0 = np.minimum(x.astype(np.int64), width - 2)
+        y0 = np.minimum(y.astype(np.int64), height - 2)
+        u, v = (x - x0)[..., None], (y - y0)[..., None]
+        corners = np.stack([values[y0 + j, x0 + i] for j in (0, 1) for i in (0, 1)])
+        weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+        one = (corners.max(0) - corners.min(0) <= _SURFACE_PX).all(-1)  # false with NaN
+        if surface is not None:
+            ids = np.stack([surface[y0 + j, x0 + i] for j in (0, 1) for i in (0, 1)])
+            one &= (ids == ids[0]).all(0)
+        nearest = np.take_along_axis(corners, weights.argmax(0)[None], 0)[0]
+        out = np.where(one[..., None], (weights * corners).sum(0), nearest)
+        out[~inside] = np.nan
+        return out
+
+    def picture(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A picture, rectified; black outside."""
+        cv2 = _cv2()
+        out: NDArray[np.uint8] = cv2.remap(picture, self.at, None, cv2.INTER_LINEAR)
+        return out
+
+    def flow(self, flow_px: NDArray[Any], surface: NDArray[Any] | None = None) -> NDArray[np.float64]:
+        """Flow on the camera's pixels [H, W, 2] as flow in the rectified picture."""
+        return self.sample(to_rect(self.camera, self._pixels + flow_px) - self._rect, surface)
+
+    def disparity(self, z_m: NDArray[Any], stereo: Stereo, surface: NDArray[Any] | None = None) -> NDArray[np.float64]:
+        """x(left) - x(right) in px, of depths z along this camera's axis [H, W], in the rectified picture; NaN
+        where there is no surface."""
+        with np.errstate(divide="ignore"):
+            px = stereo.focal_baseline / (z_m * self._rect_z_of_z) + stereo.shift_px
+        px = np.where(np.isfinite(z_m) & (z_m > 0), px, np.nan)
+        return self.sample(px[..., None], surface)[..., 0]
+
+
+class Stereo:
+    """A rectified pair: disparity = focal_baseline / z + shift_px."""
+
+    def __init__(self, left: Camera, right: Camera):
+        move = rect_from_rect(left, right)
+        wanted = np.eye(4)
+        wanted[0, 3] = move[0, 3]
+        K, L = left.K_rect, right.K_rect
+        same = [(0, 0), (1, 1), (0, 1), (1, 2)]
+        if np.abs(move - wanted).max() > 1e-5 * abs(move[0, 3]) or any(abs(K[p] - L[p]) > 1e-6 * K[0, 0] for p in same):
+            raise PecsInputError(
+                f"cameras {left.name} and {right.name}: got R_rect and K_rect whose rows do not match, "
+                "wanted a rectified pair",
+                4,
+            )
+        self.baseline_m = float(move[0, 3])
+        self.focal_baseline = float(K[0, 0]) * self.baseline_m  # px m
+        self.shift_px = float(K[0, 2] - L[0, 2])
+
+    def depth_of_disparity(self, left: Camera) -> NDArray[np.float64]:
+        """Q [4, 4]: (x, y, disparity, 1) of the left rectified picture to homogeneous metres."""
+        K = left.K_rect
+        Q = np.eye(4)
+        Q[0, 3], Q[1, 1], Q[1, 3] = -K[0, 2], K[0, 0] / K[1, 1], -K[1, 2] * K[0, 0] / K[1, 1]
+        Q[2, 2:] = 0, K[0, 0]
+        Q[3, 2:] = 1 / self.baseline_m, -self.shift_px / self.baseline_m
+        return Q

@@ -1,0 +1,81 @@
+"""Writers of data sets: native sequences in, a folder in somebody's format out.
+
+    report = pecs.datasets.writers.write("dsec", sequences, "out/dsec")
+
+To add a format:
+1. One file here. Its docstring says the layout: files, data sets, types, units, and in which picture truth is given.
+2. `write(sequences, folder, **options) -> report` fills an empty folder. It reads sequences through `Sequence` alone,
+   writes through `_files.py` (the same input makes the same bytes), and holds no more than one picture and one
+   block of events in memory. The report is `_report.Report`: what was written, what was left out and why.
+3. A line in `FORMATS`.
+4. A row in docs/dataset_formats.md; in tests/python/test_datasets_writers.py a reader that is not ours.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from ..._library import PecsInputError
+from .._check import cannot_write
+from ..sequence import Sequence
+
+_USAGE = 2
+
+# Name -> what it is, in a few words.
+FORMATS = {
+    "dsec": "DSEC: stereo events, rectification, flow, disparity, images",
+    "dsec_detection": "DSEC-Detection: DSEC with boxes and pictures in the view of the event camera",
+    "prophesee": "Prophesee automotive (RVT): events and boxes of each event camera",
+    "m3ed": "M3ED: HDF5 of events, pictures and IMU; depth and poses",
+    "evreal": "EVREAL (event_utils' memory maps): events with the pictures of the same pixels",
+    "event_cnn": "event_cnn_minimal (E2VID+ training) HDF5: events, pictures, flow",
+    "ecd": "Event Camera Dataset, E2VID: text, TUM poses, EuRoC IMU",
+    "coco": "COCO: instances with RLE masks, one file for each camera",
+    "webdataset": "WebDataset: tar shards, one sample for each interval of the truth",
+    "thumbnails": "PNG: what each camera saw, small",
+}
+REPORT = "export.json"
+
+
+def write(
+    name: str, sequences: list[Sequence], folder: str | PathLike[str], replace: bool = False, **options: Any
+) -> dict[str, Any]:
+    """Writes sequences in a format of `FORMATS`; the folder appears when it is whole. Returns its report, also in
+    FOLDER/export.json: {"format", "sequences": {name: counts}, "left_out": [{"what", "why"}], …}.
+
+    `replace`: an older folder of that name goes when the new one is whole; else it is an error. `options`: of the
+    format's own `write`. Raises PecsInputError for what the format cannot hold, PecsOutputError for a folder that
+    cannot be written.
+    """
+    if name not in FORMATS:
+        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(FORMATS)}", _USAGE)
+    if not sequences:
+        raise PecsInputError(f"{name}: got no sequences", _USAGE)
+    names = [s.name for s in sequences]
+    if len(set(names)) != len(names):
+        raise PecsInputError(f"{name}: sequences: got a name twice in {', '.join(names)}", _USAGE)
+    folder = Path(folder)
+    if folder.exists() and not replace:
+        cannot_write(folder, "exists")
+    partial = folder.with_name(folder.name + ".partial")
+    writer = importlib.import_module(f".{name}", __name__)
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        report: dict[str, Any] = {"format": name, **writer.write(sequences, partial, **options).as_dict()}
+        (partial / REPORT).write_text(json.dumps(report, indent=1) + "\n")
+        if folder.exists():
+            shutil.rmtree(folder)
+        partial.rename(folder)
+    except PermissionError as e:
+        cannot_write(Path(e.filename or folder), "permission denied")
+    except OSError as e:
+        if hasattr(e, "code"):  # one of ours
+            raise
+        cannot_write(folder, e)
+    return report

@@ -1,0 +1,123 @@
+"""Files of the writers: HDF5, PNG, text, tar, the same bytes for the same content."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._library import PecsInputError
+from .._check import library
+from ..event_file import EventFile
+
+_CHUNK = 1 << 16
+BLOCK = 1 << 20  # events at a time
+
+
+@contextmanager
+def hdf5(path: Path) -> Iterator[Any]:
+    h5py = library("h5py", "h5py", f"writing {path.name}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        yield file
+
+
+def put(file: Any, name: str, data: NDArray[Any], chunk: tuple[int, ...] | None = None) -> Any:
+    """A data set under gzip, which every HDF5 library reads; scalars plain."""
+    data = np.asarray(data)
+    if data.ndim == 0 or data.size == 0:
+        return file.create_dataset(name, data=data)
+    return file.create_dataset(name, data=data, chunks=chunk or True, compression="gzip", shuffle=True)
+
+
+def stack(file: Any, name: str, count: int, shape: tuple[int, ...], dtype: str) -> Any:
+    """An empty data set of `count` pictures, one chunk each."""
+    chunks = (1, *shape) if count else None
+    return file.create_dataset(
+        name, (count, *shape), dtype, chunks=chunks, compression="gzip" if count else None, shuffle=bool(count)
+    )
+
+
+Columns = dict[str, tuple[str, Callable[[NDArray[Any]], NDArray[Any]]]]  # data set -> (type, of a block of events)
+
+
+def put_events(file: Any, events: EventFile, columns: Columns) -> None:
+    """Events in blocks."""
+    n = len(events)
+    sets = {}
+    for name, (dtype, _) in columns.items():
+        layout = {"chunks": (min(n, _CHUNK),), "compression": "gzip", "shuffle": True} if n else {}
+        sets[name] = file.create_dataset(name, (n,), dtype, **layout)
+    first = 0
+    for block in events.blocks(BLOCK):
+        for name, (_, value) in columns.items():
+            sets[name][first : first + len(block)] = value(block)
+        first += len(block)
+
+
+def save_events(path: Path, events: EventFile, dtype: str, value: Callable[[NDArray[Any]], NDArray[Any]], *shape: int):
+    """An NPY file of something of each event, [n, *shape], in blocks."""
+    header = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": (len(events), *shape)}
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        for block in events.blocks(BLOCK):
+            file.write(np.ascontiguousarray(value(block), dtype).tobytes())
+
+
+def png_bytes(picture: NDArray[Any]) -> bytes:
+    """uint8 or uint16, [H, W] or [H, W, 3] RGB."""
+    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
+    ok, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
+    assert ok
+    return bytes(data)
+
+
+def write_png(path: Path, picture: NDArray[Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(png_bytes(picture))
+
+
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """[H, W, 3] RGB, 8 bit."""
+    cv2 = library("cv2", "opencv-python-headless", "reading pictures")
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise PecsInputError(f"{path}: got no picture that can be read, wanted PNG", 4)
+    return picture[..., ::-1]
+
+
+def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Luma of BT.601, as OpenCV's."""
+    cv2 = library("cv2", "opencv-python-headless", "reading pictures")
+    out: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
+    return out
+
+
+def write_lines(path: Path, lines: list[str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(line + "\n" for line in lines))
+
+
+def write_json(path: Path, value: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(value, indent=1) + "\n")
+
+
+def npy_bytes(array: NDArray[Any]) -> bytes:
+    out = io.BytesIO()
+    np.save(out, array, allow_pickle=False)
+    return out.getvalue()
+
+
+def add_to_tar(tar: tarfile.TarFile, name: str, data: bytes) -> None:
+    entry = tarfile.TarInfo(name)
+    entry.size = len(data)
+    entry.mode = 0o644  # times and owners are 0
+    tar.addfile(entry, io.BytesIO(data))

@@ -1,0 +1,102 @@
+"""COCO (cocodataset.org): instance segmentation, one file for each camera that has truth.
+
+    annotations/SPLIT_CAMERA.json   images, annotations (RLE masks, column by column, as pycocotools writes), categories
+    images/CAMERA/SEQUENCE_NNNNNN.png
+
+An image is an instant of the truth: of an RGB camera the picture whose exposure has it in its middle, of an event
+camera its events from the instant before to this one (ON blue, OFF red). Boxes [x, y, w, h] and masks are of what is
+seen, on the camera's own, distorted pixels; `iscrowd` is 0. Beside COCO's own keys an annotation has `track_id` (the
+object's id, stable over a sequence and its cameras), `amodal_bbox`, `occluded`, `truncated`, and an image `sequence`
+and `t_us`. Categories are the classes of all sequences by name, from 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._check import library
+from ..sequence import Camera, Sequence
+from ._files import read_picture, write_json, write_png
+from ._frames import truth_at
+from ._labels import boxes, class_numbers, has_boxes
+from ._pictures import event_picture
+from ._report import Report
+
+
+def write(sequences: list[Sequence], folder: Path, min_px: int = 1) -> Report:
+    """min_px: annotations of fewer visible pixels are left out."""
+    report = Report()
+    for what in ("depth, flow, normals, poses, IMU", "causes and objects of events"):
+        report.leave_out(what, "COCO has no place for them")
+    numbers = class_numbers(sequences, first=1)
+    report.more["classes"] = numbers
+    files: dict[tuple[str, str], dict[str, Any]] = {}
+    for sequence in sequences:
+        for camera in sequence.cameras.values():
+            if not has_boxes(camera):
+                report.leave_out(f"camera {camera.name}", "it has no objects.json", sequence.name)
+                continue
+            empty = {"info": {"description": f"camera {camera.name}"}, "licenses": [], "images": [], "annotations": []}
+            coco = files.setdefault((sequence.split, camera.name), empty)
+            _add_camera(coco, folder, sequence, camera, numbers, min_px, report)
+    categories = [{"id": i, "name": name, "supercategory": "object"} for name, i in numbers.items()]
+    for (split, name), coco in files.items():
+        write_json(folder / "annotations" / f"{split}_{name}.json", coco | {"categories": categories})
+    return report
+
+
+def _pictures(camera: Camera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Instants and their pictures."""
+    times = camera.truth.times_us
+    if camera.kind == "events":
+        with camera.event_file() as events:
+            for i in range(1, len(times)):
+                yield i, event_picture(events.between(times[i - 1], times[i]), camera.height, camera.width)
+        return
+    for frame in camera.frames():
+        i = truth_at(camera, frame.middle_us)
+        if i is not None:
+            yield i, read_picture(frame.path)
+
+
+def _add_camera(
+    coco: dict[str, Any],
+    folder: Path,
+    sequence: Sequence,
+    camera: Camera,
+    numbers: dict[str, int],
+    min_px: int,
+    report: Report,
+) -> None:
+    mask = library("pycocotools.mask", "pycocotools", "writing COCO")
+    for i, picture in _pictures(camera):
+        image_id = len(coco["images"]) + 1
+        name = f"images/{camera.name}/{sequence.name}_{i:06d}.png"
+        write_png(folder / name, picture)
+        coco["images"].append(
+            {
+                **{"id": image_id, "file_name": name, "width": camera.width, "height": camera.height},
+                **{"sequence": sequence.name, "t_us": float(camera.truth.times_us[i])},
+            }
+        )
+        ids = camera.truth.instances(i)
+        for box in boxes(camera, i):
+            if box.visible_px < min_px:
+                continue
+            rle = mask.encode(np.asfortranarray(ids == box.track, np.uint8))
+            coco["annotations"].append(
+                {
+                    **{"id": len(coco["annotations"]) + 1, "image_id": image_id, "category_id": numbers[box.name]},
+                    **{"bbox": [box.x, box.y, box.w, box.h], "area": int(mask.area(rle)), "iscrowd": 0},
+                    "segmentation": {"size": list(rle["size"]), "counts": rle["counts"].decode()},
+                    **{"track_id": box.track, "amodal_bbox": list(box.amodal)},
+                    **{"occluded": box.occluded, "truncated": box.truncated},
+                }
+            )
+            report.count(sequence.name, annotations=1)
+        report.count(sequence.name, images=1)

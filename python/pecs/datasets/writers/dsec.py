@@ -1,0 +1,209 @@
+"""DSEC (Gehrig et al., RA-L 2021; dsec.ifi.uzh.ch), at any size; E-RAFT and DSEC's own code assume 640x480.
+
+    SPLIT/SEQUENCE/
+      events/{left,right}/events.h5        events/{x u2, y u2, t u4 us, p u1}, ms_to_idx u8, t_offset i8
+      events/{left,right}/rectify_map.h5   rectify_map f4 [H, W, 2]: [y, x] -> (x', y') in the rectified picture
+      disparity/timestamps.txt, disparity/event/NNNNNN.png   16 bit, 256 x disparity, 0 unknown; of events/left
+      flow/{forward,backward}_timestamps.txt, flow/{forward,backward}/NNNNNN.png   16 bit RGB: R = 128 fx + 2^15,
+                                           G = 128 fy + 2^15, B = 1 where known; of events/left
+      images/timestamps.txt, images/{left,right}/exposure_timestamps.txt, images/{left,right}/rectified/NNNNNN.png
+      calibration/cam_to_cam.yaml          cam0 events left, cam1 images left, cam2 images right, cam3 events right
+
+Flow and disparity are in the *rectified* picture of the left events (K_rect, R_rect), as DSEC's are; an image file's
+time is the middle of its exposure. `ms_to_idx` goes to the end of the sequence, so that its last window is there, too.
+The first disparity is at the sequence's begin: DSEC's loader drops it. One event camera alone is "left".
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._library import PecsInputError
+from ..rectify import Rectifier, Stereo
+from ..sequence import Camera, Sequence
+from ._files import hdf5, put, put_events, read_picture, write_lines, write_png
+from ._report import Report
+
+_ROLES = ("cam0", "cam1", "cam2", "cam3")
+_OUTSIDE = {
+    "causes and objects of events": "DSEC has no place for them",
+    "normals, masks, object poses": "DSEC has no place for them",
+    "IMU and poses": "DSEC's lie in ROS bags",
+}
+
+
+def write(sequences: list[Sequence], folder: Path) -> Report:
+    """No options."""
+    report = Report()
+    for what, why in _OUTSIDE.items():
+        report.leave_out(what, why)
+    for sequence in sequences:
+        write_sequence(sequence, folder / sequence.split / sequence.name, report)
+    return report
+
+
+def roles(sequence: Sequence) -> dict[str, Camera]:
+    """DSEC's cameras: the first stereo pair of events and of pictures, or the first camera alone as the left one."""
+    out = {}
+    for kind, left, right in (("events", "cam0", "cam3"), ("rgb", "cam1", "cam2")):
+        pairs, cameras = sequence.stereo_pairs(kind), sequence.of_kind(kind)
+        if pairs:
+            out[left], out[right] = pairs[0]
+        elif cameras:
+            out[left] = cameras[0]
+    if "cam0" not in out:
+        raise PecsInputError(f"{sequence.folder}: got no event camera, wanted one or a stereo pair", 4)
+    return out
+
+
+def write_sequence(sequence: Sequence, folder: Path, report: Report) -> None:
+    cameras = roles(sequence)
+    for camera in sequence.cameras.values():
+        if camera not in cameras.values():
+            report.leave_out(f"camera {camera.name}", "DSEC has two event cameras and two others", sequence.name)
+    for side, role in (("left", "cam0"), ("right", "cam3")):
+        if role in cameras:
+            count = _write_events(folder / "events" / side, cameras[role], sequence.duration_us)
+            report.count(sequence.name, **{f"events_{side}": count})
+    _write_calibration(folder / "calibration" / "cam_to_cam.yaml", cameras)
+    _write_images(folder / "images", cameras, sequence, report)
+    left = cameras["cam0"]
+    if not left.has_truth:
+        report.leave_out("flow, disparity", f"camera {left.name} has no truth", sequence.name)
+        return
+    rectifier = Rectifier(left)
+    if "motion" in left.truth.layers:
+        _write_flow(folder / "flow", rectifier, sequence, report)
+    if "cam3" in cameras and "depth" in left.truth.layers:
+        _write_disparity(folder / "disparity", rectifier, Stereo(left, cameras["cam3"]), sequence, report)
+
+
+def _write_events(folder: Path, camera: Camera, duration_us: int) -> int:
+    with camera.event_file() as events, hdf5(folder / "events.h5") as file:
+        wide = len(ms_to_idx := events.ms_to_idx(duration_us)) > (1 << 32) // 1000
+        columns = {f"events/{c}": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
+        columns |= {"events/p": ("u1", lambda e: e["p"]), "events/t": ("<i8" if wide else "<u4", lambda e: e["t"])}
+        put_events(file, events, columns)
+        put(file, "ms_to_idx", ms_to_idx)
+        put(file, "t_offset", np.int64(0))
+        count = len(events)
+    with hdf5(folder / "rectify_map.h5") as file:
+        put(file, "rectify_map", camera.rectify_map())
+    return count
+
+
+def _write_images(folder: Path, cameras: dict[str, Camera], sequence: Sequence, report: Report) -> None:
+    times: list[list[int]] = []
+    for side, role in (("left", "cam1"), ("right", "cam2")):
+        if role not in cameras:
+            continue
+        camera, rectifier = cameras[role], Rectifier(cameras[role])
+        frames = camera.frames()
+        for i, frame in enumerate(frames):
+            write_png(folder / side / "rectified" / f"{i:06d}.png", rectifier.picture(read_picture(frame.path)))
+        lines = [f"{frame.start_us}, {frame.end_us}" for frame in frames]
+        header = "# exposure_start_timestamp_us, exposure_end_timestamp_us"
+        write_lines(folder / side / "exposure_timestamps.txt", [header, *lines])
+        times.append([int(frame.middle_us) for frame in frames])
+        report.count(sequence.name, images=len(frames))
+    if len(times) == 2 and times[0] != times[1]:
+        raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same", 4)
+    if times:
+        write_lines(folder / "timestamps.txt", [str(t) for t in times[0]])
+
+
+def surfaces(camera: Camera, i: int) -> NDArray[np.int64] | None:
+    """What tells surfaces apart at an instant, if the truth has objects."""
+    return camera.truth.instances(i) if "objects" in camera.truth.layers else None
+
+
+def flow_picture(flow_px: NDArray[np.float64]) -> tuple[NDArray[np.uint16], int]:
+    """DSEC's 16 bit picture, RGB, and how many known values do not fit (|f| >= 256 px)."""
+    known = np.isfinite(flow_px).all(-1)
+    code = np.rint(np.where(known[..., None], flow_px, 0) * 128) + (1 << 15)
+    fits = ((code >= 0) & (code <= 65535)).all(-1)
+    out = np.zeros((*known.shape, 3), np.uint16)
+    out[..., :2] = np.where((known & fits)[..., None], code, 1 << 15)
+    out[..., 2] = known & fits
+    return out, int((known & ~fits).sum())
+
+
+def _write_flow(folder: Path, rectifier: Rectifier, sequence: Sequence, report: Report) -> None:
+    camera = rectifier.camera
+    truth, times = camera.truth, _whole_us(camera)
+    for name in ("forward", "backward"):
+        lines = ["# from_timestamp_us, to_timestamp_us"]
+        for i in range(len(truth) - 1):
+            start, end = (i, i + 1) if name == "forward" else (i + 1, i)
+            flow = truth.flow(i) if name == "forward" else truth.flow_back(i)
+            picture, too_long = flow_picture(rectifier.flow(flow, surfaces(camera, start)))
+            write_png(folder / name / f"{i:06d}.png", picture)
+            lines.append(f"{times[start]}, {times[end]}")
+            report.count(sequence.name, flow=1, pixels_of_flow_too_long=too_long)
+        write_lines(folder / f"{name}_timestamps.txt", lines)
+
+
+def disparity_picture(px: NDArray[np.float64]) -> tuple[NDArray[np.uint16], int]:
+    """DSEC's 16 bit picture, and how many known values do not fit (below 1/256 px, 256 px and more)."""
+    known = np.isfinite(px)
+    code = np.rint(np.where(known, px, 0) * 256)
+    fits = (code >= 1) & (code <= 65535)
+    return np.where(known & fits, code, 0).astype(np.uint16), int((known & ~fits).sum())
+
+
+def _write_disparity(folder: Path, rectifier: Rectifier, stereo: Stereo, sequence: Sequence, report: Report) -> None:
+    camera = rectifier.camera
+    for i in range(len(camera.truth)):
+        px = rectifier.disparity(camera.truth.depth(i)[1].astype(np.float64), stereo, surfaces(camera, i))
+        picture, misfits = disparity_picture(px)
+        write_png(folder / "event" / f"{i:06d}.png", picture)
+        report.count(sequence.name, disparity=1, pixels_of_disparity_outside=misfits)
+    write_lines(folder / "timestamps.txt", [str(t) for t in _whole_us(camera)])
+
+
+def _whole_us(camera: Camera) -> list[int]:
+    return [int(t) for t in np.rint(camera.truth.times_us)]
+
+
+def _rows(matrix: NDArray[np.float64], indent: str) -> list[str]:
+    return [f"{indent}- [{', '.join(repr(float(v)) for v in row)}]" for row in matrix]
+
+
+def _list(values: Any) -> str:
+    return f"[{', '.join(repr(v) for v in values)}]"
+
+
+def _write_calibration(path: Path, cameras: dict[str, Camera]) -> None:
+    """cam_to_cam.yaml. T_ba takes points of camera a to camera b; R_rectN those of camera N to its rectified axes."""
+    lines = ["intrinsics:"]
+    for role, camera in cameras.items():
+        K, R = camera.K, camera.K_rect
+        lines += [
+            f"  {role}:",
+            f"    camera_matrix: {_list([float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])])}",
+            "    camera_model: pinhole",
+            f"    distortion_coeffs: {_list(camera.distortion.tolist())}",
+            f"    distortion_model: {camera.distortion_model}",
+            f"    resolution: {_list([camera.width, camera.height])}",
+            f"  camRect{role[3:]}:",
+            f"    camera_matrix: {_list([float(R[0, 0]), float(R[1, 1]), float(R[0, 2]), float(R[1, 2])])}",
+            "    camera_model: pinhole",
+            f"    resolution: {_list([camera.width, camera.height])}",
+        ]
+    lines.append("extrinsics:")
+    present = [role for role in _ROLES if role in cameras]
+    for a, b in zip(present, present[1:], strict=False):
+        b_from_a = np.linalg.inv(cameras[b].rig_from_camera) @ cameras[a].rig_from_camera
+        lines += [f"  T_{b[3:]}{a[3:]}:", *_rows(b_from_a, "  ")]
+    for role in present:
+        lines += [f"  R_rect{role[3:]}:", *_rows(cameras[role].R_rect, "  ")]
+    pairs = [pair for pair in (("cam0", "cam3"), ("cam1", "cam2")) if set(pair) <= set(cameras)]
+    lines += ["disparity_to_depth:"] if pairs else []
+    for a, b in pairs:
+        left, right = cameras[a], cameras[b]
+        lines += [f"  cams_{a[3:]}{b[3:]}:", *_rows(Stereo(left, right).depth_of_disparity(left), "  ")]
+    write_lines(path, lines)

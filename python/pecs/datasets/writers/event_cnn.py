@@ -1,0 +1,79 @@
+"""HDF5 of event_cnn_minimal (Stoffregen et al., ECCV 2020) and event_utils: training of E2VID+ and FireNet+.
+
+    SPLIT/SEQUENCE[_CAMERA].h5
+      events/{xs u2, ys u2, ts f8 s, ps bool}
+      images/imageNNNNNNNNN u1 [H, W] grey; attributes timestamp [s], event_idx, size, type
+      flow/flowNNNNNNNNN f4 [2, H, W] px/s: velocity on the picture's own, distorted pixels at its time (as ESIM's);
+                         the loader multiplies it by the time of a window. 0 where it is not known
+      attributes num_events, num_pos, num_neg, num_imgs, num_flow, duration, t0, tk, sensor_resolution [H, W], source
+
+Pictures are those of an RGB camera with the same pixels (a beam splitter). Flow is written when every picture's middle
+is an instant of the truth (`Truth.velocity`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..sequence import Camera, Frame, Sequence
+from ._files import grey, hdf5, put, put_events, read_picture
+from ._frames import NO_FRAMES, frames_of, truth_at
+from ._report import Report
+
+
+def write(sequences: list[Sequence], folder: Path) -> Report:
+    """No options."""
+    report = Report()
+    report.leave_out("depth, masks, boxes, poses, IMU, causes, objects", "the format has no place for them")
+    for sequence in sequences:
+        cameras = sequence.of_kind("events")
+        for camera in cameras:
+            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+            with hdf5(folder / sequence.split / f"{name}.h5") as file:
+                _put_camera(file, sequence, camera, report)
+    return report
+
+
+def _put_camera(file: Any, sequence: Sequence, camera: Camera, report: Report) -> None:
+    frames = frames_of(sequence, camera)
+    with camera.event_file() as events:
+        columns = {f"events/{c}s": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
+        columns |= {"events/ts": ("<f8", lambda e: e["t"] * 1e-6), "events/ps": ("?", lambda e: e["p"] == 1)}
+        put_events(file, events, columns)
+        on = sum(int(np.count_nonzero(block["p"])) for block in events.blocks())
+        t = file["events/ts"]
+        first, last = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
+        for i, frame in enumerate(frames):
+            data = put(file, f"images/image{i:09d}", grey(read_picture(frame.path)))
+            data.attrs["size"] = np.array([camera.height, camera.width])
+            data.attrs["timestamp"] = frame.middle_us * 1e-6
+            data.attrs["event_idx"] = np.int64(events.index(frame.middle_us))
+            data.attrs["type"] = "greyscale"
+        count = len(events)
+    if not frames:
+        file.create_group("images")  # the loader looks for it
+        report.leave_out(f"pictures and flow of camera {camera.name}", NO_FRAMES, sequence.name)
+    flows = _put_flow(file, sequence, camera, frames, report)
+    file.attrs.update({"num_events": count, "num_pos": on, "num_neg": count - on, "num_imgs": len(frames)})
+    file.attrs.update({"num_flow": flows, "duration": last - first, "t0": first, "tk": last, "source": "pecs"})
+    file.attrs["sensor_resolution"] = np.array([camera.height, camera.width])
+    report.count(sequence.name, events=count, pictures=len(frames), flow=flows)
+
+
+def _put_flow(file: Any, sequence: Sequence, camera: Camera, frames: list[Frame], report: Report) -> int:
+    instants = [truth_at(camera, frame.middle_us) for frame in frames]
+    if not frames:
+        return 0
+    if None in instants or "motion" not in camera.truth.layers:
+        why = "the truth has no motion at the middle of every picture's exposure"
+        report.leave_out(f"flow of camera {camera.name}", why, sequence.name)
+        return 0
+    for k, i in enumerate(instants):
+        flow = np.moveaxis(camera.truth.velocity(i), -1, 0)
+        data = put(file, f"flow/flow{k:09d}", np.nan_to_num(flow, nan=0.0))
+        data.attrs["size"] = np.array(flow.shape)
+        data.attrs["timestamp"] = frames[k].middle_us * 1e-6
+    return len(instants)

@@ -1,0 +1,57 @@
+"""EVREAL (Ercan et al., CVPRW 2023) and event_utils' memory maps: one folder for each event camera.
+
+    SEQUENCE[_CAMERA]/
+      events_ts.npy f8 [n] s, events_xy.npy i2 [n, 2], events_p.npy bool [n]
+      images.npy u1 [N, H, W, 1] grey, images_ts.npy f8 [N, 1] s (middle of the exposure),
+      image_event_indices.npy i8 [N, 1] (first event at or after the picture)
+      metadata.json {"sensor_resolution": [H, W]}
+
+Pictures are those of an RGB camera with the same pixels (a beam splitter); without one EVREAL takes events alone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..sequence import Camera, Sequence
+from ._files import grey, npy_bytes, read_picture, save_events, write_json
+from ._frames import NO_FRAMES, frames_of
+from ._report import Report
+
+
+def write(sequences: list[Sequence], folder: Path) -> Report:
+    """No options."""
+    report = Report()
+    report.leave_out("truth, poses, IMU, causes, objects", "EVREAL compares pictures alone")
+    for sequence in sequences:
+        cameras = sequence.of_kind("events")
+        for camera in cameras:
+            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+            _write_camera(folder / name, sequence, camera, report)
+    return report
+
+
+def _write_camera(folder: Path, sequence: Sequence, camera: Camera, report: Report) -> None:
+    folder.mkdir()
+    frames = frames_of(sequence, camera)
+    if not frames:
+        report.leave_out(f"pictures of camera {camera.name}", NO_FRAMES, sequence.name)
+    with camera.event_file() as events:
+        save_events(folder / "events_ts.npy", events, "<f8", lambda e: e["t"] * 1e-6)
+        save_events(folder / "events_xy.npy", events, "<i2", lambda e: np.stack([e["x"], e["y"]], 1), 2)
+        save_events(folder / "events_p.npy", events, "?", lambda e: e["p"] == 1)
+        report.count(sequence.name, events=len(events), pictures=len(frames))
+        if frames:
+            indices = np.array([[events.index(f.middle_us)] for f in frames], np.int64)
+            (folder / "image_event_indices.npy").write_bytes(npy_bytes(indices))
+    if frames:
+        times = np.array([[f.middle_us * 1e-6] for f in frames])
+        (folder / "images_ts.npy").write_bytes(npy_bytes(times))
+        header = {"descr": "|u1", "fortran_order": False, "shape": (len(frames), camera.height, camera.width, 1)}
+        with (folder / "images.npy").open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, header)
+            for frame in frames:
+                file.write(grey(read_picture(frame.path)).tobytes())
+    write_json(folder / "metadata.json", {"sensor_resolution": [camera.height, camera.width]})

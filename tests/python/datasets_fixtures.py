@@ -1,0 +1,44 @@
+"""Fixtures of the tests of pecs.datasets, as a pytest plugin: one small sequence, and what writers made of it."""
+
+import subprocess
+
+import numpy as np
+import pytest
+import small_sequence
+from conftest import ROOT
+from pecs.datasets import Sequence, writers
+
+
+@pytest.fixture(scope="session")
+def sequence(tmp_path_factory):
+    return Sequence(small_sequence.write(tmp_path_factory.mktemp("set") / "sequences" / "0000"))
+
+
+@pytest.fixture(scope="session")
+def exported(sequence, tmp_path_factory):
+    """exported("dsec") -> (folder, report), written once."""
+    done = {}
+
+    def export(name):
+        if name not in done:
+            folder = tmp_path_factory.mktemp("out") / name
+            done[name] = folder, writers.write(name, [sequence], folder)
+        return done[name]
+
+    return export
+
+
+@pytest.fixture(scope="session")
+def outside(tmp_path_factory):
+    """outside(reader, folder): what a reader of .venv-datasets found."""
+
+    def read(reader, folder):
+        python = ROOT / ".venv-datasets" / "bin" / "python"
+        assert python.is_file(), "scripts/setup.sh --tests makes .venv-datasets"
+        out = tmp_path_factory.mktemp("read") / "out.npz"
+        script = ROOT / "tests" / "python" / "outside_datasets.py"
+        done = subprocess.run([python, script, reader, folder, out], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return np.load(out)
+
+    return read

@@ -1,0 +1,129 @@
+"""Reads exported data sets with libraries that are not ours; runs in .venv-datasets (scripts/setup.sh --tests), where
+their names collide with nothing:
+
+    python outside_datasets.py READER FOLDER OUT.npz
+
+What each reader found goes into OUT.npz, for the tests to compare.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+
+def events_of(events):
+    """evlib's RawEvents as columns."""
+    return {"t_s": events.timestamp, "x": events.x, "y": events.y, "p": events.polarity}
+
+
+def dsec_loader(folder, side="left", **options):
+    """event-vision-library's loader of DSEC, told our size. FOLDER: of a sequence."""
+    from evlib.dataloaders import DSECDataLoader
+
+    class OfOurSize(DSECDataLoader):
+        EVENT_SHAPE = (72, 96)
+
+    return OfOurSize(str(folder.parent), folder.name, camera=side, **options)
+
+
+def dsec(folder):
+    out = {}
+    for side in ("left", "right"):
+        loader = dsec_loader(folder, side, event_load_mode="cached")  # which looks at every time and place
+        out |= {f"{side}_{k}": v for k, v in events_of(loader.load_events(0, loader.num_events)).items()}
+        out |= {f"{side}_window_{k}": v for k, v in events_of(loader.get_events_by_time(0.0205, 0.0712)).items()}
+        out[f"{side}_map"], out[f"{side}_ms_to_idx"] = loader.rectify_map, loader.ms_to_idx
+    loader = dsec_loader(
+        folder,
+        load_images=True,
+        load_flow_forward=True,
+        load_flow_backward=True,
+        load_disparity=True,
+        load_calibration=True,
+    )
+    out["image_times"], out["exposures"] = loader.image_timestamps, loader.image_exposure_timestamps
+    out["images"] = np.stack([loader.load_image(i) for i in range(loader.num_images)])
+    for direction in ("forward", "backward"):
+        load, count = getattr(loader, f"load_flow_{direction}"), getattr(loader, f"num_flow_{direction}")
+        out[direction], out[f"{direction}_known"] = map(np.stack, zip(*map(load, range(count)), strict=True))
+        out[f"{direction}_times"] = getattr(loader, f"flow_{direction}_timestamps")
+    fields = [loader.load_disparity(i) for i in range(loader.num_disparity_frames)]
+    out["disparity"], out["disparity_known"] = map(np.stack, zip(*fields, strict=True))
+    out["disparity_times"] = loader.disparity_timestamps
+    calibration = loader.calibration
+    out["Q"] = np.array(calibration["disparity_to_depth"]["cams_03"])
+    for camera in (0, 3):
+        out[f"K{camera}"] = np.array(calibration["intrinsics"][f"cam{camera}"]["camera_matrix"])
+        out[f"D{camera}"] = np.array(calibration["intrinsics"][f"cam{camera}"]["distortion_coeffs"])
+        out[f"Kr{camera}"] = np.array(calibration["intrinsics"][f"camRect{camera}"]["camera_matrix"])
+        out[f"R{camera}"] = np.array(calibration["extrinsics"][f"R_rect{camera}"])
+    out["T10"], out["T31"] = (np.array(calibration["extrinsics"][name]) for name in ("T_10", "T_31"))
+    return out
+
+
+def ecd(folder):
+    """event-vision-library's loader of DAVIS recordings. FOLDER: of a recording."""
+    from evlib.dataloaders import DavisRecordingLoader
+
+    with tempfile.TemporaryDirectory() as cache:
+        loader = DavisRecordingLoader(
+            str(folder), load_imu=True, load_gt_pose=True, cache_dir=cache, event_load_mode="cached"
+        )
+    out = events_of(loader.load_events(0, loader.num_events))
+    out["images"] = np.stack([loader.load_image(i) for i in range(loader.num_images)])
+    out["image_times"] = loader.image_timestamps
+    out |= {f"imu_{k}": v for k, v in loader.imu_data.items()}
+    out |= {f"pose_{k}": v for k, v in loader.gt_pose.items()}
+    out["K"], out["D"] = loader.calibration.camera_matrix, loader.calibration.distortion_coefficients
+    return out
+
+
+def webdataset(folder):
+    """All samples of FOLDER's train shards, in order."""
+    import webdataset as wds
+
+    shards = sorted(str(p) for p in folder.glob("train-*.tar"))
+    out, keys = {}, []
+    for sample in wds.WebDataset(shards, shardshuffle=False).decode("rgb8"):
+        keys.append(sample["__key__"])
+        for name in ("events", "causes", "objects", "flow", "depth", "instances", "boxes"):
+            out[f"{keys[-1]}/{name}"] = sample[f"{name}.npy"]
+        if "frame.png" in sample:
+            out[f"{keys[-1]}/frame"] = sample["frame.png"]
+        out[f"{keys[-1]}/start_us"] = sample["json"]["start_us"]
+    return out | {"keys": np.array(keys), "shards": np.array(shards)}
+
+
+def windows(folder):
+    """pecs.datasets.Windows through PyTorch's DataLoader, in workers and pinned-like batches, and tonic's transforms.
+    FOLDER: of a sequence."""
+    import tonic.transforms
+    import torch
+    from pecs.datasets import Sequence, Windows
+    from torch.utils.data import DataLoader
+
+    data = Windows(Sequence(folder), "left", by="time", window_us=20_000, fields=("flow", "depth", "frame"))
+    loader = DataLoader(data, batch_size=None, num_workers=2)
+    out = {"torch_n": [], "torch_flow": [], "torch_frame": []}
+    for item in loader:
+        assert all(torch.is_tensor(item[k]) for k in ("flow", "depth", "frame")), {k: type(v) for k, v in item.items()}
+        out["torch_n"].append(len(item["events"]))
+        out["torch_flow"].append(item["flow"].numpy())
+        out["torch_frame"].append(item["frame"].numpy())
+    sensor = (data.width, data.height, 2)
+    frames = tonic.transforms.ToFrame(sensor_size=sensor, n_time_bins=4)
+    grid = tonic.transforms.ToVoxelGrid(sensor_size=sensor, n_time_bins=5)
+    chained = Windows(
+        Sequence(folder), "left", window_us=20_000, transform=lambda item: item | {"frames": frames(item["events"])}
+    )
+    out["tonic_frames"] = np.stack([chained[i]["frames"] for i in range(len(chained))])
+    out["tonic_voxels"] = np.stack([grid(data[i]["events"]) for i in range(len(data))])
+    out["tonic_denoised"] = np.array([len(tonic.transforms.Denoise(5000)(data[i]["events"])) for i in range(len(data))])
+    return out
+
+
+if __name__ == "__main__":
+    reader, folder, out = sys.argv[1:]
+    np.savez(out, **globals()[reader](Path(folder)))
