@@ -122,7 +122,7 @@ def write_truth(folder, eye):
         ("motion", MOTION, "px", "interval"),
     ]
     stack = {
-        **{"pecs_stack": 1, "quantity": "radiance", "width": eye.width, "height": eye.height},
+        **{"pecs_stack": 1, "light": False, "quantity": "radiance", "width": eye.width, "height": eye.height},
         **{"pixel_pitch_m": 1e-5, "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}]},
         **{"times_ns": (TRUTH_US * 1000).tolist(), "period_ns": None, "lens": None},
         **{"scene": {}, "render": {}, "versions": {}},
@@ -135,7 +135,6 @@ def write_truth(folder, eye):
         for i, t in enumerate(TRUTH_US):
             _, z, ids, normals = eye.look(t)
             distance = z * np.linalg.norm(eye.rays, axis=1)
-            writer.write_frame(i, eye.light(t)[None])
             writer.write_layer("depth", i, np.stack([eye.picture(distance), eye.picture(z)]))
             writer.write_layer("normal", i, np.moveaxis(eye.picture(normals), -1, 0))
             writer.write_layer("objects", i, eye.picture(ids)[None])

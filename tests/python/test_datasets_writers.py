@@ -271,7 +271,7 @@ def hashes(folder):
     return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
-@pytest.mark.parametrize("name", writers.FORMATS)
+@pytest.mark.parametrize("name", writers.WRITERS)
 def test_same_bytes_again_and_a_report(name, sequence, exported, tmp_path):
     folder, report = exported(name)
     assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name) == report
@@ -298,7 +298,7 @@ def test_only_events(tmp_path, sequence):
     expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
     expected |= {"evreal": "pictures of camera left", "event_cnn": "pictures and flow of camera left"}
     expected |= {"ecd": "imu.txt, imu0/data.csv", "coco": "camera left", "webdataset": "camera left"}
-    for name in writers.FORMATS:
+    for name in writers.WRITERS:
         report = writers.write(name, [alone], tmp_path / name)
         assert name == "thumbnails" or expected[name] in left_out(report), name
     with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:

@@ -7,7 +7,7 @@ To add a format:
 2. `write(sequences, folder, **options) -> report` fills an empty folder. It reads sequences through `Sequence` alone,
    writes through `_files.py` (the same input makes the same bytes), and holds no more than one picture and one
    block of events in memory. The report is `_report.Report`: what was written, what was left out and why.
-3. A line in `FORMATS`.
+3. A line in `WRITERS`.
 4. A row in docs/dataset_formats.md; in tests/python/test_datasets_writers.py a reader that is not ours.
 """
 
@@ -27,7 +27,7 @@ from ..sequence import Sequence
 _USAGE = 2
 
 # Name -> what it is, in a few words.
-FORMATS = {
+WRITERS = {
     "dsec": "DSEC: stereo events, rectification, flow, disparity, images",
     "dsec_detection": "DSEC-Detection: DSEC with boxes and pictures in the view of the event camera",
     "prophesee": "Prophesee automotive (RVT): events and boxes of each event camera",
@@ -45,15 +45,15 @@ REPORT = "export.json"
 def write(
     name: str, sequences: list[Sequence], folder: str | PathLike[str], replace: bool = False, **options: Any
 ) -> dict[str, Any]:
-    """Writes sequences in a format of `FORMATS`; the folder appears when it is whole. Returns its report, also in
+    """Writes sequences in a format of `WRITERS`; the folder appears when it is whole. Returns its report, also in
     FOLDER/export.json: {"format", "sequences": {name: counts}, "left_out": [{"what", "why"}], …}.
 
     `replace`: an older folder of that name goes when the new one is whole; else it is an error. `options`: of the
     format's own `write`. Raises PecsInputError for what the format cannot hold, PecsOutputError for a folder that
     cannot be written.
     """
-    if name not in FORMATS:
-        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(FORMATS)}", _USAGE)
+    if name not in WRITERS:
+        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}", _USAGE)
     if not sequences:
         raise PecsInputError(f"{name}: got no sequences", _USAGE)
     names = [s.name for s in sequences]
