@@ -60,6 +60,8 @@ class BlendScene(Source):
         self.scene.camera = self._camera
         if self.path:
             self._camera.matrix_world = self.on_path(t_s)
+        if self.placed:
+            self.placed.pose(t_s)
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
 
     def follow(self, path) -> None:

@@ -36,6 +36,8 @@ class FolderScene(Source):
     def set_time(self, t_s: float) -> None:
         self._parts.pose(t_s)
         self._t_s = t_s
+        if self.placed:
+            self.placed.pose(t_s)
         if self.path and self._pinhole:
             self.place([self._pinhole])
 

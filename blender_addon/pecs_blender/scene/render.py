@@ -26,6 +26,7 @@ from ..core.spectra import spectrum
 from . import adaptive, cycles, layers, lens, noise
 from .job import Job
 from .judge import Judge
+from .placed import Placed
 from .source import Source
 from .spectral import SpectralScene
 
@@ -35,6 +36,8 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
     options = _resolved(options)
     if options.camera_path:
         source.follow(read_camera_path(Path(options.camera_path)))
+    if options.place:
+        source.placed = Placed(Path(options.place), source.scene, source.unit_m)
     pixels = _size(source, options)
     width, height = size = tuple(n * options.subpixels for n in pixels)
     chip = load_chip(options.chip)
@@ -226,6 +229,7 @@ def _settings(options: Options, source: Source, scale: float, spectral: Spectral
     return {
         **options.recorded(),
         **({"camera_path_sha256": source.path.sha256} if source.path else {}),
+        **({"placed": source.placed.record} if source.placed else {}),
         "emitters": [s.name for s in spectral.emitters.spectra],
         "radiance_per_relative_power": None if options.no_light else scale,
         "approximated": spectral.approximated,

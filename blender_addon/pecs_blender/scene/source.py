@@ -12,6 +12,7 @@ import mathutils
 import numpy as np
 
 from ..core.camera_path import CameraPath
+from .placed import Placed
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Blender's camera axes, and back
 
@@ -19,7 +20,8 @@ FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Ble
 class Source(ABC):
     """scene: the Blender scene, as Cycles shall render it. unit_m: metres per unit of its coordinates. lens: `lens` (a
     name or "none"), `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says
-    of it. folder: where files that it names lie. path: what the camera follows instead of its own motion."""
+    of it. folder: where files that it names lie. path: what the camera follows instead of its own motion. placed:
+    objects of other files."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -31,6 +33,7 @@ class Source(ABC):
     unit_m: float = 1.0
     duration_s: float | None = None  # what `--frames all` covers
     path: CameraPath | None = None
+    placed: Placed | None = None
 
     def follow(self, path: CameraPath) -> None:
         """From the next set_time on."""

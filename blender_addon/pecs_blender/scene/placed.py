@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects of other .blend files, placed into a scene: `--place FILE` (docs/render.md)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import bpy
+from mathutils import Euler, Matrix, Vector
+
+from ..core.errors import NOT_FOUND, RenderError, bad_input
+from ..core.strict_json import JsonObject, read_json
+
+FILES = ("file", "texture")
+KINDS = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
+
+
+class Placed:
+    """The things of a file, in the scene; pose() moves them to an instant. record: for stack.json, files by
+    their names."""
+
+    def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float):
+        content = read_json(file)
+        self._unit_m, self._things = unit_m, []
+        top = JsonObject(content, file)
+        if top.number("format") != 1:
+            raise top.fail("format", top.any("format"), "1")
+        for i, thing in enumerate(top.any("objects")):
+            entry = JsonObject(thing, file, f"objects[{i}]")
+            self._things.append(_Thing(entry, scene))
+        top.done()
+        self.record = [
+            thing | {key: thing[key] and Path(thing[key]).name for key in FILES} for thing in content["objects"]
+        ]
+        self.pose(0.0)
+
+    def pose(self, t_s: float) -> None:
+        for thing in self._things:
+            thing.pose(t_s, self._unit_m)
+
+
+class _Thing:
+    """One file's objects under an empty whose origin is the middle of their box, scaled to a largest extent of 1."""
+
+    def __init__(self, entry: JsonObject, scene: bpy.types.Scene):
+        name, file = entry.text("name"), Path(entry.text("file"))
+        if name in bpy.data.objects or name in bpy.data.collections:
+            raise entry.fail("name", name, "one that nothing else has")
+        self._size_m = entry.number("size_m", 1e-6, 1e6)
+        self._position_m, self._velocity = (entry.numbers(k, count=3) for k in ("position_m", "velocity_m_s"))
+        self._turn, self._spin = (entry.numbers(k, count=3) for k in ("rotation_deg", "spin_deg_s"))
+        texture = Path(entry.text("texture")) if entry.has("texture") else None
+        kind = entry.text("class")
+        entry.done()
+        collection = bpy.data.collections.new(name)
+        collection["pecs_class"] = kind
+        scene.collection.children.link(collection)
+        objects = _loaded(file, collection)
+        if texture:
+            _dress(objects, texture, file)
+        bpy.context.view_layer.update()
+        self._empty = bpy.data.objects.new(name, None)
+        collection.objects.link(self._empty)
+        low, high = _box(objects, file)
+        extent = max(high - low)
+        centred = Matrix.Scale(1 / extent, 4) @ Matrix.Translation(-(low + high) / 2)
+        for thing in objects:
+            if thing.parent not in objects:
+                thing.matrix_world = centred @ thing.matrix_world
+                thing.parent = self._empty
+
+    def pose(self, t_s: float, unit_m: float) -> None:
+        place = (Vector(self._position_m) + t_s * Vector(self._velocity)) / unit_m
+        turned = Euler([math.radians(a) for a in self._turn]).to_matrix().to_4x4()
+        spin = Vector(self._spin)
+        spun = Matrix.Rotation(math.radians(spin.length) * t_s, 4, spin) if spin.length else Matrix.Identity(4)
+        scaled = Matrix.Scale(self._size_m / unit_m, 4)
+        self._empty.matrix_world = Matrix.Translation(place) @ spun @ turned @ scaled
+
+
+def _loaded(file: Path, collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    if not file.is_file():
+        raise RenderError(NOT_FOUND, f"{file}: no such file")
+    try:
+        with bpy.data.libraries.load(str(file)) as (there, here):
+            here.objects = list(there.objects)
+    except OSError as e:
+        raise bad_input(file, "", str(e).strip().splitlines()[-1], "a .blend file") from None
+    objects = [thing for thing in here.objects if thing is not None and thing.type in KINDS]
+    for thing in objects:
+        thing.animation_data_clear()
+        collection.objects.link(thing)
+    return objects
+
+
+def _box(objects: list[bpy.types.Object], file: Path) -> tuple[Vector, Vector]:
+    corners = [thing.matrix_world @ Vector(c) for thing in objects if thing.type == "MESH" for c in thing.bound_box]
+    if not corners:
+        raise bad_input(file, "objects", "no mesh", "an object to place")
+    low, high = (Vector([end(c[i] for c in corners) for i in range(3)]) for end in (min, max))
+    if not max(high - low) > 0:
+        raise bad_input(file, "objects", "a point", "an object with a size")
+    return low, high
+
+
+def _dress(objects: list[bpy.types.Object], texture: Path, file: Path) -> None:
+    """One material for all: the picture by their UV maps."""
+    if not texture.is_file():
+        raise RenderError(NOT_FOUND, f"{texture}: no such file")
+    material = bpy.data.materials.new(texture.stem)
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    image = nodes.new("ShaderNodeTexImage")
+    try:
+        image.image = bpy.data.images.load(str(texture), check_existing=True)
+    except RuntimeError as e:
+        raise bad_input(texture, "", str(e).strip(), "a picture") from None
+    if not all(image.image.size):
+        raise bad_input(texture, "", "no pixels", "a picture")
+    links.new(image.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    for thing in objects:
+        if thing.type != "MESH":
+            continue
+        if not thing.data.uv_layers:
+            raise bad_input(file, f"object {thing.name}", "no UV map", "one: textures need it")
+        thing.data.materials.clear()
+        thing.data.materials.append(material)
