@@ -97,31 +97,34 @@ def webdataset(folder):
 
 
 def windows(folder):
-    """pecs.datasets.Windows through PyTorch's DataLoader, in workers and pinned-like batches, and tonic's transforms.
-    FOLDER: of a sequence."""
+    """pecs.datasets.Windows through PyTorch's DataLoader, and under tonic's transforms. FOLDER: of a sequence."""
     import tonic.transforms
-    import torch
-    from pecs.datasets import Sequence, Windows
+    from pecs.datasets import Sequence, Windows, collate
     from torch.utils.data import DataLoader
 
-    data = Windows(Sequence(folder), "left", by="time", window_us=20_000, fields=("flow", "depth", "frame"))
-    loader = DataLoader(data, batch_size=None, num_workers=2)
-    out = {"torch_n": [], "torch_flow": [], "torch_frame": []}
-    for item in loader:
-        assert all(torch.is_tensor(item[k]) for k in ("flow", "depth", "frame")), {k: type(v) for k, v in item.items()}
-        out["torch_n"].append(len(item["events"]))
-        out["torch_flow"].append(item["flow"].numpy())
-        out["torch_frame"].append(item["frame"].numpy())
-    sensor = (data.width, data.height, 2)
+    fields = ("flow", "depth", "frame", "boxes")
+    data = Windows(Sequence(folder), "left", window_us=20_000, fields=fields)
+    data[0]  # what is open before the workers begin
+    out = {name: [] for name in ("torch_items", "torch_n", "torch_t", "torch_flow", "torch_frame", "torch_boxes")}
+    for number, batch in enumerate(DataLoader(data, 2, num_workers=2, collate_fn=collate)):
+        for i in range(len(batch["start_us"])):
+            mine = batch["events"][batch["events"][:, 0] == i]
+            out["torch_items"].append(number)
+            out["torch_n"].append(len(mine))
+            out["torch_t"].append(mine[:, 1].sum().item())
+            out["torch_flow"].append(batch["flow"][i].numpy())
+            out["torch_frame"].append(batch["frame"][i].numpy())
+        out["torch_boxes"] += batch["boxes"].tolist()
+
+    sensor = (96, 72, 2)
+    items = [data[i]["events"] for i in range(len(data))]
     frames = tonic.transforms.ToFrame(sensor_size=sensor, n_time_bins=4)
+    chained = Windows(data.sequences, "left", window_us=20_000, transform=frames)
+    out["tonic_frames"] = [chained[i]["events"] for i in range(len(chained))]
+    out["tonic_denoised"] = [len(tonic.transforms.Denoise(5000)(events)) for events in items]
     grid = tonic.transforms.ToVoxelGrid(sensor_size=sensor, n_time_bins=5)
-    chained = Windows(
-        Sequence(folder), "left", window_us=20_000, transform=lambda item: item | {"frames": frames(item["events"])}
-    )
-    out["tonic_frames"] = np.stack([chained[i]["frames"] for i in range(len(chained))])
-    out["tonic_voxels"] = np.stack([grid(data[i]["events"]) for i in range(len(data))])
-    out["tonic_denoised"] = np.array([len(tonic.transforms.Denoise(5000)(data[i]["events"])) for i in range(len(data))])
-    return out
+    out["tonic_voxels"] = [grid(events) for events in items]  # it changes them
+    return {name: np.array(values) for name, values in out.items()}
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def test_dsec_disparity_is_the_scenes(dsec):
         known, inner = dsec["disparity_known"][i], inside_one_surface(ids)
         assert (known & inner).sum() > 0.8 * inner.sum() and inner.sum() > 4000
         error = (dsec["disparity"][i] - want)[known & inner]
-        assert np.sqrt((error**2).mean()) < 0.005 and np.abs(error).max() < 0.02
+        assert np.sqrt((error**2).mean()) < 0.002 and np.abs(error).max() < 0.006
     # The right camera sees the same points in the same rows, so far to the left.
     right_px = rect_project(right, world, t)
     left_px = rect_project(left, world, t)
@@ -90,7 +90,7 @@ def test_dsec_flow_is_the_scenes(dsec):
             known = dsec[f"{name}_known"][i] & inside_one_surface(ids)
             assert known.sum() > 4000 and np.abs(want[known]).max() > 0.5
             error = (dsec[name][i] - want)[known]
-            assert np.sqrt((error**2).mean()) < 0.01 and np.abs(error).max() < 0.03
+            assert np.sqrt((error**2).mean()) < 0.003 and np.abs(error).max() < 0.006
 
 
 def test_dsec_codes_of_16_bits_by_another_decoder(exported, dsec):

@@ -1,9 +1,23 @@
-"""Data sets of events with ground truth: reading them, and writing them in the formats of others
+"""Data sets of events with ground truth: reading them, training with them, and writing them in others' formats
 (docs/dataset_formats.md)."""
 
 from . import writers
 from .event_file import EventFile
 from .sequence import IMU_DTYPE, Camera, Frame, Sequence, sequences
 from .truth import BOX_DTYPE, Truth
+from .windows import WINDOW_DTYPE, Windows, collate
 
-__all__ = ["BOX_DTYPE", "Camera", "EventFile", "Frame", "IMU_DTYPE", "Sequence", "Truth", "sequences", "writers"]
+__all__ = [
+    "BOX_DTYPE",
+    "Camera",
+    "EventFile",
+    "Frame",
+    "IMU_DTYPE",
+    "Sequence",
+    "Truth",
+    "WINDOW_DTYPE",
+    "Windows",
+    "collate",
+    "sequences",
+    "writers",
+]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class EventFile:
-    """Opens the file when first asked, in each process anew.
+    """Opens the file when first asked, and anew in another process (pickled, or forked).
 
     with EventFile("events.h5") as file:
         events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms
@@ -26,9 +27,10 @@ class EventFile:
 
     def __init__(self, path: Path):
         self.path = path
+        self._opened: tuple[int, Any] | None = None  # process, file
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path}
+        return {"path": self.path, "_opened": None}
 
     def __enter__(self) -> Self:
         return self
@@ -37,11 +39,17 @@ class EventFile:
         self.close()
 
     def close(self) -> None:
-        if "_file" in self.__dict__:
-            self.__dict__.pop("_file").close()
+        if self._opened and self._opened[0] == os.getpid():
+            self._opened[1].close()
+        self._opened = None
 
-    @cached_property
+    @property
     def _file(self) -> Any:
+        if self._opened is None or self._opened[0] != os.getpid():
+            self._opened = os.getpid(), self._open()
+        return self._opened[1]
+
+    def _open(self) -> Any:
         h5py = library("h5py", "h5py", "reading parts of an event file")
         try:
             file = h5py.File(self.path, "r")

@@ -102,10 +102,14 @@ class Camera:
         """The object that the pixel saw at the event's time [n]: its id, 0 none or unknown."""
         return self._per_event(read_array(self.folder / "objects.npy", "the object of each event", "<u2", (-1,)))
 
-    def _per_event(self, values: NDArray[Any], limit: int | None = None) -> NDArray[Any]:
+    @cached_property
+    def _event_count(self) -> int:
         with self.event_file() as events:
-            if len(values) != len(events):
-                fault(Path(values.filename), "length", len(values), f"{len(events)}, one for each event")
+            return len(events)
+
+    def _per_event(self, values: NDArray[Any], limit: int | None = None) -> NDArray[Any]:
+        if len(values) != self._event_count:
+            fault(Path(values.filename), "length", len(values), f"{self._event_count}, one for each event")
         if limit and len(values) and values.max() >= limit:
             fault(Path(values.filename), "greatest value", int(values.max()), f"less than {limit}")
         return values
@@ -125,6 +129,10 @@ class Camera:
 
     def frames(self) -> list[Frame]:
         """The pictures of an RGB camera, in time; [] of a camera without."""
+        return list(self._frames)
+
+    @cached_property
+    def _frames(self) -> list[Frame]:
         path = self.folder / "rgb.csv"
         if not path.exists():
             return []
@@ -140,6 +148,10 @@ class Camera:
     @property
     def has_truth(self) -> bool:
         return (self.folder / "truth" / "stack.json").is_file()
+
+    @property
+    def has_boxes(self) -> bool:
+        return self.has_truth and (self.folder / "truth" / "objects.json").is_file()
 
     @cached_property
     def truth(self) -> Truth:
@@ -205,6 +217,22 @@ class Sequence:
         out = np.zeros(len(t_ns), IMU_DTYPE)
         out["t_us"], out["gyro"], out["accel"] = t_ns / 1e3, gyro, accel
         return out
+
+
+def same_pixels(a: Camera, b: Camera) -> bool:
+    """Whether a pixel of one sees what that of the other sees, as behind a beam splitter."""
+    if (a.width, a.height) != (b.width, b.height) or len(a.distortion) != len(b.distortion):
+        return False
+    pairs = ((a.K, b.K), (a.distortion, b.distortion), (a.rig_from_camera, b.rig_from_camera))
+    return all(np.allclose(x, y, rtol=1e-9, atol=1e-9) for x, y in pairs)
+
+
+def frames_of(sequence: Sequence, camera: Camera) -> list[Frame]:
+    """The pictures of the RGB camera that shares an event camera's pixels; [] without one."""
+    for other in sequence.of_kind("rgb"):
+        if same_pixels(camera, other):
+            return other.frames()
+    return []
 
 
 def rect_from_rect(camera: Camera, other: Camera) -> NDArray[np.float64]:

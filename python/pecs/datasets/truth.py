@@ -33,7 +33,7 @@ class Truth:
         self.shape = height, width
         existing(folder / "stack.json", "ground truth")
 
-    def __getstate__(self) -> dict[str, Any]:  # what is open stays in its process
+    def __getstate__(self) -> dict[str, Any]:  # what was read is read again
         return {"folder": self.folder, "shape": self.shape}
 
     @cached_property
@@ -74,9 +74,19 @@ class Truth:
             fault(self.folder, f"objects {i}: pixel ({x}, {y})", float(values[y, x]), f"an integer below {_LARGEST_ID}")
         return whole.astype(np.int64)
 
-    def flow(self, i: int) -> NDArray[np.float32]:
-        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i] is at times_us[i + 1]; NaN unknown."""
-        return np.moveaxis(self._channels("motion", i, ("x_end", "y_end")), 0, -1)
+    def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
+        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i] is at times_us[to], the next instant if not
+        given; NaN unknown. Over several intervals they are joined: between pixels by interpolation, and NaN where
+        something else (of `instances`, if there are) hides the point at an instant on the way."""
+        to = i + 1 if to is None else to
+        if to <= i:
+            raise IndexError(f"{self.folder}: flow from {i}: got to {to}, wanted a later instant")
+        out = np.moveaxis(self._channels("motion", i, ("x_end", "y_end")), 0, -1)
+        ids = self.instances(i) if to > i + 1 and "objects" in self.layers else None
+        for k in range(i + 1, to):
+            there = None if ids is None else self.instances(k)
+            out = out + _follow(self.flow(k), out, ids, there)
+        return out
 
     def flow_back(self, i: int) -> NDArray[np.float32]:
         """[H, W, 2] in px: where what a pixel's centre sees at times_us[i + 1] was at times_us[i]; NaN unknown."""
@@ -172,3 +182,30 @@ class Truth:
     def object_poses(self, i: int) -> dict[int, NDArray[np.float64]]:
         """{id: world_from_object [4, 4]}: the object's axes, its scale left out."""
         return {entry.whole("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
+
+
+def _follow(
+    flow: NDArray[np.float32], moved: NDArray[np.float32], ids: NDArray[Any] | None, there: NDArray[Any] | None
+) -> NDArray[np.float32]:
+    """The next interval's flow at where pixels have moved to [H, W, 2]: bilinear, NaN outside, and where the nearest
+    pixel there sees another object. Where the four pixels around see several things the nearest one counts."""
+    height, width = flow.shape[:2]
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1)
+    at = grid + moved.astype(np.float64)
+    known = np.isfinite(at).all(-1) & (at >= 0).all(-1) & (at <= [width - 1, height - 1]).all(-1)
+    at = np.where(known[..., None], at, 0)
+    x0 = np.minimum(at[..., 0].astype(np.int64), max(width - 2, 0))
+    y0 = np.minimum(at[..., 1].astype(np.int64), max(height - 2, 0))
+    u, v = (at[..., 0] - x0)[..., None], (at[..., 1] - y0)[..., None]
+    x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+    corners = [(y0, x0), (y0, x1), (y1, x0), (y1, x1)]
+    values = np.stack([flow[c] for c in corners]).astype(np.float64)
+    nearest = np.take_along_axis(values, weights.argmax(0)[None], 0)[0]
+    one = np.isfinite(values).all((0, -1))
+    if ids is not None and there is not None:
+        seen = np.stack([there[c] for c in corners])
+        one &= (seen == seen[0]).all(0)
+        known &= np.take_along_axis(seen, weights[..., 0].argmax(0)[None], 0)[0] == ids
+    out = np.where(one[..., None], (weights * values).sum(0), nearest)
+    return np.where(known[..., None], out, np.nan).astype(np.float32)

@@ -4,25 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..sequence import Camera, Frame, Sequence
+from ..sequence import Camera, frames_of
 
 NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the event camera; see beam-splitter rigs"
-
-
-def same_pixels(a: Camera, b: Camera) -> bool:
-    """Whether a pixel of one sees what that of the other sees."""
-    if (a.width, a.height) != (b.width, b.height) or len(a.distortion) != len(b.distortion):
-        return False
-    pairs = ((a.K, b.K), (a.distortion, b.distortion), (a.rig_from_camera, b.rig_from_camera))
-    return all(np.allclose(x, y, rtol=1e-9, atol=1e-9) for x, y in pairs)
-
-
-def frames_of(sequence: Sequence, camera: Camera) -> list[Frame]:
-    """The pictures of the RGB camera that shares the event camera's pixels; [] without one."""
-    for other in sequence.of_kind("rgb"):
-        if same_pixels(camera, other):
-            return other.frames()
-    return []
+__all__ = ["NO_FRAMES", "frames_of", "truth_at"]
 
 
 def truth_at(camera: Camera, t_us: float) -> int | None:

@@ -41,17 +41,13 @@ def boxes(camera: Camera, i: int) -> Iterator[Box]:
         )
 
 
-def has_boxes(camera: Camera) -> bool:
-    return camera.has_truth and (camera.truth.folder / "objects.json").is_file()
-
-
 def class_numbers(sequences: Iterable[Sequence], known: tuple[str, ...] = (), first: int = 0) -> dict[str, int]:
     """{class: number}: names in `known` by their place there, others behind them by name."""
     names = {
         name
         for sequence in sequences
         for camera in sequence.cameras.values()
-        if has_boxes(camera)
+        if camera.has_boxes
         for name in camera.truth.classes.values()
     }
     order = [*known, *sorted(names - set(known))]

@@ -23,7 +23,7 @@ from .._check import library
 from ..sequence import Camera, Sequence
 from ._files import read_picture, write_json, write_png
 from ._frames import truth_at
-from ._labels import boxes, class_numbers, has_boxes
+from ._labels import boxes, class_numbers
 from ._pictures import event_picture
 from ._report import Report
 
@@ -38,7 +38,7 @@ def write(sequences: list[Sequence], folder: Path, min_px: int = 1) -> Report:
     files: dict[tuple[str, str], dict[str, Any]] = {}
     for sequence in sequences:
         for camera in sequence.cameras.values():
-            if not has_boxes(camera):
+            if not camera.has_boxes:
                 report.leave_out(f"camera {camera.name}", "it has no objects.json", sequence.name)
                 continue
             empty = {"info": {"description": f"camera {camera.name}"}, "licenses": [], "images": [], "annotations": []}

@@ -25,7 +25,7 @@ from ..sequence import Camera, Sequence
 from . import dsec
 from ._files import npy_bytes, read_picture, write_json, write_png
 from ._frames import truth_at
-from ._labels import boxes, class_numbers, has_boxes
+from ._labels import boxes, class_numbers
 from ._report import Report
 
 CLASSES = ("pedestrian", "rider", "car", "bus", "truck", "bicycle", "motorcycle", "train")
@@ -66,7 +66,7 @@ def _write_tracks(
     path: Path, cameras: dict[str, Camera], numbers: dict[str, int], sequence: Sequence, report: Report
 ) -> None:
     camera, rows = cameras["cam0"], []
-    if has_boxes(camera):
+    if camera.has_boxes:
         for i in _instants(cameras, sequence, report):
             t = int(round(camera.truth.times_us[i]))
             rows += [(t, b.x, b.y, b.h, b.w, numbers[b.name], b.track, 1.0) for b in boxes(camera, i)]

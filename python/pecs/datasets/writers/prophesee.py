@@ -24,7 +24,7 @@ from ... import events as event_io
 from ..._library import PecsInputError
 from ..sequence import Camera, Sequence
 from ._files import BLOCK, hdf5, npy_bytes, put, put_events, write_json
-from ._labels import boxes, class_numbers, has_boxes
+from ._labels import boxes, class_numbers
 from ._report import Report
 
 BBOX_DTYPE = np.dtype(
@@ -68,7 +68,7 @@ def write(sequences: list[Sequence], folder: Path, generation: str = "gen4", eve
             labels = _labels(camera, numbers)
             at.with_name(f"{name}_bbox.npy").write_bytes(npy_bytes(labels))
             report.count(sequence.name, events=count, boxes=len(labels))
-            if not has_boxes(camera):
+            if not camera.has_boxes:
                 report.leave_out("boxes", f"camera {camera.name} has no objects.json", sequence.name)
             for key, found in report.more["rvt"].items():
                 kept = int(survive_rvt(labels, key, camera, sequence.split == "train").sum())
@@ -97,7 +97,7 @@ def _write_events(at: Path, camera: Camera, generation: str, kinds: str) -> int:
 
 def _labels(camera: Camera, numbers: dict[str, int]) -> NDArray[Any]:
     rows: list[tuple[Any, ...]] = []
-    for i, t in enumerate(camera.truth.times_us if has_boxes(camera) else []):
+    for i, t in enumerate(camera.truth.times_us if camera.has_boxes else []):
         rows += [(int(round(t)), b.x, b.y, b.w, b.h, numbers[b.name], b.track, 1) for b in boxes(camera, i)]
     return np.array(rows, BBOX_DTYPE)
 

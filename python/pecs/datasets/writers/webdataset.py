@@ -26,7 +26,6 @@ from ..._library import PecsInputError
 from ..sequence import Camera, Sequence
 from ._files import add_to_tar, npy_bytes
 from ._frames import frames_of
-from ._labels import has_boxes
 from ._report import Report
 
 Sample = dict[str, bytes]  # extension -> content, in the order of the tar
@@ -72,7 +71,7 @@ def _samples_of(sequence: Sequence, camera: Camera) -> Iterator[Sample]:
     about: dict[str, Any] = {"sequence": sequence.name, "split": sequence.split, "camera": camera.name}
     about |= {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
     about |= {"distortion": camera.distortion.tolist()}
-    if has_boxes(camera):
+    if camera.has_boxes:
         about["classes"] = {str(number): name for number, name in truth.classes.items()}
     with camera.event_file() as events:
         for i, (start, end) in enumerate(zip(times, times[1:], strict=False)):
@@ -97,6 +96,6 @@ def _truth(camera: Camera, i: int) -> Sample:
         out["depth.npy"] = npy_bytes(truth.depth(i + 1))
     if "objects" in truth.layers:
         out["instances.npy"] = npy_bytes(truth.instances(i + 1).astype(np.uint16))
-    if has_boxes(camera):
+    if camera.has_boxes:
         out["boxes.npy"] = npy_bytes(truth.boxes(i + 1))
     return out

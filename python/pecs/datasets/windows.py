@@ -1,0 +1,220 @@
+"""Windows of events with what is true of them: a map-style data set for PyTorch's DataLoader and tonic's transforms.
+
+    data = pecs.datasets.Windows(pecs.datasets.sequences("SET", "train"), window_us=50_000, fields=("flow", "boxes"))
+    item = data[0]   # {"events", "start_us", "end_us", "sequence", "camera", "flow", "flow_us", "boxes", "truth_us"}
+
+    loader = torch.utils.data.DataLoader(data, 8, shuffle=True, num_workers=4, collate_fn=pecs.datasets.collate)
+    frames = pecs.datasets.Windows(data.sequences, transform=tonic.transforms.ToFrame((346, 260, 2), n_time_bins=5))
+
+It needs neither. An item reads its own events, found by the index of the file. It can be pickled and forked.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._library import PecsInputError
+from ._check import library
+from .event_file import EventFile
+from .sequence import Camera, Sequence, frames_of
+
+WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
+FIELDS = ("flow", "depth", "instances", "boxes", "frame", "causes", "objects")
+_USAGE = 2
+_OPEN_FILES = 16  # of events, a process
+
+
+class Windows:
+    """Items are dicts; all arrays are NumPy's own.
+
+    `by` "time": windows of `window_us` every `step_us` (as long as a window if not given), from the sequence's begin to
+    its end, whole ones alone: start_us <= t < end_us. `by` "count": of `count` events every `step` events, from the
+    first one's time to the last one's. `camera`: the name of an event camera, or None for all. `events` is structured:
+    t (us since the sequence's begin), x, y, p (1 brighter, 0 darker).
+
+    `transform` is called with the events, as tonic's are, and its result takes their place. `fields` adds
+      flow       f4 [2, H, W] px from the truth's instant nearest to the window's begin to that nearest to its end (the
+                 next one, if they are one); `flow_us` [2] says from when to when; NaN unknown
+      depth      f4 [2, H, W] m: along the chief ray, and z; of the instant nearest to the end, as are
+      instances  i4 [H, W], and boxes (`BOX_DTYPE`); `truth_us` is that instant
+      frame      u1 [3, H, W] RGB: the picture nearest to the end, of the RGB camera with the same pixels; `frame_us`
+                 [2] is its exposure
+      causes     u1 [n], objects u2 [n] of the events (before `transform`)
+    Raises PecsInputError for wrong options, and for a field that a camera does not have.
+    """
+
+    def __init__(
+        self,
+        sequences: Sequence | Iterable[Sequence],
+        camera: str | None = None,
+        *,
+        by: str = "time",
+        window_us: int = 50_000,
+        step_us: int | None = None,
+        count: int = 50_000,
+        step: int | None = None,
+        fields: Iterable[str] = (),
+        transform: Callable[[NDArray[Any]], Any] | None = None,
+    ):
+        self.sequences = [sequences] if isinstance(sequences, Sequence) else list(sequences)
+        self.by, self.fields, self.transform = by, tuple(fields), transform
+        self.size = window_us if by == "time" else count
+        step = step_us if by == "time" else step
+        self.step = self.size if step is None else step
+        if by not in ("time", "count") or self.size < 1 or self.step < 1:
+            raise PecsInputError(
+                f"windows: got by {by!r} of {self.size} every {self.step}, wanted 'time' or 'count' and 1 or more",
+                _USAGE,
+            )
+        unknown = set(self.fields) - set(FIELDS)
+        if unknown:
+            raise PecsInputError(
+                f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}", _USAGE
+            )
+        self.cameras: list[tuple[Sequence, Camera]] = [
+            (sequence, c) for sequence in self.sequences for c in sequence.of_kind("events") if camera in (None, c.name)
+        ]
+        if not self.cameras:
+            raise PecsInputError(f"windows: camera: got {camera!r}, which is no event camera of the sequences", _USAGE)
+        for sequence, c in self.cameras:
+            self._check(sequence, c)
+        self._ends = [*accumulate(self._count(sequence, c) for sequence, c in self.cameras)]
+        self._open: OrderedDict[int, EventFile] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_open": OrderedDict()}
+
+    def _check(self, sequence: Sequence, camera: Camera) -> None:
+        layers = camera.truth.layers if camera.has_truth else ()
+        has = {
+            "flow": "motion" in layers,
+            "depth": "depth" in layers,
+            "instances": "objects" in layers,
+            "boxes": camera.has_boxes,
+            "frame": bool(frames_of(sequence, camera)),
+            "causes": camera.has("causes"),
+            "objects": camera.has("objects"),
+        }
+        missing = [field for field in self.fields if not has[field]]
+        if missing:
+            raise PecsInputError(
+                f"{camera.folder}: got no {', '.join(missing)}, wanted fields that every camera of the windows has", 4
+            )
+
+    def _count(self, sequence: Sequence, camera: Camera) -> int:
+        if self.by == "time":
+            length = sequence.duration_us
+        else:
+            with camera.event_file() as events:
+                length = len(events)
+        return max(0, (length - self.size) // self.step + 1)
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"windows: got {index}, wanted less than {len(self)}")
+        index %= len(self)
+        which = bisect_right(self._ends, index)
+        sequence, camera = self.cameras[which]
+        begin = (index - (self._ends[which - 1] if which else 0)) * self.step
+        events = self._events(which)
+        if self.by == "time":
+            start, end = begin, begin + self.size
+            first, last = events.index(start), events.index(end)
+            found = events.read(first, last)
+        else:
+            first, last = begin, begin + self.size
+            found = events.read(first, last)
+            start, end = int(found["t"][0]), int(found["t"][-1])
+        item: dict[str, Any] = {"events": self._as_window(found), "start_us": start, "end_us": end}
+        item |= {"sequence": sequence.name, "camera": camera.name}
+        for name in ("causes", "objects"):
+            if name in self.fields:
+                item[name] = np.array(getattr(camera, name)()[first:last])
+        self._add_truth(item, camera)
+        if "frame" in self.fields:
+            self._add_frame(item, sequence, camera)
+        if self.transform is not None:
+            item["events"] = self.transform(item["events"])
+        return item
+
+    def _events(self, which: int) -> EventFile:
+        file = self._open.pop(which, None) or self.cameras[which][1].event_file()
+        self._open[which] = file
+        if len(self._open) > _OPEN_FILES:
+            self._open.popitem(last=False)[1].close()
+        return file
+
+    @staticmethod
+    def _as_window(events: NDArray[Any]) -> NDArray[Any]:
+        out = np.empty(len(events), WINDOW_DTYPE)
+        for name in "txyp":
+            out[name] = events[name]
+        return out
+
+    def _add_truth(self, item: dict[str, Any], camera: Camera) -> None:
+        wanted = {"flow", "depth", "instances", "boxes"} & set(self.fields)
+        if not wanted:
+            return
+        times = camera.truth.times_us
+        i, j = (int(np.abs(times - t).argmin()) for t in (item["start_us"], item["end_us"]))
+        item["truth_us"] = float(times[j])
+        if "depth" in wanted:
+            item["depth"] = camera.truth.depth(j)
+        if "instances" in wanted:
+            item["instances"] = camera.truth.instances(j).astype(np.int32)
+        if "boxes" in wanted:
+            item["boxes"] = camera.truth.boxes(j)
+        if "flow" in wanted:
+            i = min(i, len(times) - 2)
+            j = max(j, i + 1)
+            item["flow"] = np.ascontiguousarray(np.moveaxis(camera.truth.flow(i, j), -1, 0))
+            item["flow_us"] = times[[i, j]]
+
+    @staticmethod
+    def _add_frame(item: dict[str, Any], sequence: Sequence, camera: Camera) -> None:
+        cv2 = library("cv2", "opencv-python-headless", "reading pictures")
+        frame = min(frames_of(sequence, camera), key=lambda f: abs(f.middle_us - item["end_us"]))
+        item["frame"] = np.ascontiguousarray(np.moveaxis(cv2.imread(str(frame.path))[..., ::-1], -1, 0))
+        item["frame_us"] = np.array([frame.start_us, frame.end_us], np.float64)
+
+
+def collate(items: list[dict[str, Any]]) -> dict[str, Any]:
+    """A batch of PyTorch tensors, for `collate_fn`.
+
+    Pictures of one size are stacked. `events`: int64 [n, 5], columns (item, t, x, y, p), of all items one after the
+    other; `boxes`: float64 [m, 7], (item, id, class_id, x0, y0, x1, y1); causes and objects follow the events. What
+    a transform has made of the events is stacked. Names and times are lists and tensors of one value an item.
+    """
+    torch = library("torch", "PyTorch", "collate")
+    out: dict[str, Any] = {}
+    for name in items[0]:
+        values = [item[name] for item in items]
+        if name in ("causes", "objects"):
+            out[name] = torch.from_numpy(np.concatenate(values).astype(np.int32))
+        elif isinstance(values[0], np.ndarray) and values[0].dtype.names:
+            columns = ("t", "x", "y", "p") if name == "events" else ("id", "class_id", "x0", "y0", "x1", "y1")
+            dtype = np.int64 if name == "events" else np.float64
+            rows = [
+                np.stack([np.full(len(v), i, dtype), *(v[c].astype(dtype) for c in columns)], 1)
+                for i, v in enumerate(values)
+            ]
+            out[name] = torch.from_numpy(np.concatenate(rows))
+        elif isinstance(values[0], np.ndarray):
+            out[name] = torch.from_numpy(np.stack(values))
+        elif isinstance(values[0], str):
+            out[name] = values
+        elif torch.is_tensor(values[0]):
+            out[name] = torch.stack(values)
+        else:
+            out[name] = torch.tensor(values)
+    return out
