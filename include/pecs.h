@@ -184,6 +184,27 @@ PECS_API int64_t pecs_chip_photocurrent(const pecs_chip* chip, const pecs_stack_
                                         int64_t frame, float* out_a, int64_t capacity, pecs_error* error);
 PECS_API void pecs_chip_close(pecs_chip* chip);
 
+/* The light of a stack on one chip or several (the colours of a camera), at any time: as `pecs sense` gives it to the
+ * pixels, carried along the stack's motion between its frames. Holds frames of two intervals: cheapest for rising
+ * times. t_us counts from the first frame; with a period it may go on for ever. */
+typedef struct pecs_light pecs_light;
+/* options: {"chips": [{"chip": name | path, "set": {key: value}}, ...], "fnumber", "gain", "photocurrent_a": as above,
+ * "fps": of a folder without stack.json, "motion": true (false: frames are blended at the pixel), "threads": 0}. */
+PECS_API pecs_light* pecs_light_open(const char* stack, const char* options_json, pecs_error* error);
+/* {"chips": how many, "width", "height", "motion": whether along it, "end_us": of the last frame | null (a period)} */
+PECS_API char* pecs_light_info(const pecs_light* light, pecs_error* error);
+/* Photocurrent [A] at each of `count` times: out_a[count][chips][height][width]. At a frame's time (to 0.5 ns) as
+ * pecs_chip_photocurrent of that frame (with subpixels: to rounding). Returns how many values. */
+PECS_API int64_t pecs_light_at(pecs_light* light, const double* t_us, int64_t count, float* out_a, int64_t capacity,
+                               pecs_error* error);
+/* Its mean over an exposure: out_a[chips][height][width]. Row y is exposed from begin_us + y * row_delay_us on (0: a
+ * global shutter). The exposure is cut into `steps` equal cells, each with the light of its middle; 0: so many that
+ * nothing moves more than half a pixel from one to the next (four an interval without motion). With a row delay the
+ * cells begin at begin_us, and those at the ends of a row's exposure count in part. Returns how many values. */
+PECS_API int64_t pecs_light_exposure(pecs_light* light, double begin_us, double exposure_us, double row_delay_us,
+                                     int64_t steps, float* out_a, int64_t capacity, pecs_error* error);
+PECS_API void pecs_light_close(pecs_light* light);
+
 /* ---- the sensor (sensor) --------------------------------------------------------------------------------------- */
 
 /* Called now and then with the share of the work that is done, from 0 to 1, by any thread. 0 stops the work, which then

@@ -5,6 +5,7 @@ from ._sense import sense
 from .chip import Chip, bands, models
 from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
 from .lens import Camera, Lens
+from .light import Light
 from .metrics import compare, delays
 from .motion import carry
 from .sensor import Sensor, simulate
@@ -19,6 +20,7 @@ __all__ = [
     "EventWriter",
     "Events",
     "Lens",
+    "Light",
     "PecsError",
     "PecsInputError",
     "PecsNotFoundError",

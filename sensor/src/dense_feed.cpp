@@ -40,25 +40,14 @@ void DenseFeed::load(std::int64_t step, const Plane& first, Interval& interval) 
 
 // What was rendered within the interval, and planes at its instants in place of those close to them.
 void DenseFeed::load_between(std::int64_t step, const Plane& first, Interval& interval) {
-  const StackInfo& info = light_.info();
-  const std::int64_t frame = timeline_.frame(step);
-  const std::vector<std::int64_t> times_ns = timeline_.source().between_ns(frame);
-  const auto begin_ns = static_cast<double>(info.times_ns[static_cast<std::size_t>(frame)]);
-  const double length_ns = 1e3 * (timeline_.t_us(step + 1) - timeline_.t_us(step));
   const double close = 0.25 / static_cast<double>(interval.at.size());
   std::vector<double> instants;
-  Plane rendered(times_ns.empty() ? 0 : first.size()), carried(rendered.size());
-  for (std::size_t k = 0; k < times_ns.size(); ++k) {
-    const double s = (static_cast<double>(times_ns[k]) - begin_ns) / length_ns;
-    light_.read_between(frame, k, rendered.data());
-    interval.carrier->plane(first.data(), interval.second.data(), s, carried.data());
-    interval.residuals.add(s, rendered, carried);
+  interval.residuals = residuals_of(light_, timeline_.frame(step), timeline_.t_us(step + 1) - timeline_.t_us(step),
+                                    *interval.carrier, first.data(), interval.second.data(), instants);
+  for (const double s : instants)
     std::erase_if(interval.at, [&](double at) { return at > 0 && std::abs(at - s) < close; });
-    instants.push_back(s);
-  }
   interval.at.insert(interval.at.end(), instants.begin(), instants.end());
   std::ranges::sort(interval.at);
-  interval.residuals.close();
 }
 
 void DenseFeed::begin_interval() {

@@ -5,6 +5,9 @@
 #include <span>
 #include <vector>
 
+#include "pecs/sensor/motion.h"
+#include "pecs/sensor/photocurrent.h"
+
 namespace pecs::sensor {
 
 class Residuals {
@@ -15,8 +18,8 @@ class Residuals {
   // After the last add.
   void close();
   // Multiplies a carried plane by exp(r) at s: linear between the instants at which the pixel was rendered, 0 at the
-  // keyframes. In the caller's TBB arena.
-  void apply(double s, std::span<float> carried) const;
+  // keyframes. Or its pixels [begin, end) alone. In the caller's TBB arena.
+  void apply(double s, std::span<float> carried, std::size_t begin = 0, std::size_t end = SIZE_MAX) const;
 
  private:
   struct Residual {
@@ -31,5 +34,10 @@ class Residuals {
   std::vector<std::uint32_t> first_;   // of each pixel, and the end
   std::vector<Residual> residuals_;    // by pixel, then s
 };
+
+// Of the interval that begins at a frame, from its pictures; their fractions are added to `instants`. first, second:
+// the light at its ends, with subpixels.
+Residuals residuals_of(PhotocurrentReader& light, std::int64_t frame, double length_us, const Carrier& carrier,
+                       const float* first, const float* second, std::vector<double>& instants);
 
 }  // namespace pecs::sensor

@@ -4,6 +4,10 @@ background that moves too. Pixels are box-filtered by supersampling."""
 from dataclasses import dataclass
 
 import numpy as np
+from pecs.stack import StackWriter
+
+CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")]
+LAYER = {"name": "motion", "files": "motion_%06d.exr", "channels": CHANNELS, "unit": "px, z in m", "at": "interval"}
 
 
 def texture(x, y, seed, finest_px):
@@ -86,3 +90,34 @@ class Scene:
         rho = np.hypot(u / self.radii[0], v / self.radii[1])
         slope = np.hypot(u / self.radii[0] ** 2, v / self.radii[1] ** 2) / np.maximum(rho, 1e-9)
         return (rho - 1) / np.maximum(slope, 1e-9)
+
+
+def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=()):
+    """A stack of frames [T, H, W] times 1e-3; motions: one per interval; between: (interval, number, ns, [H, W])."""
+    height, width = frames[0].shape
+    stack = {
+        "pecs_stack": 1,
+        "quantity": "irradiance",
+        "width": width // subpixels,
+        "height": height // subpixels,
+        "subpixels": subpixels,
+        "between": bool(between),
+        "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
+        "times_ns": times_ns,
+        "period_ns": period_ns,
+        "lens": None,
+        "scene": {},
+        "render": {},
+        "versions": {},
+    }
+    if motions:
+        stack["layers"] = [LAYER]
+    with StackWriter(folder, stack) as writer:
+        for i, frame in enumerate(frames):
+            writer.write_frame(i, 1e-3 * frame[None])
+        for i, motion in enumerate(motions):
+            writer.write_layer("motion", i, motion)
+        for interval, number, time_ns, frame in between:
+            writer.write_between(interval, number, time_ns, 1e-3 * frame[None])
+    return folder

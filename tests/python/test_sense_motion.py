@@ -5,45 +5,11 @@ import json
 import numpy as np
 import pecs
 import pytest
-from moving_scene import Scene
-from pecs.stack import StackWriter
+from moving_scene import Scene, write_stack
 from sense_stacks import read_csv, sense, write
 
-CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")]
-LAYER = {"name": "motion", "files": "motion_%06d.exr", "channels": CHANNELS, "unit": "px, z in m", "at": "interval"}
 STEP_NS = 8_000_000
 SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
-
-
-def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=()):
-    """frames: [T, H, W]; motions: one per interval; between: (interval, number, ns, [H, W])."""
-    height, width = frames[0].shape
-    stack = {
-        "pecs_stack": 1,
-        "quantity": "irradiance",
-        "width": width // subpixels,
-        "height": height // subpixels,
-        "subpixels": subpixels,
-        "between": bool(between),
-        "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
-        "times_ns": times_ns,
-        "period_ns": period_ns,
-        "lens": None,
-        "scene": {},
-        "render": {},
-        "versions": {},
-    }
-    if motions:
-        stack["layers"] = [LAYER]
-    with StackWriter(folder, stack) as writer:
-        for i, frame in enumerate(frames):
-            writer.write_frame(i, 1e-3 * frame[None])
-        for i, motion in enumerate(motions):
-            writer.write_layer("motion", i, motion)
-        for interval, number, time_ns, frame in between:
-            writer.write_between(interval, number, time_ns, 1e-3 * frame[None])
-    return folder
 
 
 @pytest.fixture(scope="module")

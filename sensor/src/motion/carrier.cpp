@@ -270,7 +270,8 @@ std::vector<double> Carrier::instants(double length_us, int subpixels) const {
 }
 
 void Carrier::planes(std::span<const float* const> first, std::span<const float* const> second,
-                     std::span<const double> fractions, std::span<float* const> out, CarrySide side) const {
+                     std::span<const double> fractions, std::span<float* const> out, CarrySide side,
+                     Region rows) const {
   const Interval& in = *interval_;
   const std::size_t count = first.size();
   const auto is_keyframe = [&](double s) {
@@ -289,6 +290,7 @@ void Carrier::planes(std::span<const float* const> first, std::span<const float*
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t i) {
     const Interval::Near& near = in.near[i];
     const Tile tile = in.first.tile(static_cast<int>(i));
+    if (tile.y1 <= rows.begin || tile.y0 >= rows.end) return;
     TileWork work(job, tile, in.first.width());
     View a(in.first), b(in.second);
     for (std::size_t f = 0; f < fractions.size(); ++f) {

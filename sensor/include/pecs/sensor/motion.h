@@ -43,9 +43,11 @@ class Carrier {
   // Together they cost less than one by one. s = 0 and s = 1 give the keyframes; equal values that nothing moves over
   // stay as they are. Where both keyframes show a point they are blended in ln, s being the weight of the second; where
   // one shows it that one counts; where none does, or the motion is not known, both are blended at the pixel itself.
-  // With one side alone such pixels are NaN. Light that is not finite counts as not seen. In the caller's TBB arena.
+  // With one side alone such pixels are NaN. Light that is not finite counts as not seen. Of rows that no one wants
+  // (all but `rows`) the values are any. In the caller's TBB arena.
   void planes(std::span<const float* const> first, std::span<const float* const> second,
-              std::span<const double> fractions, std::span<float* const> out, CarrySide side = CarrySide::both) const;
+              std::span<const double> fractions, std::span<float* const> out, CarrySide side = CarrySide::both,
+              Region rows = {0, kMaxSide}) const;
   void plane(const float* first, const float* second, double s, float* out) const {
     planes({&first, 1}, {&second, 1}, {&s, 1}, {&out, 1});
   }

@@ -42,6 +42,7 @@ class PhotocurrentReader {
  public:
   // amperes: per unit of each band's value. The source must outlive the reader.
   PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes);
+  const FrameSource& source() const { return source_; }
   const StackInfo& info() const { return source_.info(); }
   // Rows [begin, end) of a frame into plane: [(end - begin) * width]. Not finite stays so (NaN: a pixel holds its last
   // value); negative light is 0.

@@ -50,6 +50,11 @@ struct StackInfo {
   std::vector<Layer> layers;  // of an EXR stack; the first is the light
 };
 
+// Rows [begin, end) of frames.
+struct Region {
+  int begin = 0, end = 0;
+};
+
 // Rows of one frame: values[(band * rows + row) * width + x].
 using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
 

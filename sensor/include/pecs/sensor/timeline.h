@@ -20,11 +20,6 @@ struct Window {
 // Photocurrents of a loop that are held in memory: of a region of one that is worked through in regions.
 inline constexpr std::size_t kLoopBytes = std::size_t{128} << 20;
 
-// Rows [begin, end) of all frames.
-struct Region {
-  int begin = 0, end = 0;
-};
-
 class Timeline {
  public:
   // Throws bad_input for a loop of what has no period, and for a window that begins beyond the source's end.
