@@ -1,5 +1,6 @@
 """Fixtures of the tests of pecs.datasets, as a pytest plugin: one small sequence, and what writers made of it."""
 
+import os
 import subprocess
 
 import numpy as np
@@ -37,7 +38,9 @@ def outside(tmp_path_factory):
         assert python.is_file(), "scripts/setup.sh --tests makes .venv-datasets"
         out = tmp_path_factory.mktemp("read") / "out.npz"
         script = ROOT / "tests" / "python" / "outside_datasets.py"
-        done = subprocess.run([python, script, reader, folder, out], capture_output=True, text=True)
+        path = [ROOT / "python", ROOT / "tests" / "python" / "outside" / "evreal"]
+        env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path))}
+        done = subprocess.run([python, script, reader, folder, out], capture_output=True, text=True, env=env)
         assert done.returncode == 0, done.stderr
         return np.load(out)
 

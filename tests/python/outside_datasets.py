@@ -80,6 +80,16 @@ def ecd(folder):
     return out
 
 
+def evreal(folder):
+    """EVREAL's own MemMapDataset: what lies between the pictures. FOLDER: of a recording."""
+    from dataset import MemMapDataset
+
+    data = MemMapDataset(str(folder), num_bins=5)
+    items = [data[i] for i in range(len(data))]
+    out = {name: np.stack([item[name].numpy() for item in items]) for name in ("frame", "events", "frame_timestamp")}
+    return out | {"event_count": np.array([item["event_count"] for item in items])}
+
+
 def webdataset(folder):
     """All samples of FOLDER's train shards, in order."""
     import webdataset as wds

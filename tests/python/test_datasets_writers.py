@@ -139,6 +139,21 @@ def test_evreal(sequence, exported):
     assert "pictures of camera right" in left_out(report)
 
 
+def test_evreal_by_its_own_loader(sequence, exported, outside):
+    found = outside("evreal", exported("evreal")[0] / "0000_left")
+    events, frames = sequence.cameras["left"].events(), sequence.cameras["frame"].frames()
+    # EVREAL's first item ends with the first picture and holds no events; the last picture has none.
+    assert found["event_count"][0] == 0 and len(found["event_count"]) == len(frames) - 1
+    for i in range(1, len(frames) - 1):
+        between = (events["t"] >= frames[i - 1].middle_us) & (events["t"] < frames[i].middle_us)
+        assert found["event_count"][i] == between.sum() > 1000
+        signed = np.zeros((H, W))
+        np.add.at(signed, (events["y"][between], events["x"][between]), 2.0 * events["p"][between] - 1)
+        np.testing.assert_allclose(found["events"][i].sum(0), signed, atol=1e-4)
+        np.testing.assert_allclose(found["frame"][i, 0] * 255, grey(frames[i].path), atol=1e-3)
+        assert found["frame_timestamp"][i] == pytest.approx(frames[i].middle_us * 1e-6)
+
+
 def test_event_cnn(sequence, exported):
     """As event_cnn_minimal's DynamicH5Dataset reads it."""
     folder, _ = exported("event_cnn")
