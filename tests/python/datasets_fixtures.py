@@ -45,3 +45,14 @@ def outside(tmp_path_factory):
         return np.load(out)
 
     return read
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder for 96 KB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=96k", "pecs", folder]).returncode:
+        pytest.skip("needs root, and to mount a small file system")
+    yield folder
+    subprocess.run(["umount", folder], check=True)

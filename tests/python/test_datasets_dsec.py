@@ -5,8 +5,10 @@ import json
 import cv2
 import h5py
 import numpy as np
+import pecs
 import pytest
 import small_sequence as small
+from pecs.datasets import writers
 
 pytest_plugins = ["datasets_fixtures"]
 W, H = 96, 72
@@ -91,6 +93,25 @@ def test_dsec_flow_is_the_scenes(dsec):
             assert known.sum() > 4000 and np.abs(want[known]).max() > 0.5
             error = (dsec[name][i] - want)[known]
             assert np.sqrt((error**2).mean()) < 0.003 and np.abs(error).max() < 0.006
+
+
+def test_dsec_flow_over_longer(sequence, tmp_path):
+    """As DSEC's 100 ms over its truth: here 30 ms over instants of 10 ms."""
+    left = small.rig()[0]
+    writers.write("dsec", [sequence], tmp_path / "d", flow_us=30_000)
+    folder = tmp_path / "d" / "train" / "0000" / "flow"
+    for name, start, end in (("forward", 30_000, 60_000), ("backward", 60_000, 30_000)):
+        lines = (folder / f"{name}_timestamps.txt").read_text().splitlines()
+        assert len(lines) == 4 and lines[2] == f"{start}, {end}"
+        rgb = cv2.imread(str(folder / name / "000001.png"), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(float)
+        world, _, ids = rect_scene(left, start)
+        moved = rect_project(left, left.moved(world, ids, start, end), end)
+        want = left.picture(moved - rect_project(left, world, start))
+        known = (rgb[..., 2] == 1) & inside_one_surface(ids)
+        error = ((rgb[..., :2] - 2**15) / 128 - want)[known]
+        assert known.sum() > 4000 and np.sqrt((error**2).mean()) < 0.01
+    with pytest.raises(pecs.PecsInputError, match="flow_us: got 35000, wanted the time between"):
+        writers.write("dsec", [sequence], tmp_path / "e", flow_us=35_000)
 
 
 def test_dsec_codes_of_16_bits_by_another_decoder(exported, dsec):

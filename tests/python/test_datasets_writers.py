@@ -203,11 +203,10 @@ def test_ecd_by_event_vision_library(sequence, ecd):
 
 def test_e2vid_text_and_euroc_imu(sequence, exported):
     at = exported("ecd")[0] / "0000_right"
-    first = (at / "e2vid.txt").open().readline()
-    assert first.split() == [str(W), str(H)]
+    assert (at / "e2vid.txt").read_text().splitlines()[0].split() == [str(W), str(H)]
     found = np.loadtxt(at / "e2vid.txt", skiprows=1)
     small.same_events(found.T, sequence.cameras["right"].events())
-    rows = list(csv.reader((at / "imu0" / "data.csv").open()))
+    rows = list(csv.reader((at / "imu0" / "data.csv").read_text().splitlines()))
     assert rows[0][0] == "#timestamp [ns]" and [float(v) for v in rows[3]] == [2_000_000, 0, 0, 0, 0, -9.81, 0]
     z = np.load(at / "depth" / "00000004.npy")
     right = small.rig()[1]
@@ -347,6 +346,12 @@ def test_what_cannot_be_written(sequence, tmp_path):
     skewed.cameras = {"rgb": skewed.cameras["rgb"]}
     fails(pecs.PecsInputError, "got no event camera", "m3ed", [skewed], tmp_path / "a")
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("name", ["dsec", "m3ed", "ecd", "webdataset", "coco"])
+def test_a_full_disk(name, sequence, small_disk):
+    fails(pecs.PecsOutputError, "space", name, [sequence], small_disk / "a")
+    assert not (small_disk / "a").exists() and (small_disk / "a.partial").is_dir()
 
 
 def test_a_writer_without_its_library_says_so(sequence, tmp_path, monkeypatch):

@@ -76,21 +76,28 @@ class Truth:
 
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
         """[H, W, 2] in px: where what a pixel's centre sees at times_us[i] is at times_us[to], the next instant if not
-        given; NaN unknown. Over several intervals they are joined: between pixels by interpolation, and NaN where
-        something else (of `instances`, if there are) hides the point at an instant on the way."""
+        given, or an earlier one; NaN unknown. Over several intervals flows are joined: between pixels by
+        interpolation, and NaN where something else (of `instances`, if there are) hides the point at an instant on
+        the way."""
         to = i + 1 if to is None else to
-        if to <= i:
-            raise IndexError(f"{self.folder}: flow from {i}: got to {to}, wanted a later instant")
-        out = np.moveaxis(self._channels("motion", i, ("x_end", "y_end")), 0, -1)
-        ids = self.instances(i) if to > i + 1 and "objects" in self.layers else None
-        for k in range(i + 1, to):
+        if to == i:
+            raise IndexError(f"{self.folder}: flow from {i}: got to {to}, wanted another instant")
+        step = 1 if to > i else -1
+        out = self._one_flow(i, step)
+        ids = self.instances(i) if abs(to - i) > 1 and "objects" in self.layers else None
+        for k in range(i + step, to, step):
             there = None if ids is None else self.instances(k)
-            out = out + _follow(self.flow(k), out, ids, there)
+            out = out + _follow(self._one_flow(k, step), out, ids, there)
         return out
 
+    def _one_flow(self, i: int, step: int) -> NDArray[np.float32]:
+        """From instant i to its neighbour."""
+        names = ("x_end", "y_end") if step > 0 else ("back_x_end", "back_y_end")
+        return np.moveaxis(self._channels("motion", i if step > 0 else i - 1, names), 0, -1)
+
     def flow_back(self, i: int) -> NDArray[np.float32]:
-        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i + 1] was at times_us[i]; NaN unknown."""
-        return np.moveaxis(self._channels("motion", i, ("back_x_end", "back_y_end")), 0, -1)
+        """`flow(i + 1, i)`."""
+        return self._one_flow(i + 1, -1)
 
     def velocity(self, i: int) -> NDArray[np.float32]:
         """[H, W, 2] in px/s of what a pixel's centre sees at times_us[i], on the parabola of `motion`; NaN unknown."""

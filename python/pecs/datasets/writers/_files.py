@@ -21,12 +21,51 @@ _CHUNK = 1 << 16
 BLOCK = 1 << 20  # events at a time
 
 
+class _Sink(io.RawIOBase):
+    """A file that keeps its first error for later: HDF5 cannot close what it cannot write, and says so at length."""
+
+    def __init__(self, path: Path):
+        self._file = path.open("w+b", buffering=0)
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        try:
+            done = 0
+            while done < len(view):
+                done += self._file.write(view[done:]) or 0
+        except OSError as e:
+            self.error = self.error or e
+        return len(view)
+
+    def readinto(self, buffer: Any) -> int:
+        return self._file.readinto(buffer)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def truncate(self, size: int | None = None) -> int:
+        return self._file.truncate(size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
 @contextmanager
 def hdf5(path: Path) -> Iterator[Any]:
     h5py = library("h5py", "h5py", f"writing {path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with h5py.File(path, "w") as file:
-        yield file
+    sink = _Sink(path)
+    try:
+        with h5py.File(sink, "w") as file:
+            yield file
+    finally:
+        sink.close()
+        if sink.error:
+            raise sink.error from None
 
 
 def put(file: Any, name: str, data: NDArray[Any], chunk: tuple[int, ...] | None = None) -> Any:

@@ -36,13 +36,14 @@ _OUTSIDE = {
 }
 
 
-def write(sequences: list[Sequence], folder: Path) -> Report:
-    """No options."""
+def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -> Report:
+    """flow_us: flow over so long (DSEC's is over 100_000), from one end to the next; over each interval of the truth if
+    not given."""
     report = Report()
     for what, why in _OUTSIDE.items():
         report.leave_out(what, why)
     for sequence in sequences:
-        write_sequence(sequence, folder / sequence.split / sequence.name, report)
+        write_sequence(sequence, folder / sequence.split / sequence.name, report, flow_us)
     return report
 
 
@@ -60,7 +61,7 @@ def roles(sequence: Sequence) -> dict[str, Camera]:
     return out
 
 
-def write_sequence(sequence: Sequence, folder: Path, report: Report) -> None:
+def write_sequence(sequence: Sequence, folder: Path, report: Report, flow_us: int | None) -> None:
     cameras = roles(sequence)
     for camera in sequence.cameras.values():
         if camera not in cameras.values():
@@ -77,7 +78,7 @@ def write_sequence(sequence: Sequence, folder: Path, report: Report) -> None:
         return
     rectifier = Rectifier(left)
     if "motion" in left.truth.layers:
-        _write_flow(folder / "flow", rectifier, sequence, report)
+        _write_flow(folder / "flow", rectifier, flow_pairs(left, flow_us), sequence, report)
     if "cam3" in cameras and "depth" in left.truth.layers:
         _write_disparity(folder / "disparity", rectifier, Stereo(left, cameras["cam3"]), sequence, report)
 
@@ -132,16 +133,37 @@ def flow_picture(flow_px: NDArray[np.float64]) -> tuple[NDArray[np.uint16], int]
     return out, int((known & ~fits).sum())
 
 
-def _write_flow(folder: Path, rectifier: Rectifier, sequence: Sequence, report: Report) -> None:
+def flow_pairs(camera: Camera, flow_us: int | None) -> list[tuple[int, int]]:
+    """Instants of the truth so far apart (to 1 us), each pair beginning where the one before ends."""
+    times = camera.truth.times_us
+    if flow_us is None:
+        return [(i, i + 1) for i in range(len(times) - 1)]
+    pairs, i = [], 0
+    while times[i] + flow_us <= times[-1] + 1:
+        j = int(np.abs(times - times[i] - flow_us).argmin())
+        if j <= i or abs(times[j] - times[i] - flow_us) > 1:
+            break
+        pairs.append((i, j))
+        i = j
+    if not pairs:
+        raise PecsInputError(
+            f"{camera.truth.folder}: flow_us: got {flow_us}, wanted the time between two instants of the truth", 2
+        )
+    return pairs
+
+
+def _write_flow(
+    folder: Path, rectifier: Rectifier, pairs: list[tuple[int, int]], sequence: Sequence, report: Report
+) -> None:
     camera = rectifier.camera
-    truth, times = camera.truth, _whole_us(camera)
+    times = _whole_us(camera)
     for name in ("forward", "backward"):
         lines = ["# from_timestamp_us, to_timestamp_us"]
-        for i in range(len(truth) - 1):
-            start, end = (i, i + 1) if name == "forward" else (i + 1, i)
-            flow = truth.flow(i) if name == "forward" else truth.flow_back(i)
-            picture, too_long = flow_picture(rectifier.flow(flow, surfaces(camera, start)))
-            write_png(folder / name / f"{i:06d}.png", picture)
+        for number, pair in enumerate(pairs):
+            start, end = pair if name == "forward" else pair[::-1]
+            flow = rectifier.flow(camera.truth.flow(start, end), surfaces(camera, start))
+            picture, too_long = flow_picture(flow)
+            write_png(folder / name / f"{number:06d}.png", picture)
             lines.append(f"{times[start]}, {times[end]}")
             report.count(sequence.name, flow=1, pixels_of_flow_too_long=too_long)
         write_lines(folder / f"{name}_timestamps.txt", lines)

@@ -35,12 +35,12 @@ TRACKS_DTYPE = np.dtype(
 )
 
 
-def write(sequences: list[Sequence], folder: Path) -> Report:
-    """No options. Classes of other names than dsec-det's eight get numbers behind them."""
+def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -> Report:
+    """flow_us: as of `dsec`. Classes of other names than dsec-det's eight get numbers behind them."""
     numbers = class_numbers(sequences, CLASSES)
     if len(numbers) > 256:
         raise PecsInputError(f"dsec_detection: classes: got {len(numbers)}, wanted at most 256", 4)
-    report = dsec.write(sequences, folder)
+    report = dsec.write(sequences, folder, flow_us)
     report.more["classes"] = numbers
     write_json(folder / "classes.json", numbers)
     for sequence in sequences:

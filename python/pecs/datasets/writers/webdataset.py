@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import tarfile
 from collections.abc import Iterator
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +39,16 @@ def write(sequences: list[Sequence], folder: Path, samples_per_shard: int = 256)
     report = Report()
     report.leave_out("IMU, poses between the samples, normals", "a sample is one interval")
     for split in sorted({s.split for s in sequences}):
-        shard, number, tar = 0, 0, None
-        for key, sample in _samples([s for s in sequences if s.split == split], report):
-            if tar is None:
-                tar = tarfile.open(folder / f"{split}-{shard:06d}.tar", "w", format=tarfile.USTAR_FORMAT)
-            for extension, data in sample.items():
-                add_to_tar(tar, f"{key}.{extension}", data)
-            number += 1
-            if number == samples_per_shard:
-                tar.close()
-                shard, number, tar = shard + 1, 0, None
-        if tar is not None:
-            tar.close()
+        samples = _samples([s for s in sequences if s.split == split], report)
+        for shard in count():
+            some = list(islice(samples, 1))
+            if not some:
+                break
+            with (folder / f"{split}-{shard:06d}.tar").open("wb") as file:
+                with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+                    for key, sample in chain(some, islice(samples, samples_per_shard - 1)):
+                        for extension, data in sample.items():
+                            add_to_tar(tar, f"{key}.{extension}", data)
     return report
 
 
