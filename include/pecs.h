@@ -162,6 +162,18 @@ PECS_API int pecs_event_writer_finish(pecs_event_writer* writer, pecs_error* err
 /* A file that was not finished stays as <path>.partial. */
 PECS_API void pecs_event_writer_close(pecs_event_writer* writer);
 
+/* Events of a window as planes of float, for networks (formulas: pecs/events/representations.h). Events before begin_us
+ * or after end_us do not count; all of `out` is filled, in the caller's thread. out: [bins][height][width], a voxel grid
+ * that is bilinear in time; normalise: its values that are not 0 get mean 0 and standard deviation 1. */
+PECS_API int pecs_voxel_grid(const pecs_event* events, int64_t count, int width, int height, int bins, double begin_us,
+                             double end_us, int normalise, float* out, int64_t capacity, pecs_error* error);
+/* out: [2][height][width], OFF and ON: exp(-(end_us - t) / tau_us) of each pixel's last event, 0 without one. */
+PECS_API int pecs_time_surface(const pecs_event* events, int64_t count, int width, int height, double begin_us,
+                               double end_us, double tau_us, float* out, int64_t capacity, pecs_error* error);
+/* out: [2 * bins][height][width]: counts, all bins in time of OFF, then all of ON. */
+PECS_API int pecs_event_histogram(const pecs_event* events, int64_t count, int width, int height, int bins,
+                                  double begin_us, double end_us, float* out, int64_t capacity, pecs_error* error);
+
 /* ---- chips and pixel models (sensor) --------------------------------------------------------------------------- */
 
 /* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white),

@@ -8,6 +8,7 @@ from .lens import Camera, Lens
 from .light import Light
 from .metrics import compare, delays
 from .motion import carry
+from .representations import event_histogram, time_surface, voxel_grid
 from .sensor import Sensor, simulate
 from .stack import StackReader, StackWriter
 
@@ -34,10 +35,13 @@ __all__ = [
     "data_dir",
     "delays",
     "event_formats",
+    "event_histogram",
     "models",
     "read",
     "sense",
     "simulate",
+    "time_surface",
     "version",
+    "voxel_grid",
     "write",
 ]
