@@ -83,7 +83,7 @@ struct LightInTime::Work {
   bool along_motion;
   Recent<const Keyframe> keyframes{3};
   Recent<Interval> intervals{2};
-  std::vector<double> steps_per_us;  // of each interval, where known: for half a pixel of motion; else NaN
+  std::vector<double> steps_per_us{};  // of each interval, where known: for half a pixel of motion; else NaN
   std::vector<Plane> scratch{};
 
   const StackInfo& info() const { return source.info(); }
