@@ -1,12 +1,14 @@
-// Light carried along motion.
+// Light and labels carried along motion.
 #include "pecs/sensor/motion.h"
 
 #include <tbb/task_arena.h>
 
+#include <cmath>
 #include <vector>
 
 #include "guard.h"
-#include "pecs/sensor/source.h"
+#include "handles.h"
+#include "pecs/sensor/event_labels.h"
 
 using pecs::capi::given;
 using pecs::capi::guard;
@@ -28,15 +30,20 @@ std::size_t positive(int64_t value, const char* name) {
   return static_cast<std::size_t>(value);
 }
 
+void check_fraction(double fraction) {
+  if (!(fraction >= 0 && fraction <= 1))
+    throw pecs::Error(pecs::ExitCode::usage, fmt::format("fraction: got {}, wanted 0 to 1", fraction));
+}
+
 }  // namespace
 
-extern "C" int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                          int width, int height, double fraction, const char* side, float* out, int64_t capacity,
-                          pecs_error* error) {
+extern "C" {
+
+int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels, int width,
+               int height, double fraction, const char* side, float* out, int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     const CarrySide which = side_of(side);
-    if (!(fraction >= 0 && fraction <= 1))
-      throw pecs::Error(pecs::ExitCode::usage, fmt::format("fraction: got {}, wanted 0 to 1", fraction));
+    check_fraction(fraction);
     const std::size_t pixels = positive(width, "width") * positive(height, "height");
     const std::size_t planes = positive(bands, "bands"), values = positive(channels, "channels") * pixels;
     pecs::capi::need_room(static_cast<int64_t>(planes * pixels), capacity);
@@ -52,3 +59,35 @@ extern "C" int pecs_carry(const float* first, const float* second, int bands, co
     return 0;
   });
 }
+
+int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels, int width,
+                      int height, double fraction, int32_t* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    check_fraction(fraction);
+    const std::size_t pixels = positive(width, "width") * positive(height, "height");
+    const std::size_t values = positive(channels, "channels") * pixels;
+    pecs::capi::need_room(static_cast<int64_t>(pixels), capacity);
+    given(first, "first"), given(second, "second"), given(motion, "motion"), given(out, "out");
+    std::vector<Carrier::Sight> sights;
+    for (std::size_t i = 0; i < pixels; ++i) sights.push_back({static_cast<std::int32_t>(i), fraction});
+    Carrier({motion, values}, width, height).labels(first, second, sights, {out, pixels});
+    return 0;
+  });
+}
+
+int64_t pecs_event_labels(const pecs_event* events, int64_t count, const pecs_stack_reader* stack, const char* layer,
+                          double begin_us, uint16_t* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const StackReader& reader = given(stack, "stack").reader;
+    if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    if (!std::isfinite(begin_us)) throw pecs::Error(pecs::ExitCode::usage, "begin_us: got no number");
+    pecs::capi::need_room(count, capacity);
+    if (count) given(events, "events"), given(out, "out");
+    const auto n = static_cast<std::size_t>(count);
+    event_labels({reinterpret_cast<const pecs::events::Event*>(events), n}, reader, &given(layer, "layer"), begin_us,
+                 {out, n});
+    return count;
+  });
+}
+
+}  // extern "C"

@@ -241,6 +241,18 @@ PECS_API int pecs_carry(const float* first, const float* second, int bands, cons
                         int width, int height, double fraction, const char* side, float* out, int64_t capacity,
                         pecs_error* error);
 
+/* Numbers of what is seen (object ids) between two planes of them, [height][width]: each pixel gets that of the surface
+ * point which is visible there at `fraction`, never blended; motion and fraction as of pecs_carry. What neither plane
+ * shows is what both have at the pixel, or 0. capacity: of out. */
+PECS_API int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels, int width,
+                               int height, double fraction, int32_t* out, int64_t capacity, pecs_error* error);
+/* The number of each event, at the event's own time (to half a pixel of motion), in a stack's layer of one channel of
+ * whole numbers per instant ("objects"), along the stack's motion; 0 outside the stack's time. Events in the order of
+ * time; begin_us: their time at the stack's first instant. The stack needs no light. Returns count. */
+PECS_API int64_t pecs_event_labels(const pecs_event* events, int64_t count, const pecs_stack_reader* stack,
+                                   const char* layer, double begin_us, uint16_t* out, int64_t capacity,
+                                   pecs_error* error);
+
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and
  * "chip", "set", "no_noise", "seed", "threads", "model", "param", "readout" as of pecs_sense. */

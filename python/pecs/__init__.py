@@ -7,7 +7,7 @@ from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats
 from .lens import Camera, Lens
 from .light import Light
 from .metrics import compare, delays
-from .motion import carry
+from .motion import carry, carry_labels, event_labels
 from .representations import event_histogram, time_surface, voxel_grid
 from .sensor import Sensor, simulate
 from .stack import StackReader, StackWriter
@@ -31,11 +31,13 @@ __all__ = [
     "StackWriter",
     "bands",
     "carry",
+    "carry_labels",
     "compare",
     "data_dir",
     "delays",
     "event_formats",
     "event_histogram",
+    "event_labels",
     "models",
     "read",
     "sense",

@@ -1,13 +1,19 @@
-"""Light between two keyframes, carried along the motion of what is seen (docs/sensor.md)."""
+"""Light, and numbers of what is seen, between two keyframes, carried along the motion (docs/sensor.md)."""
 
 from __future__ import annotations
 
 import ctypes
+from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._library import FLOATS, function
+from .events import as_events
+from .stack import StackReader
+
+_INTEGERS = np.ctypeslib.ndpointer(np.int32, flags="C_CONTIGUOUS")
 
 _carry = function(
     "pecs_carry",
@@ -17,6 +23,23 @@ _carry = function(
     *(ctypes.c_int, ctypes.c_int),
     *(ctypes.c_double, ctypes.c_char_p),
     *(FLOATS, ctypes.c_int64),
+)
+_carry_labels = function(
+    "pecs_carry_labels",
+    ctypes.c_int,
+    *(_INTEGERS, _INTEGERS),
+    *(FLOATS, ctypes.c_int),
+    *(ctypes.c_int, ctypes.c_int),
+    ctypes.c_double,
+    *(_INTEGERS, ctypes.c_int64),
+)
+_event_labels = function(
+    "pecs_event_labels",
+    ctypes.c_int64,
+    *(ctypes.c_void_p, ctypes.c_int64),
+    *(ctypes.c_void_p, ctypes.c_char_p),
+    ctypes.c_double,
+    *(ctypes.c_void_p, ctypes.c_int64),
 )
 
 
@@ -35,9 +58,59 @@ def carry(
     a, b, m = (np.ascontiguousarray(v, np.float32) for v in (first, second, motion))
     if a.shape != b.shape or a.ndim not in (2, 3):
         raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
-    if m.ndim != 3 or m.shape[1:] != a.shape[-2:] or len(m) not in (2, 4, 12):
-        raise ValueError(f"motion: got shape {m.shape}, wanted (12, {a.shape[-2]}, {a.shape[-1]}), or 2 or 4 channels")
+    _check_motion(m, a.shape[-2:])
     out = np.empty_like(a)
     bands = 1 if a.ndim == 2 else len(a)
     _carry(a, b, bands, m, len(m), a.shape[-1], a.shape[-2], fraction, side.encode(), out, out.size)
+    return out
+
+
+def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
+    """Numbers of what is seen (object ids) at `fraction` of the interval between two planes of them, int32 [H, W].
+
+    Each pixel gets the number of the surface point that is visible there then: the nearest one, never blended. What
+    neither plane shows is what both have at the pixel, or 0. first, second: [H, W], whole numbers; motion as of
+    `carry`. Raises ValueError for wrong shapes and for what is no whole number.
+    """
+    a, b = _whole(first), _whole(second)
+    m = np.ascontiguousarray(motion, np.float32)
+    if a.shape != b.shape or a.ndim != 2:
+        raise ValueError(f"labels: got shapes {a.shape} and {b.shape}, wanted two of [H, W]")
+    _check_motion(m, a.shape)
+    out = np.empty_like(a)
+    _carry_labels(a, b, m, len(m), a.shape[1], a.shape[0], fraction, out, out.size)
+    return out
+
+
+def event_labels(
+    events: NDArray[Any], stack: str | PathLike[str] | StackReader, layer: str = "objects", begin_us: float = 0.0
+) -> NDArray[np.uint16]:
+    """The object that each event's pixel saw at the event's own time (to half a pixel of motion), uint16.
+
+        ids = pecs.event_labels(pecs.read("events.h5"), "truth")
+
+    `stack` has the layer `motion` and a `layer` of one channel of whole numbers per instant; it needs no light.
+    0 outside the stack's time, and where the layer has it. Events in the order of time; `begin_us`: their time at the
+    stack's first instant. Raises PecsInputError for another layer and for pixels outside the picture.
+    """
+    if not isinstance(stack, StackReader):
+        with StackReader(stack) as reader:
+            return event_labels(events, reader, layer, begin_us)
+    some = as_events(events)
+    out = np.empty(len(some), np.uint16)
+    with stack._use() as handle:
+        _event_labels(some.ctypes.data, len(some), handle, layer.encode(), begin_us, out.ctypes.data, len(out))
+    return out
+
+
+def _check_motion(motion: NDArray[np.float32], size: tuple[int, ...]) -> None:
+    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in (2, 4, 12):
+        raise ValueError(f"motion: got shape {motion.shape}, wanted (12, {size[0]}, {size[1]}), or 2 or 4 channels")
+
+
+def _whole(labels: ArrayLike) -> NDArray[np.int32]:
+    given = np.asarray(labels)
+    out = np.ascontiguousarray(given.astype(np.int32))
+    if not np.array_equal(out, given):
+        raise ValueError("labels: got values that are no whole numbers of 32 bits")
     return out

@@ -92,8 +92,9 @@ class Scene:
         return (rho - 1) / np.maximum(slope, 1e-9)
 
 
-def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=()):
-    """A stack of frames [T, H, W] times 1e-3; motions: one per interval; between: (interval, number, ns, [H, W])."""
+def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=(), more=(), light=True):
+    """A stack of frames [T, H, W] times 1e-3 (light False: only their size counts); motions: one per interval; between:
+    (interval, number, ns, [H, W]); more: (entry of stack.json, planes [channels, H, W]) of other layers."""
     height, width = frames[0].shape
     stack = {
         "pecs_stack": 1,
@@ -111,13 +112,17 @@ def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=
         "render": {},
         "versions": {},
     }
-    if motions:
-        stack["layers"] = [LAYER]
+    layers = [(LAYER, motions), *more] if motions else [*more]
+    if layers:
+        stack["layers"] = [entry for entry, _ in layers]
+    if not light:
+        stack["light"] = False
     with StackWriter(folder, stack) as writer:
-        for i, frame in enumerate(frames):
+        for i, frame in enumerate(frames if light else ()):
             writer.write_frame(i, 1e-3 * frame[None])
-        for i, motion in enumerate(motions):
-            writer.write_layer("motion", i, motion)
+        for entry, planes in layers:
+            for i, plane in enumerate(planes):
+                writer.write_layer(entry["name"], i, plane)
         for interval, number, time_ns, frame in between:
             writer.write_between(interval, number, time_ns, 1e-3 * frame[None])
     return folder

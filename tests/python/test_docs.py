@@ -2,11 +2,13 @@
 
 import re
 
+from test_carry_labels import Rectangle, write_truth
 from test_sensor_sense import write
 
 
 def test_python_page(root, tmp_path, monkeypatch):
     write(tmp_path / "stack")
+    write_truth(tmp_path / "truth", Rectangle(), 1, light=False)
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (root / "docs/python.md").read_text(), flags=re.DOTALL)
     assert len(blocks) >= 5

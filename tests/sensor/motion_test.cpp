@@ -304,5 +304,31 @@ TEST(Motion, ThreadsChangeNothing) {
   EXPECT_TRUE(same_bits(results[1], results[3]));
 }
 
+TEST(Motion, LabelsAreTheSameOneByOne) {
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  std::vector<std::int32_t> planes[2];
+  for (const int t : {0, 1})
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) planes[t].push_back(Block::inside(x, y, t) ? -5 : 1 + x / 75);
+  std::vector<Carrier::Sight> sights;
+  for (const double s : {0.25, 0.8})
+    for (std::int32_t i = 0; i < static_cast<std::int32_t>(kPixels); ++i) sights.push_back({i, s});
+  std::vector<std::int32_t> all(sights.size()), mixed(sights.size());
+  carrier.labels(planes[0].data(), planes[1].data(), sights, all);
+  for (std::size_t i = 0; i < sights.size(); ++i) {  // 5 and 16 px on
+    const int x = sights[i].pixel % kWidth, y = sights[i].pixel / kWidth;
+    ASSERT_EQ(all[i], Block::inside(x, y, sights[i].fraction) ? -5 : 1 + x / 75) << x << ' ' << y;
+  }
+  // Another order, other threads.
+  std::vector<Carrier::Sight> order(2000);
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = sights[i * 7919 % sights.size()];
+  tbb::task_arena(1).execute([&] { carrier.labels(planes[0].data(), planes[1].data(), order, mixed); });
+  for (std::size_t i = 0; i < order.size(); ++i) ASSERT_EQ(mixed[i], all[i * 7919 % sights.size()]);
+  const Carrier::Sight single{40 * kWidth + 60, 0.25};
+  std::int32_t one = 0;
+  carrier.labels(planes[0].data(), planes[1].data(), {&single, 1}, {&one, 1});
+  EXPECT_EQ(one, -5);
+}
+
 }  // namespace
 }  // namespace pecs::sensor

@@ -7,9 +7,9 @@
 #include <limits>
 #include <vector>
 
+#include "motion/interval.h"
 #include "motion/kernel.h"
 #include "motion/light.h"
-#include "motion/surfaces.h"
 #include "motion/view.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
@@ -18,32 +18,7 @@ namespace pecs::sensor {
 
 using namespace motion;
 
-struct Carrier::Interval {
-  Interval(int width, int height) : first(width, height), second(width, height) {}
-  void put(int y, int rows, const float* values) {
-    first.put(y, rows, values);
-    second.put(y, rows, values + static_cast<std::ptrdiff_t>(6 * rows) * first.width());
-  }
-  void close() {
-    first.close();
-    second.close();
-    find_near();
-  }
-  Surfaces first, second;
-  // Of each tile: tiles of either keyframe whose points may come over it.
-  struct Near {
-    std::vector<std::int32_t> first, second;
-    bool still = true;     // nothing moves there
-    bool special = false;  // pixels beside the border of the picture or a nearer surface may be seen there
-  };
-  std::vector<Near> near{};
-
-  void find_near();
-};
-
 namespace {
-
-constexpr float kSameDepth = 0.05f;  // of points that both keyframes show: relative difference
 
 // Planes of both keyframes; without coefficients where nothing moves.
 struct Job {
@@ -101,16 +76,6 @@ class TileWork {
   }
   void store(const float* light, float* plane) const {
     for (std::size_t row = 0; row < rows(); ++row) std::copy_n(light + row * kTileWidth, columns(), plane + pixel(row));
-  }
-
-  // Of two points at a pixel that are not the same the nearer one counts.
-  void drop_hidden(Landing::Layer& a, Landing::Layer& b) const {
-    for (std::size_t i = 0; i < Landing::kSlots; ++i) {
-      const float apart = a.z[i] - b.z[i];
-      const bool differ = std::abs(apart) > kSameDepth * std::min(a.z[i], b.z[i]);
-      if (a.index[i] == kNone || b.index[i] == kNone) continue;
-      if (differ) (apart > 0 ? a : b).index[i] = kNone;
-    }
   }
 
   void sample(const View& view, const Picture& picture, bool special, float* light, bool* soiled) const {

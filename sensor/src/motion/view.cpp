@@ -5,6 +5,8 @@
 namespace pecs::sensor::motion {
 namespace {
 
+constexpr float kSameDepth = 0.05f;  // of points that both keyframes show: relative difference
+
 // Whether the surface reaches from the point to that position: half a pixel, or to the neighbour that belongs to it.
 bool covers(const Surfaces& from, const Seen& seen, bool is_rim) {
   const std::uint16_t flags = is_rim ? 0 : from.flags(seen.index);
@@ -68,6 +70,15 @@ bool View::is_before(const Seen& rim, const Seen& other) const {
   if (!other.is()) return true;
   const float behind = weights.depth(from.at(rim.index));
   return other.z > std::min(0.5f * (rim.z + behind), 1.5f * rim.z);
+}
+
+void drop_hidden(Landing::Layer& a, Landing::Layer& b) {
+  for (std::size_t i = 0; i < Landing::kSlots; ++i) {
+    const float apart = a.z[i] - b.z[i];
+    const bool differ = std::abs(apart) > kSameDepth * std::min(a.z[i], b.z[i]);
+    if (a.index[i] == kNone || b.index[i] == kNone) continue;
+    if (differ) (apart > 0 ? a : b).index[i] = kNone;
+  }
 }
 
 std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second) {

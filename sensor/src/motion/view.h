@@ -25,6 +25,9 @@ struct View {
   bool is_before(const Seen& rim, const Seen& other) const;
 };
 
+// Of two points at a pixel that are not the same the nearer one counts.
+void drop_hidden(Landing::Layer& a, Landing::Layer& b);
+
 // Pixels of a tile at which a nearer surface's rim is seen, by one keyframe or both.
 struct Rim {
   int column, row;

@@ -3,6 +3,7 @@
 // Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between the
 // keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <span>
@@ -51,6 +52,17 @@ class Carrier {
   void plane(const float* first, const float* second, double s, float* out) const {
     planes({&first, 1}, {&second, 1}, {&s, 1}, {&out, 1});
   }
+
+  // Numbers of what is seen (object ids), from planes of them at the start and at the end, [height * width]: for each
+  // sight that of the point which is visible there and then, of the keyframe nearer in time if both show it, never
+  // blended. Where none shows it, or the motion is not known: what both planes have at the pixel, or 0. Sights with one
+  // fraction after the other cost least. In the caller's TBB arena.
+  struct Sight {
+    std::int32_t pixel;  // y * width + x
+    double fraction;
+  };
+  void labels(const std::int32_t* first, const std::int32_t* second, std::span<const Sight> sights,
+              std::span<std::int32_t> out) const;
 
  private:
   struct Interval;
