@@ -58,6 +58,18 @@ RIGID = {
 }
 
 
+def shear(t):
+    m = np.eye(4)
+    m[0, 2], m[2, 2] = 0.3 * t, 1 + 0.2 * t
+    return m
+
+
+DEFORMING = {  # by x [m] at 4 m
+    (-1.65, -0.75): lambda t: shift(-1.2, 4, 0) @ turn(1, 0.3 * t),
+    (-0.45, 0.45): lambda t: shift(0.1 * t, 4, 0) @ shear(min(t, 1)),  # a key's value ends at 1
+}
+
+
 @pytest.mark.parametrize("name", ["rigid", "centimetres"])
 @pytest.mark.parametrize("interval", [0, 1])
 def test_rigid_things(blends, name, interval):
@@ -78,6 +90,22 @@ def test_through_a_lens(blends):
     folder = render(blends, "travel", *args, "--samples", 16)
     for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
         check_travel(way, LensCamera(folder), times, travelling)
+
+
+def test_through_a_lens_with_distortion(blends):
+    """Of 5 % in the corners."""
+    args = ("--lens", "fisheye_10mm_f4_muller", "--focus-m", 4, "--fnumber", 8, "--chip", "davis346", "--samples", 16)
+    folder = render(blends, "rigid", *args)
+    for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
+        check_way(way, LensCamera(folder), RIGID, times, least=0.9)
+    folder = render(blends, "deforming", *args)
+    camera, (there, _) = LensCamera(folder), motion(folder)
+    for (low, high), pose in DEFORMING.items():
+        only = there.copy()
+        x = camera.rays()[0] * there[4]
+        only[4][(x < low) | (x > high) | (there[4] > 5)] = np.inf
+        moves = check_way(only, camera, {(3.9, 4.1): pose}, [0, 0.5, 1], least=0.9)
+        assert np.abs(moves[:, np.isfinite(only[4])]).max() > 1
 
 
 def travelling(t):
@@ -141,18 +169,9 @@ def test_meshes_that_deform(blends):
     """By an armature and by a shape key, whose shear is affine; one that grows is not known."""
     folder = render(blends, "deforming", frames=3)
 
-    def shear(t):
-        m = np.eye(4)
-        m[0, 2], m[2, 2] = 0.3 * t, 1 + 0.2 * t
-        return m
-
-    poses = {
-        (-1.65, -0.75): lambda t: shift(-1.2, 4, 0) @ turn(1, 0.3 * t),
-        (-0.45, 0.45): lambda t: shift(0.1 * t, 4, 0) @ shear(min(t, 1)),  # a key's value ends at 1
-    }
     x = pixel_centres()[0]
     for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
-        for (low, high), pose in poses.items():
+        for (low, high), pose in DEFORMING.items():
             if times[0] == 0:  # where it is known which is which
                 only = way.copy()
                 only[4][(x < WIDTH / 2 + 16 * low) | (x > WIDTH / 2 + 16 * high) | (way[4] > 5)] = np.inf

@@ -15,7 +15,7 @@ from .errors import USAGE, RenderError
 TIMES = ("uniform", "adaptive")
 PLACEMENTS = ("gauss", "strata", "uniform")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
-LAYERS = ("depth", "motion")  # beside the light
+LAYERS = ("depth", "normal", "motion", "objects")  # beside the light
 
 
 def _range(text: str) -> slice:

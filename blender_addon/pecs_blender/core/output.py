@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import objects_json
 from .errors import BAD_OUTPUT, RenderError
 
 
@@ -36,8 +37,17 @@ class Output:
             hint = "; --overwrite begins the stack anew" if json_path.is_file() else ""
             raise RenderError(e.code, f"{e}{hint}") from None
         self._lock = self._locked(json_path, self._only)
-        self.has_layer, self.write_layer = self._writer.has_layer, self._writer.write_layer
-        self.write_between = self._writer.write_between
+        self.write_layer, self.write_between = self._writer.write_layer, self._writer.write_between
+        self._times_ns = stack["times_ns"]
+        self._has_objects = any(entry["name"] == objects_json.LAYER for entry in stack.get("layers", ()))
+
+    def has_layer(self, name: str, index: int) -> bool:
+        beside = name != objects_json.LAYER or objects_json.one(self._folder, index).is_file()
+        return beside and self._writer.has_layer(name, index)
+
+    def write_objects(self, index: int, described: dict) -> None:
+        """Before their layer."""
+        objects_json.write_json(objects_json.one(self._folder, index), described)
 
     def read_layer(self, name: str, index: int) -> np.ndarray:
         import pecs
@@ -64,13 +74,15 @@ class Output:
     def __enter__(self) -> Output:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, failed: object, *_: object) -> None:
+        if self._has_objects and not failed:
+            objects_json.join(self._folder, self._times_ns)
         self._lock.close()
         self._writer.close()
 
 
 def _remove_stack(folder: Path) -> None:
     for path in folder.iterdir():
-        if re.fullmatch(r"[A-Za-z0-9_-]+_\d{6,}\.exr", path.name):
+        if re.fullmatch(r"[A-Za-z0-9_-]+_\d{6,}\.exr|objects(_\d{6,})?\.json", path.name):
             path.unlink()
     (folder / "stack.json").unlink()

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+from . import objects_json
 from .errors import bad_input
 from .plan import Timeline
 from .strict_json import JsonObject, read_json, shown
@@ -40,8 +41,12 @@ def merge(shards: list[Path], output: Path) -> None:
     with pecs.StackWriter(output, whole) as writer:
         for layer, files in found.items():
             for index, place in enumerate(wanted[layer]):
+                if layer == objects_json.LAYER:
+                    _place(files[place].with_suffix(".json"), objects_json.one(output, index))
                 if not writer.has_layer(layer, index):
                     _place(files[place], output / (stacks[0].patterns[layer] % index))
+        if objects_json.LAYER in found:
+            objects_json.join(output, whole["times_ns"])
         intervals = {place: i for i, place in enumerate(stacks[0].intervals(whole["times_ns"]))}
         for stack in stacks:
             for place, number, path in stack.between():
@@ -83,7 +88,8 @@ class _Shard:
     def files(self, layer: str) -> dict[tuple[int, ...], Path]:
         """By what they belong to."""
         paths = ((p, self.folder / (self.patterns[layer] % i)) for i, p in enumerate(self.places(layer, self.times_ns)))
-        return {place: path for place, path in paths if path.is_file()}
+        beside = layer == objects_json.LAYER
+        return {p: path for p, path in paths if path.is_file() and (not beside or path.with_suffix(".json").is_file())}
 
 
 def _place(source: Path, target: Path) -> None:

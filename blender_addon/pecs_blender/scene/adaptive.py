@@ -64,9 +64,10 @@ class Adaptive:
     ):
         self._job, self._plan, self._light, self._judge, self._options = job, plan, light, judge, options
         self._motion = next(layer for layer in beside if isinstance(layer, layers.Motion))
-        self._motion.keep = 2 * options.share + 2
+        self._look = self._motion.look
+        self._look.keep = 2 * options.share + 2
         self._instants = [layer for layer in beside if layer.at == "instant"]
-        self._frames = Frames(job, light, self._motion, judge)
+        self._frames = Frames(job, light, self._look, judge)
         self._raw: dict[int, np.ndarray] = {}
         self._clean: dict[int, np.ndarray] = {}
 
@@ -83,7 +84,7 @@ class Adaptive:
             for layer in self._instants:
                 if not output.has_layer(layer.name, index):
                     self._job.set_time(t_s)
-                    output.write_layer(layer.name, index, layer.render(t_s))
+                    layers.write(layer, output, index, t_s)
             first = self._clean_light(index, output)
             if not output.has_layer("light", index):
                 output.write_layer("light", index, first)
@@ -130,6 +131,6 @@ class Adaptive:
                 self._raw[i] = self._frames.render(i, self._time_s(i), self._time_s(i - i % ANCHOR_EVERY))
         if len(near) == 1:
             return self._raw[index]
-        seen = {i: self._motion.seen(self._time_s(i)) for i in near}
+        seen = {i: self._look.seen(self._time_s(i)) for i in near}
         others = [(self._raw[i], seen[i]) for i in near if i != index]
-        return shared(self._raw[index], seen[index], others, self._motion.surfaces, self._judge)
+        return shared(self._raw[index], seen[index], others, self._look.surfaces, self._judge)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What tells instances and polygons apart in a picture: one material for all surfaces, which writes Object Info's
-Random (of each instance another) and the polygon's number into AOVs.
+Random (of each instance another), the polygon's number and the normal into AOVs.
 
 The numbers are an attribute that only evaluated meshes of a render's depsgraph get: the file does not have it, and the
 light's materials do not ask for it.
@@ -15,7 +15,7 @@ import numpy as np
 
 from . import opacity
 
-INSTANCE, POLYGON, OPENING = "pecs_instance", "pecs_polygon", "pecs_opening"
+INSTANCE, POLYGON, NORMAL, OPENING = "pecs_instance", "pecs_polygon", "pecs_normal", "pecs_opening"
 CLEAR = 1  # an OPENING of materials that are nowhere opaque
 MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
 
@@ -78,19 +78,27 @@ class Identity:
             node = nodes.new("ShaderNodeOutputAOV")
             node.aov_name = name
             links.new(tree.math("MULTIPLY", value, opaque), node.inputs["Value"])  # AOVs add up along a ray
+        geometry, scaled, node = (nodes.new(f"ShaderNode{k}") for k in ("NewGeometry", "VectorMath", "OutputAOV"))
+        scaled.operation, node.aov_name = "SCALE", NORMAL
+        links.new(geometry.outputs["Normal"], scaled.inputs[0])
+        if isinstance(opaque, float):
+            scaled.inputs["Scale"].default_value = opaque
+        else:
+            links.new(opaque, scaled.inputs["Scale"])
+        links.new(scaled.outputs[0], node.inputs["Color"])
 
     @contextmanager
-    def on(self, layer: bpy.types.ViewLayer):
-        """Of all surfaces; then all is as before."""
+    def on(self, layer: bpy.types.ViewLayer, names: tuple[str, ...] = (INSTANCE, POLYGON)):
+        """Of all surfaces, these passes; then all is as before."""
         own, layer.material_override = layer.material_override, self.material
-        for name in (INSTANCE, POLYGON):
+        for name in names:
             aov = layer.aovs.add()
-            aov.name, aov.type = name, "VALUE"
+            aov.name, aov.type = name, "COLOR" if name == NORMAL else "VALUE"
         try:
             yield
         finally:
             layer.material_override = own
-            for name in (INSTANCE, POLYGON):
+            for name in names:
                 layer.aovs.remove(layer.aovs[name])
 
     def mark(self, thing: bpy.types.Object) -> None:

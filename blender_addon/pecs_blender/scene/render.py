@@ -29,6 +29,7 @@ from .judge import Judge
 from .placed import Placed
 from .source import Source
 from .spectral import SpectralScene
+from .surfaces import Look
 
 
 def render(source: Source, folder: Path, options: Options, overwrite: bool = False, plan_only: bool = False) -> None:
@@ -70,7 +71,8 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
         if not plan_only:
             check_disk(folder, values)
         light = [] if options.no_light or plan_only else [layers.Light(job, sampling)]
-        beside = [layers.KINDS[name](job, Path(scratch)) for name in options.layers]
+        look = Look(job, Path(scratch), [t * 1e-9 for t in plan.times_ns])
+        beside = [layers.KINDS[name](look) for name in options.layers]
         if plan_only:
             each_s = _layers_s(job, plan, beside) if options.no_light else _light_s(job, plan)
             return print(f"render: {_estimate(plan, grid, each_s, values)}", file=sys.stderr)
@@ -180,7 +182,7 @@ def _render_frames(job: Job, plan: Timeline, made: list[layers.Layer], output: O
     for done, (index, todo) in enumerate(missing, len(wanted) - len(missing) + 1):
         job.set_time(plan.times_ns[index] * 1e-9)
         for layer in todo:
-            output.write_layer(layer.name, index, layer.render(*_times_s(layer, plan, index)))
+            layers.write(layer, output, index, *_times_s(layer, plan, index))
         progress.at(done)
         stop.check()
         first_mb = first_mb or resident_mb()

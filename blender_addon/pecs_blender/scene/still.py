@@ -11,8 +11,8 @@ import numpy as np
 from ..core.tiles import boxes, grown, tiles_with
 from .job import Job
 from .judge import Judge
-from .layers import Light, Motion
-from .surfaces import Seen
+from .layers import Light
+from .surfaces import Look, Seen
 
 ANCHOR_EVERY = 64  # keyframes
 MOST = 0.7  # of the picture; more is rendered as a whole
@@ -21,20 +21,20 @@ MOST = 0.7  # of the picture; more is rendered as a whole
 class Frames:
     """Light of keyframes, before samples are shared. The result does not depend on which were asked for before."""
 
-    def __init__(self, job: Job, light: Light, motion: Motion, judge: Judge):
-        self._job, self._light, self._motion, self._judge = job, light, motion, judge
+    def __init__(self, job: Job, light: Light, look: Look, judge: Judge):
+        self._job, self._light, self._look, self._judge = job, light, look, judge
         self._anchor: tuple[float, np.ndarray, Seen] | None = None  # time, light before diffraction, what is seen
 
     def render(self, index: int, t_s: float, anchor_s: float) -> np.ndarray:
         """[bands, height, width] of keyframe `index`. anchor_s: when keyframe index - index % ANCHOR_EVERY is."""
         if self._anchor is None or self._anchor[0] != anchor_s:
-            seen = self._motion.seen(anchor_s)
+            seen = self._look.seen(anchor_s)
             self._job.set_time(anchor_s)
             self._anchor = anchor_s, self._light.fresh(), seen
         _, still, there = self._anchor
         if t_s == anchor_s:
             return self._light.blur(still.copy())
-        now = self._motion.seen(t_s)
+        now = self._look.seen(t_s)
         self._job.set_time(t_s)
         changed = self._judge.strips_differing(
             self._job, self._light, index, lambda bands: self._judge.plane(still, bands)
@@ -53,7 +53,7 @@ class Frames:
 
     def _moved(self, before: Seen, now: Seen) -> np.ndarray:
         """Tiles in which something was, or is, that stood elsewhere or is not known at the other instant."""
-        surfaces = self._motion.surfaces
+        surfaces = self._look.surfaces
         centres, moved = surfaces.centres(), np.zeros(before.depth.shape, bool)
         for seen, poses in ((before, now.poses), (now, before.poses)):
             moved |= ~(surfaces.place(seen, poses)[:2] == centres).all(0)

@@ -13,13 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 
 from . import cycles
-from .identity import INSTANCE, POLYGON, Identity, name_id
+from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
 from .job import Job
 from .mesh_points import Geometries, Geometry, carried
 from .sight import Sight, View, transformed
@@ -30,13 +32,14 @@ SKY, UNKNOWN = -1, -2
 @dataclass(frozen=True)
 class Poses:
     """All instances at one instant. ids: [n] float32, rising, as Cycles' Random; world_from_local: [n, 4, 4];
-    geometry: index into geometries of each, -1 for what has no points."""
+    geometry: index into geometries of each. notes: of each what Surfaces.note said."""
 
     view: View
     ids: np.ndarray
     world_from_local: np.ndarray
     geometry: np.ndarray
     geometries: list[Geometry]
+    notes: list[Any]
 
     def find(self, ids: np.ndarray) -> np.ndarray:
         """Their indices; UNKNOWN for what is not here, or twice."""
@@ -51,22 +54,33 @@ class Poses:
 class Seen:
     """poses: of the same instant. depth: [h, w] along the optical axis [m], infinite where there is no surface.
     instance: [h, w] index into poses, SKY or UNKNOWN. points: [3, h, w] in camera axes. polygon: [h, w] from 0, -1
-    where it is not known."""
+    where it is not known. random: [h, w] Cycles' Random of the instance. normals: [3, h, w] in camera axes, towards the
+    camera, 0 where there is no surface; if asked for."""
 
     poses: Poses
     depth: np.ndarray
     instance: np.ndarray
     points: np.ndarray
     polygon: np.ndarray
+    random: np.ndarray
+    normals: np.ndarray | None
 
 
 class Surfaces:
-    """scale: of the picture that it looks at, 1/4 for a quarter of the pixels in x and y."""
+    """scale: of the picture that it looks at, 1/4 for a quarter of the pixels in x and y. normals: whether seen() asks
+    for them. note: called with each instance and its Geometry while Blender has them evaluated."""
+
+    normals = False
+    note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any] | None = None
 
     def __init__(self, job: Job, scratch: Path, scale: float = 1.0, name: str = "surfaces"):
         self.size = tuple(max(1, round(n * scale)) for n in job.size)
         self._job, self._identity, self._geometries = job, Identity(), Geometries()
         self._sight, self._film = Sight(job, scratch, name, self.size), cycles.Film(job.source.scene)
+
+    @property
+    def sight(self) -> Sight:
+        return self._sight
 
     def centres(self) -> np.ndarray:
         """[2, h, w]: film x, y of the pixels' centres."""
@@ -75,15 +89,21 @@ class Surfaces:
     def seen(self) -> Seen:
         """At the instant at which the job's scene stands."""
         found, scene = [], self._job.source.scene
-        with cycles.for_one_sample(scene, self._sight.camera(), self.size), self._identity.on(scene.view_layers[0]):
-            names = "Position", "Depth", INSTANCE, POLYGON
+        own = (INSTANCE, POLYGON, NORMAL) if self.normals else (INSTANCE, POLYGON)
+        with (
+            cycles.for_one_sample(scene, self._sight.camera(), self.size),
+            self._identity.on(scene.view_layers[0], own),
+        ):
+            names = "Position", "Depth", *own
             passes = self._film.passes(*names, look=lambda d: found.append(self._poses(d, self._identity.mark)))
         poses = found[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
         depth = np.where(surface, points[2] * self._job.source.unit_m, np.inf)
         instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
-        return Seen(poses, depth, instance.astype(np.int32), points, passes[POLYGON][0].astype(np.int32) - 1)
+        polygon = passes[POLYGON][0].astype(np.int32) - 1
+        normals = _normals(passes[NORMAL][:3], surface, poses.view) if self.normals else None
+        return Seen(poses, depth, instance.astype(np.int32), points, polygon, passes[INSTANCE][0], normals)
 
     def poses(self) -> Poses:
         """At the instant at which the job's scene stands."""
@@ -128,7 +148,7 @@ class Surfaces:
         return np.where(np.isnan(turned[0]), 0, turned)
 
     def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
-        ids, matrices, geometry, found, numbers = [], [], [], [], {}
+        ids, matrices, geometry, notes, found, numbers = [], [], [], [], [], {}
         for instance in depsgraph.object_instances:
             thing = instance.object
             data = thing.data
@@ -142,10 +162,40 @@ class Surfaces:
             ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else name_id(thing.name))
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
+            notes.append(self.note and self.note(instance, found[numbers[key]]))
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)
         order = np.argsort(random, kind="stable")
         world = np.array(matrices, float).reshape(-1, 4, 4)
-        return Poses(self._sight.view(depsgraph), random[order], world[order], np.array(geometry, int)[order], found)
+        geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
+        return Poses(self._sight.view(depsgraph), random[order], world[order], geometry, found, notes)
+
+
+class Look:
+    """What is seen at the last few instants: layers share it. times_s: of the job's plan."""
+
+    def __init__(self, job: Job, scratch: Path, times_s: list[float]):
+        self.job, self.scratch, self.times_s = job, scratch, times_s
+        self._kept: dict[float, Seen] = {}
+        self.keep = 1  # the next interval begins with one
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        return Surfaces(self.job, self.scratch, name="chief_rays")
+
+    def seen(self, t_s: float) -> Seen:
+        """Moves the scene there, if it is not known."""
+        if t_s not in self._kept:
+            self.job.set_time(t_s)
+            self._kept[t_s] = self.surfaces.seen()
+            while len(self._kept) > self.keep:
+                self._kept.pop(next(iter(self._kept)))
+        return self._kept[t_s]
+
+
+def _normals(normals: np.ndarray, surface: np.ndarray, view: View) -> np.ndarray:
+    turned = np.einsum("ij,jyx->iyx", view.camera_from_world[:3, :3], normals)
+    with np.errstate(all="ignore"):
+        return np.where(surface, turned / np.linalg.norm(turned, axis=0), 0)
 
 
 class _Moves:

@@ -8,9 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
+from ...core.output import Output
 from .depth import Depth
 from .light import Light
 from .motion import Motion
+from .normal import Normal
+from .objects import Objects
 
 
 class Layer(Protocol):
@@ -24,7 +27,15 @@ class Layer(Protocol):
         from one to the other of which this moves the scene."""
 
 
-KINDS = {kind.name: kind for kind in (Depth, Motion)}  # beside the light; each is made of a job and a scratch folder
+def write(layer: Layer, output: Output, index: int, *t_s: float) -> None:
+    """Renders it, and what is known beside it."""
+    values = layer.render(*t_s)
+    if isinstance(layer, Objects):
+        output.write_objects(index, layer.described)
+    output.write_layer(layer.name, index, values)
+
+
+KINDS = {kind.name: kind for kind in (Depth, Normal, Motion, Objects)}  # beside the light; each is made of a Look
 
 
 def entry(layer: Layer) -> dict:
@@ -33,4 +44,4 @@ def entry(layer: Layer) -> dict:
     return {"name": layer.name, "files": files, "channels": list(layer.channels), "unit": layer.unit, "at": layer.at}
 
 
-__all__ = ["KINDS", "Layer", "Light", "entry"]
+__all__ = ["KINDS", "Layer", "Light", "entry", "write"]

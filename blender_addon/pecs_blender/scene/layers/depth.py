@@ -4,21 +4,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from .. import cycles
-from ..job import Job
 from ..sight import Sight, transformed
+from ..surfaces import Look
 
 
 class Depth:
     name, channels, unit, at = "depth", ("distance", "z"), "m", "instant"
 
-    def __init__(self, job: Job, scratch: Path):
-        self._job, self._film = job, cycles.Film(job.source.scene)
-        self._sight = Sight(job, scratch, "depth_rays")
+    def __init__(self, look: Look):
+        self._job, self._film = look.job, cycles.Film(look.job.source.scene)
+        self._sight = Sight(look.job, look.scratch, "depth_rays")
 
     def render(self, t_s: float) -> np.ndarray:
         views = []

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of the things in the layer `objects`: a small file for each instant, `objects_000000.json`, and when
+all are there, one for the stack, `objects.json` (docs/exr_stack.md). Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from .errors import bad_input
+from .strict_json import JsonObject, read_json
+
+LAYER, WHOLE, ONE = "objects", "objects.json", "objects_{:06d}.json"
+OF_A_THING = ("id", "name", "class", "class_id", "size_m", "centre_local")
+CHANGING = ("size_m", "centre_local")  # of things that deform
+SAME = 1e-5  # of the largest extent
+MAX_BYTES = 1 << 30
+
+
+def write_json(path: Path, value: Any) -> None:
+    part = path.with_suffix(".json.part")
+    with part.open("w", encoding="utf-8") as file:
+        json.dump(value, file, separators=(",", ":"), ensure_ascii=False)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
+
+
+def one(folder: Path, index: int) -> Path:
+    return folder / ONE.format(index)
+
+
+def join(folder: Path, times_ns: list[int]) -> None:
+    """Writes objects.json, if all instants are there: several processes may have written them."""
+    paths = [one(folder, i) for i in range(len(times_ns))]
+    if not all(path.is_file() for path in paths):
+        return
+    classes: dict[str, str] = {}
+    objects: dict[int, dict[str, Any]] = {}
+    instants = []
+    for path in paths:
+        top = JsonObject(content := read_json(path, MAX_BYTES), path)
+        classes |= top.any("classes")
+        for thing in top.any("objects"):
+            known = objects.setdefault(thing["id"], {key: thing[key] for key in OF_A_THING})
+            if thing["name"] != known["name"]:
+                raise bad_input(path, f"object {thing['id']}", repr(thing["name"]), repr(known["name"]))
+            changes = any(_differs(thing[key], known[key], known["size_m"]) for key in CHANGING)
+            for key in OF_A_THING[1:]:
+                if not (key in CHANGING and changes):
+                    del thing[key]
+        instants.append({"t_ns": content["t_ns"], "objects": content["objects"]})
+    ordered = [objects[k] for k in sorted(objects)]
+    whole = {"format": 1, "classes": classes, "objects": ordered, "instants": instants}
+    write_json(folder / WHOLE, whole)
+
+
+def _differs(now: list[float], first: list[float], size: list[float]) -> bool:
+    return max(abs(a - b) for a, b in zip(now, first, strict=True)) > SAME * max(size)

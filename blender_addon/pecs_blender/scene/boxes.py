@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes around things: in their own axes, and on the film through the camera's own image map; and what hides them.
+
+Camera axes and film coordinates are those of scene/sight.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+from .mesh_points import Geometry
+from .sight import Sight, View, transformed
+from .surfaces import Seen
+
+NEAREST = 1e-2  # of its largest extent: nearer to the camera's plane a thing is cut off
+EDGE_PX = 8.0  # a lens bends edges: points along them are so far apart
+MOST_PIECES = 256  # of an edge
+MOST_RAYS = 4096  # that ask what is hidden of a thing; of more pixels every second, third, … is asked
+SAME_DEPTH = 1e-4  # relative
+
+Box = list[float]  # left, top, right, bottom [px]
+
+
+@dataclass(eq=False)
+class Shape:
+    """Of a Geometry, local. edges: [e, 2], triangles: [t, 3] into vertices [v, 3]; empty of what is no mesh."""
+
+    vertices: np.ndarray
+    edges: np.ndarray
+    triangles: np.ndarray
+
+    @cached_property
+    def tree(self) -> BVHTree:
+        return BVHTree.FromPolygons(self.vertices.tolist(), self.triangles.tolist(), all_triangles=True)
+
+
+def shape(data: bpy.types.ID, geometry: Geometry) -> Shape:
+    if not isinstance(data, bpy.types.Mesh):
+        return Shape(geometry.vertices, np.empty((0, 2), np.int32), np.empty((0, 3), np.int32))
+    data.calc_loop_triangles()
+    edges, triangles = (np.empty(n * len(of), np.int32) for n, of in ((2, data.edges), (3, data.loop_triangles)))
+    data.edges.foreach_get("vertices", edges)
+    data.loop_triangles.foreach_get("vertices", triangles)
+    return Shape(geometry.vertices, edges.reshape(-1, 2), triangles.reshape(-1, 3))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Of a thing."""
+
+    shape: Shape
+    world_from_local: np.ndarray
+
+
+def axes(world_from_local: np.ndarray) -> np.ndarray:
+    """[3, 3]: a rotation to the world from the local axes without their scale; of sheared ones the first axis and the
+    plane of the first two stay."""
+    turn, scale = np.linalg.qr(world_from_local[:3, :3])
+    turn = turn * np.where(np.diag(scale) < 0, -1.0, 1.0)
+    if np.linalg.det(turn) < 0:  # mirrored
+        turn[:, 2] = -turn[:, 2]
+    return turn
+
+
+def own_box(parts: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first part's world_from_object [4, 4], and the lowest and highest corner [3] of all parts in these axes; in
+    the scene's unit."""
+    world_from_object = parts[0].world_from_local.copy()
+    world_from_object[:3, :3] = axes(parts[0].world_from_local)
+    back = np.linalg.inv(world_from_object)
+    points = np.concatenate(
+        [transformed(back @ p.world_from_local, p.shape.vertices.T.astype(float)) for p in parts], axis=1
+    )
+    if not points.size:
+        return world_from_object, np.zeros(3), np.zeros(3)
+    return world_from_object, points.min(1), points.max(1)
+
+
+class Outlines:
+    """Points whose places on the film bound things, for one view."""
+
+    def __init__(self, sight: Sight, view: View):
+        self._sight, self._view, self._points, self._counts = sight, view, [], []
+        rays = sight.rays(view) if view.lens else None
+        self._px = np.nan if rays is None else sight.size[0] / np.ptp(rays[1][0][np.isfinite(rays[1][0])])
+
+    def add(self, parts: list[Part]) -> None:
+        points = np.concatenate([self._of(part) for part in parts], axis=1)
+        self._points.append(points)
+        self._counts.append(points.shape[1])
+
+    def boxes(self) -> list[Box | None]:
+        """Of the things in their order; nothing of what lies behind the camera."""
+        points = np.concatenate([*self._points, np.empty((3, 0))], axis=1)
+        film = self._sight.film(self._view, points, np.zeros(points.shape[1], bool))
+        return [_bounds(part) for part in np.split(film, np.cumsum(self._counts)[:-1], axis=1)][: len(self._counts)]
+
+    def _of(self, part: Part) -> np.ndarray:
+        """[3, n] in camera axes."""
+        points = transformed(self._view.camera_from_world @ part.world_from_local, part.shape.vertices.T.astype(float))
+        if self._view.clip_from_camera is not None and not self._view.clip_from_camera[3, :3].any():
+            return points  # orthographic
+        near = NEAREST * np.abs(points).max(initial=0)
+        ahead = points[2] > near
+        a, b = (points[:, part.shape.edges[:, k]] for k in (0, 1))
+        crossing = ahead[part.shape.edges[:, 0]] != ahead[part.shape.edges[:, 1]]
+        f = (near - a[2, crossing]) / (b[2, crossing] - a[2, crossing])
+        cut = a[:, crossing] + f * (b[:, crossing] - a[:, crossing])
+        return np.concatenate([points[:, ahead], cut, *self._along(a, b, near)], axis=1)
+
+    def _along(self, a: np.ndarray, b: np.ndarray, near: float) -> list[np.ndarray]:
+        """Points on edges that a lens bends, at z = 1: its rays meet in one point."""
+        if not self._view.lens or not a.size:
+            return []
+        some = (a[2] > near) | (b[2] > near)
+        a, b = a[:, some], b[:, some]
+        for one, other in ((a, b), (b, a)):
+            behind = one[2] <= near
+            f = (near - one[2, behind]) / (other[2, behind] - one[2, behind])
+            one[:, behind] += f * (other[:, behind] - one[:, behind])
+        a, b = a[:2] / a[2], b[:2] / b[2]
+        pieces = np.clip(np.hypot(*(b - a)) * self._px / EDGE_PX, 1, MOST_PIECES).astype(int)
+        which = np.repeat(np.arange(len(pieces)), pieces - 1)
+        first = np.cumsum(pieces - 1) - (pieces - 1)
+        f = (np.arange(len(which)) - first[which] + 1) / pieces[which]
+        return [np.vstack([a[:, which] + f * (b - a)[:, which], np.ones((1, len(which)))])]
+
+
+def _bounds(film: np.ndarray) -> Box | None:
+    known = film[:, np.isfinite(film).all(0)]
+    return [*known.min(1), *known.max(1)] if known.size else None
+
+
+def seen_boxes(ids: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of a picture of numbers [h, w]: how many pixels each number up to `count` has, and their boxes [count + 1, 4]."""
+    height, width = ids.shape
+    flat, (y, x) = ids.ravel(), np.indices(ids.shape).reshape(2, -1)
+    boxes = np.tile([width, height, 0, 0], (count + 1, 1))
+    for axis, places in enumerate((x, y)):
+        np.minimum.at(boxes[:, axis], flat, places)
+        np.maximum.at(boxes[:, 2 + axis], flat, places + 1)
+    return np.bincount(flat, minlength=count + 1), boxes
+
+
+def outside(box: Box | None, size: tuple[int, int]) -> float:
+    """Share of a box that lies outside the picture; 1 without a box."""
+    if box is None:
+        return 1.0
+    share = 1.0
+    for low, high, end in ((box[0], box[2], size[0]), (box[1], box[3], size[1])):
+        inside = max(0.0, min(high, end) - max(low, 0.0))
+        share *= inside / (high - low) if high > low else float(0 <= low <= end)
+    return 1 - share
+
+
+class Hidden:
+    """What other things hide, by the chief rays that go past the camera's eye to a thing alone."""
+
+    def __init__(self, sight: Sight, seen: Seen, ids: np.ndarray):
+        self._seen, self._ids, self._view = seen, ids, seen.poses.view
+        self._rays = sight.rays(self._view)
+
+    def pixels(self, thing: int, parts: list[Part], box: Box | None) -> int:
+        """How many pixels' rays meet the thing behind what is seen there, about."""
+        parts = [part for part in parts if len(part.shape.triangles)]
+        if self._rays is None or box is None or not parts:
+            return 0
+        height, width = self._ids.shape
+        left, top = (max(0, int(np.floor(v))) for v in box[:2])
+        right, bottom = min(width, int(np.ceil(box[2]))), min(height, int(np.ceil(box[3])))
+        if left >= right or top >= bottom:
+            return 0
+        part = np.s_[top:bottom, left:right]
+        other = (self._ids[part] != thing) & np.isfinite(self._seen.depth[part])
+        y, x = np.nonzero(other & np.isfinite(self._rays[1][0][part]))
+        step = -(-len(y) // MOST_RAYS) or 1
+        y, x = y[::step] + top, x[::step] + left
+        met = np.zeros(len(y), bool)
+        for one in parts:
+            met |= self._meets(one, y, x)
+        return int(met.sum()) * step
+
+    def _meets(self, part: Part, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        camera_from_local = self._view.camera_from_world @ part.world_from_local
+        if abs(np.linalg.det(camera_from_local[:3, :3])) < 1e-12:
+            return np.zeros(len(y), bool)
+        local_from_camera, (origins, along) = np.linalg.inv(camera_from_local), self._rays
+        starts = transformed(local_from_camera, np.vstack([origins[:, y, x], np.zeros((1, len(y)))])).T
+        ways = (local_from_camera[:3, :3] @ np.vstack([along[:, y, x], np.ones((1, len(y)))])).T
+        depths = self._seen.points[2, y, x] * (1 - SAME_DEPTH)
+        cast, row = part.shape.tree.ray_cast, camera_from_local[2]
+        met = np.zeros(len(y), bool)
+        for i, (start, way) in enumerate(zip(starts.tolist(), ways.tolist(), strict=True)):
+            place = cast(Vector(start), Vector(way))[0]
+            if place is not None:
+                met[i] = row[0] * place[0] + row[1] * place[1] + row[2] * place[2] + row[3] >= depths[i]
+        return met

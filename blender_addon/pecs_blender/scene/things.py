@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the instances of a scene are called, of which class they are, and their numbers.
+
+A thing is an object, or an instance of one that a collection, nodes or particles make; parts whose custom property
+`pecs_object` (found as the class is) has the same text are one thing. Its class is the custom property `pecs_class` of
+the object, of what makes the instance, of their collections (parents too), of its material: the first that has one.
+Numbers go by sorted names of all objects of the scene and of all instances that are there at the plan's first, middle
+and last instant (at all of them where these differ), so they depend on neither camera nor shard. Particles that nobody
+looked at are number 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+from ..core.errors import bad_input
+from .mesh_points import Geometry
+from .surfaces import Look
+
+SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # of objects that have one
+CLASS, OBJECT = "pecs_class", "pecs_object"
+NO_INDEX = 0x7FFFFFFF  # fills Blender's persistent ids
+
+Key = tuple[tuple[str, ...], tuple[int, ...]]  # names from the outside in, and Blender's numbers among equal ones
+
+
+@dataclass(frozen=True)
+class Thing:
+    """id: from 1. kind: its class, None without one."""
+
+    id: int
+    name: str
+    kind: str | None
+
+
+class Things:
+    """Numbers what there is; moves the scene."""
+
+    def __init__(self, look: Look, note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any]):
+        """note: what surfaces shall note of each instance beside its key, as (key, note)."""
+        self._parents = _collection_parents()
+        self._kinds: dict[Key, str | None] = {}
+        self._texts: dict[tuple[int, int | None], tuple[str | None, str | None]] = {}  # by addresses
+        look.surfaces.note = lambda instance, geometry: (self._key(instance), note(instance, geometry))
+        for thing in look.job.source.scene.objects:
+            if thing.type in SHAPES:
+                self._add(thing, None, ())
+        seen = [self._keys(look, t_s) for t_s in _spread(look.times_s)]
+        if any(keys != seen[0] for keys in seen):
+            for t_s in look.times_s:
+                self._keys(look, t_s)
+        self.classes = {kind: k for k, kind in enumerate(sorted({k for k in self._kinds.values() if k}), 1)}
+        self._things = {key: Thing(i, _name(key), self._kinds[key]) for i, key in enumerate(sorted(self._kinds), 1)}
+        self._is_numbered = True
+
+    _is_numbered = False
+
+    def of(self, key: Key) -> Thing | None:
+        return self._things.get(key)
+
+    def _keys(self, look: Look, t_s: float) -> set[Key]:
+        look.job.set_time(t_s)
+        return {key for key, _ in look.surfaces.poses().notes}
+
+    def _key(self, instance: bpy.types.DepsgraphObjectInstance) -> Key:
+        if not instance.is_instance:
+            return self._add(instance.object.original, None, ())
+        numbers = tuple(n for n in instance.persistent_id if n != NO_INDEX)
+        return self._add(instance.object.original, instance.parent and instance.parent.original, numbers)
+
+    def _add(self, thing: bpy.types.Object, maker: bpy.types.Object | None, numbers: tuple[int, ...]) -> Key:
+        both = thing.as_pointer(), maker and maker.as_pointer()
+        if both not in self._texts:
+            self._texts[both] = self._text(thing, maker, OBJECT), self._text(thing, maker, CLASS)
+        of, kind = self._texts[both]
+        names = tuple(filter(None, (maker and maker.name, of or thing.name)))
+        key = names, numbers[1:] if of else numbers  # the first one counts within what is made
+        if not self._is_numbered:
+            self._kinds[key] = self._kinds.get(key) or kind
+        return key
+
+    def _text(self, thing: bpy.types.Object, maker: bpy.types.Object | None, prop: str) -> str | None:
+        for holder in self._holders(thing, maker):
+            if (text := holder.get(prop)) is not None:
+                if not isinstance(text, str) or not text.strip():
+                    raise bad_input("scene", f"{holder.name!r}.{prop}", repr(text), "a name")
+                return text
+        return None
+
+    def _holders(self, thing: bpy.types.Object, maker: bpy.types.Object | None) -> Iterator[bpy.types.ID]:
+        both = [one for one in (thing, maker) if one]
+        yield from both
+        rising = [collection for one in both for collection in one.users_collection]
+        for collection in rising:  # grows
+            yield collection
+            rising += [p for p in self._parents.get(collection, ()) if p not in rising]
+        yield from (slot.material for slot in thing.material_slots if slot.material)
+
+
+def _collection_parents() -> dict[bpy.types.Collection, list[bpy.types.Collection]]:
+    parents: dict[bpy.types.Collection, list[bpy.types.Collection]] = {}
+    for collection in (*(scene.collection for scene in bpy.data.scenes), *bpy.data.collections):
+        for child in collection.children:
+            parents.setdefault(child, []).append(collection)
+    return parents
+
+
+def _name(key: Key) -> str:
+    names, numbers = key
+    return "/".join(names) + (("#" + ".".join(map(str, numbers))) if numbers else "")
+
+
+def _spread(times_s: list[float]) -> list[float]:
+    """First, middle, last."""
+    return sorted({times_s[0], times_s[len(times_s) // 2], times_s[-1]})
