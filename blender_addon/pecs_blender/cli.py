@@ -32,6 +32,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="pecs_blender", description="PECS: spectral renders through a real lens")
     commands = parser.add_subparsers(dest="command", required=True)
     _add_render(commands)
+    _add_survey(commands)
     bands = commands.add_parser(
         "bands",
         help="wavelengths to render for a chip, and their weights",
@@ -70,6 +71,13 @@ def _add_render(commands) -> None:
     )
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
     add_arguments(command)
+    _add_scene(command)
+    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
+    add("--overwrite", action="store_true", help="remove a stack that is there, instead of continuing it")
+
+
+def _add_scene(command) -> None:
+    add = command.add_argument
     add(
         "--set",
         action="append",
@@ -79,8 +87,22 @@ def _add_render(commands) -> None:
     )
     add("--scene-name", help="which scene of the .blend")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
-    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
-    add("--overwrite", action="store_true", help="remove a stack that is there, instead of continuing it")
+
+
+def _add_survey(commands) -> None:
+    command = commands.add_parser(
+        "survey",
+        help="points on the surfaces of a scene",
+        description="Writes points on all surfaces of a scene, at several instants, into an .npz file "
+        "(docs/render.md), for what plans a camera's path outside Blender.",
+    )
+    add = command.add_argument
+    add("scene", type=Path, help="FILE.blend, or a scene folder")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.npz")
+    add("--frames", help=f"{RULES['frames'].help}; the period or the range if not given")
+    add("--fps", type=float, default=10.0, help="instants per second; 10 if not given")
+    add("--spacing-m", type=float, help="distance of neighbouring points; such that they are 200,000 if not given")
+    _add_scene(command)
 
 
 @contextlib.contextmanager
@@ -97,33 +119,61 @@ def _library_errors():
 
 
 def _render(args: dict) -> None:
-    path, output, overrides = args.pop("scene"), args.pop("output"), args.pop("set")
-    scene_name, allow_scripts, overwrite = args.pop("scene_name"), args.pop("allow_scripts"), args.pop("overwrite")
-    plan_only = args.pop("plan")
+    where, output, overwrite, plan_only = _where(args), args.pop("output"), args.pop("overwrite"), args.pop("plan")
     options = Options(**args)
+    with _writing(output):
+        source = _source(*where, options.illuminant)
+        with _library_errors():
+            from .scene.render import render
+
+            render(source, output, options, overwrite, plan_only)
+
+
+def _where(args: dict) -> tuple:
+    """What names a scene, for _source."""
+    return tuple(args.pop(key) for key in ("scene", "set", "scene_name", "allow_scripts"))
+
+
+def _source(path: Path | None, overrides: list[str], scene_name: str | None, allow_scripts: bool, illuminant: str):
     try:
         import bpy  # before pecs
     except ImportError as e:
         raise RenderError(USAGE, f"bpy: {e}; pip install bpy, or run inside Blender") from None
     from .scene.blend import BlendScene
     from .scene.folder import FolderScene
-    from .scene.render import render
 
     path = path or Path(bpy.data.filepath)
     if path == Path():
         raise RenderError(USAGE, "render: got no scene, wanted FILE.blend or a scene folder")
+    with _library_errors():
+        if path.suffix != ".blend":
+            return FolderScene(load_scene(path, overrides))
+        if overrides:
+            raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
+        return BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+
+
+@contextlib.contextmanager
+def _writing(output: Path):
+    """With the disk's errors as ours."""
     try:
-        with _library_errors():
-            if path.suffix == ".blend":
-                if overrides:
-                    raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
-                illuminant = spectrum(options.illuminant, path.absolute().parent)
-                source = BlendScene(path, scene_name, illuminant, allow_scripts)
-            else:
-                source = FolderScene(load_scene(path, overrides))
-            render(source, output, options, overwrite, plan_only)
+        yield
     except OSError as e:
         raise RenderError(BAD_OUTPUT, f"{e.filename or output}: cannot be written: {e.strerror}") from None
+
+
+def _survey(args: dict) -> None:
+    output = args["output"]
+    if output.suffix != ".npz":
+        raise RenderError(USAGE, f"-o {output}: got no .npz, wanted FILE.npz")
+    for name in ("fps", "spacing_m"):
+        if args[name] is not None and not 0 < args[name] <= 1e9:
+            raise RenderError(USAGE, f"--{name.replace('_', '-')}: got {args[name]}, wanted a number above 0")
+    with _writing(output):
+        source = _source(*_where(args), DEFAULTS["illuminant"])
+        from .scene.survey import survey
+
+        survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
 
 def _bands(args: dict) -> None:
@@ -156,7 +206,7 @@ def main(argv: list[str]) -> int:
         command = args.pop("command")
         if command == "render":
             stop.install()
-        {"render": _render, "bands": _bands, "merge": _merge}[command](args)
+        {"render": _render, "survey": _survey, "bands": _bands, "merge": _merge}[command](args)
     except SystemExit as e:  # --help
         return e.code or 0
     except RenderError as e:

@@ -11,7 +11,7 @@ changes; hair, curves and points that move by themselves; panoramic cameras that
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -149,11 +149,9 @@ class Surfaces:
 
     def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
         ids, matrices, geometry, notes, found, numbers = [], [], [], [], [], {}
-        for instance in depsgraph.object_instances:
+        for instance in renders(depsgraph):
             thing = instance.object
             data = thing.data
-            if not isinstance(data, (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)):
-                continue
             key = data.as_pointer()
             if key not in numbers:
                 numbers[key] = len(found)
@@ -168,6 +166,13 @@ class Surfaces:
         world = np.array(matrices, float).reshape(-1, 4, 4)
         geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
         return Poses(self._sight.view(depsgraph), random[order], world[order], geometry, found, notes)
+
+
+def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:
+    """What has surfaces."""
+    for instance in depsgraph.object_instances:
+        if isinstance(instance.object.data, (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)):
+            yield instance
 
 
 class Look:

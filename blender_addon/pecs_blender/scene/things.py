@@ -13,13 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import bpy
 
 from ..core.errors import bad_input
-from .mesh_points import Geometry
-from .surfaces import Look
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # of objects that have one
 CLASS, OBJECT = "pecs_class", "pecs_object"
@@ -38,21 +35,20 @@ class Thing:
 
 
 class Things:
-    """Numbers what there is; moves the scene."""
+    """Numbers what there is."""
 
-    def __init__(self, look: Look, note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any]):
-        """note: what surfaces shall note of each instance beside its key, as (key, note)."""
+    def __init__(self, scene: bpy.types.Scene, times_s: list[float], keys_at: Callable[[Things, float], set[Key]]):
+        """keys_at: moves the scene to a time and asks for the key of each instance there."""
         self._parents = _collection_parents()
         self._kinds: dict[Key, str | None] = {}
         self._texts: dict[tuple[int, int | None], tuple[str | None, str | None]] = {}  # by addresses
-        look.surfaces.note = lambda instance, geometry: (self._key(instance), note(instance, geometry))
-        for thing in look.job.source.scene.objects:
+        for thing in scene.objects:
             if thing.type in SHAPES:
                 self._add(thing, None, ())
-        seen = [self._keys(look, t_s) for t_s in _spread(look.times_s)]
+        seen = [keys_at(self, t_s) for t_s in _spread(times_s)]
         if any(keys != seen[0] for keys in seen):
-            for t_s in look.times_s:
-                self._keys(look, t_s)
+            for t_s in times_s:
+                keys_at(self, t_s)
         self.classes = {kind: k for k, kind in enumerate(sorted({k for k in self._kinds.values() if k}), 1)}
         self._things = {key: Thing(i, _name(key), self._kinds[key]) for i, key in enumerate(sorted(self._kinds), 1)}
         self._is_numbered = True
@@ -62,11 +58,10 @@ class Things:
     def of(self, key: Key) -> Thing | None:
         return self._things.get(key)
 
-    def _keys(self, look: Look, t_s: float) -> set[Key]:
-        look.job.set_time(t_s)
-        return {key for key, _ in look.surfaces.poses().notes}
+    def __iter__(self) -> Iterator[Thing]:
+        return iter(self._things.values())
 
-    def _key(self, instance: bpy.types.DepsgraphObjectInstance) -> Key:
+    def key(self, instance: bpy.types.DepsgraphObjectInstance) -> Key:
         if not instance.is_instance:
             return self._add(instance.object.original, None, ())
         numbers = tuple(n for n in instance.persistent_id if n != NO_INDEX)

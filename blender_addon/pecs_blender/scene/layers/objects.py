@@ -13,7 +13,7 @@ import numpy as np
 from .. import boxes
 from ..mesh_points import Geometry
 from ..surfaces import UNKNOWN, Look, Poses, Seen
-from ..things import Thing, Things
+from ..things import Key, Thing, Things
 
 DIGITS = 7  # after the point: of a pixel, of a metre
 
@@ -24,8 +24,13 @@ class Objects:
     def __init__(self, look: Look):
         self._look, self._unit_m = look, look.job.source.unit_m
         self._shapes: WeakKeyDictionary[Geometry, boxes.Shape] = WeakKeyDictionary()
-        self._things = Things(look, self._shape)
+        self._things = Things(look.job.source.scene, look.times_s, self._keys_at)
         self.described: dict[str, Any] = {}
+
+    def _keys_at(self, things: Things, t_s: float) -> set[Key]:
+        self._look.surfaces.note = lambda instance, geometry: (things.key(instance), self._shape(instance, geometry))
+        self._look.job.set_time(t_s)
+        return {key for key, _ in self._look.surfaces.poses().notes}
 
     def _shape(self, instance: bpy.types.DepsgraphObjectInstance, geometry: Geometry) -> boxes.Shape:
         if geometry not in self._shapes:
