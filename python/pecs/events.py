@@ -218,7 +218,9 @@ def as_events(events: NDArray[Any]) -> NDArray[np.void]:
         if column.dtype.kind not in ("iub" if name == "p" else "iu"):
             unit = "integer microseconds" if name == "t" else "integers"
             raise ValueError(f"events: {name}: got {column.dtype}, wanted {unit}")
-        if len(column) and not (np.iinfo(wanted).min <= column.min() and column.max() <= np.iinfo(wanted).max):
+        fits = np.can_cast(column.dtype, wanted) or not len(column)
+        column = np.ascontiguousarray(column)  # its least and greatest are found faster
+        if not fits and not (np.iinfo(wanted).min <= column.min() and column.max() <= np.iinfo(wanted).max):
             raise ValueError(f"events: {name}: got values from {column.min()} to {column.max()}, wanted {wanted}")
         out[name] = column
     return out

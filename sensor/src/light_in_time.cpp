@@ -91,7 +91,8 @@ struct LightInTime::Work {
   std::size_t pixels() const {
     return static_cast<std::size_t>(info().width) * static_cast<std::size_t>(info().height);
   }
-  std::size_t fine_pixels() const { return pixels() * static_cast<std::size_t>(side() * side()); }
+  std::size_t side2() const { return static_cast<std::size_t>(side()) * static_cast<std::size_t>(side()); }
+  std::size_t fine_pixels() const { return pixels() * side2(); }
   std::int64_t begin_ns(std::int64_t frame) const {
     const auto& times = info().times_ns;
     return frame < source.frames() ? times[static_cast<std::size_t>(frame)] - times[0] : info().period_ns.value_or(0);
@@ -174,7 +175,7 @@ Interval& LightInTime::Work::interval(std::int64_t frame) {
 
 // out: [part][chip], with subpixels; rows of pixels.
 void LightInTime::Work::carry(Interval& in, std::span<const double> parts, Region rows, std::span<Plane> out) {
-  const auto row = static_cast<std::size_t>(info().width * side());
+  const auto row = static_cast<std::size_t>(side()) * static_cast<std::size_t>(info().width);
   const Region fine{rows.begin * side(), rows.end * side()};
   if (!in.carrier) {
     tbb::parallel_for(std::size_t{0}, out.size(), [&](std::size_t k) {
@@ -206,8 +207,8 @@ void LightInTime::Work::planes(std::int64_t frame, std::span<const double> parts
   const auto give_fine = [&](std::size_t part, std::size_t chip, const Plane& plane) {
     if (!fine) return give(part, chip, plane);
     const std::size_t begin = static_cast<std::size_t>(rows.begin) * width;
-    average_squares(std::span(plane).subspan(begin * static_cast<std::size_t>(side() * side())), info().file_width(),
-                    side(), std::span(mean).subspan(begin, static_cast<std::size_t>(rows.end - rows.begin) * width));
+    average_squares(std::span(plane).subspan(begin * side2()), info().file_width(), side(),
+                    std::span(mean).subspan(begin, static_cast<std::size_t>(rows.end - rows.begin) * width));
     give(part, chip, mean);
   };
   const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * fine_pixels() * chips));

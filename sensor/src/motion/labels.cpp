@@ -38,7 +38,8 @@ void Carrier::labels(const std::int32_t* first, const std::int32_t* second, std:
 
   // Sights by tile, in their order.
   const auto tile_of = [&](const Sight& sight) {
-    return static_cast<std::size_t>(sight.pixel / width / kTileHeight * tiles_x + sight.pixel % width / kTileWidth);
+    const auto row = static_cast<std::size_t>(sight.pixel / width / kTileHeight);
+    return row * static_cast<std::size_t>(tiles_x) + static_cast<std::size_t>(sight.pixel % width / kTileWidth);
   };
   std::vector<std::size_t> begin(in.near.size() + 1), of_tiles(sights.size());
   for (const Sight& sight : sights) ++begin[tile_of(sight) + 1];

@@ -1,0 +1,152 @@
+// The light of a source at any time; tests/python/test_light.py has stacks on disk.
+#include "pecs/sensor/light_in_time.h"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <cmath>
+#include <vector>
+
+#include "pecs/error.h"
+#include "pecs/sensor/motion.h"
+
+namespace pecs::sensor {
+namespace {
+
+using Plane = std::vector<float>;
+
+// A texture that moves by 6 px an interval to the right, in two bands; after the last frame it begins again.
+class Moving : public FrameSource {
+ public:
+  static constexpr int kWidth = 70, kHeight = 40, kStep_px = 6;
+  static constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
+  Moving() {
+    info_.width = kWidth, info_.height = kHeight;
+    info_.bands = {{500, 1}, {600, 1}};
+    info_.times_ns = {1'000'000, 2'000'000, 4'000'000};  // the first is not at 0
+  }
+  static float texture(double x, int y) {
+    return static_cast<float>(std::exp(0.5 * std::sin(0.3 * x) + 0.3 * std::cos(0.2 * x + 0.4 * y)));
+  }
+  // At so many steps after the first frame.
+  static Plane light(double steps) {
+    Plane out;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) out.push_back(texture(x - kStep_px * steps, y));
+    return out;
+  }
+  const StackInfo& info() const override { return info_; }
+  std::int64_t frames() const override { return std::ssize(info_.times_ns); }
+  std::string name() const override { return "moving"; }
+  std::string layout() const override { return "test"; }
+  void read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const override {
+    const Plane plane = light(static_cast<double>(index));
+    for (int y = begin; y < (end ? end : kHeight); ++y) {
+      Plane row(plane.begin() + static_cast<std::ptrdiff_t>(y) * kWidth,
+                plane.begin() + static_cast<std::ptrdiff_t>(y + 1) * kWidth);
+      row.resize(std::size_t{2} * kWidth, 3);
+      sink(y, 1, row);
+    }
+  }
+  bool has_motion() const override { return true; }
+  void read_motion(std::int64_t, const RowSink& sink) const override {
+    for (int y = 0; y < kHeight; ++y) {
+      Plane row;
+      for (const float v : {3.0f, 0.0f, 6.0f, 0.0f, 1.0f, 1.0f, -3.0f, 0.0f, -6.0f, 0.0f, 1.0f, 1.0f})
+        row.insert(row.end(), kWidth, v);
+      sink(y, 1, row);
+    }
+  }
+
+  StackInfo info_;
+};
+
+// Amperes so that chip 0 sees the texture, chip 1 both bands.
+const std::vector<std::vector<double>> kChips = {{1e-12, 0}, {2e-12, 1e-12}};
+
+Plane at(LightInTime& light, std::vector<double> t_us) {
+  Plane out(t_us.size() * light.values());
+  light.at(t_us, out);
+  return out;
+}
+
+Plane exposed(LightInTime& light, const Exposure& exposure) {
+  Plane out(light.values());
+  light.exposure(exposure, out);
+  return out;
+}
+
+TEST(LightInTime, IsThatOfTheSceneThen) {
+  const Moving source;
+  LightInTime light(source, kChips);
+  ASSERT_EQ(light.values(), 2 * Moving::kPixels);
+  EXPECT_EQ(light.end_us(), 3000);
+  const Plane found = at(light, {0, 300, 2000, 3000});
+  const double steps[] = {0, 0.3, 1.5, 2};
+  for (std::size_t k = 0; k < std::size(steps); ++k) {
+    const Plane truth = Moving::light(steps[k]);
+    for (int y = 4; y < Moving::kHeight - 4; ++y)
+      for (int x = 14; x < Moving::kWidth - 14; ++x) {
+        const auto i = static_cast<std::size_t>(y) * Moving::kWidth + static_cast<std::size_t>(x);
+        const float *a = &found[2 * k * Moving::kPixels + i], *b = a + Moving::kPixels;
+        ASSERT_NEAR(*a * 1e12f, truth[i], 0.004f * truth[i]) << k << ' ' << x << ' ' << y;
+        ASSERT_NEAR(*b * 1e12f, 2 * truth[i] + 3, 0.01f * truth[i]) << k;
+      }
+  }
+}
+
+TEST(LightInTime, ThreadsAndOrderChangeNothing) {
+  const Moving source;
+  std::vector<Plane> planes;
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 4);
+  for (const int threads : {1, 4})
+    tbb::task_arena(threads).execute([&] {
+      LightInTime light(source, kChips);
+      Plane all = at(light, {2900, 100, 1500, 900});
+      const Plane others = exposed(light, {200, 2000, 10, 16});
+      all.insert(all.end(), others.begin(), others.end());
+      planes.push_back(std::move(all));
+      const Plane alone = at(light, {100});
+      EXPECT_TRUE(
+          std::equal(alone.begin(), alone.end(), planes[0].begin() + static_cast<std::ptrdiff_t>(light.values())));
+    });
+  EXPECT_EQ(planes[0], planes[1]);
+}
+
+TEST(LightInTime, AnExposureIsTheMean) {
+  const Moving source;
+  LightInTime light(source, kChips);
+  const Plane mean = exposed(light, {600, 800, 0, 4}), planes = at(light, {700, 900, 1100, 1300});
+  for (std::size_t i = 0; i < light.values(); ++i) {
+    double sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) sum += planes[k * light.values() + i];
+    ASSERT_NEAR(mean[i], sum / 4, 1e-6 * mean[i]);
+  }
+  // As many steps as half a pixel needs: 12 in the first interval, which is twice as fast.
+  EXPECT_EQ(exposed(light, {600, 800, 0, 0}), exposed(light, {600, 800, 0, 10}));
+  EXPECT_EQ(exposed(light, {1100, 800, 0, 0}), exposed(light, {1100, 800, 0, 5}));
+}
+
+TEST(LightInTime, ALoopGoesOn) {
+  Moving source;
+  source.info_.period_ns = 5'000'000;
+  LightInTime light(source, kChips);
+  EXPECT_TRUE(std::isinf(light.end_us()));
+  EXPECT_EQ(at(light, {5000, 10'000, 5e9}), at(light, {0, 0, 0}));
+  EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
+}
+
+TEST(LightInTime, WrongTimesAreRefused) {
+  const Moving source;
+  LightInTime light(source, kChips);
+  for (const double t_us : {-1.0, 3000.01, std::nan(""), std::numeric_limits<double>::infinity()})
+    EXPECT_THROW(at(light, {t_us}), Error) << t_us;
+  for (const Exposure& e : {Exposure{2500, 501, 0, 3}, Exposure{0, 100, 80, 3}, Exposure{500, 100, -20, 3},
+                            Exposure{0, 0, 0, 3}, Exposure{0, 10, 0, kMostSteps + 1}, Exposure{0, 10, std::nan(""), 1}})
+    EXPECT_THROW(exposed(light, e), Error) << e.begin_us;
+  EXPECT_NO_THROW(exposed(light, {2500, 500, 0, 3}));
+}
+
+}  // namespace
+}  // namespace pecs::sensor
