@@ -31,10 +31,10 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
 Json stack_info(const std::string& path, std::optional<double> fps) {
   const sensor::StackReader stack(path, {fps, {}});
   const sensor::StackInfo& info = stack.info();
-  const std::vector<float> frame = stack.read_frame(0);
+  const std::vector<float> frame = info.has_light ? stack.read_frame(0) : std::vector<float>{};
   const auto plane = static_cast<std::ptrdiff_t>(frame.size() / info.bands.size());
   Json bands = Json::array();
-  for (std::size_t b = 0; b < info.bands.size(); ++b) {
+  for (std::size_t b = 0; info.has_light && b < info.bands.size(); ++b) {
     const auto first = frame.begin() + static_cast<std::ptrdiff_t>(b) * plane;
     double sum = 0, low = *first, high = *first;
     for (auto v = first; v != first + plane; ++v) {
@@ -86,6 +86,7 @@ void print_stack(const std::string& path, const Json& info) {
       fmt::print("layer        {}: {} [{}], per {}\n", layer["name"].get<std::string>(),
                  fmt::join(layer["channels"].get<std::vector<std::string>>(), ", "), layer["unit"].get<std::string>(),
                  layer["at"].get<std::string>());
+  if (info["bands"].empty()) return;  // layers alone
   fmt::print("band [nm]    weight [nm]    first frame: least, mean, greatest [{}]\n", info["unit"].get<std::string>());
   for (const Json& band : info["bands"]) {
     const Json& v = band["first_frame"];

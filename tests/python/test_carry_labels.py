@@ -149,6 +149,11 @@ def test_subpixels(tmp_path):
     assert np.array_equal(found.reshape(H // 2, W // 2), scene.ids(0)[1::2, 1::2])
 
 
+def test_a_truth_without_light_tells_its_layers(tmp_path, pecs_program):
+    done = pecs_program("info", write_truth(tmp_path / "truth", Rectangle(), 1, light=False))
+    assert done.returncode == 0 and "objects: instance" in done.stdout and "band" not in done.stdout, done.stderr
+
+
 def test_wrong_inputs_are_one_line(tmp_path):
     scene = Rectangle()
     truth = write_truth(tmp_path / "truth", scene, 1)
