@@ -113,9 +113,10 @@ def windows(folder):
     from torch.utils.data import DataLoader
 
     fields = ("flow", "depth", "frame", "boxes")
-    data = Windows(Sequence(folder), "left", window_us=20_000, fields=fields)
+    data = Windows(Sequence(folder), "left", window_us=20_000, fields=fields, voxel_grid={"bins": 5})
     data[0]  # what is open before the workers begin
     out = {name: [] for name in ("torch_items", "torch_n", "torch_t", "torch_flow", "torch_frame", "torch_boxes")}
+    out["torch_voxels"] = []
     for number, batch in enumerate(DataLoader(data, 2, num_workers=2, collate_fn=collate)):
         for i in range(len(batch["start_us"])):
             mine = batch["events"][batch["events"][:, 0] == i]
@@ -125,6 +126,7 @@ def windows(folder):
             out["torch_flow"].append(batch["flow"][i].numpy())
             out["torch_frame"].append(batch["frame"][i].numpy())
         out["torch_boxes"] += batch["boxes"].tolist()
+        out["torch_voxels"] += [*batch["voxel_grid"].numpy()]
 
     sensor = (96, 72, 2)
     items = [data[i]["events"] for i in range(len(data))]

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import pickle
+from concurrent.futures import ProcessPoolExecutor
 
 import cv2
 import numpy as np
@@ -107,29 +108,40 @@ def test_transform_gets_the_events(sequence):
     assert data[1]["events"] == len(Windows(sequence, "left", window_us=20_000)[1]["events"])
 
 
-def total(data, index, answers):
+def test_planes_of_a_window(sequence):
+    """Of the window from its begin to its end, wherever its first and last event lie."""
+    planes = {"voxel_grid": {"bins": 5}, "time_surface": {"tau_us": 3000}, "event_histogram": {"bins": 4}}
+    item = Windows(sequence, "left", window_us=20_000, **planes)[1]
+    t, x, y, p = (item["events"][k].astype(int) for k in "txyp")
+    at = (t - 20_000) / 20_000 * 4
+    want = np.zeros((5, H, W))
+    for b in range(5):
+        np.add.at(want[b], (y, x), (2 * p - 1) * np.maximum(0, 1 - np.abs(b - at)))
+    np.testing.assert_allclose(item["voxel_grid"], want, atol=1e-4)
+    last = np.full((2, H, W), -np.inf)
+    np.maximum.at(last, (p, y, x), t)
+    np.testing.assert_allclose(item["time_surface"], np.exp((last - 40_000) / 3000), atol=1e-5)
+    counts = np.zeros((2, 4, H, W))
+    np.add.at(counts, (p, (t - 20_000) // 5000, y, x), 1)
+    np.testing.assert_array_equal(item["event_histogram"], counts.reshape(8, H, W))
+    bare = Windows(sequence, "left", window_us=20_000, keep_events=False, voxel_grid={"bins": 5})[1]
+    assert "events" not in bare
+    np.testing.assert_array_equal(bare["voxel_grid"], item["voxel_grid"])
+
+
+def total(data, index):
     item = data[index]
-    answers.put((index, len(item["events"]), float(np.nansum(item["flow"])), float(item["depth"].sum())))
+    return len(item["events"]), float(np.nansum(item["flow"])), float(item["depth"].sum())
 
 
 @pytest.mark.parametrize("how", ["fork", "spawn"])
 def test_in_other_processes(data, how):
     """What is open in this process is opened anew there."""
-    want = {}
-    for i in (0, 3):
-        item = data[i]
-        want[i] = len(item["events"]), float(np.nansum(item["flow"])), float(item["depth"].sum())
-    context = multiprocessing.get_context(how)
-    answers = context.Queue()
-    workers = [context.Process(target=total, args=(data, i, answers)) for i in want]
-    for worker in workers:
-        worker.start()
-    found = {i: tuple(rest) for i, *rest in (answers.get(timeout=120) for _ in workers)}
-    for worker in workers:
-        worker.join()
-        assert worker.exitcode == 0
+    want = [total(data, i) for i in (0, 3)]
+    with ProcessPoolExecutor(2, multiprocessing.get_context(how)) as pool:
+        found = [*pool.map(total, [data, data], (0, 3))]
     assert found == want
-    assert len(data[3]["events"]) == want[3][0]  # and here all is as it was
+    assert total(data, 3) == want[1]  # and here all is as it was
 
 
 def test_pickles(data):
@@ -176,6 +188,10 @@ def test_torch_loads_in_workers(others, data):
         np.testing.assert_array_equal(others["torch_flow"][i], item["flow"])
         np.testing.assert_array_equal(others["torch_frame"][i], item["frame"])
         np.testing.assert_array_equal(others["torch_t"][i], item["events"]["t"].sum())
+    grids = np.stack(
+        [Windows(data.sequences, "left", window_us=20_000, voxel_grid={})[i]["voxel_grid"] for i in range(5)]
+    )
+    np.testing.assert_array_equal(others["torch_voxels"], grids)
     assert others["torch_boxes"].shape == (10, 7)
     np.testing.assert_array_equal(others["torch_boxes"][2:4, 1], [small.CARD, small.WALL])
 

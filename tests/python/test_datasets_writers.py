@@ -150,6 +150,7 @@ def test_evreal_by_its_own_loader(sequence, exported, outside):
         signed = np.zeros((H, W))
         np.add.at(signed, (events["y"][between], events["x"][between]), 2.0 * events["p"][between] - 1)
         np.testing.assert_allclose(found["events"][i].sum(0), signed, atol=1e-4)
+        np.testing.assert_allclose(found["events"][i], pecs.voxel_grid(events[between], W, H, 5), atol=1e-4)
         np.testing.assert_allclose(found["frame"][i, 0] * 255, grey(frames[i].path), atol=1e-3)
         assert found["frame_timestamp"][i] == pytest.approx(frames[i].middle_us * 1e-6)
 

@@ -3,6 +3,7 @@
     data = pecs.datasets.Windows(pecs.datasets.sequences("SET", "train"), window_us=50_000, fields=("flow", "boxes"))
     item = data[0]   # {"events", "start_us", "end_us", "sequence", "camera", "flow", "flow_us", "boxes", "truth_us"}
 
+    data = pecs.datasets.Windows(data.sequences, voxel_grid={"bins": 5, "normalise": True}, keep_events=False)
     loader = torch.utils.data.DataLoader(data, 8, shuffle=True, num_workers=4, collate_fn=pecs.datasets.collate)
     frames = pecs.datasets.Windows(data.sequences, transform=tonic.transforms.ToFrame((346, 260, 2), n_time_bins=5))
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import accumulate
 from typing import Any
 
@@ -21,12 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._library import PecsInputError
+from ..representations import event_histogram, time_surface, voxel_grid
 from ._check import library
 from .event_file import EventFile
 from .sequence import Camera, Sequence, frames_of
 
 WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
 FIELDS = ("flow", "depth", "instances", "boxes", "frame", "causes", "objects")
+_PLANES = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
 _USAGE = 2
 _OPEN_FILES = 16  # of events, a process
 
@@ -47,6 +50,8 @@ class Windows:
       frame      u1 [3, H, W] RGB: the picture nearest to the end, of the RGB camera with the same pixels; `frame_us`
                  [2] is its exposure
       causes     u1 [n], objects u2 [n] of the events (before `transform`)
+    `voxel_grid`, `time_surface`, `event_histogram`: arguments of the function of `pecs` of that name, whose result,
+    over the window, gets that name; `keep_events` False leaves out the events themselves.
     Raises PecsInputError for wrong options, and for a field that a camera does not have.
     """
 
@@ -62,9 +67,15 @@ class Windows:
         step: int | None = None,
         fields: Iterable[str] = (),
         transform: Callable[[NDArray[Any]], Any] | None = None,
+        voxel_grid: Mapping[str, Any] | None = None,
+        time_surface: Mapping[str, Any] | None = None,
+        event_histogram: Mapping[str, Any] | None = None,
+        keep_events: bool = True,
     ):
         self.sequences = [sequences] if isinstance(sequences, Sequence) else list(sequences)
-        self.by, self.fields, self.transform = by, tuple(fields), transform
+        self.by, self.fields, self.transform, self.keep_events = by, tuple(fields), transform, keep_events
+        planes = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
+        self.planes = {name: dict(options) for name, options in planes.items() if options is not None}
         self.size = window_us if by == "time" else count
         step = step_us if by == "time" else step
         self.step = self.size if step is None else step
@@ -135,16 +146,18 @@ class Windows:
             first, last = begin, begin + self.size
             found = events.read(first, last)
             start, end = int(found["t"][0]), int(found["t"][-1])
-        item: dict[str, Any] = {"events": self._as_window(found), "start_us": start, "end_us": end}
-        item |= {"sequence": sequence.name, "camera": camera.name}
+        item: dict[str, Any] = {"start_us": start, "end_us": end, "sequence": sequence.name, "camera": camera.name}
+        for name, options in self.planes.items():
+            item[name] = _PLANES[name](found, camera.width, camera.height, begin_us=start, end_us=end, **options)
+        if self.keep_events:
+            window = self._as_window(found)
+            item["events"] = self.transform(window) if self.transform else window
         for name in ("causes", "objects"):
             if name in self.fields:
                 item[name] = np.array(getattr(camera, name)()[first:last])
         self._add_truth(item, camera)
         if "frame" in self.fields:
             self._add_frame(item, sequence, camera)
-        if self.transform is not None:
-            item["events"] = self.transform(item["events"])
         return item
 
     def _events(self, which: int) -> EventFile:

@@ -73,7 +73,9 @@ def put(file: Any, name: str, data: NDArray[Any], chunk: tuple[int, ...] | None 
     data = np.asarray(data)
     if data.ndim == 0 or data.size == 0:
         return file.create_dataset(name, data=data)
-    return file.create_dataset(name, data=data, chunks=chunk or True, compression="gzip", compression_opts=1, shuffle=True)
+    return file.create_dataset(
+        name, data=data, chunks=chunk or True, compression="gzip", compression_opts=1, shuffle=True
+    )
 
 
 def stack(file: Any, name: str, count: int, shape: tuple[int, ...], dtype: str) -> Any:
@@ -92,7 +94,9 @@ def put_events(file: Any, events: EventFile, columns: Columns) -> None:
     n = len(events)
     sets = {}
     for name, (dtype, _) in columns.items():
-        layout = {"chunks": (min(n, _CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True} if n else {}
+        layout = (
+            {"chunks": (min(n, _CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True} if n else {}
+        )
         sets[name] = file.create_dataset(name, (n,), dtype, **layout)
     first = 0
     for block in events.blocks(BLOCK):
