@@ -103,7 +103,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
                             bool turns_back = false) {
     sensor::Sensor sensor(sensor::load_chip("imx636"), 320, 180, 1, 10'000, {}, {.readout = true});  // 10 pA
     sensor::LabelledEvents out;
-    std::vector<float> frame(320 * 180);
+    std::vector<float> frame(std::size_t{320} * 180);
     std::vector<cv::Point2d> mm;  // on the plane of the board, of each pixel
     for (int y = 0; y < 180; ++y)
       for (int x = 0; x < 320; ++x) mm.push_back(optics.normalised({x + 0.5, y + 0.5}) * distance_mm);

@@ -57,12 +57,12 @@ struct Scene {
     sensor::Sensor sensor(sensor::load_chip("imx636"), kWidth, kHeight, 1, 30'000, {}, {.readout = true});  // 30 pA
     sensor::LabelledEvents out;
     const auto points = shape.points_mm();
-    std::vector<float> frame(kWidth * kHeight);
+    std::vector<float> frame(std::size_t{kWidth} * kHeight);
     const int frames = static_cast<int>(seconds / step_s) + 1;
     for (int i = 0; i < frames; ++i) {
       for (int y = 0; y < kHeight; ++y)
         for (int x = 0; x < kWidth; ++x)
-          frame[static_cast<std::size_t>(y * kWidth + x)] = value(points, x + 0.5, y + 0.5, i * step_s);
+          frame[static_cast<std::size_t>(y) * kWidth + x] = value(points, x + 0.5, y + 0.5, i * step_s);
       const float* planes[] = {frame.data()};
       const double t_us[] = {i * step_s * 1e6};
       sensor.push(planes, t_us, i + 1 == frames, out);
@@ -167,7 +167,7 @@ TEST(Board, ATargetThatTurnsBackIsFoundWhereItMoves) {
 }
 
 TEST(Clock, ACounterThatStartsAgainIsContinuedAndOtherDisorderRefused) {
-  const auto times = [](std::vector<std::int64_t> t) {
+  const auto times = [](const std::vector<std::int64_t>& t) {
     events::Stream s{{4, 4, ""}, {}};
     for (const auto v : t) s.events.push_back({v, 1, 1, 1});
     return s;

@@ -20,7 +20,7 @@ struct Truth {
   int count = 60'000, background = 2000;
 };
 
-constexpr std::int64_t kSpan_us = 50'000;
+constexpr std::int64_t kSpan_us = 50'000, kMiddle_us = kSpan_us / 2;
 
 double difference(double a, double b, double period) { return std::abs(std::remainder(a - b, period)); }
 
@@ -36,7 +36,7 @@ events::Recording recording(const Truth& truth, unsigned seed) {
     const double behind_deg = truth.slow ? sector_deg * std::sqrt(0.2 + 0.8 * unit(random))
                                          : std::fmod(-8 * std::log(1 - unit(random)), sector_deg);
     const double frame_deg = truth.on_edge_deg + edge * sector_deg - direction * behind_deg;
-    const double angle = (frame_deg + truth.speed_deg_s * 1e-6 * static_cast<double>(t_us - kSpan_us / 2)) * M_PI / 180;
+    const double angle = (frame_deg + truth.speed_deg_s * 1e-6 * static_cast<double>(t_us - kMiddle_us)) * M_PI / 180;
     const double r = truth.radius * std::sqrt(unit(random));
     const double x = truth.x + r * std::cos(angle), y = truth.y - r * std::sin(angle);
     if (x < 0 || y < 0 || x >= 320 || y >= 240) continue;
@@ -63,7 +63,7 @@ void expect_found(const Truth& truth, const Disk& disk) {
   EXPECT_NEAR(disk.rim.size.height / 2, truth.radius, 1);
   EXPECT_NEAR(disk.rim.center.x, truth.x, 0.5);
   EXPECT_NEAR(disk.rim.center.y, truth.y, 0.5);
-  EXPECT_EQ(disk.phase_time_us, kSpan_us / 2);
+  EXPECT_EQ(disk.phase_time_us, kMiddle_us);
 }
 
 TEST(Disk, FindsSlowAndFastPixelsBothWaysAndManySectors) {
@@ -134,7 +134,7 @@ TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
   for (const bool back : {false, true}) {
     events::Stream stream{{320, 240, ""}, {}};
     for (const auto& e : turning.events)
-      if (e.t_us < kSpan_us / 2) {
+      if (e.t_us < kMiddle_us) {
         stream.events.push_back(e);
         if (back) stream.events.push_back({kSpan_us - e.t_us, e.x, e.y, static_cast<std::uint8_t>(1 - e.p)});
       }

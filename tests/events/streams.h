@@ -70,7 +70,7 @@ inline std::vector<NamedStream> streams_for(const events::Limits& limits) {
     for (const std::int64_t t_us : {wrap - 1, wrap, wrap + 1}) wraps.stream.events.push_back({t_us, 1279, 3, 1});
   NamedStream gaps{"gaps", {hd, {{0, 5, 5, 1}}}};
   for (int i = 1; i <= 13; ++i)
-    gaps.stream.events.push_back({i * 7 * minute_us + i, 1279, 719, static_cast<std::uint8_t>(i % 2)});
+    gaps.stream.events.push_back({7 * minute_us * i + i, 1279, 719, static_cast<std::uint8_t>(i % 2)});
   NamedStream late{"late_start", {hd, {{100 * minute_us + 4095, 1279, 0, 1}}}};
   for (NamedStream* s : {&wraps, &gaps, &late}) {
     std::int64_t last_us = 0;

@@ -55,8 +55,8 @@ TEST(Compare, TheWindowIsHalfOpen) {
 TEST(Compare, SummariesOfAKnownStream) {
   // 100 ON events per ms for 5 ms, then 300 OFF events per ms for 5 ms.
   std::vector<Event> events;
-  for (int i = 0; i < 500; ++i) events.push_back({i * 10, 1, 1, 1});
-  for (int i = 0; i < 1500; ++i) events.push_back({5000 + i * 10 / 3, 2, 2, 0});
+  for (std::int64_t i = 0; i < 500; ++i) events.push_back({i * 10, 1, 1, 1});
+  for (std::int64_t i = 0; i < 1500; ++i) events.push_back({5000 + i * 10 / 3, 2, 2, 0});
   auto twice = events;
   for (auto& e : twice) e.p = 1 - e.p;
   const auto c = compare(stream_of(events), "r", stream_of(twice), "s", {.window_us = 10'000, .rate_bins = 10});

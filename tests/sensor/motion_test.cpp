@@ -22,6 +22,8 @@ constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 using Plane = std::vector<float>;
 
+std::size_t at(int x, int y) { return static_cast<std::size_t>(y) * kWidth + x; }
+
 struct Point2 {
   double x, y;
 };
@@ -60,8 +62,7 @@ Plane layer(const Motion& m) {
         const Point2 p = m.start_from(x, y, from);
         const Point2 mid = m.now_from(p.x, p.y, 0.5), end = m.now_from(p.x, p.y, 1 - from);
         const double values[] = {mid.x - x, mid.y - y, end.x - x, end.y - y, 1, 1};
-        for (std::size_t c = 0; c < 6; ++c)
-          out[(6 * side + c) * kPixels + static_cast<std::size_t>(y * kWidth + x)] = static_cast<float>(values[c]);
+        for (std::size_t c = 0; c < 6; ++c) out[(6 * side + c) * kPixels + at(x, y)] = static_cast<float>(values[c]);
       }
   return out;
 }
@@ -79,7 +80,7 @@ double worst(const Plane& got, const Plane& wanted, int border) {
   double most = 0;
   for (int y = border; y < kHeight - border; ++y)
     for (int x = border; x < kWidth - border; ++x) {
-      const auto i = static_cast<std::size_t>(y * kWidth + x);
+      const std::size_t i = at(x, y);
       const double off = std::abs(std::log(got[i] / wanted[i]));
       most = std::isfinite(off) ? std::max(most, off) : std::numeric_limits<double>::infinity();
     }
@@ -174,7 +175,7 @@ TEST(Motion, WhatIsNearerHides) {
     int beside = 0;
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x) {
-        const auto i = static_cast<std::size_t>(y * kWidth + x);
+        const std::size_t i = at(x, y);
         const bool edge = Block::inside(x - 1, y, s) != Block::inside(x + 1, y, s) ||
                           Block::inside(x, y - 1, s) != Block::inside(x, y + 1, s) ||
                           Block::inside(x - 1, y - 1, s) != Block::inside(x + 1, y + 1, s) ||
@@ -196,7 +197,7 @@ TEST(Motion, AStillBackgroundStaysStillBesideWhatMoves) {
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x)
       if (x < 37 || x > 93 || y < 27 || y > 53) {
-        const auto i = static_cast<std::size_t>(y * kWidth + x);
+        const std::size_t i = at(x, y);
         ASSERT_EQ(got[i], a[i]) << x << ' ' << y;
       }
 }
@@ -206,7 +207,6 @@ TEST(Motion, OneKeyframeAloneDoesNotKnowWhatItHides) {
   const Plane a = Block::light(0), b = Block::light(1);
   const Plane first = carry(carrier, a, b, 0.5, CarrySide::first),
               second = carry(carrier, a, b, 0.5, CarrySide::second);
-  const auto at = [](int x, int y) { return static_cast<std::size_t>(y * kWidth + x); };
   EXPECT_TRUE(std::isnan(first[at(44, 40)]));   // the block was here
   EXPECT_TRUE(std::isnan(second[at(85, 40)]));  // and comes here
   EXPECT_EQ(first[at(85, 40)], a[at(85, 40)]);
@@ -219,22 +219,22 @@ TEST(Motion, WithoutMotionBothAreBlendedAtThePixel) {
   Plane motion = layer(m);
   for (std::size_t c = 0; c < kMotionChannels; ++c)
     for (int y = 40; y < 60; ++y)
-      for (int x = 50; x < 80; ++x) motion[c * kPixels + static_cast<std::size_t>(y * kWidth + x)] = kNaN;
+      for (int x = 50; x < 80; ++x) motion[c * kPixels + at(x, y)] = kNaN;
   const Plane a = light(m, 0), b = light(m, 1);
   const Plane got = carry(Carrier(motion, kWidth, kHeight), a, b, 0.25);
   for (int y = 42; y < 58; ++y)
     for (int x = 60; x < 70; ++x) {
-      const auto i = static_cast<std::size_t>(y * kWidth + x);
+      const std::size_t i = at(x, y);
       ASSERT_NEAR(got[i], std::pow(a[i], 0.75) * std::pow(b[i], 0.25), 1e-5);
     }
-  EXPECT_LT(worst(Plane(got.begin(), got.begin() + 37 * kWidth), light(m, 0.25), 53), 0.01);
+  EXPECT_LT(worst(Plane(got.begin(), got.begin() + at(0, 37)), light(m, 0.25), 53), 0.01);
 }
 
 TEST(Motion, LightThatIsNoneIsTakenFromTheOtherKeyframe) {
   const Motion m = translation(3, 0);
   Plane a = light(m, 0);
   const Plane b = light(m, 1);
-  for (int y = 40; y < 43; ++y) a[static_cast<std::size_t>(y * kWidth + 70)] = kNaN;
+  for (int y = 40; y < 43; ++y) a[at(70, y)] = kNaN;
   const Plane got = carry(Carrier(layer(m), kWidth, kHeight), a, b, 0.5);
   EXPECT_LT(worst(got, light(m, 0.5), 16), 0.02);
 }

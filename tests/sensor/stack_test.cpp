@@ -72,7 +72,8 @@ TEST_F(Stack, ReadsEveryCompressionOfOthers) {
     std::vector<float> rows;
     reader.read_rows(
         0, [&](int, int, std::span<const float> v) { rows.insert(rows.end(), v.begin(), v.end()); }, 13, 50);
-    EXPECT_TRUE(std::equal(rows.begin(), rows.end(), values.begin() + 13 * 40, values.begin() + 50 * 40));
+    constexpr std::ptrdiff_t width = 40;
+    EXPECT_TRUE(std::equal(rows.begin(), rows.end(), values.begin() + 13 * width, values.begin() + 50 * width));
   }
 }
 

@@ -29,7 +29,7 @@ class Pictures : public testing::Test {
 
 cv::Vec3b bgr(const Rgb& c) { return {c.b, c.g, c.r}; }
 
-double contrast(cv::Vec3b a, cv::Vec3b b) { return cv::norm(cv::Vec3d(a) - cv::Vec3d(b)); }
+double contrast(const cv::Vec3b& a, const cv::Vec3b& b) { return cv::norm(cv::Vec3d(a) - cv::Vec3d(b)); }
 
 TEST_F(Pictures, FrameShowsTheWindowsEventsAtTheirPixels) {
   const auto s = recording({{100, 3, 4, 1}, {150, 5, 6, 0}, {150, 7, 8, 1}, {150, 7, 8, 1}, {200, 9, 9, 1}});
@@ -103,7 +103,10 @@ std::vector<std::array<std::int64_t, 4>> events_of_page(const std::string& page)
   const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   for (auto i = begin; page[i] != '<' && page[i] != '='; ++i) {
     word = word << 6 | static_cast<std::uint32_t>(digits.find(page[i]));
-    if ((bits += 6) >= 8) bytes.push_back(static_cast<std::uint8_t>(word >> (bits -= 8)));
+    bits += 6;
+    if (bits < 8) continue;
+    bits -= 8;
+    bytes.push_back(static_cast<std::uint8_t>(word >> bits));
   }
   std::vector<std::array<std::int64_t, 4>> out;
   const auto number = [&](std::size_t at, int n) {
