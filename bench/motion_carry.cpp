@@ -86,9 +86,10 @@ double median(std::vector<double> v) {
 void run(const std::string& name, int passes, int threads) {
   const std::vector<float> layer = make(name).layer();
   std::vector<float> first(kPixels), second(kPixels), copy(kPixels);
-  for (std::size_t i = 0; i < kPixels; ++i)
-    first[i] = second[i] =
-        1 + 0.5f * std::sin(0.4f * static_cast<float>(i % kWidth)) * std::cos(0.3f * static_cast<float>(i / kWidth));
+  for (std::size_t i = 0; i < kPixels; ++i) {
+    const std::size_t x = i % kWidth, y = i / kWidth;
+    first[i] = second[i] = 1 + 0.5f * std::sin(0.4f * static_cast<float>(x)) * std::cos(0.3f * static_cast<float>(y));
+  }
   std::vector<std::vector<float>> out(kPlanes, std::vector<float>(kPixels));
   std::vector<double> fractions;
   std::vector<float*> planes;

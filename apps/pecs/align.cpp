@@ -168,7 +168,7 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
       std::string why;
       auto points = board_points(picture, shape, why);
       if (points.empty())
-        g.missed.push_back(input + ": " + why);
+        g.missed.push_back(fmt::format("{}: {}", input, why));
       else
         g.views.push_back(std::move(points));
       continue;
@@ -179,7 +179,7 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
     try {
       BoardSearch search = search_boards(a.board, recording, input, blinking);
       for (auto& view : search.views) g.views.push_back(std::move(view.points));
-      for (const auto& line : search.missed) g.missed.push_back(input + ": " + line);
+      for (const auto& line : search.missed) g.missed.push_back(fmt::format("{}: {}", input, line));
     } catch (const Error& e) {
       if (e.code() != ExitCode::bad_input) throw;
       g.missed.emplace_back(e.what());

@@ -123,7 +123,8 @@ TargetEstimate find_turning_disk(const events::Recording& recording, const LabSc
                                  const Search& how, const std::string& file) {
   const double radius_mm = scene.values.at("disk_radius_mm");
   TargetEstimate found;
-  found.time_us = static_cast<double>(recording.first_us + recording.span_us / 2);
+  const std::int64_t middle_us = recording.first_us + recording.span_us / 2;
+  found.time_us = static_cast<double>(middle_us);
   Plane plane{optics, {{0, 0, 0, 0, scene.place_mm()[2]}, matrix_of(turn_from_blender(scene.rotation_deg))}, 0};
   plane.px_per_mm = optics.focal_px() / plane.pose.p[4];
   Disk disk;

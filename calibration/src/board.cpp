@@ -59,7 +59,7 @@ std::vector<cv::Point2d> upright(const std::vector<cv::Point2d>& found, int colu
         p.push_back(found[static_cast<std::size_t>(swap ? u * columns + v : v * columns + u)]);
       }
     const cv::Point2d right = p[static_cast<std::size_t>(c - 1)] - p[0],
-                      down = p[static_cast<std::size_t>(c * (r - 1))] - p[0];
+                      down = p[p.size() - static_cast<std::size_t>(c)] - p[0];
     if (right.cross(down) <= 0) continue;
     const double score = right.x / cv::norm(right) + down.y / cv::norm(down);
     if (score > best_score) best_score = score, best = std::move(p);
@@ -195,15 +195,15 @@ std::optional<BoardView> moving_board(const events::Recording& recording, const 
 // The frequency at which ON and OFF come in turn: the peak of the power of the signed event rate, summed over blocks of
 // the picture, so that squares in turn add up.
 double blink_frequency_hz(std::span<const events::Event> events, cv::Size size, double span_s, double& contrast) {
-  constexpr int kBlocks = 12;
+  constexpr std::size_t kBlocks = 12;
   const int bins = static_cast<int>(std::clamp(span_s / 50e-6, 256.0, 65536.0));
   const int padded = cv::getOptimalDFTSize(4 * bins);
   std::vector<cv::Mat_<float>> rate(kBlocks * kBlocks);
   for (auto& r : rate) r = cv::Mat_<float>(1, padded, 0.0F);
   for (const auto& e : events) {
     const auto bin = static_cast<int>(static_cast<double>(e.t_us - events.front().t_us) * 1e-6 / span_s * bins);
-    rate[static_cast<std::size_t>(e.y * kBlocks / size.height * kBlocks + e.x * kBlocks / size.width)](
-        0, std::clamp(bin, 0, bins - 1)) += e.p ? 1.0F : -1.0F;
+    rate[e.y * kBlocks / size.height * kBlocks + e.x * kBlocks / size.width](0, std::clamp(bin, 0, bins - 1)) +=
+        e.p ? 1.0F : -1.0F;
   }
   std::vector<double> power(static_cast<std::size_t>(padded / 2), 0.0);
   for (auto& r : rate) {

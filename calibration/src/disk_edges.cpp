@@ -18,7 +18,7 @@ double kernel(double d_deg, double width_deg) {
 }  // namespace
 
 std::array<Step, 2> steepest(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg) {
-  constexpr int kBins = 720;
+  constexpr int kBins = 720, kMiddle = kBins / 2;
   std::array<std::array<double, kBins>, 2> histogram{};
   for (const Sample& s : samples) {
     const double part = wrapped(phase_deg(s, fit[kX], fit[kY], fit[kSpeed]), period_deg) / period_deg + 0.5;
@@ -32,8 +32,7 @@ std::array<Step, 2> steepest(std::span<const Sample> samples, const Fit& fit, do
       for (int k = 0; k < kBins; ++k)
         if (histogram[p][k] > 0)
           sum += histogram[p][k] * kernel(wrapped((k + 0.5 - i) * bin_deg, period_deg), width_deg);
-      if (std::abs(sum) > steps[p].contrast)
-        steps[p] = {(i - kBins / 2) * bin_deg, sum > 0 ? 1.0 : -1.0, std::abs(sum)};
+      if (std::abs(sum) > steps[p].contrast) steps[p] = {(i - kMiddle) * bin_deg, sum > 0 ? 1.0 : -1.0, std::abs(sum)};
     }
   return steps;
 }

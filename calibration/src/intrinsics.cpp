@@ -152,7 +152,7 @@ Intrinsics intrinsics_of(const Views& views, const BoardShape& shape, cv::Size s
     for (const auto& p : views[use[i]]) {
       const int x = std::clamp(static_cast<int>(p.x * 8 / size.width), 0, 7);
       const int y = std::clamp(static_cast<int>(p.y * 6 / size.height), 0, 5);
-      cell[static_cast<std::size_t>(y * 8 + x)] = true;
+      cell[static_cast<std::size_t>(y) * 8 + x] = true;
     }
   }
   out.rms_px = std::sqrt(squares / static_cast<double>(use.size()));

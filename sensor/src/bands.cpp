@@ -36,7 +36,7 @@ struct Measure {
     w(0) /= 2;
     w(points - 1) /= 2;
     mass = w.sum();
-    if (!(mass > 0) || (w > 0).count() < 4 * n)
+    if (!(mass > 0) || (w > 0).count() < Eigen::Index{4} * n)
       throw bad_input("bands", "illuminant", "hardly any light where the chip sees",
                       "a spectrum inside the QE's range");
   }

@@ -59,12 +59,12 @@ std::string one_line(std::string text) {
 }
 
 int width_of(const Imf::Header& header) {
-  const Imath::Box2i box = header.dataWindow();
+  const Imath::Box2i& box = header.dataWindow();
   return box.max.x - box.min.x + 1;
 }
 
 int height_of(const Imf::Header& header) {
-  const Imath::Box2i box = header.dataWindow();
+  const Imath::Box2i& box = header.dataWindow();
   return box.max.y - box.min.y + 1;
 }
 

@@ -34,7 +34,7 @@ std::uint64_t most_packed(Imf::Compression compression) {
 }  // namespace
 
 void check_declared_size(const Imf::Header& header, const std::filesystem::path& path) {
-  const Imath::Box2i box = header.dataWindow();
+  const Imath::Box2i& box = header.dataWindow();
   const auto side = [](int min, int max) { return static_cast<std::uint64_t>(std::int64_t{max} - min + 1); };
   std::uint64_t pixel_bytes = 0;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c)

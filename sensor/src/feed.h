@@ -22,7 +22,8 @@ class Ahead {
     group_.cancel();
     try {
       group_.wait();
-    } catch (...) {  // of what nobody asked for
+    } catch (...) {
+      return;  // of what nobody asked for
     }
   }
   template <class Work>

@@ -1,5 +1,7 @@
 #include "pecs/sensor/sense_options.h"
 
+#include <fmt/format.h>
+
 #include <charconv>
 
 #include "pecs/error.h"
@@ -11,7 +13,8 @@ std::map<std::string, double> numbers_of(const Json& object, const std::string& 
   if (!object.is_object()) throw bad_input("options", name, object.dump().substr(0, 40), "{\"key\": number}");
   std::map<std::string, double> out;
   for (const auto& [key, value] : object.items()) {
-    if (!value.is_number()) throw bad_input("options", name + "." + key, value.dump().substr(0, 40), "a number");
+    if (!value.is_number())
+      throw bad_input("options", fmt::format("{}.{}", name, key), value.dump().substr(0, 40), "a number");
     out[key] = value.get<double>();
   }
   return out;

@@ -44,8 +44,8 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
 
 double Timeline::t_us(std::int64_t step) const {
   const auto& times_ns = source_.info().times_ns;
-  const std::int64_t frames = source_.frames();
-  return static_cast<double>(step / frames) * period_us_ +
+  const std::int64_t frames = source_.frames(), rounds = step / frames;
+  return static_cast<double>(rounds) * period_us_ +
          static_cast<double>(times_ns[static_cast<std::size_t>(step % frames)] - times_ns[0]) * 1e-3;
 }
 

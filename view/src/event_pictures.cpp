@@ -77,7 +77,7 @@ cv::Mat event_frame(const events::Recording& recording, std::int64_t from_us, st
   cv::Mat_<cv::Vec3b> frame(height, width);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
-      const cv::Vec2w n = counts(y, x);
+      const cv::Vec2w& n = counts(y, x);
       const double total = n[0] + n[1];
       const double strength = 1 - std::pow(0.3, total);  // one event: .7, two: .91
       for (int k = 0; k < 3; ++k) {

@@ -89,7 +89,7 @@ std::array<std::vector<double>, 2> maps_of(const std::vector<Event>& events, int
   const int size = std::max(1, width / 40), columns = (width + size - 1) / size, rows = (height + size - 1) / size;
   std::array<std::vector<double>, 2> maps;
   maps.fill(std::vector<double>(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)));
-  for (const Event& e : events) maps[e.p][static_cast<std::size_t>(e.y / size * columns + e.x / size)] += 1;
+  for (const Event& e : events) maps[e.p][static_cast<std::size_t>(e.y / size) * columns + e.x / size] += 1;
   return maps;
 }
 

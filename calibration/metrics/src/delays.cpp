@@ -62,11 +62,11 @@ Passes passes_of(const Frame& frame, double turned_deg, int width, int height, i
       if (const auto d = frame.delay_deg(x, y, 0, p))
         start[static_cast<std::size_t>(frame.region(x, y))]
              [std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(frame.bin(*d) * kFine))] += 1;
-  const auto steps = std::llround(turned_deg / frame.period_deg() * kSteps);
+  const auto steps = std::llround(turned_deg / frame.period_deg() * kSteps), periods = steps / kSteps;
   Passes out(kRegions, std::vector<double>(kBins));
   for (std::size_t r = 0; r < kRegions; ++r) {
     const double all = std::accumulate(start[r].begin(), start[r].end(), 0.0);
-    const double whole = static_cast<double>(steps / kSteps) * all / kFine;
+    const double whole = static_cast<double>(periods) * all / kFine;
     for (int i = 0; i < kSteps; ++i) {
       out[r][static_cast<std::size_t>(i / kFine)] += whole;
       for (int k = 0; k < steps % kSteps && start[r][i] > 0; ++k)
@@ -88,7 +88,7 @@ Delays measure(std::span<const Event> events, const Frame& frame, int width, int
   for (auto& h : m.histogram) h.resize(kShown);
   m.region_events.resize(kRegions);
   std::vector<double> on_before(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNone);
-  std::vector<std::array<double, 3>> pairs(kRegionsAround * kRegionsAlong);  // count, sum, squares
+  std::vector<std::array<double, 3>> pairs(kRegions);  // count, sum, squares
   for (const Event& e : events) {
     const auto delay = frame.delay_deg(e.x, e.y, static_cast<double>(e.t_us), e.p);
     if (!delay) continue;

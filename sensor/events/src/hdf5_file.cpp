@@ -169,7 +169,7 @@ std::optional<std::string> text_attribute(hid_t object, const char* name) {
     const Handle memory(H5Tcopy(H5T_C_S1), H5Tclose);
     H5Tset_size(memory.get(), H5T_VARIABLE);
     H5Tset_cset(memory.get(), H5Tget_cset(type.get()));
-    if (H5Aread(attribute.get(), memory.get(), &text) < 0 || !text) return {};
+    if (H5Aread(attribute.get(), memory.get(), static_cast<void*>(&text)) < 0 || !text) return {};
     std::string out = text;
     H5free_memory(text);
     return out;
@@ -230,7 +230,7 @@ void write_attribute(hid_t object, const char* name, const std::string& text) {
   H5Tset_cset(type.get(), H5T_CSET_UTF8);
   const Handle attribute(H5Acreate2(object, name, type.get(), space.get(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
   const char* value = text.c_str();
-  H5Awrite(attribute.get(), type.get(), &value);
+  H5Awrite(attribute.get(), type.get(), static_cast<const void*>(&value));
 }
 
 void write_attribute(hid_t object, const char* name, std::int64_t value) {

@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <tuple>
 #include <utility>
 
 #include "checked_writer.h"
@@ -248,10 +249,10 @@ class Spool {
     if (std::fwrite(data, 1, bytes, file_.get()) != bytes) throw bad_output(output_.string(), std::strerror(errno));
   }
   std::FILE* finish(std::uint64_t count) {
-    std::rewind(file_.get());
+    to_start();
     write(npy_header(descr_, fmt::format("({},)", count)).data(), kHeaderBytes);
     if (std::fflush(file_.get()) != 0) throw bad_output(output_.string(), std::strerror(errno));
-    std::rewind(file_.get());
+    to_start();
     return file_.release();  // libzip closes it
   }
 
@@ -259,6 +260,10 @@ class Spool {
   struct Closer {
     void operator()(std::FILE* f) const { std::fclose(f); }
   };
+  void to_start() {
+    if (std::fseek(file_.get(), 0, SEEK_SET) != 0) throw bad_output(output_.string(), std::strerror(errno));
+  }
+
   std::filesystem::path output_;
   const char* descr_;
   std::unique_ptr<std::FILE, Closer> file_;
@@ -300,7 +305,7 @@ class NpzWriter final : public CheckedWriter {
       add(archive.get(), "height", zip_source_buffer(archive.get(), height.data(), height.size(), 0));
     }
     if (zip_close(archive.get()) != 0) throw bad_output(path().string(), zip_strerror(archive.get()));
-    archive.release();
+    std::ignore = archive.release();  // zip_close has freed it
     partial_.commit(unfinished);
   }
 

@@ -34,7 +34,7 @@ class RawReader : public Reader {
     return word;
   }
 
-  const Event& inside(const Event& e) {
+  Event inside(const Event& e) {
     if (!extent_->add(e)) throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y), extent_->wanted());
     return e;
   }

@@ -114,7 +114,7 @@ cv::VideoCapture open_source(const LiveOptions& live) {
 }
 
 // Frames as they come. A camera's have the time of their arrival, a video's the file's rate.
-class Live : public sensor::FrameSource {
+class Live final : public sensor::FrameSource {
  public:
   Live(const LiveOptions& live, const PictureOptions& pictures)
       : live_(live), linear_(pictures), capture_(open_source(live)) {

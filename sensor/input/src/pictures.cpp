@@ -59,7 +59,7 @@ class Pictures : public sensor::FrameSource {
   sensor::StackInfo info_;
 };
 
-class Folder : public Pictures {
+class Folder final : public Pictures {
  public:
   Folder(const fs::path& path, const PictureOptions& options)
       : Pictures(path, options), files_(sensor::files_in_order(path, kPictures)) {
@@ -75,7 +75,8 @@ class Folder : public Pictures {
     cv::Mat picture;
     try {
       picture = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
-    } catch (const cv::Exception&) {  // said below
+    } catch (const cv::Exception&) {
+      picture.release();  // said below
     }
     if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
     return picture;
@@ -85,7 +86,7 @@ class Folder : public Pictures {
 };
 
 // Frames come in order; those that other threads ask for early wait in memory.
-class Video : public Pictures {
+class Video final : public Pictures {
  public:
   Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
     open();

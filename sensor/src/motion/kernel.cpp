@@ -128,6 +128,7 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
   const hn::FixedTag<float, 4> f4;
   constexpr std::size_t kMost = hn::MaxLanes(F());
   const std::size_t lanes = hn::Lanes(f);
+  const std::ptrdiff_t below = width;  // to the next row
   HWY_ALIGN float weights_x[4 * kMost], weights_y[4][kMost], sums[4 * kMost], upper[4 * kMost], lower[4 * kMost];
   HWY_ALIGN std::int32_t offsets[kMost];
   for (std::size_t i = 0; i < count; i += lanes) {
@@ -148,10 +149,10 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
       const float* at = coefficients + first;
       const auto w = [&](int row) { return hn::Set(f4, weights_y[row][k]); };
       auto sum = hn::Mul(w(0), hn::LoadU(f4, at));
-      for (int row = 1; row < 4; ++row) sum = hn::MulAdd(w(row), hn::LoadU(f4, at + row * width), sum);
+      for (int row = 1; row < 4; ++row) sum = hn::MulAdd(w(row), hn::LoadU(f4, at + row * below), sum);
       hn::Store(hn::Mul(sum, hn::Load(f4, weights_x + 4 * k)), f4, sums + 4 * k);
-      hn::Store(hn::LoadU(f4, plane + first + width), f4, upper + 4 * k);
-      hn::Store(hn::LoadU(f4, plane + first + 2 * width), f4, lower + 4 * k);
+      hn::Store(hn::LoadU(f4, plane + first + below), f4, upper + 4 * k);
+      hn::Store(hn::LoadU(f4, plane + first + 2 * below), f4, lower + 4 * k);
     }
     V s[4], a[4], b[4];
     hn::LoadInterleaved4(f, sums, s[0], s[1], s[2], s[3]);

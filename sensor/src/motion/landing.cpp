@@ -34,8 +34,9 @@ Seen place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int 
   const Slopes s = slopes_of(w, at, from.flags(of));
   const Point p = Surfaces::at(at);
   const Vec2 d = w.path(p);
-  const auto fx = static_cast<float>(of % from.width() + dx), fy = static_cast<float>(of / from.width() + dy);
   const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
+  const Vec2 point = from.position(of);
+  const float fx = point.x + ox, fy = point.y + oy;
   const float rx = x - (fx + d.x + s.by_x.x * ox + s.by_y.x * oy), ry = y - (fy + d.y + s.by_x.y * ox + s.by_y.y * oy);
   float xx = 1 + s.by_x.x, xy = s.by_y.x, yx = s.by_x.y, yy = 1 + s.by_y.y;
   float det = xx * yy - xy * yx;
@@ -73,16 +74,15 @@ struct Landing::Run {
 void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const Tile& part) {
   const Tile source = from.tile(tile);
   const auto [x0, y0, x1, y1] = part;
-  const auto above = static_cast<std::size_t>((y0 - source.y0) * kBlockWidth);  // the row above the part's first
+  const auto above = static_cast<std::size_t>(y0 - source.y0) * kBlockWidth;  // the row above the part's first
   paths({from.block(tile) + above, kBlockPixels, w.mid, w.end, w.here, w.there,
-         static_cast<std::size_t>((y1 - y0 + 2) * kBlockWidth), paths_[0] + above, paths_[1] + above,
-         paths_[2] + above});
+         static_cast<std::size_t>(y1 - y0 + 2) * kBlockWidth, paths_[0] + above, paths_[1] + above, paths_[2] + above});
   Run run;
   std::uint16_t flags[Run::kMost] = {};
   for (int y = y0; y < y1; ++y) {
     const std::int32_t first = y * from.width() + x0;
     for (int x = x0; x < x1; ++x) flags[x - x0] = from.flags(first + x - x0);
-    const int at = (y - source.y0 + 1) * kBlockWidth + x0 - source.x0 + 1;
+    const std::ptrdiff_t at = block_place(x0 - source.x0, y - source.y0);
     land_run({paths_[0] + at, paths_[1] + at, paths_[2] + at, kBlockWidth, flags, static_cast<float>(x0),
               static_cast<float>(y), static_cast<std::size_t>(x1 - x0), run.column, run.row, run.u, run.v, run.depth});
     for (int i = 0; i < x1 - x0; ++i) {
@@ -113,7 +113,7 @@ void Landing::land_rims(const Surfaces& from, const Weights& w, const Tile& part
       if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;
       if (!has_rims) clear(rims);
       has_rims = true;
-      const auto k = static_cast<std::size_t>(cy * kWidth + cx);
+      const auto k = static_cast<std::size_t>(cy) * kWidth + cx;
       if (!(seen.z < rims.z[k])) continue;
       rims.z[k] = seen.z, rims.u[k] = seen.u, rims.v[k] = seen.v, rims.index[k] = index;
     }

@@ -40,7 +40,7 @@ class Landing {
   // tiles: of the keyframe, those that may reach this one.
   void land(const Surfaces& from, const Weights& w, const Tile& tile, std::span<const std::int32_t> tiles);
   // Of a pixel of the tile, by its place in it.
-  static std::size_t slot(int x, int y) { return static_cast<std::size_t>((y + 1) * kWidth + x + 1); }
+  static std::size_t slot(int x, int y) { return static_cast<std::size_t>(y + 1) * kWidth + x + 1; }
   static constexpr float kNothing = 2 * kFar;  // depth where nothing landed
 
  private:

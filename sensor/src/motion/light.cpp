@@ -39,12 +39,11 @@ Picture::Picture(const float* plane, int width, int height)
   std::vector<float> along_rows(coefficients_.size());
   const auto row_of = [&](auto* values, int y) { return values + static_cast<std::ptrdiff_t>(y) * width; };
   tbb::parallel_for(0, height, [&](int y) {
-    std::vector<float> row(static_cast<std::size_t>(width) + 2 * kReach + kSpare), out(row.size());
+    std::vector<float> row(static_cast<std::size_t>(width + 2 * kReach) + kSpare), out(row.size());
+    float* own = row.data() + kReach;
     for (int x = 0; x < width; ++x) {
       const float value = row_of(plane, y)[x];
-      row[static_cast<std::size_t>(x + kReach)] = std::isfinite(value) ? value
-                                                  : x > 0              ? row[static_cast<std::size_t>(x + kReach - 1)]
-                                                                       : 0;
+      own[x] = std::isfinite(value) ? value : x > 0 ? own[x - 1] : 0;
     }
     std::fill_n(row.begin(), kReach, row[kReach]);
     std::fill_n(row.begin() + width + kReach, kReach, row[static_cast<std::size_t>(width + kReach - 1)]);
@@ -87,8 +86,8 @@ float Picture::at(float u, float v) const {
 
 Light own_light(const Surfaces& from, const float* plane, const Seen& seen) {
   const std::int32_t index = seen.index;
-  const float u = seen.u - static_cast<float>(index % from.width()),
-              v = seen.v - static_cast<float>(index / from.width());
+  const Vec2 point = from.position(index);
+  const float u = seen.u - point.x, v = seen.v - point.y;
   const int dx = u < 0 ? -1 : 1, dy = v < 0 ? -1 : 1;
   const float fu = std::min(std::abs(u), 1.0f), fv = std::min(std::abs(v), 1.0f);
   float sum = 0, weight = 0;
@@ -118,8 +117,8 @@ float rim_light(const Surfaces& from, const Picture& picture, const Seen& rim, f
   // The part of the pixel that the nearer surface covers. Its edge lies across the way from the owner's centre to this
   // one's; how much of both pixels it covers, which their light tells, says where.
   const auto fx = static_cast<float>(dx), fy = static_cast<float>(dy), length = std::sqrt(fx * fx + fy * fy);
-  const float u = rim.u - static_cast<float>(owner % from.width()),
-              v = rim.v - static_cast<float>(owner / from.width());
+  const Vec2 point = from.position(owner);
+  const float u = rim.u - point.x, v = rim.v - point.y;
   float covered = 1;
   if (std::abs(front - back) > 0.05f * std::max(front, back)) {
     const auto part_of = [&](std::int32_t at) { return std::clamp((plane[at] - back) / (front - back), 0.0f, 1.0f); };

@@ -73,7 +73,7 @@ void Surfaces::put(int y, int rows, const float* values) {
           const Tile t = tile(ty * tiles_x() + tx);
           const int left = std::max(t.x0 - 1, 0), right = std::min(t.x1 + 1, width_);
           float* to = blocks_.data() + (static_cast<std::size_t>(ty * tiles_x() + tx) * 6 + c) * kBlockPixels +
-                      (row - t.y0 + 1) * kBlockWidth + left - t.x0 + 1;
+                      block_place(left - t.x0, row - t.y0);
           for (int x = left; x < right; ++x, ++to) *to = c < 4 ? values[x] : std::min(values[x], kFar);
         }
 }
@@ -88,7 +88,7 @@ void Surfaces::close() {
   std::vector<std::uint16_t> found(flags_.size());
   const auto add = [&](const auto& value) {
     tbb::parallel_for(0, height, [&](int y) {
-      for (int x = 0; x < width; ++x) found[static_cast<std::size_t>(y * width + x)] = value(x, y);
+      for (int x = 0; x < width; ++x) found[static_cast<std::size_t>(y) * width + x] = value(x, y);
     });
     for (std::size_t i = 0; i < flags_.size(); ++i) flags_[i] |= found[i];
   };
@@ -111,7 +111,7 @@ float Surfaces::link(int index) {
   float longest2 = 0;
   for (int y = t.y0; y < t.y1; ++y) {
     std::uint16_t* row = flags_.data() + static_cast<std::ptrdiff_t>(y) * width_ + t.x0;
-    const float* p = block(index) + (y - t.y0 + 1) * kBlockWidth + 1;
+    const float* p = block(index) + block_place(0, y - t.y0);
     for (int x = 0; x < count; ++x) row[x] = is_known(p + x) ? kKnown : 0;
     for (int x = 0; x < count; ++x) {
       const Point point = at(p + x);
@@ -205,7 +205,7 @@ Reach Surfaces::reach_of(int index) const {
   const Tile t = tile(index);
   Reach reach;
   for (int y = std::max(t.y0 - 1, 0); y < std::min(t.y1 + 1, height_); ++y) {
-    const float* row = block(index) + (y - t.y0 + 1) * kBlockWidth - t.x0 + 1;
+    const float* row = block(index) + block_place(-t.x0, y - t.y0);
     for (int x = std::max(t.x0 - 1, 0); x < std::min(t.x1 + 1, width_); ++x) {
       const std::uint16_t mine = flags(y * width_ + x);
       reach.soiled |= (mine & kSoiled) != 0;

@@ -3,6 +3,7 @@
 // them go.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -62,6 +63,8 @@ struct Tile {
 // A tile's points with those of the pixels around: channel by channel, row by row.
 constexpr int kBlockWidth = kTileWidth + 2, kBlockHeight = kTileHeight + 2;
 constexpr std::size_t kBlockPixels = std::size_t{kBlockWidth} * kBlockHeight;
+// Where a channel holds the pixel (x, y) of the tile.
+constexpr std::ptrdiff_t block_place(int x, int y) { return static_cast<std::ptrdiff_t>(y + 1) * kBlockWidth + x + 1; }
 
 class Surfaces {
  public:
@@ -73,11 +76,14 @@ class Surfaces {
 
   int width() const { return width_; }
   int height() const { return height_; }
+  Vec2 position(std::int32_t index) const {
+    const int x = index % width_, y = index / width_;
+    return {static_cast<float>(x), static_cast<float>(y)};
+  }
   // A pixel's values in its tile's block: neighbours lie beside it, those of other tiles too.
   const float* where(std::int32_t index) const {
     const int x = index % width_, y = index / width_;
-    return block(y / kTileHeight * tiles_x() + x / kTileWidth) + (y % kTileHeight + 1) * kBlockWidth + x % kTileWidth +
-           1;
+    return block(y / kTileHeight * tiles_x() + x / kTileWidth) + block_place(x % kTileWidth, y % kTileHeight);
   }
   static Point at(const float* p) {
     const auto value = [&](std::size_t c) { return p[c * kBlockPixels]; };

@@ -13,8 +13,8 @@ bool covers(const Surfaces& from, const Seen& seen, bool is_rim) {
   const auto within = [&](float d, std::uint16_t ahead, std::uint16_t behind) {
     return std::abs(d) <= (flags & (d > 0 ? ahead : behind) ? 1.0f : 0.51f);
   };
-  return within(seen.u - static_cast<float>(seen.index % from.width()), kRight, kLeft) &&
-         within(seen.v - static_cast<float>(seen.index / from.width()), kDown, kUp);
+  const Vec2 point = from.position(seen.index);
+  return within(seen.u - point.x, kRight, kLeft) && within(seen.v - point.y, kDown, kUp);
 }
 
 template <class Visit>
