@@ -122,6 +122,19 @@ def centimetres():
     put(cube("cube", 60), (-20, 500, -120), (10, 20, 30))
 
 
+def twins():
+    """Two touching cubes whose names give the same Random in Cycles."""
+    from pecs_blender.scene.identity import name_id
+
+    start().render.resolution_x, bpy.context.scene.render.resolution_y = SIZE
+    seen, i = {}, 0
+    while (value := np.float32(name_id(name := f"cube {i}"))) not in seen:
+        seen[value] = name
+        i += 1
+    for x, twin in ((-0.5, seen[value]), (0.5, name)):
+        put(cube(twin), (x, 4, 0))
+
+
 def bad_class():
     start()
     put(cube("thing"), (0, 4, 0))["pecs_class"] = 3
@@ -132,7 +145,7 @@ def blank_class():
     into(collection("all", pecs_class=" "), put(cube("thing"), (0, 4, 0)))
 
 
-SCENES = {f.__name__: f for f in (things, alone, centimetres, bad_class, blank_class)}
+SCENES = {f.__name__: f for f in (things, alone, centimetres, twins, bad_class, blank_class)}
 
 
 def cryptomatte(blend, out):

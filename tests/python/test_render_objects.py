@@ -211,6 +211,15 @@ def test_centimetres(blends):
     assert set(np.unique(ids)) == {0, *(thing["id"] for thing in things.values())}
 
 
+def test_twins_are_told_apart(blends):
+    """By place, where Cycles' Random is the same."""
+    pecs_blender("render", blends / "twins.blend", "-o", blends / "twins", *ARGS)
+    things = sorted(by_name(blends / "twins").values(), key=lambda thing: thing["world_from_object"][0][3])
+    assert len(things) == 2 and things[0]["name"] != things[1]["name"]
+    assert [thing["box_px"][::2] for thing in things] == [[34, 80], [80, 126]]
+    assert all(thing["visible_px"] == 46 * 46 for thing in things)
+
+
 def test_numbers_are_the_cameras_and_the_plans(blends, whole, tmp_path):
     """Another camera, other instants, a shard: the same things have the same numbers."""
     path = tmp_path / "path.txt"

@@ -11,7 +11,6 @@ from functools import cached_property
 
 import bpy
 import numpy as np
-from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from .mesh_points import Geometry
@@ -21,7 +20,7 @@ from .surfaces import Seen
 NEAREST = 1e-2  # of its largest extent: nearer to the camera's plane a thing is cut off
 EDGE_PX = 8.0  # a lens bends edges: points along them are so far apart
 MOST_PIECES = 256  # of an edge
-MOST_RAYS = 4096  # that ask what is hidden of a thing; of more pixels every second, third, … is asked
+MOST_RAYS = 2048  # that ask what is hidden of a thing; of more pixels every second, third, … is asked
 SAME_DEPTH = 1e-4  # relative
 
 Box = list[float]  # left, top, right, bottom [px]
@@ -131,9 +130,9 @@ class Outlines:
     def _of(self, part: Part) -> np.ndarray:
         """[3, n] in camera axes."""
         points = transformed(self._view.camera_from_world @ part.world_from_local, part.shape.vertices.T.astype(float))
-        if self._view.clip_from_camera is not None and not self._view.clip_from_camera[3, :3].any():
-            return points  # orthographic
-        near = NEAREST * np.abs(points).max(initial=0)
+        clip = self._view.clip_from_camera
+        is_orthographic = clip is not None and not clip[3, :3].any()
+        near = 0.0 if is_orthographic else NEAREST * np.abs(points).max(initial=0)
         ahead = points[2] > near
         a, b = (points[:, part.shape.edges[:, k]] for k in (0, 1))
         crossing = ahead[part.shape.edges[:, 0]] != ahead[part.shape.edges[:, 1]]
@@ -218,13 +217,11 @@ class Hidden:
         if abs(np.linalg.det(camera_from_local[:3, :3])) < 1e-12:
             return np.zeros(len(y), bool)
         local_from_camera, (origins, along) = np.linalg.inv(camera_from_local), self._rays
-        starts = transformed(local_from_camera, np.vstack([origins[:, y, x], np.zeros((1, len(y)))])).T
-        ways = (local_from_camera[:3, :3] @ np.vstack([along[:, y, x], np.ones((1, len(y)))])).T
-        depths = self._seen.points[2, y, x] * (1 - SAME_DEPTH)
-        cast, row = part.shape.tree.ray_cast, camera_from_local[2]
-        met = np.zeros(len(y), bool)
-        for i, (start, way) in enumerate(zip(starts.tolist(), ways.tolist(), strict=True)):
-            place = cast(Vector(start), Vector(way))[0]
-            if place is not None:
-                met[i] = row[0] * place[0] + row[1] * place[1] + row[2] * place[2] + row[3] >= depths[i]
-        return met
+        starts = transformed(local_from_camera, np.vstack([origins[:, y, x], np.zeros((1, len(y)))]))
+        ways = local_from_camera[:3, :3] @ np.vstack([along[:, y, x], np.ones((1, len(y)))])
+        ways /= np.linalg.norm(ways, axis=0)
+        cast = part.shape.tree.ray_cast
+        far = [cast(start, way)[3] for start, way in zip(starts.T.tolist(), ways.T.tolist(), strict=True)]
+        met = starts + np.array(far, float) * ways  # NaN where there is none
+        depths = transformed(camera_from_local, met)[2]
+        return depths >= self._seen.points[2, y, x] * (1 - SAME_DEPTH)
