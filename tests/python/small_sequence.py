@@ -27,19 +27,25 @@ def turned(x=0.0, degrees=(0, 0, 0)):
 
 
 class Eye:
-    """A camera of the rig: projects, and sees the scene."""
+    """A camera of the rig: projects, and sees the scene. `bent_px`: how far its lens is from OpenCV's model."""
 
-    def __init__(self, name, kind, size, focal, distortion, rig_from_camera):
+    def __init__(self, name, kind, size, focal, distortion, rig_from_camera, bent_px=0.0):
         self.name, self.kind, (self.width, self.height) = name, kind, size
         self.K = np.array([[focal, 0, size[0] / 2 + 0.8], [0, focal * 1.01, size[1] / 2 - 1.3], [0, 0, 1]])
-        self.distortion = np.array(distortion, float)
+        self.distortion, self.bent_px = np.array(distortion, float), bent_px
         self.rig_from_camera = rig_from_camera
         self.K_rect, self.R_rect, self.partner, self.baseline_m = self.K, np.eye(3), None, None
         grid = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), -1).reshape(-1, 1, 2).astype(float)
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-14)
-        xy = cv2.undistortPointsIter(grid, self.K, self.distortion, None, None, stop)[:, 0]
+        straight = grid
+        for _ in range(60):
+            straight = grid - self.bend(straight)
+        xy = cv2.undistortPointsIter(straight, self.K, self.distortion, None, None, stop)[:, 0]
         self.rays = np.concatenate([xy, np.ones((len(xy), 1))], 1)
         self.grid = grid[:, 0]
+
+    def bend(self, pixels):
+        return self.bent_px * np.stack([np.sin(pixels[..., 1] / 9), np.cos(pixels[..., 0] / 11)], -1)
 
     def world_from_camera(self, t_us):
         out = WORLD_FROM_RIG.copy()
@@ -51,7 +57,7 @@ class Eye:
         camera_from_world = np.linalg.inv(self.world_from_camera(t_us))
         points = world @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
         pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.K, self.distortion)[0][:, 0]
-        return pixels, points[:, 2]
+        return pixels + self.bend(pixels), points[:, 2]
 
     def look(self, t_us, rays=None):
         """Points of the world [n, 3], z [n], id [n], normals in the camera's axes [n, 3]; of rays with z = 1."""
@@ -100,8 +106,8 @@ class Eye:
         return out
 
 
-def rig():
-    left = Eye("left", "events", (96, 72), 90, (-0.12, 0.03, 0.001, -0.0005, 0), np.eye(4))
+def rig(bent_px=0.0):
+    left = Eye("left", "events", (96, 72), 90, (-0.12, 0.03, 0.001, -0.0005, 0), np.eye(4), bent_px)
     right = Eye("right", "events", (96, 72), 92, (-0.1, 0.02, 0, 0.001, 0), turned(0.12, (0.5, -1.2, 0.8)))
     rgb = Eye("rgb", "rgb", (80, 60), 80, (-0.05, 0, 0, 0, 0), turned(0.05))
     camera = np.linalg.inv(right.rig_from_camera) @ left.rig_from_camera
@@ -110,7 +116,7 @@ def rig():
     )
     for eye, other, R, P in ((left, right, R1, P1), (right, left, R2, P2)):
         eye.R_rect, eye.K_rect, eye.partner, eye.baseline_m = R, P[:, :3], other.name, 0.12
-    frame = Eye("frame", "rgb", (96, 72), 90, left.distortion, np.eye(4))  # behind the same lens as the left
+    frame = Eye("frame", "rgb", (96, 72), 90, left.distortion, np.eye(4), bent_px)  # behind the same lens as the left
     return left, right, rgb, frame
 
 
@@ -188,9 +194,6 @@ def write_events(folder, eye, seed):
     np.save(folder / "causes.npy", events["label"])
     seen = np.stack([eye.picture(eye.look(t)[2]) for t in times])
     np.save(folder / "objects.npy", seen[events["t"] // 1000, events["y"], events["x"]].astype(np.uint16))
-    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-14)
-    rect = cv2.undistortPointsIter(eye.grid[:, None], eye.K, eye.distortion, eye.R_rect, eye.K_rect, stop)
-    np.save(folder / "rectify_map.npy", eye.picture(rect[:, 0]).astype(np.float32))
 
 
 def write_pictures(folder, eye):
@@ -215,9 +218,9 @@ def tum(times_us, poses):
     return "# t_s tx ty tz qx qy qz qw\n" + "\n".join(rows) + "\n"
 
 
-def write(folder: Path, name="0000", split="train"):
+def write(folder: Path, name="0000", split="train", bent_px=0.0):
     """The folder of the sequence."""
-    eyes = rig()
+    eyes = rig(bent_px)
     folder.mkdir(parents=True)
     entries = []
     times = np.arange(0, DURATION_US + 1, 1000)
@@ -225,6 +228,8 @@ def write(folder: Path, name="0000", split="train"):
         at = folder / eye.name
         at.mkdir()
         (at / "camera_path.txt").write_text(tum(times, [eye.world_from_camera(t) for t in times]))
+        rect = eye.rays @ eye.R_rect.T @ eye.K_rect.T
+        np.save(at / "rectify_map.npy", eye.picture(rect[:, :2] / rect[:, 2:]).astype(np.float32))
         if eye.kind == "events":
             write_truth(at / "truth", eye)
             write_events(at, eye, seed=i + 1)

@@ -8,7 +8,8 @@ import numpy as np
 import pecs
 import pytest
 import small_sequence as small
-from pecs.datasets import writers
+from pecs.datasets import Sequence, writers
+from pecs.datasets.rectify import Rectifier, Stereo
 
 pytest_plugins = ["datasets_fixtures"]
 W, H = 96, 72
@@ -112,6 +113,29 @@ def test_dsec_flow_over_longer(sequence, tmp_path):
         assert known.sum() > 4000 and np.sqrt((error**2).mean()) < 0.01
     with pytest.raises(pecs.PecsInputError, match="flow_us: got 35000, wanted the time between"):
         writers.write("dsec", [sequence], tmp_path / "e", flow_us=35_000)
+
+
+def test_through_a_lens_that_opencv_has_no_model_of(tmp_path):
+    """Half a pixel off at 60 px of wave length: rectify_map.npy holds it, K and the distortion do not."""
+    left, right, *_ = small.rig(bent_px=0.5)
+    sequence = Sequence(small.write(tmp_path / "0000", bent_px=0.5))
+    rectifier = Rectifier(sequence.cameras["left"])
+    stereo = Stereo(sequence.cameras["left"], sequence.cameras["right"])
+    truth = sequence.cameras["left"].truth
+    world, z, ids = rect_scene(left, 30_000)
+    known = inside_one_surface(ids)
+    surface = truth.instances(3)
+    px = rectifier.disparity(truth.depth(3)[1].astype(float), stereo, surface)
+    flow = rectifier.flow(truth.flow(3, 5), surface)
+    moved = rect_project(left, left.moved(world, ids, 30_000, 50_000), 50_000)
+    for found, want in (
+        (px[..., None], left.picture(left.K_rect[0, 0] * 0.12 / z)[..., None]),
+        (flow, left.picture(moved - rect_project(left, world, 30_000))),
+    ):
+        inner = known & np.isfinite(found).all(-1)
+        assert inner.sum() > 4000 and np.sqrt(((found - want)[inner] ** 2).mean()) < 0.003
+    back = rectifier.lens.from_rect(rectifier.lens.to_rect(rectifier.lens.pixels + 0.3))
+    np.testing.assert_allclose(back, rectifier.lens.pixels + 0.3, atol=1e-3)
 
 
 def test_dsec_codes_of_16_bits_by_another_decoder(exported, dsec):

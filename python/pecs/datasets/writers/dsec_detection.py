@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..._library import PecsInputError
 from .._check import library
-from ..rectify import rays
+from ..rectify import Lens
 from ..sequence import Camera, Sequence
 from . import dsec
 from ._files import npy_bytes, read_picture, write_json, write_png
@@ -79,13 +79,12 @@ def _write_tracks(
 
 def _far_map(events: Camera, pictures: Camera) -> NDArray[np.float32]:
     """Where what each pixel of the event camera sees far away lies in the other camera's picture [H, W, 2]."""
-    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
+    lens = Lens(pictures)
     R = (np.linalg.inv(pictures.rig_from_camera) @ events.rig_from_camera)[:3, :3]
-    directions = rays(events).reshape(-1, 3) @ R.T
-    points = cv2.projectPoints(directions, np.zeros(3), np.zeros(3), pictures.K, pictures.distortion)[0]
-    out = points.reshape(events.height, events.width, 2).astype(np.float32)
-    out[directions[:, 2].reshape(out.shape[:2]) <= 0] = -1e6  # behind it
-    return out
+    rect = Lens(events).rays() @ (pictures.K_rect @ pictures.R_rect @ R).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rect_px = np.where(rect[..., 2:] > 0, rect[..., :2] / rect[..., 2:], np.nan)
+    return np.nan_to_num(lens.from_rect(rect_px), nan=-1e6).astype(np.float32)
 
 
 def _write_distorted(folder: Path, events: Camera, pictures: Camera) -> None:
