@@ -1,5 +1,10 @@
+#include <tbb/parallel_for.h>
+
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <mutex>
+#include <utility>
 
 #include "guard.h"
 #include "pecs/error.h"
@@ -8,7 +13,11 @@
 #include "pecs/lens/report.h"
 
 struct pecs_lens {
+  using Map = std::shared_ptr<const pecs::lens::ImageMap>;
   pecs::lens::Prescription prescription;
+  // The image map of the last options, which takes longer to make than to ask for a picture's pixels.
+  mutable std::mutex mutex = {};
+  mutable std::pair<std::string, Map> last = {};
 };
 
 namespace {
@@ -22,10 +31,16 @@ char* answer(const pecs_lens* lens, const char* options_json, pecs_error* error,
   });
 }
 
-pecs::lens::ImageMap image_map(const pecs_lens* lens, const char* options_json) {
+pecs_lens::Map image_map(const pecs_lens* lens, const char* options_json) {
+  const auto& [prescription, mutex, last] = pecs::capi::given(lens, "lens");
   const pecs::Json options = pecs::capi::options_from(options_json);
-  const auto& prescription = pecs::capi::given(lens, "lens").prescription;
-  return {prescription, pecs::lens::image_setting(prescription, pecs::JsonObject(options, "options"))};
+  std::string key = options.dump();
+  const std::lock_guard lock(mutex);
+  if (!last.second || last.first != key) {
+    const auto setting = pecs::lens::image_setting(prescription, pecs::JsonObject(options, "options"));
+    last = {std::move(key), std::make_shared<const pecs::lens::ImageMap>(prescription, setting)};
+  }
+  return last.second;
 }
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -34,8 +49,9 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 extern "C" {
 
 pecs_lens* pecs_lens_open(const char* path_or_name, pecs_error* error) {
-  return pecs::capi::guard(
-      error, [&] { return new pecs_lens{pecs::lens::load_prescription(&pecs::capi::given(path_or_name, "path"))}; });
+  return pecs::capi::guard(error, [&] {
+    return new pecs_lens{.prescription = pecs::lens::load_prescription(&pecs::capi::given(path_or_name, "path"))};
+  });
 }
 
 void pecs_lens_close(pecs_lens* lens) { delete lens; }
@@ -79,11 +95,11 @@ int64_t pecs_lens_directions(const pecs_lens* lens, const char* options_json, co
     pecs::capi::need_room(count, capacity);
     if (count) pecs::capi::given(pixels, "pixels"), pecs::capi::given(directions, "directions");
     const auto map = image_map(lens, options_json);
-    for (int64_t i = 0; i < count; ++i) {
-      const auto d = map.direction_from_pixel({pixels[2 * i], pixels[2 * i + 1]});
+    tbb::parallel_for(int64_t{0}, count, [&](int64_t i) {
+      const auto d = map->direction_from_pixel({pixels[2 * i], pixels[2 * i + 1]});
       const auto [x, y, z] = d.value_or(pecs::lens::Vec3{kNone, kNone, kNone});
       directions[3 * i] = x, directions[3 * i + 1] = y, directions[3 * i + 2] = z;
-    }
+    });
     return count;
   });
 }
@@ -94,11 +110,11 @@ int64_t pecs_lens_pixels(const pecs_lens* lens, const char* options_json, const 
     pecs::capi::need_room(count, capacity);
     if (count) pecs::capi::given(pixels, "pixels"), pecs::capi::given(directions, "directions");
     const auto map = image_map(lens, options_json);
-    for (int64_t i = 0; i < count; ++i) {
-      const auto p = map.pixel_from_direction({directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]});
+    tbb::parallel_for(int64_t{0}, count, [&](int64_t i) {
+      const auto p = map->pixel_from_direction({directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]});
       const auto [x, y] = p.value_or(pecs::lens::Pixel{kNone, kNone});
       pixels[2 * i] = x, pixels[2 * i + 1] = y;
-    }
+    });
     return count;
   });
 }

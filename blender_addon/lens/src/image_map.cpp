@@ -163,9 +163,15 @@ std::optional<Pixel> ImageMap::pixel_from_direction(Vec3 direction) const {
     return per_x * (r * ux - s.film_shift_x_mm) + per_y * (r * uy - s.film_shift_y_mm);
   };
   const auto excess = [&](double r) { return r * at(r, dz_at(r)).angle_per_mm - angle; };
-  const double high = step_mm_ * static_cast<double>(layers_[0].size() - 1);
-  if (!(excess(high) >= 0)) return std::nullopt;
-  const double r = rising_root(excess, 0, high), dz = dz_at(r);
+  // A flat film's nodes tell the root's place.
+  std::size_t low = 0, high = layers_[0].size() - 1;
+  const auto radius = [&](std::size_t node) { return step_mm_ * static_cast<double>(node); };
+  if (!(excess(radius(high)) >= 0)) return std::nullopt;
+  while (layers_.size() == 1 && high - low > 1) {
+    const std::size_t middle = (low + high) / 2;
+    (radius(middle) * layers_[0][middle].angle_per_mm < angle ? low : high) = middle;
+  }
+  const double r = rising_root(excess, radius(low), radius(high)), dz = dz_at(r);
   if (!reaches(r, dz)) return std::nullopt;
   const Vec3 on_film{r * ux - s.film_shift_x_mm, r * uy - s.film_shift_y_mm, dz};
   return Pixel{0.5 * s.width_px - dot(on_film, axes_.right) / s.pixel_pitch_mm,
