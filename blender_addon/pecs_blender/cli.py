@@ -85,6 +85,7 @@ def _add_scene(command) -> None:
         metavar="KEY=VALUE",
         help="a parameter of the scene folder; @FILE: those of an aligned.json",
     )
+    add("--place", type=Path, metavar="FILE", help="puts objects of other .blend files into the scene: a JSON file")
     add("--scene-name", help="which scene of the .blend")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
 
@@ -131,26 +132,37 @@ def _render(args: dict) -> None:
 
 def _where(args: dict) -> tuple:
     """What names a scene, for _source."""
-    return tuple(args.pop(key) for key in ("scene", "set", "scene_name", "allow_scripts"))
+    return tuple(args.pop(key) for key in ("scene", "set", "place", "scene_name", "allow_scripts"))
 
 
-def _source(path: Path | None, overrides: list[str], scene_name: str | None, allow_scripts: bool, illuminant: str):
+def _source(
+    path: Path | None,
+    overrides: list[str],
+    place: Path | None,
+    scene_name: str | None,
+    allow_scripts: bool,
+    illuminant: str,
+):
     try:
         import bpy  # before pecs
     except ImportError as e:
         raise RenderError(USAGE, f"bpy: {e}; pip install bpy, or run inside Blender") from None
     from .scene.blend import BlendScene
     from .scene.folder import FolderScene
+    from .scene.placed import Placed
 
     path = path or Path(bpy.data.filepath)
     if path == Path():
         raise RenderError(USAGE, "render: got no scene, wanted FILE.blend or a scene folder")
     with _library_errors():
         if path.suffix != ".blend":
-            return FolderScene(load_scene(path, overrides))
-        if overrides:
+            source = FolderScene(load_scene(path, overrides))
+        elif overrides:
             raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
-        return BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+        else:
+            source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+        source.placed = Placed(place, source.scene, source.unit_m) if place else None
+        return source
 
 
 @contextlib.contextmanager

@@ -115,9 +115,6 @@ class Options:
         metavar="FILE",
         recorded=False,
     )
-    place: str | None = option(
-        None, "puts objects of other .blend files into the scene: a JSON file", metavar="FILE", recorded=False
-    )
     width: int | None = option(None, "pixels; the scene's if not given", low=1, high=8192, recorded=False)
     height: int | None = option(None, "pixels; in the scene's shape if not given", low=1, high=8192, recorded=False)
     film_width_mm: float | None = option(None, "of a lens camera; the chip's if not given", low=0.01, high=1000)

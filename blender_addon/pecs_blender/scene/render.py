@@ -26,7 +26,6 @@ from ..core.spectra import spectrum
 from . import adaptive, cycles, layers, lens, noise
 from .job import Job
 from .judge import Judge
-from .placed import Placed
 from .source import Source
 from .spectral import SpectralScene
 from .surfaces import Look
@@ -37,8 +36,6 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
     options = _resolved(options)
     if options.camera_path:
         source.follow(read_camera_path(Path(options.camera_path)))
-    if options.place:
-        source.placed = Placed(Path(options.place), source.scene, source.unit_m)
     pixels = _size(source, options)
     width, height = size = tuple(n * options.subpixels for n in pixels)
     chip = load_chip(options.chip)
