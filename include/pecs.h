@@ -163,8 +163,8 @@ PECS_API int pecs_event_writer_finish(pecs_event_writer* writer, pecs_error* err
 PECS_API void pecs_event_writer_close(pecs_event_writer* writer);
 
 /* Events of a window as planes of float, for networks (formulas: pecs/events/representations.h). Events before begin_us
- * or after end_us do not count; all of `out` is filled, in the caller's thread. out: [bins][height][width], a voxel grid
- * that is bilinear in time; normalise: its values that are not 0 get mean 0 and standard deviation 1. */
+ * or after end_us do not count; all of `out` is filled, in the caller's thread. out: [bins][height][width], a voxel
+ * grid that is bilinear in time; normalise: its values that are not 0 get mean 0 and standard deviation 1. */
 PECS_API int pecs_voxel_grid(const pecs_event* events, int64_t count, int width, int height, int bins, double begin_us,
                              double end_us, int normalise, float* out, int64_t capacity, pecs_error* error);
 /* out: [2][height][width], OFF and ON: exp(-(end_us - t) / tau_us) of each pixel's last event, 0 without one. */
@@ -244,8 +244,9 @@ PECS_API int pecs_carry(const float* first, const float* second, int bands, cons
 /* Numbers of what is seen (object ids) between two planes of them, [height][width]: each pixel gets that of the surface
  * point which is visible there at `fraction`, never blended; motion and fraction as of pecs_carry. What neither plane
  * shows is what both have at the pixel, or 0. capacity: of out. */
-PECS_API int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels, int width,
-                               int height, double fraction, int32_t* out, int64_t capacity, pecs_error* error);
+PECS_API int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels,
+                               int width, int height, double fraction, int32_t* out, int64_t capacity,
+                               pecs_error* error);
 /* The number of each event, at the event's own time (to half a pixel of motion), in a stack's layer of one channel of
  * whole numbers per instant ("objects"), along the stack's motion; 0 outside the stack's time. Events in the order of
  * time; begin_us: their time at the stack's first instant. The stack needs no light. Returns count. */

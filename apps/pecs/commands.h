@@ -13,6 +13,7 @@ void add_bands(CLI::App& app);
 void add_board(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);
+void add_dataset(CLI::App& app);
 void add_info(CLI::App& app);
 void add_render_preview(CLI::App& app);
 void add_report(CLI::App& app);

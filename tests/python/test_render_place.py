@@ -119,7 +119,5 @@ def test_what_files_lack_is_one_line(files, tmp_path):
         ([thing(files, texture=str(files / "cube.blend"))], "cube.blend"),
     ):
         result = render(files, tmp_path / "s", things, check=False)
-        ours = [
-            said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")
-        ]  # Blender may speak too
+        ours = [said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")]
         assert result.returncode == 4 and len(ours) == 1 and line in ours[0], result.stderr

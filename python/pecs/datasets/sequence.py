@@ -54,6 +54,7 @@ class Camera:
         self.name = entry.text("name")
         self.kind = entry.text("kind", ("events", "rgb"))
         self.folder = folder / self.name
+        self._pixels = folder / (entry.optional_text("pixels_of") or self.name)
         self.width, self.height = entry.whole("width", 1), entry.whole("height", 1)
         self.pixel_pitch_m = entry.number("pixel_pitch_um", 1e-3) * 1e-6
         self.K, self.K_rect = entry.array("K", 3, 3), entry.array("K_rect", 3, 3)
@@ -121,7 +122,7 @@ class Camera:
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times [n] in us and world_from_camera [n, 4, 4], as the renderer followed them."""
-        return read_poses(self.folder / "camera_path.txt")
+        return read_poses(self._pixels / "camera_path.txt")
 
     def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
         """world_from_camera at these times [n, 4, 4], between two poses on the shortest way."""
@@ -147,7 +148,7 @@ class Camera:
 
     @property
     def has_truth(self) -> bool:
-        return (self.folder / "truth" / "stack.json").is_file()
+        return (self._pixels / "truth" / "stack.json").is_file()
 
     @property
     def has_boxes(self) -> bool:
@@ -155,8 +156,8 @@ class Camera:
 
     @cached_property
     def truth(self) -> Truth:
-        """Depth, flow, objects … at instants of this camera."""
-        return Truth(self.folder / "truth", self.width, self.height)
+        """Depth, flow, objects … at instants of this camera; behind a beam splitter those of its partner's pixels."""
+        return Truth(self._pixels / "truth", self.width, self.height)
 
 
 class Sequence:

@@ -1,0 +1,226 @@
+"""The command line of data sets."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from statistics import mean
+from typing import NoReturn
+
+from .._library import PecsError
+from . import manifest, recipe, report, run, writers
+from .card import write_cards
+from .sequence import Sequence, sequences
+from .table import bad_input
+
+USAGE, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 5, 130, 143
+SHOWN_ROWS = 20  # of --plan
+ABOUT = """Makes a data set from a recipe (docs/datasets.md): sequences of events with ground truth, rendered from
+scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
+other has."""
+EXAMPLES = """examples:
+  pecs dataset room.toml -o out/room --plan       sequences, instants, hours and gigabytes; makes nothing
+  pecs dataset room.toml -o out/room              all of it
+  pecs dataset room.toml -o out/room --only 3     sequence 3 alone (a farm's task)
+  pecs dataset room.toml -o out/room --check      are all files there, and as they were written?
+  pecs dataset out/room --export dsec -o out/dsec a set that is there in another layout"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise PecsError(message, USAGE)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="pecs dataset", description=ABOUT, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("recipe", type=Path, help="RECIPE.toml; with --export also the folder of a set")
+    add("-o", "--output", type=Path, required=True, help="folder of the set, or of what --export writes")
+    add("--only", help="N or A:B: these sequences, without the set's own files")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--plan", action="store_true", help="print what it will take, and make nothing")
+    what.add_argument("--check", action="store_true", help="compare all files with the check sums")
+    what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
+    what.add_argument("--export", help=f"write a set that is there in another layout: {', '.join(writers.WRITERS)}")
+    add("--threads", type=int, default=0, help="0: all cores; does not change the result")
+    return parser
+
+
+def main(argv: list[str]) -> int:
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        _run(_parser().parse_args(argv))
+    except SystemExit as e:  # --help, SIGTERM
+        return int(e.code or 0)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except PecsError as e:
+        print(f"pecs: {e}", file=sys.stderr)
+        return e.code
+    except OSError as e:
+        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
+        return BAD_OUTPUT
+    return 0
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    raise SystemExit(TERMINATED)
+
+
+def _run(args: argparse.Namespace) -> None:
+    if args.export:
+        _export(args.recipe, args.export, args.output)
+        return
+    found = recipe.load(args.recipe)
+    wanted = _wanted(args.only, found.sequences)
+    if args.plan:
+        _plan(found, wanted, args.output)
+    elif args.check:
+        _check(found, wanted, args.output)
+    else:
+        if args.repair:
+            _move_aside(wanted, args.output)
+        _make(found, wanted, args.output, args.threads)
+        if not args.only:
+            _finish(found, args.output)
+
+
+def _wanted(only: str | None, count: int) -> list[int]:
+    if only is None:
+        return list(range(count))
+    first, colon, last = only.partition(":")
+    try:
+        begin = int(first)
+        end = int(last) if colon else begin + 1
+    except ValueError:
+        begin, end = -1, -1
+    if not 0 <= begin < end <= count:
+        raise PecsError(f"--only {only}: wanted N or A:B within 0 to {count}", USAGE)
+    return list(range(begin, end))
+
+
+def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -> None:
+    begin, made = time.monotonic(), 0
+    busy: list[int] = []
+    for done, index in enumerate(wanted):
+        final = manifest.sequence_folder(output, index)
+        fresh = not final.is_dir()
+        left = (time.monotonic() - begin) / made * (len(wanted) - done) if made else math.nan
+        more = "" if math.isnan(left) else f", about {left / 60:.0f} min left"
+
+        def say(what: str, index: int = index, done: int = done, more: str = more) -> None:
+            _line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}")
+
+        try:
+            run.make(found, index, output, threads, say)
+        except PecsError as e:
+            if manifest.BUSY not in str(e) or len(wanted) == 1:
+                raise
+            busy.append(index)
+            continue
+        made += fresh
+        if not (final / "report.html").exists():
+            say("report")
+            report.write(Sequence(final))
+    _line("", last=True)
+    if busy:
+        print(f"dataset: left to other processes: {', '.join(map(str, busy))}", file=sys.stderr)
+
+
+def _line(text: str, last: bool = False) -> None:
+    """One line that rewrites itself on a terminal, lines otherwise."""
+    terminal = sys.stderr.isatty()
+    if terminal:
+        print(f"\r{text}\033[K", end="\n" if last else "", file=sys.stderr, flush=True)
+    elif text:
+        print(text, file=sys.stderr, flush=True)
+
+
+def _finish(found: recipe.Recipe, output: Path) -> None:
+    """The set's own files, when all sequences are there."""
+    missing = manifest.missing(found, output)
+    if missing:
+        print(f"dataset: {len(missing)} sequences are still being made elsewhere", file=sys.stderr)
+        return
+    content = manifest.write(found, output)
+    write_cards(found, content, output)
+    report.write_index(output, content)
+    for name in found.export:
+        _export(output, name, output / "exports" / name)
+    print(f"{output / 'index.html'}: {found.sequences} sequences")
+
+
+def _export(folder: Path, name: str, output: Path) -> None:
+    report = writers.write(name, sequences(folder), output)
+    for gone in report["left_out"]:
+        print(f"{name}: left out: {gone['what']}: {gone['why']}", file=sys.stderr)
+    print(f"{output}: {name}")
+
+
+def _check(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
+    bad = _damaged(wanted, output)
+    for line in (line for lines in bad.values() for line in lines):
+        print(line)
+    if bad:
+        raise bad_input(
+            output,
+            "",
+            f"{len(bad)} of {len(wanted)} sequences lost or damaged: {', '.join(f'{i:04d}' for i in bad)}",
+            "all whole (--repair makes them again)",
+        )
+    print(f"{output}: {len(wanted)} sequences, whole")
+
+
+def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:
+    found = {}
+    for index in wanted:
+        folder = manifest.sequence_folder(output, index)
+        lines = manifest.faults(folder) if folder.is_dir() else [f"{folder}: no such sequence"]
+        if lines:
+            found[index] = lines
+    return found
+
+
+def _move_aside(wanted: list[int], output: Path) -> None:
+    for index in _damaged(wanted, output):
+        folder = manifest.sequence_folder(output, index)
+        if folder.is_dir():
+            number = next(n for n in range(1, 10**6) if not folder.with_name(f"{folder.name}.damaged{n}").exists())
+            folder.rename(folder.with_name(f"{folder.name}.damaged{number}"))
+            (output / "dataset.json").unlink(missing_ok=True)
+
+
+def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
+    """Sequences as drawn; what they take, measured on those that are there."""
+    rows, seconds, gigabytes, truth, light = [], [], [], 0, 0
+    for index in wanted:
+        drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
+        truth += math.floor(drawn["duration_s"] * found.truth["fps"]) + 1
+        light += math.ceil(drawn["duration_s"] * found.render["fps"]) + 1
+        if folder.is_dir():
+            files = [p.stat() for p in folder.rglob("*") if p.is_file()]
+            gigabytes.append(sum(s.st_size for s in files) * 1e-9)
+            seconds.append(max(s.st_mtime for s in files) - min(s.st_mtime for s in files))
+        words = [f"{index:04d}", f"{drawn['split']:5}", f"{drawn['scene']:16}", f"{drawn['duration_s']:.3g} s"]
+        rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
+    print("\n".join(rows[:SHOWN_ROWS]))
+    if len(rows) > SHOWN_ROWS:
+        print(f"… and {len(rows) - SHOWN_ROWS} more")
+    stacks = sum(not c.pixels_of for c in found.cameras)
+    kind = "keyframes among" if found.render["time"] == "adaptive" else "all of"
+    what = f"ground truth at {truth * stacks} instants, light at {kind} {light * stacks}"
+    print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
+    free = shutil.disk_usage(next(p for p in (output, *output.absolute().parents) if p.exists())).free * 1e-9
+    if not seconds:
+        print(f"hours and gigabytes are told when one is there (--only {wanted[0]}); {free:.0f} GB free")
+        return
+    left, hours, size = len(wanted) - len(seconds), mean(seconds) / 3600, mean(gigabytes)
+    print(f"measured on {len(seconds)} that are there: {60 * hours:.1f} min and {size:.2f} GB each")
+    print(f"{left} left: {left * hours:.2f} h and {left * size:.1f} GB; {free:.0f} GB free")

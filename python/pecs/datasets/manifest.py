@@ -1,0 +1,82 @@
+"""What a set holds, with check sums: SEQUENCE/files.json, and SET/dataset.json over all sequences."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .._library import version
+from .files import write_json
+from .recipe import Recipe
+
+BUSY = "another process is making this sequence"
+OWN = "files.json"
+NOT_SUMMED = (".log", ".run.json", "report.html")  # times of the day, and what is made from the rest
+
+
+def sequence_folder(output: Path, index: int) -> Path:
+    return output / "sequences" / f"{index:04d}"
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != OWN and not path.name.endswith(NOT_SUMMED):
+            yield path
+
+
+def _sum(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def seal(folder: Path) -> None:
+    """Writes files.json: size and SHA-256 of every file."""
+    write_json(folder / OWN, {str(p.relative_to(folder)): [p.stat().st_size, _sum(p)] for p in _files(folder)})
+
+
+def faults(folder: Path, deep: bool = True) -> list[str]:
+    """What is lost or changed since seal(), one line each."""
+    try:
+        listed: dict[str, tuple[int, str]] = json.loads((folder / OWN).read_text())
+    except (OSError, ValueError) as e:
+        return [f"{folder / OWN}: {e}"]
+    found = []
+    for name, (size, digest) in listed.items():
+        path = folder / name
+        if not path.is_file():
+            found.append(f"{path}: no such file")
+        elif path.stat().st_size != size:
+            found.append(f"{path}: got {path.stat().st_size} bytes, wanted {size}")
+        elif deep and _sum(path) != digest:
+            found.append(f"{path}: got other content, wanted SHA-256 {digest[:12]}…")
+    return found
+
+
+def missing(recipe: Recipe, output: Path) -> list[int]:
+    return [i for i in range(recipe.sequences) if not sequence_folder(output, i).is_dir()]
+
+
+def write(recipe: Recipe, output: Path) -> dict[str, Any]:
+    """dataset.json; all sequences are there."""
+    rows = []
+    for index in range(recipe.sequences):
+        folder = sequence_folder(output, index)
+        info = json.loads((folder / "sequence.json").read_text())
+        rows.append({key: info[key] for key in ("name", "split", "scene")} | {"sha256": _sum(folder / OWN)})
+    manifest = {
+        "format": 1,
+        "name": recipe.name,
+        "recipe": recipe.path.read_text(),
+        "recipe_sha256": recipe.sha256,
+        "about": recipe.about,
+        "versions": {"pecs": version()},
+        "sequences": rows,
+    }
+    write_json(output / "dataset.json", manifest)
+    return manifest

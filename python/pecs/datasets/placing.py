@@ -1,0 +1,98 @@
+"""Objects and textures from pools, drawn into a scene: [[scene.place]] of a recipe. What is drawn goes to the renderer
+as `--place` (docs/render.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .table import Table, Value
+
+Rng = Callable[[str], np.random.Generator]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """files: .blend files, each an object or several; textures: pictures for their base colour; relative to the
+    recipe."""
+
+    files: tuple[str, ...]
+    textures: tuple[str, ...]
+    count: Value
+    low_m: tuple[float, ...]
+    high_m: tuple[float, ...]
+    size_m: Value
+    speed_m_s: Value
+    spin_deg_s: Value
+    turn: str
+    name: str | None
+
+    def draw(self, place: str, rng: Rng) -> list[dict[str, Any]]:
+        """As `--place` takes them, but for names and places of files."""
+        found = []
+        for i in range(round(self.count.draw(rng(f"{place}.count")))):
+            of = rng(f"{place}.{i}")
+            file = self.files[int(of.integers(len(self.files)))]
+            turns = of.uniform(-180, 180, 3) * ((0, 0, 1) if self.turn == "z" else (1, 1, 1))
+            heading = of.normal(size=3) * ((1, 1, 0) if self.turn == "z" else (1, 1, 1))
+            axis = np.array([0.0, 0.0, 1.0]) if self.turn == "z" else _unit(of.normal(size=3))
+            found.append(
+                {
+                    "file": file,
+                    "texture": self.textures[int(of.integers(len(self.textures)))] if self.textures else None,
+                    "class": self.name or Path(file).stem,
+                    "size_m": float(self.size_m.draw(of)),
+                    "position_m": of.uniform(self.low_m, self.high_m).tolist(),
+                    "rotation_deg": turns.tolist(),
+                    "velocity_m_s": (_unit(heading) * self.speed_m_s.draw(of)).tolist(),
+                    "spin_deg_s": (axis * self.spin_deg_s.draw(of)).tolist(),
+                }
+            )
+        return found
+
+
+def _unit(vector: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0 else np.array([1.0, 0.0, 0.0])
+
+
+def read(table: Table, beside: Path) -> Pool:
+    found = Pool(
+        files=_files(table, "files", beside, (".blend",)),
+        textures=_files(table, "textures", beside, (".png", ".jpg", ".jpeg", ".exr")) if table.has("textures") else (),
+        count=table.value("count", 1, 0, 10000),
+        low_m=table.numbers("low_m", 3),
+        high_m=table.numbers("high_m", 3),
+        size_m=table.value("size_m", low=1e-4, high=1e4),
+        speed_m_s=table.value("speed_m_s", 0.0, 0, 1e4),
+        spin_deg_s=table.value("spin_deg_s", 0.0, -1e6, 1e6),
+        turn=table.text("turn", "z", ("z", "any")),
+        name=table.text("class") if table.has("class") else None,
+    )
+    if any(a > b for a, b in zip(found.low_m, found.high_m, strict=True)):
+        raise table.fail("low_m", list(found.low_m), "a corner below high_m")
+    table.done()
+    return found
+
+
+def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
+    """As `--place` takes them, for a recipe in the folder `beside`."""
+    found = []
+    for number, thing in enumerate(things):
+        files = {key: str((beside / thing[key]).resolve()) if thing[key] else None for key in ("file", "texture")}
+        found.append(thing | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
+    return found
+
+
+def _files(table: Table, key: str, beside: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
+    """Of a pattern, sorted, so that the same set of files gives the same draws."""
+    pattern = table.text(key)
+    inside = not pattern.startswith(("/", "..")) or None
+    found = sorted(str(p.relative_to(beside)) for p in (beside.glob(pattern) if inside else ()) if p.suffix in kinds)
+    if not found:
+        raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
+    return tuple(found)

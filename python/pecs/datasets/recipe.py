@@ -1,0 +1,358 @@
+"""A recipe: what a data set is made of (docs/datasets.md), and what is drawn of it for one sequence.
+
+Every drawn value has a generator of its own, keyed by the recipe's seed, the sequence's number and the value's name:
+sequence 7 is the same in a set of ten and of a thousand, and a new range beside it changes no other value.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import placing
+from .table import Table, Value, bad_input, read_toml
+
+SPLITS = ("train", "val", "test")
+GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
+RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
+    *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "time_tolerance", "subpixels"),
+    *("share", "samples", "noise_target", "denoise", "device", "colour_tolerance_px", "allow_scripts"),
+)
+TRUTH_LAYERS = ("depth", "normal", "objects", "motion")
+
+
+def generator(seed: int, index: int, name: str) -> np.random.Generator:
+    """Of one drawn value."""
+    key = hashlib.blake2b(f"{seed} {index} {name}".encode(), digest_size=16).digest()
+    return np.random.Generator(np.random.Philox(key=np.frombuffer(key, np.uint64)))
+
+
+@dataclass(frozen=True)
+class Film:
+    """What an RGB camera does with the light (rgb.py)."""
+
+    fps: float
+    exposure_ms: Value
+    peak_qe: float
+    full_well_e: float
+    read_noise_e: float
+    bayer: str
+    rolling_us: float  # from row to row
+    phase_ms: Value
+    sharp: bool
+    steps: int  # of an exposure; 0: so many that nothing moves half a pixel in one
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera of the rig. pixels_of: the camera whose stack it shares (a beam splitter)."""
+
+    name: str
+    kind: str
+    position_m: tuple[float, ...]
+    rotation_deg: tuple[float, ...]
+    width: int | None
+    height: int | None
+    chip: str | None
+    pixel_pitch_um: float | None
+    lens: str
+    fnumber: Value | None
+    focus_m: Value | None
+    overrides: dict[str, Value]
+    model: str
+    partner: str | None
+    pixels_of: str | None
+    film: Film | None
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    name: str
+    path: Path
+    weight: float
+    split: str | None
+    parameters: dict[str, Value]
+    options: dict[str, Any]
+    light_scale: Value
+    trajectory: dict[str, Any]
+    pools: tuple[placing.Pool, ...]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    path: Path
+    name: str
+    seed: int
+    sequences: int
+    duration_s: Value
+    splits: dict[str, float]
+    scenes: tuple[SceneEntry, ...]
+    cameras: tuple[CameraEntry, ...]
+    imu: dict[str, Any] | None
+    render: dict[str, Any]
+    truth: dict[str, Any]
+    keep: dict[str, bool]
+    export: tuple[str, ...]
+    about: dict[str, str] = field(default_factory=dict)
+    sha256: str = ""
+
+    def rng(self, index: int, name: str) -> np.random.Generator:
+        return generator(self.seed, index, name)
+
+    def draw(self, index: int) -> dict[str, Any]:
+        """What sequence `index` is made of; written to its sequence.json."""
+        scene = self.scenes[self._place(index, "scene", [s.weight for s in self.scenes])]
+        share = [self.splits.get(name, 0.0) for name in SPLITS]
+        split = scene.split or SPLITS[self._place(index, "split", share)]
+
+        def drawn(name: str, value: Value) -> Any:
+            return value.draw(self.rng(index, name))
+
+        def camera(entry: CameraEntry) -> dict[str, Any]:
+            at = f"camera.{entry.name}"
+            found: dict[str, Any] = {
+                "overrides": {k: drawn(f"{at}.set.{k}", v) for k, v in entry.overrides.items()},
+                "seed": int(self.rng(index, f"{at}.seed").integers(2**31)),
+            }
+            for key in ("fnumber", "focus_m"):
+                value: Value | None = getattr(entry, key)
+                found[key] = drawn(f"{at}.{key}", value) if value else None
+            if entry.film:
+                found["exposure_ms"] = drawn(f"{at}.exposure_ms", entry.film.exposure_ms)
+                found["phase_ms"] = drawn(f"{at}.phase_ms", entry.film.phase_ms)
+            return found
+
+        return {
+            "scene": scene.name,
+            "split": split,
+            "duration_s": drawn("duration_s", self.duration_s),
+            "parameters": {k: drawn(f"scene.{scene.name}.{k}", v) for k, v in scene.parameters.items()},
+            "place": [
+                thing
+                for i, pool in enumerate(scene.pools)
+                for thing in pool.draw(f"scene.{scene.name}.place[{i}]", lambda name: self.rng(index, name))
+            ],
+            "light_scale": drawn(f"scene.{scene.name}.light_scale", scene.light_scale),
+            "trajectory": {k: _drawn(self, index, f"trajectory.{k}", v) for k, v in scene.trajectory.items()},
+            "cameras": {entry.name: camera(entry) for entry in self.cameras},
+        }
+
+    def scene(self, name: str) -> SceneEntry:
+        return next(s for s in self.scenes if s.name == name)
+
+    def _place(self, index: int, name: str, weights: list[float]) -> int:
+        """Which of the weighted: even for any number of sequences."""
+        begin = float(self.rng(0, name).uniform())
+        ends = np.cumsum(weights) / sum(weights)
+        return int(np.searchsorted(ends, (begin + index * GOLDEN) % 1.0, side="right").clip(0, len(weights) - 1))
+
+
+def _drawn(recipe: Recipe, index: int, name: str, value: Any) -> Any:
+    return value.draw(recipe.rng(index, name)) if isinstance(value, Value) else value
+
+
+def load(path: Path) -> Recipe:
+    top = Table(read_toml(path), path)
+    cameras = _rig(rig := top.table("rig"))
+    imu = rig.table("imu") if rig.has("imu") else None
+    rig.done()
+    common = _trajectory(top.table("trajectory")) if top.has("trajectory") else {}
+    scenes = tuple(_scene(table, path.parent, common) for table in top.tables("scene"))
+    _unique(top, "scene", [s.name for s in scenes])
+    splits = top.table("split")
+    about = top.table("about")
+    export = top.any("export") if top.has("export") else []
+    from .writers import WRITERS  # they import more than a recipe needs
+
+    for name in export:
+        if name not in WRITERS:
+            raise top.fail("export", name, f"a list of {', '.join(WRITERS)}")
+    recipe = Recipe(
+        path=path,
+        name=top.text("name", path.stem),
+        seed=top.integer("seed", 1),
+        sequences=top.integer("sequences", 1, low=1, high=1_000_000),
+        duration_s=top.value("duration_s", low=1e-3, high=3600),
+        splits={k: splits.number(k, 0.0, 0, 1) for k in SPLITS} if splits.keys() else {"train": 1.0},
+        scenes=scenes,
+        cameras=cameras,
+        imu={
+            "part": imu.text("part", "ideal"),
+            "rate_hz": imu.number("rate_hz", 1000, 1, 1e5),
+            "position_m": imu.numbers("position_m", 3, (0.0, 0.0, 0.0)),
+        }
+        if imu
+        else None,
+        render=_render(top.table("render")),
+        truth=_truth(top.table("truth")),
+        keep=_keep(top.table("keep")),
+        export=tuple(export),
+        about={k: about.text(k) for k in about.keys()},
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+    )
+    for table in (splits, about, *([imu] if imu else []), top):
+        table.done()
+    if sum(recipe.splits.values()) <= 0:
+        raise top.fail("split", "no share above 0", f"shares of {', '.join(SPLITS)}")
+    return recipe
+
+
+def _unique(top: Table, place: str, names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise top.fail(place, f"the name {name!r} twice", "names of their own")
+        if not name or not all(c.isalnum() or c in "_-" for c in name):
+            raise top.fail(place, f"the name {name!r}", "letters, digits, _ and -")
+
+
+def _scene(table: Table, beside: Path, common: dict[str, Any]) -> SceneEntry:
+    path = Path(table.text("path"))
+    path = path if path.is_absolute() else beside / path
+    if not path.exists():
+        raise table.fail("path", str(path), "a .blend file or a scene folder that is there")
+    parameters = table.table("set")
+    options = table.table("options")
+    found = SceneEntry(
+        name=table.text("name", path.stem),
+        path=path.resolve(),
+        weight=table.number("weight", 1.0, 1e-6, 1e6),
+        split=table.text("split", choices=SPLITS) if table.has("split") else None,
+        parameters={
+            k: parameters.words(k)
+            if k.endswith(("_spectrum", "_reflectance")) and not _numeric(parameters, k)
+            else parameters.value(k)
+            for k in parameters.keys()
+        },
+        options=_options(options),
+        light_scale=table.value("light_scale", 1.0, 1e-9, 1e9),
+        pools=tuple(placing.read(t, beside) for t in (table.tables("place") if table.has("place") else ())),
+        trajectory=common | (_trajectory(table.table("trajectory")) if table.has("trajectory") else {}),
+    )
+    if "kind" not in found.trajectory:
+        raise table.fail("trajectory", "nothing", "a table with kind, here or at the top")
+    table.done()
+    return found
+
+
+def _numeric(table: Table, key: str) -> bool:
+    value = table.any(key)
+    words = value.get("choice", []) if isinstance(value, dict) else [value]
+    return not any(isinstance(word, str) for word in words)
+
+
+def _trajectory(table: Table) -> dict[str, Any]:
+    """Numbers and tables of ranges are drawn; lists of three and more, texts and flags are the trajectory's own
+    (trajectories.py checks them)."""
+    found: dict[str, Any] = {}
+    for key in table.keys():
+        value = table.any(key)
+        if isinstance(value, dict) and set(value) == {"choice"} and all(isinstance(v, str) for v in value["choice"]):
+            found[key] = table.words(key)
+        elif isinstance(value, dict) or (_is_pair(value) and key not in TRAJECTORY_LISTS):
+            found[key] = table.value(key)
+        else:
+            found[key] = value
+    return found
+
+
+TRAJECTORY_LISTS = ("step_m", "speed")  # pairs that are no range
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and not any(isinstance(v, (list, str)) for v in value)
+
+
+def _options(table: Table) -> dict[str, Any]:
+    for key in table.keys():
+        if key not in RENDER_KEYS:
+            raise table.fail(key, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
+    return {key: table.any(key) for key in table.keys()}
+
+
+def _render(table: Table) -> dict[str, Any]:
+    return {"time": "adaptive", "fps": 1000.0} | _options(table)
+
+
+def _truth(table: Table) -> dict[str, Any]:
+    layers = table.any("layers") if table.has("layers") else list(TRUTH_LAYERS)
+    if not isinstance(layers, list) or not set(layers) <= set(TRUTH_LAYERS):
+        raise table.fail("layers", layers, f"a list of {', '.join(TRUTH_LAYERS)}")
+    found = {"fps": table.number("fps", 20.0, 1e-3, 1e5), "layers": layers}
+    table.done()
+    return found
+
+
+def _keep(table: Table) -> dict[str, bool]:
+    found = {key: table.flag(key, True) for key in ("light", "truth")}
+    table.done()
+    return found
+
+
+def _rig(rig: Table) -> tuple[CameraEntry, ...]:
+    tables = rig.tables("camera")
+    cameras = tuple(map(_camera, tables))
+    _unique(rig, "camera", [c.name for c in cameras])
+    by_name = {c.name: c for c in cameras}
+    for table, camera in zip(tables, cameras, strict=True):
+        for key in ("partner", "pixels_of"):
+            other = getattr(camera, key)
+            if other is not None and (other not in by_name or other == camera.name):
+                raise table.fail(key, other, "the name of another camera of the rig")
+        if camera.pixels_of and by_name[camera.pixels_of].pixels_of:
+            raise table.fail("pixels_of", camera.pixels_of, "a camera with pixels of its own")
+    return cameras
+
+
+def _camera(table: Table) -> CameraEntry:
+    kind = table.text("kind", choices=("events", "rgb"))
+    shared = table.text("pixels_of") if table.has("pixels_of") else None
+    overrides = table.table("set")
+    own = shared is None
+
+    def maybe(key: str, low: float, high: float) -> Value | None:
+        return table.value(key, low=low, high=high) if table.has(key) else None
+
+    found = CameraEntry(
+        name=table.text("name"),
+        kind=kind,
+        position_m=table.numbers("position_m", 3, (0.0, 0.0, 0.0)),
+        rotation_deg=table.numbers("rotation_deg", 3, (0.0, 0.0, 0.0)),
+        width=table.integer("width", low=8, high=8192) if table.has("width") else None,
+        height=table.integer("height", low=8, high=8192) if table.has("height") else None,
+        chip=table.text("chip") if kind == "events" else None,
+        pixel_pitch_um=table.number("pixel_pitch_um", low=0.5, high=100) if kind == "rgb" and own else None,
+        lens=table.text("lens") if own else "",
+        fnumber=maybe("fnumber", 0.5, 1000) if own else None,
+        focus_m=maybe("focus_m", 1e-3, 1e9) if own else None,
+        overrides={k: overrides.value(k) for k in overrides.keys()},
+        model=table.text("model", "pecs"),
+        partner=table.text("partner") if table.has("partner") else None,
+        pixels_of=shared,
+        film=_film(table) if kind == "rgb" else None,
+    )
+    if kind == "rgb" and own and not (found.width and found.height):
+        raise table.fail("width", "nothing", "width and height of an RGB camera")
+    table.done()
+    return found
+
+
+def _film(table: Table) -> Film:
+    return Film(
+        fps=table.number("fps", 20.0, 1e-3, 1e5),
+        exposure_ms=table.value("exposure_ms", 5.0, 1e-3, 1e4),
+        peak_qe=table.number("peak_qe", 0.6, 0.01, 1),
+        full_well_e=table.number("full_well_e", 10000.0, 10, 1e7),
+        read_noise_e=table.number("read_noise_e", 3.0, 0, 1e4),
+        bayer=table.text("bayer", "rggb", ("rggb", "bggr", "grbg", "gbrg", "none")),
+        rolling_us=table.number("rolling_us", 0.0, 0, 1e4),
+        phase_ms=table.value("phase_ms", 0.0, 0, 1e6),
+        sharp=table.flag("sharp", True),
+        steps=table.integer("steps", 0, 0, 4096),
+    )
+
+
+__all__ = ["CameraEntry", "Film", "Recipe", "SceneEntry", "bad_input", "generator", "load"]

@@ -1,0 +1,250 @@
+"""A sequence's page (report.html: pictures, checks, counts) and the set's index (index.html), each one file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._check import library
+from .checks import check
+from .files import write_json, write_text
+from .sequence import Camera, Sequence
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1180px; padding: 0 1em; color: #222; }
+table { border-collapse: collapse; margin: 0.5em 0 1.5em; } td, th { padding: 0.25em 0.8em; text-align: left;
+border-bottom: 1px solid #ddd; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
+figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: 13px; color: #555; }
+img { image-rendering: pixelated; background: #eee; } .card { display: inline-block; margin: 0 1em 1.2em 0;
+vertical-align: top; width: 346px; } .card img { width: 346px; } svg { background: #fafafa; }
+"""
+SHOWN = 640  # pixels wide at most
+
+
+def write(sequence: Sequence) -> dict[str, Any]:
+    """report.html and checks.json of a sequence; the checks' numbers."""
+    checks = check(sequence)
+    write_json(sequence.folder / "checks.json", checks)
+    parts = [f"<h1>Sequence {sequence.name}</h1>", _facts(sequence)]
+    for camera in sequence.cameras.values():
+        parts.append(f"<h2>{_text(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
+        parts += [_figure(picture, caption) for caption, picture in _pictures(sequence, camera)]
+        parts.append(_numbers(checks["cameras"][camera.name]))
+        rate = checks["cameras"][camera.name].get("events", {}).get("rate_over_time_hz")
+        if rate:
+            parts.append(f"<p>Events per second over the sequence</p>{_curve([rate])}")
+    if checks["stereo"]:
+        parts += ["<h2>Stereo: depth of both cameras</h2>", _numbers(checks["stereo"])]
+    samples = sequence.imu()
+    if samples is not None:
+        parts += ["<h2>IMU</h2>", "<p>Angular rate [rad/s], specific force [m/s²]: x red, y green, z blue</p>"]
+        parts += [_curve(samples[name].T.tolist()) for name in ("gyro", "accel")]
+        parts.append(_numbers({"against the poses": checks["imu"]}))
+    _page(sequence.folder / "report.html", f"Sequence {sequence.name}", parts)
+    return checks
+
+
+def write_index(folder: Path, manifest: dict[str, Any]) -> None:
+    """SET/index.html: thumbnails with filters by split and scene, and what the set is made of."""
+    cards = []
+    for row in manifest["sequences"]:
+        sequence = Sequence(folder / "sequences" / row["name"])
+        checks = json.loads((sequence.folder / "checks.json").read_text())
+        rates = [c["events"]["rate_hz"] for c in checks["cameras"].values() if "events" in c]
+        seen = [c.truth for c in sequence.cameras.values() if c.has_truth and "objects" in c.truth.layers]
+        objects = [o for truth in seen for o in truth.objects]
+        classes = sorted({o["class"] for o in objects if o["class"]})
+        first = next(iter(sequence.cameras.values()))
+        cards.append(
+            f'<div class="card" data-split="{row["split"]}" data-scene="{_text(row["scene"])}">'
+            f'<a href="sequences/{row["name"]}/report.html">{_img(_events_picture(sequence, first), 346)}</a>'
+            f"<br><b>{row['name']}</b> {row['split']}, {_text(row['scene'])}, "
+            f"{sequence.duration_us / 1e6:g} s, {sum(rates) / 1e6:.2f} Mevents/s"
+            f"<br>{_text(', '.join(classes))}</div>"
+        )
+    picks = "".join(
+        f'<label>{what} <select data-what="{what}"><option value="">all</option>'
+        + "".join(f"<option>{_text(v)}</option>" for v in sorted({row[what] for row in manifest["sequences"]}))
+        + "</select></label> "
+        for what in ("split", "scene")
+    )
+    script = (
+        "<script>const picks=[...document.querySelectorAll('select')];picks.forEach(p=>p.onchange=()=>"
+        "document.querySelectorAll('.card').forEach(c=>c.style.display=picks.every(q=>!q.value||"
+        "c.dataset[q.dataset.what]===q.value)?'':'none'));</script>"
+    )
+    about = "".join(f"<li>{_text(k)}: {_text(v)}</li>" for k, v in manifest["about"].items())
+    parts = [
+        f"<h1>{_text(manifest['name'])}</h1>",
+        f"<p>{len(cards)} sequences. <a href='dataset.json'>dataset.json</a> has the check sums, "
+        "<a href='croissant.json'>croissant.json</a> the description for machines.</p>",
+        f"<ul>{about}</ul><p>{picks}</p>",
+        *cards,
+        script,
+        f"<h2>Recipe</h2><pre>{_text(manifest['recipe'])}</pre>",
+    ]
+    _page(folder / "index.html", manifest["name"], parts)
+
+
+def _page(path: Path, title: str, parts: list[str]) -> None:
+    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{_text(title)}</title><style>{STYLE}</style>"
+    write_text(path, head + "\n".join(parts) + "</html>\n")
+
+
+def _text(value: object) -> str:
+    return html.escape(str(value))
+
+
+def _facts(sequence: Sequence) -> str:
+    drawn = sequence.info["drawn"]
+    flat = {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}
+    flat |= {f"scene: {k}": v for k, v in drawn["parameters"].items()}
+    flat |= {f"path: {k}": v for k, v in drawn["trajectory"].items()}
+    for name, camera in drawn["cameras"].items():
+        values = camera | camera["overrides"]
+        flat |= {f"{name}: {k}": v for k, v in values.items() if v is not None and k != "overrides"}
+    times, world = sequence.poses()
+    speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / np.diff(times) * 1e6
+    flat["speed of the rig [m/s]"] = f"{speed.min():.2f} to {speed.max():.2f}"
+    rows = "".join(f"<tr><td>{_text(k)}</td><td>{_text(_short(v))}</td></tr>" for k, v in flat.items())
+    return f"<table>{rows}</table>"
+
+
+def _numbers(groups: dict[str, Any]) -> str:
+    rows = []
+    for group, values in groups.items():
+        for name, value in (values or {}).items():
+            if not isinstance(value, list):
+                words = f"<td>{_text(group)}</td><td>{_text(name)}</td><td class='n'>{_text(_short(value))}</td>"
+                rows.append(f"<tr>{words}</tr>")
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _curve(lines: list[list[float]], width: int = 900, height: int = 110) -> str:
+    values = np.array(lines, float)
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    scale = (height - 10) / max(high - low, 1e-12)
+    step = max(1, values.shape[1] // width)
+    out = []
+    for line, colour in zip(values, ("#c22", "#292", "#23c") if len(values) > 1 else ("#333",), strict=False):
+        points = " ".join(
+            f"{i * width / max(1, len(line) - 1):.1f},{height - 5 - (v - low) * scale:.1f}"
+            for i, v in list(enumerate(line))[::step]
+        )
+        out.append(f'<polyline points="{points}" fill="none" stroke="{colour}"/>')
+    for y, value in ((14, high), (height - 4, low)):
+        out.append(f'<text x="4" y="{y}" font-size="12">{_short(value)}</text>')
+    return f'<p><svg width="{width}" height="{height}">{"".join(out)}</svg></p>'
+
+
+# Pictures: RGB arrays [H, W, 3] u1
+
+
+def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
+    found: list[tuple[str, NDArray[np.uint8]]] = []
+    frames = camera.frames()
+    if frames:
+        frame = frames[len(frames) // 2]
+        found.append((f"picture, {frame.start_us / 1e3:g} to {frame.end_us / 1e3:g} ms", _read(frame.path)))
+        if frame.sharp_path.exists():
+            found.append(("the same instant, sharp", _read(frame.sharp_path)))
+    if camera.kind == "events":
+        found.append(("events of 10 ms in the middle: ON red, OFF blue", _events_picture(sequence, camera)))
+        objects = _events_picture(sequence, camera, by_object=True)
+        found.append(("the same events, by the object that each pixel saw", objects))
+    if camera.has_truth and not camera.info["pixels_of"]:
+        found += _truth_pictures(camera)
+    return found
+
+
+def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
+    """Of the instant in the middle."""
+    cv2, truth, found = library("cv2", "opencv-python-headless", "the report"), camera.truth, []
+    i = (len(truth) - 1) // 2
+    if "depth" in truth.layers:
+        z = truth.depth(i)[1]
+        near, far = np.percentile(z[np.isfinite(z)], (1, 99)) if np.isfinite(z).any() else (1.0, 2.0)
+        share = np.clip((1 / np.maximum(z, 1e-6) - 1 / far) / max(1 / near - 1 / far, 1e-12), 0, 1)
+        depth = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+        found.append((f"depth along the axis, {near:.2f} to {far:.2f} m", cv2.cvtColor(depth, cv2.COLOR_BGR2RGB)))
+    if "normal" in truth.layers:
+        normal = np.moveaxis(truth.normal(i), 0, -1) * 127.5 + 127.5
+        found.append(("normals: x red, y green, z blue", normal.clip(0, 255).astype(np.uint8)))
+    if "motion" in truth.layers and len(truth) > 1:
+        flow = truth.flow(min(i, len(truth) - 2))
+        most = np.nanmax(np.hypot(flow[..., 0], flow[..., 1]), initial=0)
+        found.append((f"flow until the next instant, up to {most:.1f} px", _flow_picture(flow)))
+    if "objects" in truth.layers:
+        found.append(("objects, and boxes of those with a class", _boxes_picture(camera, i)))
+    return found
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    cv2 = library("cv2", "opencv-python-headless", "the report")
+    return np.asarray(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB))
+
+
+def _colours(ids: NDArray[Any]) -> NDArray[np.uint8]:
+    """A colour for each id, 0 is light grey."""
+    table = np.random.default_rng(5).integers(40, 230, (4096, 3)).astype(np.uint8)
+    table[0] = 235
+    return table[np.asarray(ids, np.int64) % 4096]
+
+
+def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False) -> NDArray[np.uint8]:
+    if camera.kind != "events":
+        return _read(camera.frames()[0].path)
+    with camera.event_file() as file:
+        middle = sequence.duration_us / 2
+        first, last = file.index(middle - 5000), file.index(middle + 5000)
+        events = file.read(first, last)
+    out = np.full((camera.height, camera.width, 3), 255, np.uint8)
+    if by_object:
+        out[events["y"], events["x"]] = _colours(camera.objects()[first:last])
+    else:
+        out[events["y"], events["x"]] = np.where(events["p"][:, None] == 1, (200, 30, 30), (30, 60, 200))
+    return out
+
+
+def _flow_picture(flow: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Hue is the direction, saturation the length; grey is not known."""
+    cv2 = library("cv2", "opencv-python-headless", "the report")
+    length, angle = np.hypot(flow[..., 0], flow[..., 1]), np.arctan2(flow[..., 1], flow[..., 0])
+    known = np.isfinite(length)
+    most = max(float(np.percentile(length[known], 99)) if known.any() else 1.0, 1e-6)
+    hsv = np.stack([(angle / np.pi * 90 + 90), 255 * np.clip(length / most, 0, 1), np.full_like(length, 255)], -1)
+    rgb = cv2.cvtColor(np.nan_to_num(hsv).astype(np.uint8), cv2.COLOR_HSV2RGB)
+    return np.where(known[..., None], rgb, 150).astype(np.uint8)
+
+
+def _boxes_picture(camera: Camera, i: int) -> NDArray[np.uint8]:
+    cv2 = library("cv2", "opencv-python-headless", "the report")
+    out = np.ascontiguousarray(_colours(camera.truth.instances(i)))
+    names = {o["id"]: o["class"] for o in camera.truth.objects}
+    for box in camera.truth.boxes(i):
+        if names.get(int(box["id"])) and box["visible_px"]:
+            x0, y0, x1, y1 = (round(float(box[k])) for k in ("x0", "y0", "x1", "y1"))
+            cv2.rectangle(out, (x0, y0), (x1 - 1, y1 - 1), (255, 255, 255), 1)
+            cv2.putText(out, names[int(box["id"])], (x0 + 2, y0 + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.33, (0, 0, 0), 1)
+    return out
+
+
+def _figure(picture: NDArray[np.uint8], caption: str) -> str:
+    width = min(SHOWN, max(346, picture.shape[1]))
+    return f"<figure>{_img(picture, width)}<figcaption>{_text(caption)}</figcaption></figure>"
+
+
+def _img(picture: NDArray[np.uint8], width: int) -> str:
+    cv2 = library("cv2", "opencv-python-headless", "the report")
+    _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    return f'<img width="{width}" src="data:image/png;base64,{base64.b64encode(png.tobytes()).decode()}">'

@@ -1,0 +1,132 @@
+"""A camera's geometry as its stack has it: image map, K and distortion of OpenCV, rectification.
+
+K and everything made for OpenCV take pixel (0, 0)'s centre as (0, 0); pecs takes it as (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from ..lens import Lens
+
+Array = NDArray[np.float64]
+
+
+def rig_from_camera(position_m: tuple[float, ...], rotation_deg: tuple[float, ...]) -> Array:
+    """[4, 4]; turns about the rig's x, then y, then z."""
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
+    out[:3, 3] = position_m
+    return out
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Directions [H, W, 3] of the pixels' chief rays (unit, camera axes; NaN where none comes through)."""
+
+    directions: NDArray[np.float64]
+    lens: str
+    setting: dict[str, Any]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.directions.shape[1], self.directions.shape[0]
+
+    def pixels(self, directions: Array) -> Array:
+        """[..., 2], pecs' pixels (first centre at 0.5)."""
+        with Lens(self.lens) as lens:
+            return lens.pixels(directions, **self.setting)
+
+
+def optics(stack: dict[str, Any], lens_path: str) -> Optics:
+    """Of a stack's stack.json (its `info`), with the lens as the recipe names it."""
+    lens, nm = stack["lens"], [band["lambda_nm"] for band in stack["bands"]]
+    setting = {
+        "width": stack["width"],
+        "height": stack["height"],
+        "pixel_pitch_mm": stack["pixel_pitch_m"] * 1e3,
+        "lambda_nm": float(np.mean(nm)),
+        "focus_bands_nm": nm,
+        "focus_m": lens["focus_m"],
+        "stop_diameter_mm": lens["stop_diameter_mm"],
+    }
+    x, y = np.meshgrid(np.arange(stack["width"]) + 0.5, np.arange(stack["height"]) + 0.5)
+    with Lens(lens_path) as prescription:
+        found = prescription.directions(np.stack([x, y], -1), **setting)
+    return Optics(found, lens_path, setting)
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """K [3, 3] and distortion (k1 k2 p1 p2 k3, OpenCV's) that come nearest to the image map. error_px: RMS of it."""
+
+    K: Array
+    distortion: Array
+    error_px: float
+
+
+def pinhole(directions: Array) -> Pinhole:
+    """directions: [H, W, 3] of the pixels' centres. Least squares over a grid of them (OpenCV's model: Brown 1966)."""
+    height, width = directions.shape[:2]
+    step = max(1, min(height, width) // 40)
+    d = directions[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
+    v, u = np.mgrid[step // 2 : height : step, step // 2 : width : step].reshape(2, -1).astype(float)
+    seen = np.isfinite(d).all(1)
+    xy, wanted = d[seen, :2] / d[seen, 2:], np.stack([u[seen], v[seen]], -1)
+    middle = directions[height // 2, width // 2 - 1 : width // 2 + 1]
+    focal = 1 / abs(np.subtract(*(middle[:, 0] / middle[:, 2])))
+    start = [focal, focal, (width - 1) / 2, (height - 1) / 2, 0, 0, 0, 0, 0]
+
+    def missed(p: Array) -> Array:
+        return (_distorted(xy, p) - wanted).ravel()
+
+    found = least_squares(missed, start, x_scale=[focal, focal, width, height, 0.1, 0.1, 0.01, 0.01, 0.1], xtol=1e-14)
+    fx, fy, cx, cy, *distortion = found.x
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return Pinhole(K, np.array(distortion), float(np.sqrt(2 * np.mean(missed(found.x) ** 2))))
+
+
+def _distorted(xy: Array, p: Array) -> Array:
+    """Pixels [n, 2] of normalised points [n, 2]; p: fx fy cx cy k1 k2 p1 p2 k3."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = p
+    x, y = xy.T
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + cx,
+            fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + cy,
+        ],
+        -1,
+    )
+
+
+def stereo_rotation(camera_from_partner: Array) -> Array:
+    """R_rect [3, 3] of a camera of a pair: rectified from camera axes, with the baseline along x and the optical axis
+    as near to both cameras' as may be (Fusiello et al. 2000). Its partner's points the same way in the world."""
+    x = camera_from_partner[:3, 3] / np.linalg.norm(camera_from_partner[:3, 3])
+    x = x if x[0] >= 0 else -x
+    y = np.cross(np.array([0.0, 0.0, 1.0]) + camera_from_partner[:3, 2], x)
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)])
+
+
+def rectified_K(kept: list[Array], size: tuple[int, int]) -> Array:
+    """One K for pictures of this size (width, height): the mean focal length, the centre in the middle."""
+    focal = float(np.mean([[K[0, 0], K[1, 1]] for K in kept]))
+    return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
+
+
+def rectify_map(directions: Array, R_rect: Array, K_rect: Array) -> NDArray[np.float32]:
+    """[H, W, 2]: where a pixel's centre lies in the rectified picture (OpenCV's pixels), exactly, by its chief ray."""
+    turned = directions @ (K_rect @ R_rect).T
+    with np.errstate(all="ignore"):
+        out = np.where(turned[..., 2:] > 0, turned[..., :2] / turned[..., 2:], np.nan)
+    return out.astype(np.float32)

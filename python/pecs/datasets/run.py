@@ -1,0 +1,396 @@
+"""One sequence of a data set: drawn, rendered, sensed, checked. Each step is skipped when its output is there, so a run
+that was stopped continues; the folder gets its name when all is whole."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._library import PecsOutputError, version
+from .._sense import sense
+from ..chip import Chip
+from . import imu as imus
+from . import pictures, placing, poses, rgb, rig, trajectories
+from .blender import blender
+from .files import write_array, write_json, write_whole
+from .manifest import BUSY, seal, sequence_folder
+from .recipe import CameraEntry, Recipe
+from .table import bad_input
+
+PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
+SURVEY_INSTANTS = 5
+OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels", "share")
+
+
+@dataclass(frozen=True)
+class Work:
+    """A sequence being made. folder: SET/sequences/NNNN.partial."""
+
+    recipe: Recipe
+    index: int
+    drawn: dict[str, Any]
+    folder: Path
+    say: Callable[[str], None]
+
+    @property
+    def name(self) -> str:
+        return f"{self.index:04d}"
+
+    @property
+    def duration_us(self) -> int:
+        return round(self.drawn["duration_s"] * 1e6)
+
+    def camera(self, name: str) -> CameraEntry:
+        return next(c for c in self.recipe.cameras if c.name == name)
+
+    def owner(self, entry: CameraEntry) -> CameraEntry:
+        """Whose pixels it has."""
+        return self.camera(entry.pixels_of) if entry.pixels_of else entry
+
+    def stack(self, entry: CameraEntry) -> Path:
+        return self.folder / self.owner(entry).name / "stack"
+
+    def truth(self, entry: CameraEntry) -> Path:
+        return self.folder / self.owner(entry).name / "truth"
+
+
+def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[str], None]) -> None:
+    """Makes sequence `index` in output/sequences, unless it is there. Raises PecsError; with
+    `BUSY` when another process makes it."""
+    drawn = recipe.draw(index)
+    final = sequence_folder(output, index)
+    if final.is_dir():
+        _same_request(recipe, drawn, final)
+        return
+    work = Work(recipe, index, drawn, final.with_name(f"{final.name}.partial"), say)
+    work.folder.mkdir(parents=True, exist_ok=True)
+    with _locked(work.folder):
+        if final.is_dir():
+            return
+        if (work.folder / "request.json").exists():
+            _same_request(recipe, drawn, work.folder)
+        write_json(work.folder / "request.json", request(recipe, drawn))
+        _move(work)
+        for entry in recipe.cameras:
+            if not entry.pixels_of:
+                _render(work, entry, threads)
+        _describe(work)
+        for entry in recipe.cameras:
+            (_sense if entry.kind == "events" else pictures.take)(work, entry)
+        _drop(work)
+        (work.folder / "request.json").replace(work.folder / "drawn.json")
+        seal(work.folder)
+    work.folder.rename(final)
+
+
+def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
+    """All that decides a sequence."""
+    scene = recipe.scene(drawn["scene"])
+    cameras = [json.loads(json.dumps(c, default=vars)) for c in recipe.cameras]
+    return json.loads(
+        json.dumps(
+            {
+                "seed": recipe.seed,
+                "drawn": drawn,
+                "scene": {"path": os.path.relpath(scene.path, recipe.path.parent), "options": scene.options},
+                "cameras": cameras,
+                "imu": recipe.imu,
+                "render": recipe.render,
+                "truth": recipe.truth,
+            }
+        )
+    )
+
+
+def _same_request(recipe: Recipe, drawn: dict[str, Any], folder: Path) -> None:
+    for name in ("drawn.json", "request.json"):
+        if (folder / name).exists():
+            before, now = json.loads((folder / name).read_text()), request(recipe, drawn)
+            for key in now:
+                if before.get(key) != now[key]:
+                    raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing", 5)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    with (folder.parent / f".{folder.name}.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise PecsOutputError(f"{folder}: {BUSY}", 5) from None
+        yield
+        Path(file.name).unlink(missing_ok=True)
+
+
+# Motion
+
+
+def _move(work: Work) -> None:
+    """Surveys the scene, plans the rig's path through it; writes poses, camera paths and the IMU's samples."""
+    if (work.folder / "poses.txt").exists():
+        return
+    work.say("path")
+    recipe, scene = work.recipe, work.recipe.scene(work.drawn["scene"])
+    survey = work.folder / "survey.npz"
+    if not survey.exists():
+        end_s = work.drawn["duration_s"]
+        blender(
+            *("survey", scene.path, *_parameters(work), "-o", survey.name),
+            *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / end_s),
+            folder=work.folder,
+            log="survey.log",
+        )
+    parameters = dict(work.drawn["trajectory"])
+    kind, rate = parameters.pop("kind"), max(PATH_HZ, float(recipe.render["fps"]))
+    seconds = work.drawn["duration_s"]
+    parameters["duration_s"] = seconds + 3 / rate  # the last instants may lie beyond
+    if "file" in parameters:
+        parameters["file"] = str(recipe.path.parent / parameters["file"])
+    path = trajectories.plan(kind, parameters, _surfaces(survey), recipe.rng(work.index, "trajectory"))
+    t_s = np.arange(math.ceil(seconds * rate) + 3) / rate
+    for entry in recipe.cameras:
+        if not entry.pixels_of:
+            world = path.matrices(t_s) @ rig.rig_from_camera(entry.position_m, entry.rotation_deg)
+            (work.folder / entry.name).mkdir(exist_ok=True)
+            poses.write_tum(work.folder / entry.name / "camera_path.txt", t_s, *poses.position_quaternion(world))
+    rate = PATH_HZ
+    if recipe.imu:
+        rate = recipe.imu["rate_hz"]
+        _write_imu(work, path)
+    t_s = np.arange(math.floor(seconds * rate * (1 + 1e-12)) + 1) / rate
+    poses.write_tum(work.folder / "poses.txt", t_s, *path.pose(t_s))
+
+
+def _surfaces(survey: Path) -> trajectories.Surfaces:
+    """What `pecs_blender survey` found."""
+    with np.load(survey, allow_pickle=False) as found:
+        points = np.split(found["points"], found["first"][1:-1])
+        return trajectories.Surfaces(found["times_s"], points, found["static_points"], float(found["spacing_m"]))
+
+
+def _write_imu(work: Work, path: trajectories.Trajectory) -> None:
+    options = work.recipe.imu or {}
+    placed = np.eye(4)
+    placed[:3, 3] = options["position_m"]
+    imu = imus.Imu.of_part(options["part"], options["rate_hz"], placed)
+    got = imus.measure(path, imu, work.recipe.rng(work.index, "imu"))
+    kept = got.t_ns <= work.duration_us * 1000
+    poses.write_euroc_imu(work.folder / "imu.csv", got.t_ns[kept], got.gyro_rad_s[kept], got.accel_m_s2[kept])
+
+
+# Light and truth
+
+
+def _parameters(work: Work) -> list[Any]:
+    """What makes the scene this sequence's."""
+    found: list[Any] = [f"--set={key}={value}" for key, value in work.drawn["parameters"].items()]
+    if work.drawn["place"]:
+        write_json(
+            work.folder / "place.json",
+            {"format": 1, "objects": placing.placed(work.drawn["place"], work.recipe.path.parent)},
+        )
+        found += ["--place", "place.json"]
+    return found
+
+
+def _render(work: Work, entry: CameraEntry, threads: int) -> None:
+    recipe, scene = work.recipe, work.recipe.scene(work.drawn["scene"])
+    drawn = work.drawn["cameras"][entry.name]
+    chip, width, height = film(work, entry)
+    options = {
+        "camera_path": f"{entry.name}/camera_path.txt",
+        "lens": entry.lens,
+        "fnumber": drawn["fnumber"],
+        "focus_m": drawn["focus_m"],
+        "chip": chip,
+        "width": width,
+        "height": height,
+        "light_scale": work.drawn["light_scale"],
+        "seed": int(recipe.rng(work.index, f"camera.{entry.name}.render").integers(2**31 - 1)),
+        "threads": threads,
+    }
+    light = recipe.render | scene.options
+    flags = [scene.path, *_parameters(work)]
+    seconds = work.drawn["duration_s"]
+    where: dict[str, Any] = {"folder": work.folder, "log": f"{entry.name}/render.log"}
+    if recipe.truth["layers"] and not (work.truth(entry) / "done").exists():
+        work.say(f"{entry.name}: truth")
+        own = {
+            k: v
+            for k, v in light.items()
+            if k not in ("time", "fps", "step_px", "time_tolerance", "subpixels", "share")
+        }
+        fps = recipe.truth["fps"]
+        own |= {"fps": fps, "frames": math.floor(seconds * fps + 1e-9) + 1, "layers": ",".join(recipe.truth["layers"])}
+        blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *_flags(options | own), **where)
+        write_whole(work.truth(entry) / "done", b"")
+    if not (work.stack(entry) / "done").exists():
+        work.say(f"{entry.name}: light")
+        fps = float(light["fps"])
+        own = light | {"frames": math.ceil(seconds * fps - 1e-9) + 1}
+        blender("render", *flags, "-o", f"{entry.name}/stack", *_flags(options | own), **where)
+        write_whole(work.stack(entry) / "done", b"")
+
+
+def _flags(options: dict[str, Any]) -> list[str]:
+    found = []
+    for key, value in options.items():
+        flag = "--" + key.replace("_", "-")
+        if value is True:
+            found.append(flag)
+        elif value is not None and value is not False:
+            found.append(f"{flag}={value}")
+    return found
+
+
+def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
+    """The chip that the renderer asks for film width and bands (relative to the work's folder), and the picture's size
+    in pixels."""
+    if entry.kind == "events":
+        name = chip_path(work.recipe, entry)
+        with Chip(name) as chip:
+            if "/" in name:  # its bytes, wherever it lies
+                write_whole(work.folder / entry.name / "chip.json", Path(name).read_bytes())
+                name = f"{entry.name}/chip.json"
+            return name, entry.width or chip.width, entry.height or chip.height
+    width, height = int(entry.width or 0), int(entry.height or 0)
+    assert entry.film
+    path = work.folder / entry.name / "film.json"
+    rgb.write_chip(path, None, width, height, float(entry.pixel_pitch_um or 0), entry.film.peak_qe)
+    return f"{entry.name}/film.json", width, height
+
+
+def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
+    """A name, or a file beside the recipe."""
+    beside = recipe.path.parent / str(entry.chip)
+    return str(beside) if beside.is_file() else str(entry.chip)
+
+
+# Calibration
+
+
+def _describe(work: Work) -> None:
+    """sequence.json and the rectification maps."""
+    recipe = work.recipe
+    optics = {c.name: _optics(work, c) for c in recipe.cameras}
+    pinholes = {name: rig.pinhole(o.directions) for name, o in optics.items()}
+    placed = {c.name: rig.rig_from_camera(c.position_m, c.rotation_deg) for c in map(work.owner, recipe.cameras)}
+    entries = []
+    for entry in recipe.cameras:
+        owner, name = work.owner(entry), entry.name
+        K_rect, R_rect, baseline = [pinholes[name].K], np.eye(3), None
+        if entry.partner:
+            other = work.owner(work.camera(entry.partner))
+            move = np.linalg.inv(placed[owner.name]) @ placed[other.name]
+            baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [pinholes[name].K, pinholes[entry.partner].K]
+            R_rect = rig.stereo_rotation(move)
+        K = rig.rectified_K(K_rect, optics[name].size)
+        write_array(work.folder / name / "rectify_map.npy", rig.rectify_map(optics[name].directions, R_rect, K))
+        drawn = work.drawn["cameras"][name]
+        width, height = optics[name].size
+        stack = _info(work.stack(entry))
+        entries.append(
+            {
+                "name": name,
+                "kind": entry.kind,
+                "width": width,
+                "height": height,
+                "chip": entry.chip,
+                "model": entry.model,
+                "overrides": drawn["overrides"],
+                "lens": owner.lens,
+                "fnumber": stack["lens"]["fnumber"],
+                "focus_m": stack["lens"]["focus_m"],
+                "pixel_pitch_um": stack["pixel_pitch_m"] * 1e6,
+                "rig_from_camera": placed[owner.name].tolist(),
+                "K": pinholes[name].K.tolist(),
+                "distortion": pinholes[name].distortion.tolist(),
+                "distortion_model": "radtan",
+                "distortion_error_px": pinholes[name].error_px,
+                "K_rect": K.tolist(),
+                "R_rect": R_rect.tolist(),
+                "partner": entry.partner,
+                "baseline_m": baseline,
+                "pixels_of": entry.pixels_of,
+            }
+        )
+    write_json(
+        work.folder / "sequence.json",
+        {
+            "format": 1,
+            "name": work.name,
+            "split": work.drawn["split"],
+            "seed": recipe.seed,
+            "duration_us": work.duration_us,
+            "drawn": work.drawn,
+            "scene": work.drawn["scene"],
+            "cameras": entries,
+            "imu": recipe.imu,
+            "versions": {"pecs": version(), "blender": stack["versions"]["blender"]},
+            "about": recipe.about,
+        },
+    )
+
+
+def _info(stack: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((stack / "stack.json").read_text())
+    return found
+
+
+def _optics(work: Work, entry: CameraEntry) -> rig.Optics:
+    owner = work.owner(entry)
+    found = rig.optics(_info(work.stack(entry)), owner.lens)
+    if np.isnan(found.directions).any():
+        lost = int(np.isnan(found.directions).any(-1).sum())
+        raise bad_input(
+            work.recipe.path,
+            f"rig.camera {owner.name}.lens",
+            f"{owner.lens}: {lost} pixels see nothing",
+            "a lens that covers the film",
+        )
+    return found
+
+
+# Events
+
+
+def _sense(work: Work, entry: CameraEntry) -> None:
+    folder = work.folder / entry.name
+    if (folder / "objects.npy").exists():
+        return
+    folder.mkdir(exist_ok=True)
+    drawn, causes = work.drawn["cameras"][entry.name], folder / "causes.npy"
+    if not (folder / "events.h5").exists() or not causes.exists():
+        work.say(f"{entry.name}: events")
+        sense(
+            work.stack(entry),
+            folder / "events.h5",
+            chip=chip_path(work.recipe, entry),
+            overrides=drawn["overrides"],
+            model=entry.model,
+            seed=drawn["seed"],
+            format="dsec",
+            labels=causes,
+            duration_us=work.duration_us,
+        )
+    pictures.label_events(work, entry, folder)
+
+
+def _drop(work: Work) -> None:
+    """What the recipe does not keep, and what only the renderer reads."""
+    (work.folder / "place.json").unlink(missing_ok=True)
+    (work.folder / "survey.npz").unlink(missing_ok=True)
+    for name in (c.name for c in work.recipe.cameras):
+        for what, folder in (("light", "stack"), ("truth", "truth")):
+            if not work.recipe.keep[what]:
+                shutil.rmtree(work.folder / name / folder, ignore_errors=True)

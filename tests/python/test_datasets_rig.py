@@ -1,0 +1,149 @@
+"""Calibration that a data set writes, against OpenCV; RGB film against its own arithmetic."""
+
+import json
+
+import numpy as np
+import pytest
+
+pecs = pytest.importorskip("pecs")
+pytest.importorskip("scipy")
+cv2 = pytest.importorskip("cv2")
+from pecs.datasets import rgb, rig  # noqa: E402
+from pecs.datasets.recipe import Film, generator  # noqa: E402
+from pecs.datasets.table import Value  # noqa: E402
+from scipy.ndimage import map_coordinates  # noqa: E402
+
+NM = (430.0, 480.0, 530.0, 580.0, 630.0, 690.0)
+SIZE = 346, 260
+
+
+def stack(focus_m=3.0, stop_mm=1.0):
+    bands = [{"lambda_nm": nm, "weight_nm": 50.0} for nm in NM]
+    lens = {"focus_m": focus_m, "stop_diameter_mm": stop_mm}
+    return {"width": SIZE[0], "height": SIZE[1], "pixel_pitch_m": 18.5e-6, "bands": bands, "lens": lens}
+
+
+@pytest.fixture(scope="module", params=["cmount_5mm_f2p8", "cmount_8mm_f2p8", "pecs_lab_15mm"])
+def optics(request):
+    return rig.optics(stack(), request.param)
+
+
+def test_opencv_projects_as_the_lens_does(optics):
+    found = rig.pinhole(optics.directions)
+    assert found.error_px < 0.01
+    points = optics.directions[::13, ::17].reshape(-1, 3) * np.linspace(0.5, 9, 20 * 21)[:, None]
+    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), found.K, found.distortion)
+    v, u = np.mgrid[: SIZE[1] : 13, : SIZE[0] : 17].reshape(2, -1)
+    assert np.abs(pixels[:, 0] - np.stack([u, v], -1)).max() < 0.05
+
+
+def test_rectified_rows_agree_with_opencv(optics):
+    """A toed-in pair: points seen by both cameras have one row, by our map and by OpenCV's stereoRectify alone."""
+    found = rig.pinhole(optics.directions)
+    rig_from_right = rig.rig_from_camera((0.1, 0.004, -0.003), (0.5, -3, 1))
+    right_from_rig = np.linalg.inv(rig_from_right)
+    R = rig.stereo_rotation(rig_from_right), rig.stereo_rotation(right_from_rig)
+    K = rig.rectified_K([found.K, found.K], SIZE)
+    rng = np.random.default_rng(1)
+    points = rng.uniform((-0.5, -0.4, 2), (0.6, 0.4, 6), (300, 3))
+    seen = points, points @ right_from_rig[:3, :3].T + right_from_rig[:3, 3]
+    places = []
+    for camera, rotation in zip(seen, R, strict=True):
+        table = rig.rectify_map(optics.directions, rotation, K)
+        pixels = optics.pixels(camera) - 0.5
+        inside = ((pixels > 1) & (pixels < np.array(SIZE) - 2)).all(1)
+        at = [map_coordinates(table[..., i], pixels.T[::-1], order=1) for i in (0, 1)]
+        places.append(np.where(inside[:, None], np.stack(at, -1), np.nan))
+    rows = places[0][:, 1] - places[1][:, 1]
+    both = np.isfinite(rows)
+    assert both.sum() > 100 and np.abs(rows[both]).max() < 0.02
+    depth = (seen[0] @ R[0].T)[both, 2]
+    disparity = places[0][both, 0] - places[1][both, 0]
+    baseline = np.linalg.norm(rig_from_right[:3, 3])
+    assert np.abs(disparity - K[0, 0] * baseline / depth).max() < 0.03
+
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(
+        found.K, found.distortion, found.K, found.distortion, SIZE, right_from_rig[:3, :3], right_from_rig[:3, 3]
+    )
+    theirs = []
+    for camera, r, p in zip(seen, (r1, r2), (p1, p2), strict=True):
+        pixels = (optics.pixels(camera) - 0.5)[both]
+        theirs.append(cv2.undistortPoints(pixels[:, None], found.K, found.distortion, R=r, P=p)[:, 0])
+    assert np.abs(theirs[0][:, 1] - theirs[1][:, 1]).max() < 0.1
+
+
+def test_colours_are_those_of_the_surfaces():
+    """sRGB's primaries and grey under d65 come out as they are, with six bands."""
+    at, primaries = rgb._table("srgb")
+    info, lamp = stack(), rgb.illuminant({})
+    matrix = rgb.colour_matrix(info, lamp)
+    filter_nm, qe = rgb.filters()
+    power = np.interp(NM, *lamp)
+    for colour in np.vstack([np.eye(3), [[1, 1, 1], [0.2, 0.5, 0.1]]]):
+        light = power * (np.array([np.interp(NM, at, column) for column in primaries.T]).T @ colour)
+        seen = np.array([np.interp(NM, filter_nm, q) for q in qe.T]) @ (light * NM * 50)
+        got = matrix @ seen
+        assert np.allclose(got / got.max(), colour / colour.max(), atol=1e-9)
+
+
+def test_the_filters_chip_weighs_as_the_matrix_does(tmp_path):
+    """Amperes per band of the chip that pecs reads, over those of rgb.filters: one constant."""
+    filter_nm, qe = rgb.filters()
+    currents, weights = [], []
+    for i in range(3):
+        path = rgb.write_chip(tmp_path / f"{i}.json", i, *SIZE, 18.5, 0.6)
+        with pecs.Chip(path) as chip:
+            amperes = np.array(chip.amperes_per_unit(stack()["bands"]))
+        weights.append(np.interp(NM, filter_nm, qe[:, i]) * NM)
+        currents.append(amperes)
+    scale = np.sum(currents) / np.sum(weights)
+    assert np.allclose(np.array(currents), scale * np.array(weights), rtol=1e-4, atol=0)
+    assert json.loads((tmp_path / "0.json").read_text())["values"]["width"]["value"] == SIZE[0]
+
+
+def film(**changes):
+    fixed = Value("fixed", (5.0,))
+    values = {"fps": 20.0, "exposure_ms": fixed, "peak_qe": 0.6, "full_well_e": 10000.0, "read_noise_e": 0.0,
+              "bayer": "none", "rolling_us": 0.0, "phase_ms": fixed, "sharp": True, "steps": 8}  # fmt: skip
+    return Film(**values | changes)
+
+
+def test_shot_noise_is_that_of_the_electrons():
+    """Grey light of 500 electrons: variance 500 in linear light, whatever the gain."""
+    electrons = 500.0
+    planes = np.full((3, 200, 200), electrons * rgb.ELECTRON_C / 5e-3, np.float32)
+    developer = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x"))
+    picture = developer.picture(planes).astype(float) / 255
+    linear = ((picture + 0.055) / 1.055) ** 2.4 / rgb.WHITE_SHARE * electrons
+    assert abs(linear.mean() / electrons - 1) < 0.01 and abs(linear.std() / np.sqrt(electrons) - 1) < 0.05
+    again = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes)
+    assert np.array_equal(again, developer.__class__(film(), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes))
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "grbg", "gbrg"])
+def test_a_bayer_pattern_gives_its_colours_back(pattern):
+    planes = np.empty((3, 64, 64), np.float32)
+    planes[:] = np.array([3000, 1500, 700])[:, None, None] * rgb.ELECTRON_C / 5e-3
+    noisy = rgb.Developer(film(bayer=pattern), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes)
+    clean = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x")).sharp(planes)
+    assert np.abs(noisy[8:-8, 8:-8].mean((0, 1)) - clean[8:-8, 8:-8].mean((0, 1))).max() < 2
+
+
+def test_too_much_light_is_filtered_and_white_stays_white():
+    """A thousand times the well, with a tenfold brighter spot: no colour, no overflow but in the spot."""
+    matrix = rgb.colour_matrix(stack(), rgb.illuminant({}))
+    white = np.linalg.inv(matrix).sum(1)
+    planes = np.tile((white / white.max() * 1e7)[:, None, None], (1, 60, 60)) * rgb.ELECTRON_C / 5e-3
+    planes[:, :3, :3] *= 10
+    picture = rgb.Developer(film(), 5.0, matrix, generator(1, 0, "x")).sharp(planes.astype(np.float32))
+    assert np.ptp(picture.astype(int), -1).max() <= 1
+    assert picture[:3, :3].min() >= 245 and 235 < picture[30:, 30:].mean() < 250
+
+
+def test_exposures_lie_within_the_sequence():
+    """All rows of them."""
+    assert rgb.frame_times_us(film(), 100, 200_000, 5.0, 2.0)[0] == (2000, 7000)
+    assert len(rgb.frame_times_us(film(), 100, 200_000, 5.0, 2.0)) == 4
+    assert len(rgb.frame_times_us(film(), 100, 200_000, 50.0, 2.0)) == 3
+    rolled = rgb.frame_times_us(film(rolling_us=100.0), 101, 200_000, 5.0, 2.0)
+    assert rolled[0] == (52_000, 57_000) and len(rolled) == 3
