@@ -28,8 +28,9 @@ class Evt2Reader final : public RawReader<std::uint32_t> {
       if (type == kTimeHigh) {
         high_.take(*word & 0x0fffffff);
       } else if (type <= 1 && high_.known()) {
-        out[n++] = inside({(high_.value() << 6) | (*word >> 22 & 0x3f), static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
-                           static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)});
+        check_inside(out[n++] = {(high_.value() << 6) | (*word >> 22 & 0x3f),
+                                 static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
+                                 static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)});
       }
     }
     return n;

@@ -30,7 +30,8 @@ class Evt21Reader final : public RawReader<std::uint64_t> {
       if (mask_ != 0) {
         event_.x = static_cast<std::uint16_t>(base_x_ + std::countr_zero(mask_));
         mask_ &= mask_ - 1;
-        out[n++] = inside(event_);
+        check_inside(event_);
+        out[n++] = event_;
         continue;
       }
       auto word = next_word();

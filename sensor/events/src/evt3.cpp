@@ -34,7 +34,8 @@ class Evt3Reader final : public RawReader<std::uint16_t> {
         const int k = std::countr_zero(mask_);
         mask_ &= mask_ - 1;
         event_.x = static_cast<std::uint16_t>(mask_x_ + k);
-        out[n++] = inside(event_);
+        check_inside(event_);
+        out[n++] = event_;
         continue;
       }
       const auto word = next_word();
@@ -48,7 +49,8 @@ class Evt3Reader final : public RawReader<std::uint16_t> {
           if (!high_.known()) break;
           event_.x = value & 0x7ff;
           event_.p = static_cast<std::uint8_t>(value >> 11);
-          out[n++] = inside(event_);
+          check_inside(event_);
+          out[n++] = event_;
           break;
         case vect_base:
           base_x_ = value & 0x7ff;

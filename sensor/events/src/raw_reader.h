@@ -34,9 +34,8 @@ class RawReader : public Reader {
     return word;
   }
 
-  Event inside(const Event& e) {
+  void check_inside(const Event& e) {
     if (!extent_->add(e)) throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y), extent_->wanted());
-    return e;
   }
 
   Error damage(const std::string& got, const std::string& wanted) const {
