@@ -21,12 +21,15 @@ MAX_BYTES = 1 << 30
 
 def write_json(path: Path, value: Any) -> None:
     part = path.with_suffix(".json.part")
-    with part.open("w", encoding="utf-8") as file:
-        json.dump(value, file, separators=(",", ":"), ensure_ascii=False)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            json.dump(value, file, separators=(",", ":"), ensure_ascii=False)
+            file.write("\n")
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def one(folder: Path, index: int) -> Path:
