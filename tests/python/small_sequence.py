@@ -235,8 +235,6 @@ def write(folder: Path, name="0000", split="train", bent_px=0.0):
             write_events(at, eye, seed=i + 1)
         else:
             write_pictures(at, eye)
-            if eye.name == "frame":
-                write_truth(at / "truth", eye)
         entries.append(
             {
                 **{"name": eye.name, "kind": eye.kind, "width": eye.width, "height": eye.height, "chip": "davis346"},
@@ -244,6 +242,7 @@ def write(folder: Path, name="0000", split="train", bent_px=0.0):
                 **{"K": eye.K.tolist(), "distortion": eye.distortion.tolist(), "distortion_model": "radtan"},
                 **{"K_rect": eye.K_rect.tolist(), "R_rect": eye.R_rect.tolist(), "partner": eye.partner},
                 **{"baseline_m": eye.baseline_m, "truth_times_us": TRUTH_US.tolist()},
+                **({"pixels_of": "left"} if eye.name == "frame" else {}),
             }
         )
     (folder / "poses.txt").write_text(tum(times, [eyes[0].world_from_camera(t) for t in times]))

@@ -63,6 +63,13 @@ def test_boxes_and_object_poses(folder):
     np.testing.assert_allclose(truth.object_poses(3)[small.CARD][:3, 3], small.CARD_CENTRE + 0.03 * small.CARD_SPEED)
 
 
+def test_truth_of_the_same_pixels(folder):
+    """A camera behind the same lens needs no truth of its own."""
+    cameras = Sequence(folder).cameras
+    assert cameras["frame"].has_truth and cameras["frame"].truth.folder == cameras["left"].folder / "truth"
+    assert not cameras["rgb"].has_truth
+
+
 def test_poses_and_imu(folder):
     sequence = Sequence(folder)
     eye, camera = small.rig()[1], sequence.cameras["right"]
@@ -149,6 +156,7 @@ def camera(i, **values):
         (camera(0, R_rect=(2 * np.eye(3)).tolist()), "cameras[0].R_rect: got "),
         (camera(0, distortion=[0.1]), "cameras[0].distortion: got [0.1], wanted 4, 5, 8, 12 or 14"),
         (camera(0, partner="rgb"), "camera left: partner: got 'rgb'"),
+        (camera(3, pixels_of="rgb"), "camera frame: pixels_of: got 'rgb', wanted a camera of the same place"),
         (camera(0, baseline_m=None), "camera left: baseline_m: got None, wanted metres"),
     ],
 )

@@ -54,7 +54,8 @@ class Camera:
         self.name = entry.text("name")
         self.kind = entry.text("kind", ("events", "rgb"))
         self.folder = folder / self.name
-        self._pixels = folder / (entry.optional_text("pixels_of") or self.name)
+        self.pixels_of = entry.optional_text("pixels_of") or self.name  # who has the path and the truth
+        self._pixels = folder / self.pixels_of
         self.width, self.height = entry.whole("width", 1), entry.whole("height", 1)
         self.pixel_pitch_m = entry.number("pixel_pitch_um", 1e-3) * 1e-6
         self.K, self.K_rect = entry.array("K", 3, 3), entry.array("K_rect", 3, 3)
@@ -152,7 +153,7 @@ class Camera:
 
     @property
     def has_boxes(self) -> bool:
-        return self.has_truth and (self.folder / "truth" / "objects.json").is_file()
+        return self.has_truth and (self._pixels / "truth" / "objects.json").is_file()
 
     @cached_property
     def truth(self) -> Truth:
@@ -182,6 +183,11 @@ class Sequence:
             self._check_partner(path, camera)
 
     def _check_partner(self, path: Path, camera: Camera) -> None:
+        owner = self.cameras.get(camera.pixels_of)
+        if owner is None or not same_pixels(owner, camera):
+            fault(
+                path, f"camera {camera.name}: pixels_of", camera.pixels_of, "a camera of the same place, lens and size"
+            )
         if camera.partner is None:
             return
         other = self.cameras.get(camera.partner)
