@@ -242,7 +242,7 @@ def write(folder: Path, name="0000", split="train", bent_px=0.0):
                 **{"K": eye.K.tolist(), "distortion": eye.distortion.tolist(), "distortion_model": "radtan"},
                 **{"K_rect": eye.K_rect.tolist(), "R_rect": eye.R_rect.tolist(), "partner": eye.partner},
                 **{"baseline_m": eye.baseline_m, "truth_times_us": TRUTH_US.tolist()},
-                **({"pixels_of": "left"} if eye.name == "frame" else {}),
+                "pixels_of": "left" if eye.name == "frame" else None,
             }
         )
     (folder / "poses.txt").write_text(tum(times, [eyes[0].world_from_camera(t) for t in times]))
