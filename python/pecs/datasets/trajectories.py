@@ -27,6 +27,7 @@ from .taylor import Series, spline
 KINDS = tuple(PARAMETERS)
 MAX_WAYPOINTS = 2000
 CANDIDATES = 64  # points drawn at once
+FEW = 10000  # samples of surfaces that say whether something is in view
 MIN_THRUST_G = 0.3  # of a drone
 MAX_ELEVATION_DEG = 80.0  # of the view: straight up has no level camera
 
@@ -51,26 +52,22 @@ class Surfaces:
         moving = [np.asarray(p, float).reshape(-1, 3) for p in points]
         if len(moving) != len(self.times_s) or (np.diff(self.times_s) <= 0).any():
             raise bad_input(f"surfaces: got {len(moving)} sets of points at {self.times_s}, wanted one per rising time")
-        self.static = np.zeros((0, 3)) if static is None else np.asarray(static, float).reshape(-1, 3)
-        self.moving = moving
-        self._trees = [cKDTree(p) for p in moving]
-        self._static_tree = cKDTree(self.static)
+        still = np.zeros((0, 3)) if static is None else np.asarray(static, float).reshape(-1, 3)
+        self._few = [p[:: -(-len(p) // FEW) or 1] for p in (still, *moving)]
+        self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
 
-    def _around(self, t_s: float) -> tuple[int, int]:
-        i = int(np.searchsorted(self.times_s, t_s, side="right")) - 1
-        return max(i, 0), min(max(i + (t_s > self.times_s[max(i, 0)]), 0), len(self.times_s) - 1)
-
-    def points(self, t_s: float) -> NDArray[np.float64]:
-        """[n, 3] at about t_s."""
-        return np.concatenate([self.static, self.moving[self._around(t_s)[0]]])
+    def some(self, t_s: float) -> NDArray[np.float64]:
+        """[n, 3]: every so many-th sample at about t_s, enough to know whether any is in view."""
+        i = max(int(np.searchsorted(self.times_s, t_s, side="right")) - 1, 0)
+        return np.concatenate([self._few[0], self._few[1 + i]])
 
     def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """[n]: from positions [n, 3] to the nearest sample at t_s [n]; inf where there is none."""
-        nearest = self._static_tree.query(positions_m)[0] if len(self.static) else np.full(len(t_s), np.inf)
+        nearest = self._static_tree.query(positions_m)[0] if self._static_tree.n else np.full(len(t_s), np.inf)
         first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
         second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
         for k in np.unique(np.concatenate([first, second])):
-            if len(self.moving[k]):
+            if self._trees[k].n:
                 mine = np.flatnonzero((first == k) | (second == k))
                 nearest[mine] = np.minimum(nearest[mine], self._trees[k].query(positions_m[mine])[0])
         return nearest
@@ -381,9 +378,9 @@ def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
         why = f"comes within {distance[worst]:.3g} m of a surface at {t[worst]:.3g} s, wanted {needed:.3g} m"
         raise _Rejected(why, _way(trajectory, t[worst]))
     for i in range(0, len(at), 4):
-        to = surfaces.points(at[i]) - trajectory.positions(at[i : i + 1])
-        ahead = to @ rotation[i, :, 2]
-        if not (ahead > math.cos(math.radians(p["view_deg"] / 2)) * np.linalg.norm(to, axis=1)).any():
+        to = surfaces.some(at[i]) - trajectory.positions(at[i : i + 1])
+        ahead, cosine = to @ rotation[i, :, 2], math.cos(math.radians(p["view_deg"] / 2))
+        if not ((ahead > 0) & (ahead**2 > cosine**2 * (to**2).sum(axis=1))).any():
             why = f"sees nothing within {p['view_deg']:g} deg at {at[i]:.3g} s"
             raise _Rejected(why, _way(trajectory, at[i]))
 
