@@ -1,9 +1,9 @@
 """kill -9 at random moments, and when an output appears: what has its name is whole, and what is left disturbs no run.
 
-    .venv/bin/python scripts/kill_test.py [KILLS [render|sense|convert|align]...]    (default: 20, all four)
+    .venv/bin/python scripts/kill_test.py [KILLS [render|dataset|sense|convert|align]...]    (default: 20, all)
 
-A killed render is continued: its stack must be that of an unbroken run. The others begin again: an output is there as
-the unbroken run writes it, or not at all.
+A killed render or data set is continued: its files must be those of an unbroken run. The others begin again: an output
+is there as the unbroken run writes it, or not at all.
 """
 
 import json
@@ -24,6 +24,33 @@ ROOT = Path(__file__).resolve().parents[1]
 RENDER = [
     "--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2", "--colour-tolerance-px", "1",
 ]  # fmt: skip
+RECIPE = """
+duration_s = 0.03
+export = ["dsec"]
+[[scene]]
+path = "{scene}"
+trajectory = {{kind = "hand_held", volume = [[-0.2, -0.1, -0.1], [0.2, 0.1, 0.1]], yaw_deg = 90}}
+[[rig.camera]]
+name = "left"
+kind = "events"
+chip = "davis346"
+lens = "cmount_5mm_f2p8"
+width = 48
+height = 36
+[[rig.camera]]
+name = "film"
+kind = "rgb"
+pixels_of = "left"
+fps = 100
+exposure_ms = 4
+[render]
+bands = 4
+samples = 2
+fps = 500
+[truth]
+fps = 200
+"""
+NOT_THE_SAME = (".log", ".run.json", ".lock")  # of two runs
 
 
 def start(words: Iterable[object]) -> subprocess.Popen[bytes]:
@@ -54,23 +81,29 @@ def killed(words: Iterable[object], after_s: float, watch: Path | None = None) -
 
 
 def kill_render(folder: Path, kills: int) -> bool:
-    def job(output: Path) -> list[object]:
-        scene = ROOT / "scenes/rotating_disk"
-        return [sys.executable, "-m", "pecs_blender", "render", scene, "-o", output, *RENDER]
+    words = ["render", ROOT / "scenes/rotating_disk", *RENDER]
+    return kill_and_continue("render", folder, kills, 2.5, [sys.executable, "-m", "pecs_blender", *words])
 
-    whole, broken = folder / "whole", folder / "broken"
-    longest_s = 2.5 + to_the_end(job(whole)) / kills  # about one run in all, starts included
+
+def kill_dataset(folder: Path, kills: int) -> bool:
+    recipe = folder / "recipe.toml"
+    recipe.write_text(RECIPE.format(scene=ROOT / "scenes/rotating_disk"))
+    return kill_and_continue("dataset", folder, kills, 15, [sys.executable, "-m", "pecs.datasets", recipe])
+
+
+def kill_and_continue(kind: str, folder: Path, kills: int, starts_s: float, job: list[object]) -> bool:
+    whole, broken = folder / f"whole {kind}", folder / f"broken {kind}"
+    longest_s = starts_s + to_the_end([*job, "-o", whole]) / kills  # about one run in all, starts included
     rng, ended, left = random.Random(1), 0, []
     for _ in range(kills):
-        ended += killed(job(broken), rng.uniform(0, longest_s))
-        left.append(len(list(broken.glob("frame_*.exr"))))
-    to_the_end(job(broken))
-    names = sorted(p.name for p in whole.iterdir())
-    same = names == sorted(p.name for p in broken.iterdir()) and all(
-        (whole / name).read_bytes() == (broken / name).read_bytes() for name in names
-    )
-    print(f"render: killed {ended} times of {kills}, frames after each: {left}; {len(names)} files, same: {same}")
-    return same
+        ended += killed([*job, "-o", broken], rng.uniform(0, longest_s))
+        left.append(len(list(broken.rglob("*.exr"))))
+    to_the_end([*job, "-o", broken])
+    names, again = ({p.relative_to(f) for p in f.rglob("*") if p.is_file()} for f in (whole, broken))
+    differing = [n for n in names & again if (whole / n).read_bytes() != (broken / n).read_bytes()]
+    wrong = [str(n) for n in [*(names ^ again), *differing] if not n.name.endswith(NOT_THE_SAME)]
+    print(f"{kind}: killed {ended} times of {kills}, pictures after each: {left}; {len(names)} files, wrong: {wrong}")
+    return not wrong
 
 
 def stack(folder: Path) -> Path:
@@ -159,6 +192,7 @@ def kill_program(kind: str, folder: Path, kills: int) -> bool:
 def main(kills: int, kinds: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         do: dict[str, Callable[[], bool]] = {"render": lambda: kill_render(Path(folder), kills)}
+        do["dataset"] = lambda: kill_dataset(Path(folder), kills)
         for kind in ("sense", "convert", "align"):
             do[kind] = lambda kind=kind: kill_program(kind, Path(folder), kills)
         return 0 if all([do[kind]() for kind in kinds or do]) else 1

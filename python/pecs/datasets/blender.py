@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +13,13 @@ from typing import Any
 
 from .._library import PecsError
 
+PR_SET_PDEATHSIG = 1
 CHECKOUT = Path(__file__).resolve().parents[3]
+
+
+def _die_with_us() -> None:
+    """A renderer whose parent was killed would hold the folder against the next run (Linux, prctl(2))."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def blender(*words: Any, folder: Path, log: str) -> None:
@@ -31,7 +39,7 @@ def blender(*words: Any, folder: Path, log: str) -> None:
         begin = out.tell()
         command = [python, "-m", "pecs_blender", *map(str, words)]
         streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
-        with subprocess.Popen(command, env=environment, cwd=folder, **streams) as process:
+        with subprocess.Popen(command, env=environment, cwd=folder, preexec_fn=_die_with_us, **streams) as process:
             try:
                 code = process.wait()
             except BaseException:  # stopped: it keeps what is finished, and so do we
