@@ -184,6 +184,12 @@ def test_damage_is_named_and_mended(made, tmp_path):
     assert "2 of 2 sequences lost or damaged: 0000, 0001" in result.stderr
 
 
+def test_a_finished_set_is_left_alone(made):
+    before = sums(made / "set")
+    assert "2 sequences" in dataset(made / "r.toml", "-o", made / "set").stdout
+    assert before == sums(made / "set")
+
+
 def test_another_recipe_does_not_mix(made, tmp_path):
     copy(made, tmp_path)
     (tmp_path / "r.toml").write_text(RECIPE.replace("exposure_ms = 4", "exposure_ms = 5"))

@@ -54,7 +54,7 @@ class _Thing:
         kind = entry.text("class")
         entry.done()
         collection = bpy.data.collections.new(name)
-        collection["pecs_class"] = kind
+        collection["pecs_class"], collection["pecs_object"] = kind, name  # one object, whatever its parts
         scene.collection.children.link(collection)
         objects = _loaded(file, collection)
         if texture:

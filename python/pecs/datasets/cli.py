@@ -153,7 +153,8 @@ def _finish(found: recipe.Recipe, output: Path) -> None:
     write_cards(found, content, output)
     report.write_index(output, content)
     for name in found.export:
-        _export(output, name, output / "exports" / name)
+        if not (output / "exports" / name).is_dir():  # it appears whole
+            _export(output, name, output / "exports" / name)
     print(f"{output / 'index.html'}: {found.sequences} sequences")
 
 
