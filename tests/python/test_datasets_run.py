@@ -143,6 +143,17 @@ def test_what_a_reader_gets(made):
     assert {o["class"] for o in left.truth.objects} == {None, "cube"}
 
 
+def test_the_program_hands_over(pecs_program, monkeypatch):
+    monkeypatch.setenv("PECS_PYTHON", sys.executable)
+    result = pecs_program("dataset", "--help")
+    assert result.returncode == 0 and "usage: pecs dataset" in result.stdout
+    result = pecs_program("dataset", "no.toml", "-o", "x")
+    assert result.returncode == 3 and result.stderr.startswith("pecs: no.toml: ")
+    monkeypatch.setenv("PECS_PYTHON", "/no/python")
+    result = pecs_program("dataset", "no.toml", "-o", "x")
+    assert result.returncode == 3 and "PECS_PYTHON" in result.stderr and result.stderr.count("\n") == 1
+
+
 def test_pages_and_exports(made):
     for name in ("index.html", "datasheet.md", "croissant.json", "dataset.json", "exports/dsec"):
         assert (made / "set" / name).exists(), name
