@@ -2,12 +2,14 @@
 files of poses."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 pytest.importorskip("pecs")
 from pecs.datasets import paths, poses
+from pecs.datasets.parameters import PARAMETERS
 from pecs.datasets.taylor import Series, spline, values
 from pecs.datasets.trajectories import KINDS, SPLINES, Surfaces, instants, needed_m, plan
 
@@ -312,6 +314,17 @@ def test_what_was_drawn_is_json(tmp_path):
         trajectory = plan(kind, given, None, np.random.default_rng(1))
         drawn = json.loads(json.dumps(trajectory.drawn))
         assert drawn["duration_s"] == 2.0 and (kind not in SPLINES or len(drawn["waypoints"]) >= 5)
+
+
+def test_the_page(root):
+    """docs/trajectories.md as a user reads it: its Python runs, and it names every kind and parameter."""
+    text = (root / "docs/trajectories.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    names = {}
+    exec(block, names)
+    assert len(names["samples"].t_ns) == 2001
+    for kind in KINDS:
+        assert f"`{kind}`" in text and not [key for key in PARAMETERS[kind] if f"`{key}`" not in text]
 
 
 # Files

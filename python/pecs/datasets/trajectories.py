@@ -32,8 +32,9 @@ MIN_THRUST_G = 0.3  # of a drone
 MAX_ELEVATION_DEG = 80.0  # of the view: straight up has no level camera
 
 # Shake, assumed: rms of rotation [deg] and translation [mm] per axis in bands [Hz], with how many sines. Hands: sway,
-# what held cameras were measured to do at about 2 and 4 Hz (doi 10.5100/jje.31.399, abstract), and physiological
-# tremor at 8-12 Hz; the amplitudes are guesses that add up to 2.7 deg/s. A car's body on its springs, and its wheels.
+# what held cameras were measured to do at about 2 and 4 Hz (Japanese Journal of Ergonomics 31(6) 399, abstract), and
+# physiological tremor at 8-12 Hz; the amplitudes are guesses that add up to 2.7 deg/s. Cars: the body on its springs,
+# and the wheels.
 HAND_SHAKE = ((0.3, 1.5, 6, 0.25, 1.5), (1.5, 5.0, 8, 0.1, 0.4), (8.0, 12.0, 6, 0.02, 0.03))
 CAR_SHAKE = ((0.8, 2.0, 6, 0.3, 8.0), (9.0, 13.0, 6, 0.01, 0.3))
 
