@@ -103,6 +103,20 @@ def test_flow_over_several_intervals(sequence):
         truth.flow(3, 3)
 
 
+@pytest.mark.parametrize("t_us", [30_000, 33_000, 37_500, 100_000])
+def test_velocity_at_any_time(sequence, t_us):
+    left, truth = small.rig()[0], sequence.cameras["left"].truth
+    want = (left.flow(t_us, t_us + 50)[0] - left.flow(t_us, t_us - 50)[0]) / 100e-6
+    ids = left.picture(left.look(t_us)[2]).astype(np.uint8)
+    inner = cv2.erode(ids, np.ones((5, 5))) == cv2.dilate(ids, np.ones((5, 5)))
+    found = truth.velocity_at(t_us)
+    error = np.linalg.norm((found - want)[inner], axis=-1)
+    assert np.isfinite(found).all() and inner.sum() > 5000
+    assert np.sqrt((error**2).mean()) < 0.002 * np.abs(want).max()
+    with pytest.raises(IndexError):
+        truth.velocity_at(100_002)
+
+
 def test_transform_gets_the_events(sequence):
     data = Windows(sequence, "left", window_us=20_000, transform=len)
     assert data[1]["events"] == len(Windows(sequence, "left", window_us=20_000)[1]["events"])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._library import PecsInputError
+from ._bilinear import bilinear
 from ._check import library
 from .sequence import Camera, rect_from_rect
 
@@ -25,16 +26,6 @@ _SAME_PX = 0.01  # rectified pixels that do not come back to this have no place 
 
 def _cv2() -> Any:
     return library("cv2", "opencv-python-headless", "rectification")
-
-
-def bilinear(values: NDArray[Any], points_px: NDArray[Any]) -> NDArray[np.float64]:
-    """Values [H, W, C] at points [..., 2], those beyond the edge as at the edge."""
-    height, width = values.shape[:2]
-    x, y = (np.clip(points_px[..., k], 0, n - 1) for k, n in ((0, width), (1, height)))
-    x0, y0 = (np.minimum(v.astype(np.int64), n - 2) for v, n in ((x, width), (y, height)))
-    u, v = (x - x0)[..., None], (y - y0)[..., None]
-    top = (1 - u) * values[y0, x0] + u * values[y0, x0 + 1]
-    return (1 - v) * top + v * ((1 - u) * values[y0 + 1, x0] + u * values[y0 + 1, x0 + 1])
 
 
 class Lens:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..stack import StackReader
+from ._bilinear import bilinear
 from ._check import Fields, existing, fault, read_json
 
 BOX_DTYPE = np.dtype(
@@ -107,6 +108,33 @@ class Truth:
         moves = np.moveaxis(self._channels("motion", start, tuple(names)), 0, -1)
         seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
         return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
+
+    def velocity_at(self, t_us: float) -> NDArray[np.float32]:
+        """[H, W, 2] in px/s of what a pixel sees at any time from the first instant to the last: the points of the
+        nearest instant, moved along their parabolas to the pixels of that time. Where none of them comes (at edges of
+        things) it is the velocity of the pixel at that instant; NaN unknown."""
+        if not self.times_us[0] - 1 <= t_us <= self.times_us[-1] + 1:
+            raise IndexError(f"{self.folder}: velocity at {t_us} us: got {self.times_us[[0, -1]]} us of truth")
+        i = int(np.abs(self.times_us - t_us).argmin())
+        at_instant = self.velocity(i)
+        if abs(self.times_us[i] - t_us) <= 1:
+            return at_instant
+        later = t_us > self.times_us[i]
+        names = [f"{'' if later else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
+        start = i if later else i - 1
+        moves = np.moveaxis(self._channels("motion", start, tuple(names)), 0, -1).astype(np.float64)
+        seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if later else -1e-6)
+        s = (t_us - self.times_us[i]) * 1e-6 / seconds
+        first, second = 4 * moves[..., :2] - moves[..., 2:], 2 * moves[..., 2:] - 4 * moves[..., :2]
+        moved, velocity = first * s + second * s * s, (first + 2 * s * second) / seconds
+        height, width = self.shape
+        grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float64)
+        source = grid
+        for _ in range(12):  # converges where neighbours move alike
+            source = grid - np.nan_to_num(bilinear(moved, source))
+        with np.errstate(invalid="ignore"):
+            comes = np.abs(source + bilinear(moved, source) - grid).max(-1, keepdims=True) < 0.05
+        return np.where(comes, bilinear(velocity, source), at_instant).astype(np.float32)
 
     def motion(self, i: int) -> NDArray[np.float32]:
         """[12, H, W]: the whole layer of the interval from i to i + 1, as `pecs.carry` takes it."""

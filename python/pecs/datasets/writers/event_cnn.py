@@ -7,8 +7,8 @@
                          the loader multiplies it by the time of a window. 0 where it is not known
       attributes num_events, num_pos, num_neg, num_imgs, num_flow, duration, t0, tk, sensor_resolution [H, W], source
 
-Pictures are those of an RGB camera with the same pixels (a beam splitter). Flow is written when every picture's middle
-is an instant of the truth (`Truth.velocity`).
+Pictures are those of an RGB camera with the same pixels (a beam splitter). Flow is `Truth.velocity_at` the middle of
+the exposure; it is written when the truth covers all pictures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..sequence import Camera, Frame, Sequence
 from ._files import grey, hdf5, put, put_events, read_picture
-from ._frames import NO_FRAMES, frames_of, truth_at
+from ._frames import NO_FRAMES, frames_of
 from ._report import Report
 
 
@@ -64,16 +64,16 @@ def _put_camera(file: Any, sequence: Sequence, camera: Camera, report: Report) -
 
 
 def _put_flow(file: Any, sequence: Sequence, camera: Camera, frames: list[Frame], report: Report) -> int:
-    instants = [truth_at(camera, frame.middle_us) for frame in frames]
     if not frames:
         return 0
-    if None in instants or "motion" not in camera.truth.layers:
-        why = "the truth has no motion at the middle of every picture's exposure"
+    times = camera.truth.times_us if camera.has_truth and "motion" in camera.truth.layers else np.zeros(1)
+    if frames[0].middle_us < times[0] - 1 or frames[-1].middle_us > times[-1] + 1:
+        why = "the truth has no motion from the first picture to the last"
         report.leave_out(f"flow of camera {camera.name}", why, sequence.name)
         return 0
-    for k, i in enumerate(instants):
-        flow = np.moveaxis(camera.truth.velocity(i), -1, 0)
+    for k, frame in enumerate(frames):
+        flow = np.moveaxis(camera.truth.velocity_at(frame.middle_us), -1, 0)
         data = put(file, f"flow/flow{k:09d}", np.nan_to_num(flow, nan=0.0))
         data.attrs["size"] = np.array(flow.shape)
-        data.attrs["timestamp"] = frames[k].middle_us * 1e-6
-    return len(instants)
+        data.attrs["timestamp"] = frame.middle_us * 1e-6
+    return len(frames)
