@@ -39,9 +39,10 @@ check_asan() {
   build asan tests/all capi/all fuzzers
   run_tests asan calibration common events fuzz lens metrics sensor view
   say "Python tests of the C interface"
-  # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel, which builds another libpecs.
+  # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel or an installed tree, which
+  # have another libpecs, nor data sets, which start other programs.
   local tests
-  tests=$(grep -lE '^(import pecs$|from pecs )' tests/python/test_*.py | xargs grep -LE 'bpy|pecs_blender|wheel')
+  tests=$(grep -lE '^(import pecs$|from pecs )' tests/python/test_*.py | xargs grep -LE 'bpy|pecs_blender|wheel|cmake|pecs.datasets')
   # Python itself is not instrumented: the sanitizer comes first, and the C++ library whose exceptions it watches. What
   # Python leaves allocated at its end is no leak of ours.
   # shellcheck disable=SC2086
