@@ -112,20 +112,20 @@ def test_shot_noise_is_that_of_the_electrons():
     """Grey light of 500 electrons: variance 500 in linear light, whatever the gain."""
     electrons = 500.0
     planes = np.full((3, 200, 200), electrons * rgb.ELECTRON_C / 5e-3, np.float32)
-    developer = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x"))
+    developer = rgb.Developer(film(), 5.0, np.eye(3), [planes], generator(1, 0, "x"))
     picture = developer.picture(planes).astype(float) / 255
     linear = ((picture + 0.055) / 1.055) ** 2.4 / rgb.WHITE_SHARE * electrons
     assert abs(linear.mean() / electrons - 1) < 0.01 and abs(linear.std() / np.sqrt(electrons) - 1) < 0.05
-    again = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes)
-    assert np.array_equal(again, developer.__class__(film(), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes))
+    again = rgb.Developer(film(), 5.0, np.eye(3), [planes], generator(1, 0, "x")).picture(planes)
+    assert np.array_equal(again, rgb.Developer(film(), 5.0, np.eye(3), [planes], generator(1, 0, "x")).picture(planes))
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "grbg", "gbrg"])
 def test_a_bayer_pattern_gives_its_colours_back(pattern):
     planes = np.empty((3, 64, 64), np.float32)
     planes[:] = np.array([3000, 1500, 700])[:, None, None] * rgb.ELECTRON_C / 5e-3
-    noisy = rgb.Developer(film(bayer=pattern), 5.0, np.eye(3), generator(1, 0, "x")).picture(planes)
-    clean = rgb.Developer(film(), 5.0, np.eye(3), generator(1, 0, "x")).sharp(planes)
+    noisy = rgb.Developer(film(bayer=pattern), 5.0, np.eye(3), [planes], generator(1, 0, "x")).picture(planes)
+    clean = rgb.Developer(film(), 5.0, np.eye(3), [planes], generator(1, 0, "x")).sharp(planes)
     assert np.abs(noisy[8:-8, 8:-8].mean((0, 1)) - clean[8:-8, 8:-8].mean((0, 1))).max() < 2
 
 
@@ -135,7 +135,7 @@ def test_too_much_light_is_filtered_and_white_stays_white():
     white = np.linalg.inv(matrix).sum(1)
     planes = np.tile((white / white.max() * 1e7)[:, None, None], (1, 60, 60)) * rgb.ELECTRON_C / 5e-3
     planes[:, :3, :3] *= 10
-    picture = rgb.Developer(film(), 5.0, matrix, generator(1, 0, "x")).sharp(planes.astype(np.float32))
+    picture = rgb.Developer(film(), 5.0, matrix, [planes], generator(1, 0, "x")).sharp(planes.astype(np.float32))
     assert np.ptp(picture.astype(int), -1).max() <= 1
     assert picture[:3, :3].min() >= 245 and 235 < picture[30:, 30:].mean() < 250
 

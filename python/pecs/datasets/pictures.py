@@ -21,6 +21,8 @@ from .recipe import CameraEntry
 if TYPE_CHECKING:
     from .run import Work
 
+METERED = 32  # pictures that the gain is taken from, at most
+
 
 def take(work: Work, entry: CameraEntry) -> None:
     """rgb/, sharp/ and rgb.csv of an RGB camera."""
@@ -34,19 +36,25 @@ def take(work: Work, entry: CameraEntry) -> None:
     info = json.loads((stack / "stack.json").read_text())
     size = (info["width"], info["height"], info["pixel_pitch_m"] * 1e6)
     chips = [rgb.write_chip(folder / f"filter_{c}.json", i, *size, film.peak_qe) for i, c in enumerate("rgb")]
-    rng = work.recipe.rng(work.index, f"camera.{entry.name}.film")
-    developer = rgb.Developer(film, drawn["exposure_ms"], rgb.colour_matrix(info, rgb.illuminant(info)), rng)
     times = rgb.frame_times_us(film, size[1], work.duration_us, drawn["exposure_ms"], drawn["phase_ms"])
     rows = ["index,start_us,end_us"]
     for name in ("rgb", "sharp"):
         shutil.rmtree(folder / name, ignore_errors=True)
     with Light(stack, [Chip(path) for path in chips]) as light:
+        middles = [(begin + end) / 2 for begin, end in times]
+        developer = rgb.Developer(
+            film,
+            drawn["exposure_ms"],
+            rgb.colour_matrix(info, rgb.illuminant(info)),
+            (light.at(t) for t in middles[:: 1 + len(middles) // METERED] or [0.0]),
+            work.recipe.rng(work.index, f"camera.{entry.name}.film"),
+        )
         for index, (begin, end) in enumerate(times):
             first_row = begin - film.rolling_us * (size[1] - 1) / 2
             planes = light.exposure(first_row, end - begin, film.rolling_us, film.steps or None)
             _save(folder / "rgb" / f"{index:06d}.png", developer.picture(planes))
             if film.sharp:
-                _save(folder / "sharp" / f"{index:06d}.png", developer.sharp(light.at((begin + end) / 2)))
+                _save(folder / "sharp" / f"{index:06d}.png", developer.sharp(light.at(middles[index])))
             rows.append(f"{index},{begin},{end}")
     write_text(folder / "rgb.csv", "\n".join(rows) + "\n")
 

@@ -113,10 +113,10 @@ class Recipe:
             return value.draw(self.rng(index, name))
 
         def camera(entry: CameraEntry) -> dict[str, Any]:
-            at = f"camera.{entry.name}"
+            at = f"camera.{min(entry.name, entry.partner or entry.name)}"  # partners are set alike
             found: dict[str, Any] = {
                 "overrides": {k: drawn(f"{at}.set.{k}", v) for k, v in entry.overrides.items()},
-                "seed": int(self.rng(index, f"{at}.seed").integers(2**31)),
+                "seed": int(self.rng(index, f"camera.{entry.name}.seed").integers(2**31)),
             }
             for key in ("fnumber", "focus_m"):
                 value: Value | None = getattr(entry, key)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], 
 ELECTRON_C = 1.602176634e-19
 PEAKS_NM = ((605.0, 40.0), (535.0, 40.0), (460.0, 35.0))  # red, green, blue: peak and standard deviation
 CUT_NM = (400.0, 701.0)
-WHITE_SHARE = 0.9  # of white: where the brightest percent of the first picture lands
+WHITE_SHARE = 0.9  # of white: where the brightest percent of a picture lands
 CV_NAMES = {"rggb": "BayerBG", "bggr": "BayerRG", "grbg": "BayerGB", "gbrg": "BayerGR"}  # OpenCV names the second row
 
 
@@ -99,14 +100,31 @@ def illuminant(stack: dict[str, Any]) -> Spectrum:
 class Developer:
     """Photocurrents [A] of the three filters [3, H, W] to 8 bit sRGB [H, W, 3].
 
-    The first picture sets the gain, and a neutral filter before the lens where the light would overflow the wells."""
+    `some`: planes of some instants of the sequence. The median one of them sets the gain, and a neutral filter before
+    the lens where its light would overflow the wells."""
 
-    def __init__(self, film: Film, exposure_ms: float, matrix: NDArray[np.float64], rng: np.random.Generator):
+    def __init__(
+        self,
+        film: Film,
+        exposure_ms: float,
+        matrix: NDArray[np.float64],
+        some: Iterable[NDArray[np.float32]],
+        rng: np.random.Generator,
+    ):
         self._film, self._matrix, self._rng = film, matrix, rng
-        self._electrons_per_a = exposure_ms * 1e-3 / ELECTRON_C
         white = np.linalg.inv(matrix).sum(1)
         self._white = white / white.max()  # what white gives the filters
-        self._gain: float | None = None
+        self._electrons_per_a = exposure_ms * 1e-3 / ELECTRON_C
+        seen = [self._brightness(self._electrons(planes)) for planes in some]
+        electrons, linear = np.median(seen, axis=0)
+        filtered = min(1.0, WHITE_SHARE * film.full_well_e / max(electrons, 1e-30))
+        self._electrons_per_a *= filtered
+        self._gain = WHITE_SHARE / max(linear * filtered, 1e-30)
+
+    def _brightness(self, electrons: NDArray[np.float64]) -> tuple[float, float]:
+        """What one percent of the pixels exceed: in the brightest filter, and in linear sRGB."""
+        linear = np.einsum("ij,jyx->yxi", self._matrix, electrons)
+        return float(np.percentile(electrons.max(0), 99)), float(np.percentile(linear.max(-1), 99))
 
     def picture(self, planes_a: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Of the mean over the exposure: shot noise, read noise, the well's end, Bayer pattern and all."""
@@ -121,20 +139,13 @@ class Developer:
         return self._developed(np.minimum(self._electrons(planes_a), self._film.full_well_e))
 
     def _electrons(self, planes_a: NDArray[np.float32]) -> NDArray[np.float64]:
-        electrons = np.maximum(np.nan_to_num(planes_a.astype(np.float64)), 0) * self._electrons_per_a
-        if self._gain is None:
-            bright = WHITE_SHARE * self._film.full_well_e / max(float(np.percentile(electrons.max(0), 99)), 1e-30)
-            self._electrons_per_a *= min(1.0, bright)
-            electrons *= min(1.0, bright)
-            linear = np.einsum("ij,jyx->yxi", self._matrix, electrons)
-            self._gain = WHITE_SHARE / max(float(np.percentile(linear.max(-1), 99)), 1e-30)
-        return electrons
+        return np.maximum(np.nan_to_num(planes_a.astype(np.float64)), 0) * self._electrons_per_a
 
     def _developed(self, electrons: NDArray[np.float64]) -> NDArray[np.uint8]:
         """White stays white where wells are full: all filters end where the first one does."""
         white = self._white[:, None, None]
         balanced = np.minimum(electrons / white, self._film.full_well_e)
-        return srgb(np.einsum("ij,jyx->yxi", self._matrix, balanced * white) * (self._gain or 1.0))
+        return srgb(np.einsum("ij,jyx->yxi", self._matrix, balanced * white) * self._gain)
 
 
 def srgb(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
