@@ -54,7 +54,8 @@ class View:
 
 
 def _transformed(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points @ pose[:3, :3].T + pose[:3, 3]
+    with np.errstate(invalid="ignore"):  # infinitely far
+        return points @ pose[:3, :3].T + pose[:3, 3]
 
 
 def flow(camera: Camera) -> dict[str, float] | None:
@@ -65,7 +66,7 @@ def flow(camera: Camera) -> dict[str, float] | None:
         return None
     view, missed = View(camera), []
     times, cameras = camera.poses()
-    rigid = {o["id"] for o in truth.objects if not o.get("deforms")}
+    rigid = {o["id"] for o in truth.objects} - truth.deforming
     for i in range(len(truth.times_us) - 1):
         now, soon = (_pose_at(times, cameras, truth.times_us[k]) for k in (i, i + 1))
         here, there = truth.object_poses(i), truth.object_poses(i + 1)
@@ -131,6 +132,8 @@ def boxes(camera: Camera) -> dict[str, float] | None:
         back = np.linalg.inv(_pose_at(times, cameras, truth.times_us[i]))
         poses, size = truth.object_poses(i), {o["id"]: o for o in truth.objects}
         for box in truth.boxes(i):
+            if int(box["id"]) in truth.deforming:
+                continue
             entry = size[int(box["id"])]
             corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * entry["size_m"]
             corners = _transformed(back @ poses[int(box["id"])], corners + np.array(entry["centre_local"]))

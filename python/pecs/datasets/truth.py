@@ -188,6 +188,12 @@ class Truth:
     def objects(self) -> list[dict[str, Any]]:
         return list(self._json["objects"].values())
 
+    @cached_property
+    def deforming(self) -> set[int]:
+        """Ids of objects whose shape changes: their instants have a size of their own."""
+        instants = (entry.objects("objects") for entry in self._json["instants"])
+        return {entry.whole("id") for entries in instants for entry in entries if "size_m" in entry.value}
+
     def _instant(self, i: int) -> list[Fields]:
         if not 0 <= i < len(self):
             raise IndexError(f"{self.folder}: instant {i}: got {len(self)} of them")
