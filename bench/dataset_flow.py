@@ -2,8 +2,9 @@
 
     .venv/bin/python bench/dataset_flow.py [-o out/dataset_flow]
 
-Renders the street from a moving RGB camera (346x260, a lens with distortion), exposes pictures whose middles are instants
-of the ground truth, tracks corners from one to the next, and prints JSON: median and spread of tracked less written.
+Renders the street from a moving RGB camera (346x260, a lens with distortion), exposes pictures whose middles are
+instants of the ground truth, tracks corners from one to the next, and prints JSON: median and spread of tracked less
+written.
 """
 
 import argparse
