@@ -13,9 +13,12 @@
 #include <string>
 #include <vector>
 
+#include "measure.h"
 #include "pecs/sensor/motion.h"
 
 namespace {
+
+using namespace pecs::bench;
 
 using pecs::sensor::Carrier;
 constexpr int kWidth = 1280, kHeight = 720, kPlanes = 16;
@@ -66,23 +69,6 @@ Scene make(const std::string& name) {
   return scene;
 }
 
-double cpu_s() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
-
-double seconds(auto&& work) {
-  const double start = cpu_s();
-  work();
-  return cpu_s() - start;
-}
-
-double median(std::vector<double> v) {
-  std::ranges::sort(v);
-  return v[v.size() / 2];
-}
-
 void run(const std::string& name, int passes, int threads) {
   const std::vector<float> layer = make(name).layer();
   std::vector<float> first(kPixels), second(kPixels), copy(kPixels);
@@ -121,12 +107,8 @@ void run(const std::string& name, int passes, int threads) {
 
 int main(int argc, char** argv) {
   const std::vector<std::string> args(argv + 1, argv + argc);
-  const auto option = [&](const std::string& key, int value) {
-    const auto at = std::ranges::find(args, key);
-    return at != args.end() && at + 1 != args.end() ? std::stoi(*(at + 1)) : value;
-  };
-  const int threads = option("--threads", 1);
+  const int threads = option(args, "--threads", 1);
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
-  for (const char* scene : {"turning", "objects", "still"}) run(scene, option("--passes", 5), threads);
+  for (const char* scene : {"turning", "objects", "still"}) run(scene, option(args, "--passes", 5), threads);
   return 0;
 }

@@ -17,9 +17,12 @@
 #include <string>
 #include <vector>
 
+#include "measure.h"
 #include "pecs/sensor/sensor.h"
 
 namespace {
+
+using namespace pecs::bench;
 
 using namespace pecs;
 
@@ -69,24 +72,15 @@ double seconds(auto&& work) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-double median(std::vector<double> v) {
-  std::ranges::sort(v);
-  return v[v.size() / 2];
-}
-
 int run(const std::vector<std::string>& args) {
-  const auto option = [&](const std::string& key, const std::string& value) {
-    const auto at = std::ranges::find(args, key);
-    return at != args.end() && at + 1 != args.end() ? *(at + 1) : value;
-  };
   const Sequence s = make(args.at(0));
-  if (const std::string dump = option("--dump", ""); !dump.empty()) {
+  if (const std::string dump = option(args, "--dump", ""); !dump.empty()) {
     std::ofstream file(dump, std::ios::binary);
     file.write(reinterpret_cast<const char*>(s.values.data()),
                static_cast<std::streamsize>(s.values.size() * sizeof(float)));
   }
-  const int threads = std::stoi(option("--threads", "1")), passes = std::stoi(option("--passes", "5"));
-  const sensor::Chip chip = sensor::load_chip(option("--chip", "ideal"));
+  const int threads = option(args, "--threads", 1), passes = option(args, "--passes", 5);
+  const sensor::Chip chip = sensor::load_chip(option(args, "--chip", "ideal"));
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
 
   std::vector<float> copy(s.values.size());

@@ -17,7 +17,11 @@
 #include <string>
 #include <vector>
 
+#include "measure.h"
+
 namespace {
+
+using namespace pecs::bench;
 
 using pecs::events::Event;
 
@@ -35,12 +39,6 @@ std::vector<Event> make(bool edges, int width, int height, std::size_t count) {
     e.p = static_cast<std::uint8_t>(random() % 2);
   }
   return events;
-}
-
-double cpu_s() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
 void run(bool edges, int width, int height, int passes, std::size_t count) {
@@ -63,15 +61,12 @@ void run(bool edges, int width, int height, int passes, std::size_t count) {
     std::vector<double> times;
     work();  // pages are there
     for (int pass = 0; pass < passes; ++pass) {
-      const double start = cpu_s();
-      work();
-      times.push_back(cpu_s() - start);
+      times.push_back(seconds(work));
     }
-    std::ranges::sort(times);
-    const double median = times[times.size() / 2];
-    if (copy_s == 0) copy_s = median;
+    const double median_s = median(times);
+    if (copy_s == 0) copy_s = median_s;
     line += fmt::format(R"(, "{}": {{"mevents_per_s": {:.0f}, "of_copy": {:.3f}}})", name,
-                        1e-6 * static_cast<double>(count) / median, copy_s / median);
+                        1e-6 * static_cast<double>(count) / median_s, copy_s / median_s);
   }
   fmt::print("{}}}\n", line);
 }
@@ -80,11 +75,7 @@ void run(bool edges, int width, int height, int passes, std::size_t count) {
 
 int main(int argc, char** argv) {
   const std::vector<std::string> args(argv + 1, argv + argc);
-  const auto option = [&](const std::string& key, int value) {
-    const auto at = std::ranges::find(args, key);
-    return at != args.end() && at + 1 != args.end() ? std::stoi(*(at + 1)) : value;
-  };
-  const int passes = std::max(1, option("--passes", 9)), count = std::max(1, option("--events", 1'000'000));
+  const int passes = std::max(1, option(args, "--passes", 9)), count = std::max(1, option(args, "--events", 1'000'000));
   for (const auto& [width, height] : {std::pair{346, 260}, {1280, 720}})
     for (const bool edges : {true, false}) run(edges, width, height, passes, static_cast<std::size_t>(count));
   return 0;

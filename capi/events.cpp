@@ -82,7 +82,7 @@ pecs_event_writer* pecs_event_writer_create(const char* path, const char* option
 int pecs_event_writer_write(pecs_event_writer* writer, const pecs_event* list, int64_t count, pecs_error* error) {
   return guard(error, [&] {
     events::Writer& out = *given(writer, "writer").writer;
-    if (count < 0) throw Error(ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    capi::check_count(count);
     if (count)
       out.write({reinterpret_cast<const events::Event*>(&given(list, "events")), static_cast<std::size_t>(count)});
     return 0;

@@ -60,6 +60,10 @@ inline char* hand_over(const std::string& text) {
 
 inline char* hand_over(const Json& json) { return hand_over(text_of(json)); }
 
+inline void check_count(std::int64_t count) {
+  if (count < 0) throw Error(ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+}
+
 inline void need_room(std::int64_t count, std::int64_t capacity) {
   if (count < 0 || capacity < count)
     throw Error(ExitCode::usage, fmt::format("capacity: got {}, wanted at least {}", capacity, count));

@@ -74,7 +74,7 @@ int64_t pecs_light_at(pecs_light* light, const double* t_us, int64_t count, floa
                       pecs_error* error) {
   return guard(error, [&] {
     pecs_light& l = given(light, "light");
-    if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    pecs::capi::check_count(count);
     if (count == 0) return int64_t{0};
     const auto values = static_cast<int64_t>(l.light->values());
     pecs::capi::need_room(count > INT64_MAX / values ? -1 : count * values, capacity);

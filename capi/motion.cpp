@@ -79,7 +79,7 @@ int64_t pecs_event_labels(const pecs_event* events, int64_t count, const pecs_st
                           double begin_us, uint16_t* out, int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     const StackReader& reader = given(stack, "stack").reader;
-    if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+    pecs::capi::check_count(count);
     if (!std::isfinite(begin_us)) throw pecs::Error(pecs::ExitCode::usage, "begin_us: got no number");
     pecs::capi::need_room(count, capacity);
     if (count) given(events, "events"), given(out, "out");

@@ -12,7 +12,7 @@ namespace {
 // Runs fill(events, out) on the caller's arrays; planes of which there are so many.
 int fill_planes(const pecs_event* events, int64_t count, int width, int height, int64_t planes, float* out,
                 int64_t capacity, const auto& fill) {
-  if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+  pecs::capi::check_count(count);
   if (count) given(events, "events");
   constexpr int64_t kMost = 1 << 16;  // of each; what is wrong then is said where the sizes are known
   const auto some = [&](int64_t n) { return std::clamp<int64_t>(n, 0, kMost); };

@@ -113,7 +113,7 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
 }
 
 void check_frames(const float* frames, const double* t_us, int64_t count) {
-  if (count < 0) throw pecs::Error(pecs::ExitCode::usage, fmt::format("count: got {}, wanted 0 or more", count));
+  pecs::capi::check_count(count);
   if (count > 0) given(frames, "frames"), given(t_us, "t_us");
 }
 

@@ -114,19 +114,24 @@ def instances():
     points = bpy.data.meshes.new("points")
     points.from_pydata([(-1.2, 0, 0), (0, 0, 0), (1.2, 0, 0)], [], [])
     holder = put(points, (0, 4, -0.7), name="holder")
+    hidden = put(square, (0, -5, 0), name="hidden")
+    hidden.hide_render = True
+    instance_on_points(holder, hidden)
+    move(holder, "location", [(0, 4, -0.7), (0.15, 4, -0.75)])
+
+
+def instance_on_points(holder, what):
+    """Geometry nodes that put an object on each of the holder's points."""
     group = bpy.data.node_groups.new("instances", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     enter, leave = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    on_points, what = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
-    hidden = put(square, (0, -5, 0), name="hidden")
-    hidden.hide_render = True
-    what.inputs["Object"].default_value = hidden
+    on_points, info = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = what
     group.links.new(enter.outputs[0], on_points.inputs["Points"])
-    group.links.new(what.outputs["Geometry"], on_points.inputs["Instance"])
+    group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
     group.links.new(on_points.outputs["Instances"], leave.inputs[0])
     holder.modifiers.new("instances", "NODES").node_group = group
-    move(holder, "location", [(0, 4, -0.7), (0.15, 4, -0.75)])
 
 
 def vanishing():

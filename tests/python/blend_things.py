@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from blend_motion import grid, move, put, start
+from blend_motion import grid, instance_on_points, move, put, start
 
 SIZE = 160, 120
 
@@ -80,18 +80,9 @@ def _leaves():
     points = bpy.data.meshes.new("points")
     points.from_pydata([(-0.6, 0, 0), (0.1, 0, 0), (0.8, 0, 0.1)], [], [])
     holder = put(points, (0.4, 4.5, 1.1), name="leaves")
-    group = bpy.data.node_groups.new("instances", "GeometryNodeTree")
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    enter, leave = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    on_points, what = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
     leaf = put(cube("leaf", 0.35), (0, -50, 0))
     leaf.hide_render = True
-    what.inputs["Object"].default_value = leaf
-    group.links.new(enter.outputs[0], on_points.inputs["Points"])
-    group.links.new(what.outputs["Geometry"], on_points.inputs["Instance"])
-    group.links.new(on_points.outputs["Instances"], leave.inputs[0])
-    holder.modifiers.new("instances", "NODES").node_group = group
+    instance_on_points(holder, leaf)
 
 
 def _flag():

@@ -5,6 +5,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -46,12 +47,15 @@ def pecs_program():
     return run
 
 
-def pecs_blender(*args, check=True):
-    """Runs `python -m pecs_blender`; its text output."""
-    command = [sys.executable, "-m", "pecs_blender", *map(str, args)]
+def run_module(module, *args, check=True):
+    """Runs `python -m MODULE`; its text output."""
+    command = [sys.executable, "-m", module, *map(str, args)]
     result = subprocess.run(command, capture_output=True, text=True)
     assert not check or result.returncode == 0, result.stderr
     return result
+
+
+pecs_blender = partial(run_module, "pecs_blender")
 
 
 @pytest.fixture(scope="session")

@@ -7,10 +7,11 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_module
 
 pecs = pytest.importorskip("pecs")
 pytest.importorskip("bpy", reason="renders with Cycles")
@@ -92,11 +93,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
 
-def dataset(*words, check=True):
-    command = [sys.executable, "-m", "pecs.datasets", *map(str, words)]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert not check or result.returncode == 0, result.stderr
-    return result
+dataset = partial(run_module, "pecs.datasets")
 
 
 @pytest.fixture(scope="module")

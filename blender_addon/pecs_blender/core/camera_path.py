@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import NOT_FOUND, RenderError, bad_input
+from .errors import bad_input
+from .files import read_text
 from .plan import Timeline
 
 MAX_BYTES = 1 << 28
@@ -59,26 +60,16 @@ class CameraPath:
 
 
 def read_camera_path(file: Path) -> CameraPath:
-    try:
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
-    except OSError as e:
-        raise RenderError(NOT_FOUND, f"{file}: {e.strerror or e}") from None
-    if len(data) > MAX_BYTES:
-        raise bad_input(file, "", f"more than {MAX_BYTES} bytes", "a smaller file")
-    try:
-        lines = data.decode().splitlines()
-    except UnicodeDecodeError as e:
-        raise bad_input(file, f"byte {e.start}", "no UTF-8", "text in UTF-8") from None
+    text = read_text(file, MAX_BYTES, "text")
     rows: list[list[float]] = []
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(text.splitlines(), 1):
         if words := line.partition("#")[0].split():
             rows.append(_row(file, f"line {number}", words, rows[-1][0] if rows else -math.inf))
     if not rows:
         raise bad_input(file, "", "no row", "rows t_s tx ty tz qx qy qz qw")
     table = np.array(rows)
     unit = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
-    return CameraPath(file, table[:, 0], table[:, 1:4], unit, sha256(data).hexdigest())
+    return CameraPath(file, table[:, 0], table[:, 1:4], unit, sha256(text.encode()).hexdigest())
 
 
 def _row(file: Path, place: str, words: list[str], after_s: float) -> list[float]:

@@ -5,11 +5,11 @@ all are there, one for the stack, `objects.json` (docs/exr_stack.md). Files appe
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from .errors import bad_input
+from .files import whole
 from .strict_json import JsonObject, read_json
 
 LAYER, WHOLE, ONE = "objects", "objects.json", "objects_{:06d}.json"
@@ -20,16 +20,9 @@ MAX_BYTES = 1 << 30
 
 
 def write_json(path: Path, value: Any) -> None:
-    part = path.with_suffix(".json.part")
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            json.dump(value, file, separators=(",", ":"), ensure_ascii=False)
-            file.write("\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
+    with whole(path) as file:
+        file.write(f"{text}\n".encode())
 
 
 def one(folder: Path, index: int) -> Path:
@@ -57,8 +50,8 @@ def join(folder: Path, times_ns: list[int]) -> None:
                     del thing[key]
         instants.append({"t_ns": content["t_ns"], "objects": content["objects"]})
     ordered = [objects[k] for k in sorted(objects)]
-    whole = {"format": 1, "classes": classes, "objects": ordered, "instants": instants}
-    write_json(folder / WHOLE, whole)
+    joined = {"format": 1, "classes": classes, "objects": ordered, "instants": instants}
+    write_json(folder / WHOLE, joined)
 
 
 def _differs(now: list[float], first: list[float], size: list[float]) -> bool:

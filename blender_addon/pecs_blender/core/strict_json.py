@@ -11,7 +11,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .errors import NOT_FOUND, RenderError, bad_input
+from .errors import RenderError, bad_input
+from .files import read_text
 
 MAX_BYTES = 4 << 20
 MAX_DEPTH = 64
@@ -19,18 +20,7 @@ _TEXT = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
 def read_json(path: Path, max_bytes: int = MAX_BYTES) -> Any:
-    try:
-        with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
-    except OSError as e:
-        raise RenderError(NOT_FOUND, f"{path}: {e.strerror or e}") from None
-    if len(data) > max_bytes:
-        raise bad_input(path, "", f"more than {max_bytes} bytes", "a smaller file")
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as e:
-        raise bad_input(path, f"byte {e.start}", "no UTF-8", "JSON in UTF-8") from None
-    return parse_json(text, path)
+    return parse_json(read_text(path, max_bytes, "JSON"), path)
 
 
 def parse_json(text: str, file: object) -> Any:

@@ -8,7 +8,6 @@ deforms at any of the instants is written once.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import bpy
 import numpy as np
 
 from ..core.errors import USAGE, RenderError
+from ..core.files import whole as whole_file
 from ..core.plan import timeline
 from . import cycles
 from .boxes import Shape, shape
@@ -73,8 +73,7 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
     static = _sampled([i for i in instants[0] if i.key in still], things, spacing_m)
     extents = np.array([one.extent() for instances in instants for one in instances]).reshape(-1, 2, 3)
     bounds = [extents[:, 0].min(0), extents[:, 1].max(0)] if len(extents) else np.zeros((2, 3))
-    _write(
-        output,
+    arrays = dict(
         times_s=np.array(times_s),
         first=np.cumsum([0, *(len(part[0]) for part in sampled)]),
         **dict(zip(("points", "normals", "objects"), map(np.concatenate, zip(*sampled, strict=True)), strict=True)),
@@ -88,6 +87,8 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
         names=np.array([thing.name for thing in things], str),
         classes=np.array([thing.kind or "" for thing in things], str),
     )
+    with whole_file(output) as file:
+        np.savez(file, **arrays)
 
 
 class _Eye:
@@ -185,16 +186,3 @@ def _sampled(instances: list[Instance], things: Things, spacing_m: float) -> tup
         np.concatenate(of).astype(kind)
         for of, kind in ((points, np.float32), (normals, np.float32), (numbers, np.int32))
     )
-
-
-def _write(output: Path, **arrays: np.ndarray) -> None:
-    """Whole or not at all."""
-    part = output.with_suffix(".npz.part")
-    try:
-        with part.open("wb") as file:
-            np.savez(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, output)
-    finally:
-        part.unlink(missing_ok=True)

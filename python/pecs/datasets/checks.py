@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lens import Lens
-from .rig import optics
-from .sequence import Camera, Sequence, rect_from_rect
+from .imu import integrate
+from .poses import interpolate
+from .rig import Optics, optics, rig_from_camera, stack_json
+from .sequence import Camera, Sequence
 
 EDGE_PX = 1  # how far an event may lie from a pixel whose light changes
 WINDOW_US = 100_000  # of the IMU
@@ -18,39 +18,32 @@ WINDOW_US = 100_000  # of the IMU
 
 def check(sequence: Sequence) -> dict[str, Any]:
     """Numbers of all checks, by name; None where the sequence lacks what it needs."""
-    cameras = {c.name: _camera(sequence, c) for c in sequence.cameras.values()}
-    pairs = {f"{a.name}, {b.name}": disparity(a, b) for a, b in _pairs(sequence) if _have(a, b, "depth")}
+    seen = {c.name: _optics(c) for c in sequence.cameras.values() if c.has_truth}
+    cameras = {c.name: _camera(sequence, c, seen) for c in sequence.cameras.values()}
+    pairs = {
+        f"{a.name}, {b.name}": disparity(a, b, seen[a.name], seen[b.name])
+        for a, b in sequence.stereo_pairs("events") + sequence.stereo_pairs("rgb")
+        if _has(a, "depth") and _has(b, "depth")
+    }
     return {"cameras": cameras, "stereo": pairs, "imu": imu(sequence)}
 
 
-def _pairs(sequence: Sequence) -> list[tuple[Camera, Camera]]:
-    return sequence.stereo_pairs("events") + sequence.stereo_pairs("rgb")
+def _optics(camera: Camera) -> Optics:
+    return optics(stack_json(camera.truth.folder), camera.info["lens"])
 
 
-def _have(a: Camera, b: Camera, layer: str) -> bool:
-    return all(c.has_truth and layer in c.truth.layers for c in (a, b))
+def _has(camera: Camera, *layers: str) -> bool:
+    return camera.has_truth and set(layers) <= set(camera.truth.layers)
 
 
-def _camera(sequence: Sequence, camera: Camera) -> dict[str, Any]:
+def _camera(sequence: Sequence, camera: Camera, seen: dict[str, Optics]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    if camera.has_truth and {"depth", "objects", "motion"} <= set(camera.truth.layers):
-        found["flow"] = flow(camera)
-        found["boxes"] = boxes(camera)
+    if _has(camera, "depth", "objects", "motion"):
+        found["flow"] = flow(camera, seen[camera.name])
+        found["boxes"] = boxes(camera, seen[camera.name])
     if camera.kind == "events":
         found["events"] = events(sequence, camera)
     return found
-
-
-class View:
-    """A camera's image map, from its stack's or its truth's stack.json."""
-
-    def __init__(self, camera: Camera):
-        self.optics = optics(json.loads((camera.truth.folder / "stack.json").read_text()), camera.info["lens"])
-
-    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels [n, 2] of points [n, 3] in camera axes."""
-        with Lens(self.optics.lens) as lens:
-            return lens.pixels(points, **self.optics.setting)
 
 
 def _transformed(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,47 +51,45 @@ def _transformed(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDAr
         return points @ pose[:3, :3].T + pose[:3, 3]
 
 
-def flow(camera: Camera) -> dict[str, float] | None:
+def _points(view: Optics, z_m: NDArray[Any]) -> NDArray[np.float64]:
+    """[n, 3] in camera axes, of pixels at depths [H, W]."""
+    d = view.directions
+    return (d / d[..., 2:] * z_m[..., None]).reshape(-1, 3)
+
+
+def flow(camera: Camera, view: Optics) -> dict[str, float] | None:
     """Flow against the projection, at the next instant, of each pixel's point: carried by its object's pose there and
     back by the camera's. Objects that deform are left out."""
     truth = camera.truth
     if len(truth.times_us) < 2:
         return None
-    view, missed = View(camera), []
-    times, cameras = camera.poses()
+    missed, cameras = [], camera.poses_at(truth.times_us)
     rigid = {o["id"] for o in truth.objects} - truth.deforming
     for i in range(len(truth.times_us) - 1):
-        now, soon = (_pose_at(times, cameras, truth.times_us[k]) for k in (i, i + 1))
         here, there = truth.object_poses(i), truth.object_poses(i + 1)
         z, ids = truth.depth(i)[1], truth.instances(i)
-        world = _transformed(
-            now,
-            view.optics.directions.reshape(-1, 3) / view.optics.directions[..., 2].reshape(-1, 1) * z.reshape(-1, 1),
-        )
+        world = _transformed(cameras[i], _points(view, z))
         moved = np.full_like(world, np.nan)
         for k in rigid & here.keys() & there.keys():
             at = np.flatnonzero(ids.ravel() == k)
             moved[at] = _transformed(there[k] @ np.linalg.inv(here[k]), world[at])
-        pixels = view.project(_transformed(np.linalg.inv(soon), moved)).reshape(*z.shape, 2)
+        pixels = view.pixels(_transformed(np.linalg.inv(cameras[i + 1]), moved)).reshape(*z.shape, 2)
         y, x = np.mgrid[: z.shape[0], : z.shape[1]] + 0.5
         error = np.hypot(*np.moveaxis(truth.flow(i) + np.stack([x, y], -1) - pixels, -1, 0))
         missed.append(error[np.isfinite(error)])
     return _spread(np.concatenate(missed), "px")
 
 
-def disparity(left: Camera, right: Camera) -> dict[str, float] | None:
+def disparity(left: Camera, right: Camera, view: Optics, other: Optics) -> dict[str, float] | None:
     """The right camera's depth against that of the left one's points, where both see the same surface."""
     if not np.array_equal(left.truth.times_us, right.truth.times_us):
         return None
-    view, other, found, seen = View(left), View(right), [], []
+    found, seen = [], []
     right_from_left = np.linalg.inv(right.rig_from_camera) @ left.rig_from_camera
     for i in range(len(left.truth.times_us)):
-        z = left.truth.depth(i)[1]
-        d = view.optics.directions
-        points = _transformed(right_from_left, (d / d[..., 2:] * z[..., None]).reshape(-1, 3))
+        points = _transformed(right_from_left, _points(view, left.truth.depth(i)[1]))
         with np.errstate(invalid="ignore"):
-            pixels = other.project(np.where(np.isfinite(points), points, np.nan))
-        with np.errstate(invalid="ignore"):
+            pixels = other.pixels(np.where(np.isfinite(points), points, np.nan))
             inside = ((pixels >= 1) & (pixels < np.array([right.width, right.height]) - 1)).all(1)
         x, y = pixels[inside].T - 0.5
         depth = _smooth(right.truth.depth(i)[1], x, y)
@@ -124,22 +115,21 @@ def _smooth(depth: NDArray[np.floating[Any]], x: NDArray[np.float64], y: NDArray
         return np.where(flat & (mean > 0), 1 / mean, np.nan)
 
 
-def boxes(camera: Camera) -> dict[str, float] | None:
+def boxes(camera: Camera, view: Optics) -> dict[str, float] | None:
     """Corners of the 3-D boxes, projected by the calibration written beside: how far the modal boxes reach beyond."""
-    truth, view, beyond = camera.truth, View(camera), []
-    times, cameras = camera.poses()
-    for i in range(len(truth.times_us)):
-        back = np.linalg.inv(_pose_at(times, cameras, truth.times_us[i]))
-        poses, size = truth.object_poses(i), {o["id"]: o for o in truth.objects}
+    truth, beyond = camera.truth, []
+    rigid = {o["id"]: o for o in truth.objects if o["id"] not in truth.deforming}
+    cube = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
+    for i, back in enumerate(np.linalg.inv(camera.poses_at(truth.times_us))):
+        poses = truth.object_poses(i)
         for box in truth.boxes(i):
-            if int(box["id"]) in truth.deforming:
+            if not box["visible_px"] or (entry := rigid.get(int(box["id"]))) is None:
                 continue
-            entry = size[int(box["id"])]
-            corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * entry["size_m"]
-            corners = _transformed(back @ poses[int(box["id"])], corners + np.array(entry["centre_local"]))
-            if not (corners[:, 2] > 0.05).all() or not box["visible_px"]:
+            corners = cube * entry["size_m"] + np.array(entry["centre_local"])
+            corners = _transformed(back @ poses[entry["id"]], corners)
+            if not (corners[:, 2] > 0.05).all():
                 continue
-            pixels = view.project(corners)
+            pixels = view.pixels(corners)
             if np.isfinite(pixels).all():
                 low, high = pixels.min(0), pixels.max(0)
                 x0, y0, x1, y1 = (float(box[k]) for k in ("x0", "y0", "x1", "y1"))
@@ -154,28 +144,20 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
         return None
     from scipy.interpolate import make_interp_spline
 
-    from .imu import integrate
-
     t_us, world = sequence.poses()
-    world = world @ _placed(sequence.info["imu"]["position_m"])
+    world = world @ rig_from_camera(sequence.info["imu"]["position_m"])
     velocity = make_interp_spline(t_us * 1e-6, world[:, :3, 3], 5).derivative()
     count = np.searchsorted(samples["t_us"], WINDOW_US, "right")
     metres, degrees = [], []
     for first in range(0, len(samples) - count + 1, count):
         part = samples[first : first + count]
-        start, end = (_pose_at(t_us, world, part["t_us"][k]) for k in (0, -1))
+        start, end = interpolate(part["t_us"][[0, -1]], t_us, world)
         t_s = part["t_us"] * 1e-6
         poses, _ = integrate(t_s, part["gyro"], part["accel"], start, velocity(t_s[0]))
         metres.append(float(np.linalg.norm(poses[-1, :3, 3] - end[:3, 3])))
         turn = np.clip((np.trace(poses[-1, :3, :3].T @ end[:3, :3]) - 1) / 2, -1, 1)
         degrees.append(float(np.degrees(np.arccos(turn))))
     return {"windows": len(metres), "worst_m": max(metres), "worst_deg": max(degrees)}
-
-
-def _placed(position_m: list[float]) -> NDArray[np.float64]:
-    out = np.eye(4)
-    out[:3, 3] = position_m
-    return out
 
 
 def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
@@ -192,7 +174,7 @@ def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
         "noise_share": float(1 - np.mean(signal)) if len(found) else 0.0,
         "pixels_with_events": len(np.unique(_at(found, camera))) / (camera.width * camera.height),
     }
-    if camera.has_truth and "motion" in camera.truth.layers and len(camera.truth) > 1 and signal.any():
+    if _has(camera, "motion") and len(camera.truth) > 1 and signal.any():
         out |= _on_edges(camera, found[signal])
     return out
 
@@ -202,8 +184,7 @@ def _at(found: Any, camera: Camera) -> NDArray[np.int64]:
 
 
 def _on_edges(camera: Camera, found: Any) -> dict[str, float]:
-    """Surfaces move over pixels where depth, object or normal have edges, or texture has; texture is told by the events
-    of the neighbouring interval, so here: where anything moves at all."""
+    """The share of events where something moves, whatever its texture."""
     import cv2
 
     truth = camera.truth
@@ -219,17 +200,8 @@ def _on_edges(camera: Camera, found: Any) -> dict[str, float]:
     return {"signal_on_motion": hits / len(found), "moving_area": float(np.mean(area))}
 
 
-def _pose_at(t_us: NDArray[np.float64], poses: NDArray[np.float64], at_us: float) -> NDArray[np.float64]:
-    from .poses import interpolate
-
-    return interpolate([at_us], t_us, poses)[0]
-
-
 def _spread(values: NDArray[np.float64], unit: str) -> dict[str, float]:
     if not len(values):
         return {"count": 0}
     rms, ends = float(np.sqrt(np.mean(values**2))), np.percentile(values, (50, 99))
     return {"count": len(values), f"rms_{unit}": rms, f"median_{unit}": float(ends[0]), f"p99_{unit}": float(ends[1])}
-
-
-__all__ = ["check", "rect_from_rect"]

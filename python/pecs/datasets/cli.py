@@ -120,8 +120,8 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -
 
         try:
             run.make(found, index, output, threads, say)
-        except PecsError as e:
-            if manifest.BUSY not in str(e) or len(wanted) == 1:
+        except run.Busy:
+            if len(wanted) == 1:
                 raise
             busy.append(index)
             continue

@@ -12,7 +12,6 @@ from .._library import version
 from .files import write_json
 from .recipe import Recipe
 
-BUSY = "another process is making this sequence"
 OWN = "files.json"
 NOT_SUMMED = (".log", ".run.json", "report.html")  # times of the day, and what is made from the rest
 
@@ -40,7 +39,7 @@ def seal(folder: Path) -> None:
     write_json(folder / OWN, {str(p.relative_to(folder)): [p.stat().st_size, _sum(p)] for p in _files(folder)})
 
 
-def faults(folder: Path, deep: bool = True) -> list[str]:
+def faults(folder: Path) -> list[str]:
     """What is lost or changed since seal(), one line each."""
     try:
         listed: dict[str, tuple[int, str]] = json.loads((folder / OWN).read_text())
@@ -53,7 +52,7 @@ def faults(folder: Path, deep: bool = True) -> list[str]:
             found.append(f"{path}: no such file")
         elif path.stat().st_size != size:
             found.append(f"{path}: got {path.stat().st_size} bytes, wanted {size}")
-        elif deep and _sum(path) != digest:
+        elif _sum(path) != digest:
             found.append(f"{path}: got other content, wanted SHA-256 {digest[:12]}…")
     return found
 

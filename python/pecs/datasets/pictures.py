@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,14 +12,14 @@ from ..chip import Chip
 from ..events import read
 from ..light import Light
 from ..motion import event_labels
-from . import rgb
-from ._check import library
-from .files import write_array, write_text
+from . import rgb, rig
+from .files import npy_bytes, png_bytes, write_text, write_whole
 from .recipe import CameraEntry
 
 if TYPE_CHECKING:
     from .run import Work
 
+PNG_LEVEL = 6
 METERED = 32  # pictures that the gain is taken from, at most
 
 
@@ -33,7 +32,7 @@ def take(work: Work, entry: CameraEntry) -> None:
     folder.mkdir(exist_ok=True)
     stack, film, drawn = work.stack(entry), entry.film, work.drawn["cameras"][entry.name]
     assert film
-    info = json.loads((stack / "stack.json").read_text())
+    info = rig.stack_json(stack)
     size = (info["width"], info["height"], info["pixel_pitch_m"] * 1e6)
     chips = [rgb.write_chip(folder / f"filter_{c}.json", i, *size, film.peak_qe) for i, c in enumerate("rgb")]
     times = rgb.frame_times_us(film, size[1], work.duration_us, drawn["exposure_ms"], drawn["phase_ms"])
@@ -52,20 +51,13 @@ def take(work: Work, entry: CameraEntry) -> None:
         for index, (begin, end) in enumerate(times):
             first_row = begin - film.rolling_us * (size[1] - 1) / 2
             planes = light.exposure(first_row, end - begin, film.rolling_us, film.steps or None)
-            _save(folder / "rgb" / f"{index:06d}.png", developer.picture(planes))
+            name = f"{index:06d}.png"
+            write_whole(folder / "rgb" / name, png_bytes(developer.picture(planes), PNG_LEVEL))
             if film.sharp:
-                _save(folder / "sharp" / f"{index:06d}.png", developer.sharp(light.at(middles[index])))
+                sharp = developer.sharp(light.at(middles[index]))
+                write_whole(folder / "sharp" / name, png_bytes(sharp, PNG_LEVEL))
             rows.append(f"{index},{begin},{end}")
     write_text(folder / "rgb.csv", "\n".join(rows) + "\n")
-
-
-def _save(path: Path, picture: np.ndarray[Any, Any]) -> None:
-    cv2 = library("cv2", "opencv-python-headless", "pictures")
-    from .files import write_whole
-
-    done, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 6])
-    assert done
-    write_whole(path, png.tobytes())
 
 
 def label_events(work: Work, entry: CameraEntry, folder: Path) -> None:
@@ -76,4 +68,4 @@ def label_events(work: Work, entry: CameraEntry, folder: Path) -> None:
         labels = event_labels(events, work.truth(entry))
     else:
         labels = np.zeros(len(events), np.uint16)
-    write_array(folder / "objects.npy", labels.astype("<u2"))
+    write_whole(folder / "objects.npy", npy_bytes(labels.astype("<u2")))

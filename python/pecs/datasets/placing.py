@@ -91,8 +91,8 @@ def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
 def _files(table: Table, key: str, beside: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
     """Of a pattern, sorted, so that the same set of files gives the same draws."""
     pattern = table.text(key)
-    inside = not pattern.startswith(("/", "..")) or None
-    found = sorted(str(p.relative_to(beside)) for p in (beside.glob(pattern) if inside else ()) if p.suffix in kinds)
+    there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
+    found = sorted(str(p.relative_to(beside)) for p in there if p.suffix in kinds)
     if not found:
         raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
     return tuple(found)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._library import PecsInputError
-from ._check import cannot_write, existing, fault
+from ._check import existing, fault
+from .files import write_text
 
 TUM_HEADER = "# t_s tx ty tz qx qy qz qw"
 EUROC_IMU_HEADER = (
@@ -165,10 +166,7 @@ def _write_csv(path, header: str, t_ns: ArrayLike, columns: ArrayLike) -> None:
 
 
 def _write(path: str | PathLike, lines: list[str]) -> None:
-    try:
-        Path(path).write_text("\n".join(lines) + "\n")
-    except OSError as e:
-        cannot_write(Path(path), e.strerror)
+    write_text(Path(path), "\n".join(lines) + "\n")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

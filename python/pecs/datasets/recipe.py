@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import placing
-from .table import Table, Value, bad_input, read_toml
+from .table import Table, Value, read_toml
 
 SPLITS = ("train", "val", "test")
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
@@ -353,6 +353,3 @@ def _film(table: Table) -> Film:
         sharp=table.flag("sharp", True),
         steps=table.integer("steps", 0, 0, 4096),
     )
-
-
-__all__ = ["CameraEntry", "Film", "Recipe", "SceneEntry", "bad_input", "generator", "load"]

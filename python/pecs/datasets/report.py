@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ._check import library
 from .checks import check
-from .files import write_json, write_text
+from .files import png_bytes, read_picture, write_json, write_text
 from .sequence import Camera, Sequence
 
 STYLE = """
@@ -155,9 +155,9 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
     frames = camera.frames()
     if frames:
         frame = frames[len(frames) // 2]
-        found.append((f"picture, {frame.start_us / 1e3:g} to {frame.end_us / 1e3:g} ms", _read(frame.path)))
+        found.append((f"picture, {frame.start_us / 1e3:g} to {frame.end_us / 1e3:g} ms", read_picture(frame.path)))
         if frame.sharp_path.exists():
-            found.append(("the same instant, sharp", _read(frame.sharp_path)))
+            found.append(("the same instant, sharp", read_picture(frame.sharp_path)))
     if camera.kind == "events":
         found.append(("events of 10 ms in the middle: ON red, OFF blue", _events_picture(sequence, camera)))
         objects = _events_picture(sequence, camera, by_object=True)
@@ -189,11 +189,6 @@ def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
     return found
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
-    cv2 = library("cv2", "opencv-python-headless", "the report")
-    return np.asarray(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB))
-
-
 def _colours(ids: NDArray[Any]) -> NDArray[np.uint8]:
     """A colour for each id, 0 is light grey."""
     table = np.random.default_rng(5).integers(40, 230, (4096, 3)).astype(np.uint8)
@@ -203,7 +198,7 @@ def _colours(ids: NDArray[Any]) -> NDArray[np.uint8]:
 
 def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False) -> NDArray[np.uint8]:
     if camera.kind != "events":
-        return _read(camera.frames()[0].path)
+        return read_picture(camera.frames()[0].path)
     with camera.event_file() as file:
         middle = sequence.duration_us / 2
         first, last = file.index(middle - 5000), file.index(middle + 5000)
@@ -245,6 +240,4 @@ def _figure(picture: NDArray[np.uint8], caption: str) -> str:
 
 
 def _img(picture: NDArray[np.uint8], width: int) -> str:
-    cv2 = library("cv2", "opencv-python-headless", "the report")
-    _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    return f'<img width="{width}" src="data:image/png;base64,{base64.b64encode(png.tobytes()).decode()}">'
+    return f'<img width="{width}" src="data:image/png;base64,{base64.b64encode(png_bytes(picture)).decode()}">'

@@ -180,6 +180,3 @@ def frame_times_us(
     begin = phase_ms * 1e3 + np.arange(math.ceil(duration_us / period_us)) * period_us
     whole = (begin >= rolled_us) & (begin + exposure_us + rolled_us <= duration_us)
     return [(round(b), round(b + exposure_us)) for b in begin[whole]]
-
-
-__all__ = ["Developer", "colour_matrix", "filters", "frame_times_us", "illuminant", "write_chip"]

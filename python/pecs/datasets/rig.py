@@ -5,7 +5,10 @@ K and everything made for OpenCV take pixel (0, 0)'s centre as (0, 0); pecs take
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +21,8 @@ from ..lens import Lens
 Array = NDArray[np.float64]
 
 
-def rig_from_camera(position_m: tuple[float, ...], rotation_deg: tuple[float, ...]) -> Array:
-    """[4, 4]; turns about the rig's x, then y, then z."""
+def rig_from_camera(position_m: Sequence[float], rotation_deg: Sequence[float] = (0, 0, 0)) -> Array:
+    """[4, 4] of a camera or an IMU; turns about the rig's x, then y, then z."""
     out = np.eye(4)
     out[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
     out[:3, 3] = position_m
@@ -31,7 +34,7 @@ class Optics:
     """Directions [H, W, 3] of the pixels' chief rays (unit, camera axes; NaN where none comes through)."""
 
     directions: NDArray[np.float64]
-    lens: str
+    lens: Lens  # it keeps the image map
     setting: dict[str, Any]
 
     @property
@@ -41,12 +44,16 @@ class Optics:
 
     def pixels(self, directions: Array) -> Array:
         """[..., 2], pecs' pixels (first centre at 0.5)."""
-        with Lens(self.lens) as lens:
-            return lens.pixels(directions, **self.setting)
+        return self.lens.pixels(directions, **self.setting)
+
+
+def stack_json(stack: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((stack / "stack.json").read_text())
+    return found
 
 
 def optics(stack: dict[str, Any], lens_path: str) -> Optics:
-    """Of a stack's stack.json (its `info`), with the lens as the recipe names it."""
+    """Of a stack's stack.json, with the lens as the recipe names it."""
     lens, nm = stack["lens"], [band["lambda_nm"] for band in stack["bands"]]
     setting = {
         "width": stack["width"],
@@ -58,9 +65,8 @@ def optics(stack: dict[str, Any], lens_path: str) -> Optics:
         "stop_diameter_mm": lens["stop_diameter_mm"],
     }
     x, y = np.meshgrid(np.arange(stack["width"]) + 0.5, np.arange(stack["height"]) + 0.5)
-    with Lens(lens_path) as prescription:
-        found = prescription.directions(np.stack([x, y], -1), **setting)
-    return Optics(found, lens_path, setting)
+    prescription = Lens(lens_path)
+    return Optics(prescription.directions(np.stack([x, y], -1), **setting), prescription, setting)
 
 
 @dataclass(frozen=True)

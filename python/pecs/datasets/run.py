@@ -22,14 +22,19 @@ from ..chip import Chip
 from . import imu as imus
 from . import pictures, placing, poses, rgb, rig, trajectories
 from .blender import blender
-from .files import write_array, write_json, write_whole
-from .manifest import BUSY, seal, sequence_folder
+from .files import npy_bytes, write_json, write_whole
+from .manifest import seal, sequence_folder
 from .recipe import CameraEntry, Recipe
 from .table import bad_input
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
+REQUEST = "drawn.json"  # all that decides a sequence
 OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels", "share")
+
+
+class Busy(PecsOutputError):
+    """Another process is making the sequence."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +70,8 @@ class Work:
 
 
 def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[str], None]) -> None:
-    """Makes sequence `index` in output/sequences, unless it is there. Raises PecsError; with
-    `BUSY` when another process makes it."""
+    """Makes sequence `index` in output/sequences, unless it is there. Raises PecsError; Busy when another process makes
+    it."""
     drawn = recipe.draw(index)
     final = sequence_folder(output, index)
     if final.is_dir():
@@ -77,9 +82,8 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
     with _locked(work.folder):
         if final.is_dir():
             return
-        if (work.folder / "request.json").exists():
-            _same_request(recipe, drawn, work.folder)
-        write_json(work.folder / "request.json", request(recipe, drawn))
+        _same_request(recipe, drawn, work.folder)
+        write_json(work.folder / REQUEST, request(recipe, drawn))
         _move(work)
         for entry in recipe.cameras:
             if not entry.pixels_of:
@@ -88,7 +92,6 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
         for entry in recipe.cameras:
             (_sense if entry.kind == "events" else pictures.take)(work, entry)
         _drop(work)
-        (work.folder / "request.json").replace(work.folder / "drawn.json")
         seal(work.folder)
     work.folder.rename(final)
 
@@ -96,29 +99,27 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
 def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
     """All that decides a sequence."""
     scene = recipe.scene(drawn["scene"])
-    cameras = [json.loads(json.dumps(c, default=vars)) for c in recipe.cameras]
-    return json.loads(
-        json.dumps(
-            {
-                "seed": recipe.seed,
-                "drawn": drawn,
-                "scene": {"path": os.path.relpath(scene.path, recipe.path.parent), "options": scene.options},
-                "cameras": cameras,
-                "imu": recipe.imu,
-                "render": recipe.render,
-                "truth": recipe.truth,
-            }
-        )
-    )
+    decides = {
+        "seed": recipe.seed,
+        "drawn": drawn,
+        "scene": {"path": os.path.relpath(scene.path, recipe.path.parent), "options": scene.options},
+        "cameras": recipe.cameras,
+        "imu": recipe.imu,
+        "render": recipe.render,
+        "truth": recipe.truth,
+    }
+    found: dict[str, Any] = json.loads(json.dumps(decides, default=vars))
+    return found
 
 
 def _same_request(recipe: Recipe, drawn: dict[str, Any], folder: Path) -> None:
-    for name in ("drawn.json", "request.json"):
-        if (folder / name).exists():
-            before, now = json.loads((folder / name).read_text()), request(recipe, drawn)
-            for key in now:
-                if before.get(key) != now[key]:
-                    raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing", 5)
+    """What is begun or made there, if anything, is this."""
+    if not (folder / REQUEST).exists():
+        return
+    before, now = json.loads((folder / REQUEST).read_text()), request(recipe, drawn)
+    for key in now:
+        if before.get(key) != now[key]:
+            raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing", 5)
 
 
 @contextmanager
@@ -127,7 +128,7 @@ def _locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise PecsOutputError(f"{folder}: {BUSY}", 5) from None
+            raise Busy(f"{folder}: another process is making this sequence", 5) from None
         yield
         Path(file.name).unlink(missing_ok=True)
 
@@ -180,9 +181,7 @@ def _surfaces(survey: Path) -> trajectories.Surfaces:
 
 def _write_imu(work: Work, path: trajectories.Trajectory) -> None:
     options = work.recipe.imu or {}
-    placed = np.eye(4)
-    placed[:3, 3] = options["position_m"]
-    imu = imus.Imu.of_part(options["part"], options["rate_hz"], placed)
+    imu = imus.Imu.of_part(options["part"], options["rate_hz"], rig.rig_from_camera(options["position_m"]))
     got = imus.measure(path, imu, work.recipe.rng(work.index, "imu"))
     kept = got.t_ns <= work.duration_us * 1000
     poses.write_euroc_imu(work.folder / "imu.csv", got.t_ns[kept], got.gyro_rad_s[kept], got.accel_m_s2[kept])
@@ -225,11 +224,7 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
     where: dict[str, Any] = {"folder": work.folder, "log": f"{entry.name}/render.log"}
     if recipe.truth["layers"] and not (work.truth(entry) / "done").exists():
         work.say(f"{entry.name}: truth")
-        own = {
-            k: v
-            for k, v in light.items()
-            if k not in ("time", "fps", "step_px", "time_tolerance", "subpixels", "share")
-        }
+        own = {k: v for k, v in light.items() if k not in OF_LIGHT}
         fps = recipe.truth["fps"]
         own |= {"fps": fps, "frames": math.floor(seconds * fps + 1e-9) + 1, "layers": ",".join(recipe.truth["layers"])}
         blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *_flags(options | own), **where)
@@ -282,23 +277,22 @@ def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
 def _describe(work: Work) -> None:
     """sequence.json and the rectification maps."""
     recipe = work.recipe
-    optics = {c.name: _optics(work, c) for c in recipe.cameras}
-    pinholes = {name: rig.pinhole(o.directions) for name, o in optics.items()}
-    placed = {c.name: rig.rig_from_camera(c.position_m, c.rotation_deg) for c in map(work.owner, recipe.cameras)}
+    views = {c.name: _view(work, c) for c in recipe.cameras if not c.pixels_of}
     entries = []
     for entry in recipe.cameras:
         owner, name = work.owner(entry), entry.name
-        K_rect, R_rect, baseline = [pinholes[name].K], np.eye(3), None
+        view = views[owner.name]
+        K_rect, R_rect, baseline = [view.pinhole.K], np.eye(3), None
         if entry.partner:
-            other = work.owner(work.camera(entry.partner))
-            move = np.linalg.inv(placed[owner.name]) @ placed[other.name]
-            baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [pinholes[name].K, pinholes[entry.partner].K]
+            other = views[work.owner(work.camera(entry.partner)).name]
+            move = np.linalg.inv(view.placed) @ other.placed
+            baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [view.pinhole.K, other.pinhole.K]
             R_rect = rig.stereo_rotation(move)
-        K = rig.rectified_K(K_rect, optics[name].size)
-        write_array(work.folder / name / "rectify_map.npy", rig.rectify_map(optics[name].directions, R_rect, K))
+        width, height = view.optics.size
+        K = rig.rectified_K(K_rect, (width, height))
+        rectify_map = rig.rectify_map(view.optics.directions, R_rect, K)
+        write_whole(work.folder / name / "rectify_map.npy", npy_bytes(rectify_map))
         drawn = work.drawn["cameras"][name]
-        width, height = optics[name].size
-        stack = _info(work.stack(entry))
         entries.append(
             {
                 "name": name,
@@ -309,14 +303,14 @@ def _describe(work: Work) -> None:
                 "model": entry.model,
                 "overrides": drawn["overrides"],
                 "lens": owner.lens,
-                "fnumber": stack["lens"]["fnumber"],
-                "focus_m": stack["lens"]["focus_m"],
-                "pixel_pitch_um": stack["pixel_pitch_m"] * 1e6,
-                "rig_from_camera": placed[owner.name].tolist(),
-                "K": pinholes[name].K.tolist(),
-                "distortion": pinholes[name].distortion.tolist(),
+                "fnumber": view.stack["lens"]["fnumber"],
+                "focus_m": view.stack["lens"]["focus_m"],
+                "pixel_pitch_um": view.stack["pixel_pitch_m"] * 1e6,
+                "rig_from_camera": view.placed.tolist(),
+                "K": view.pinhole.K.tolist(),
+                "distortion": view.pinhole.distortion.tolist(),
                 "distortion_model": "radtan",
-                "distortion_error_px": pinholes[name].error_px,
+                "distortion_error_px": view.pinhole.error_px,
                 "K_rect": K.tolist(),
                 "R_rect": R_rect.tolist(),
                 "partner": entry.partner,
@@ -336,29 +330,29 @@ def _describe(work: Work) -> None:
             "scene": work.drawn["scene"],
             "cameras": entries,
             "imu": recipe.imu,
-            "versions": {"pecs": version(), "blender": stack["versions"]["blender"]},
+            "versions": {"pecs": version(), "blender": view.stack["versions"]["blender"]},
             "about": recipe.about,
         },
     )
 
 
-def _info(stack: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((stack / "stack.json").read_text())
-    return found
+@dataclass(frozen=True)
+class _View:
+    """What a stack says of its camera. placed: rig_from_camera."""
+
+    stack: dict[str, Any]
+    optics: rig.Optics
+    pinhole: rig.Pinhole
+    placed: rig.Array
 
 
-def _optics(work: Work, entry: CameraEntry) -> rig.Optics:
-    owner = work.owner(entry)
-    found = rig.optics(_info(work.stack(entry)), owner.lens)
-    if np.isnan(found.directions).any():
-        lost = int(np.isnan(found.directions).any(-1).sum())
-        raise bad_input(
-            work.recipe.path,
-            f"rig.camera {owner.name}.lens",
-            f"{owner.lens}: {lost} pixels see nothing",
-            "a lens that covers the film",
-        )
-    return found
+def _view(work: Work, entry: CameraEntry) -> _View:
+    optics = rig.optics(stack := rig.stack_json(work.stack(entry)), entry.lens)
+    if lost := int(np.isnan(optics.directions).any(-1).sum()):
+        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}: {lost} pixels see nothing"
+        raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
+    placed = rig.rig_from_camera(entry.position_m, entry.rotation_deg)
+    return _View(stack, optics, rig.pinhole(optics.directions), placed)
 
 
 # Events

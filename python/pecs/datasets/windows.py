@@ -25,6 +25,7 @@ from .._library import PecsInputError
 from ..representations import event_histogram, time_surface, voxel_grid
 from ._check import library
 from .event_file import EventFile
+from .files import read_picture
 from .sequence import Camera, Sequence, frames_of
 
 WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
@@ -195,9 +196,8 @@ class Windows:
 
     @staticmethod
     def _add_frame(item: dict[str, Any], sequence: Sequence, camera: Camera) -> None:
-        cv2 = library("cv2", "opencv-python-headless", "reading pictures")
         frame = min(frames_of(sequence, camera), key=lambda f: abs(f.middle_us - item["end_us"]))
-        item["frame"] = np.ascontiguousarray(np.moveaxis(cv2.imread(str(frame.path))[..., ::-1], -1, 0))
+        item["frame"] = np.ascontiguousarray(np.moveaxis(read_picture(frame.path), -1, 0))
         item["frame_us"] = np.array([frame.start_us, frame.end_us], np.float64)
 
 

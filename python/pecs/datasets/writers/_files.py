@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._library import PecsInputError
 from .._check import library
 from ..event_file import EventFile
+from ..files import png_bytes
 
 _CHUNK = 1 << 16
 BLOCK = 1 << 20  # events at a time
@@ -114,26 +114,9 @@ def save_events(path: Path, events: EventFile, dtype: str, value: Callable[[NDAr
             file.write(np.ascontiguousarray(value(block), dtype).tobytes())
 
 
-def png_bytes(picture: NDArray[Any]) -> bytes:
-    """uint8 or uint16, [H, W] or [H, W, 3] RGB."""
-    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
-    ok, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
-    assert ok
-    return bytes(data)
-
-
 def write_png(path: Path, picture: NDArray[Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(png_bytes(picture))
-
-
-def read_picture(path: Path) -> NDArray[np.uint8]:
-    """[H, W, 3] RGB, 8 bit."""
-    cv2 = library("cv2", "opencv-python-headless", "reading pictures")
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise PecsInputError(f"{path}: got no picture that can be read, wanted PNG", 4)
-    return picture[..., ::-1]
 
 
 def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -151,12 +134,6 @@ def write_lines(path: Path, lines: list[str]) -> None:
 def write_json(path: Path, value: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(value, indent=1) + "\n")
-
-
-def npy_bytes(array: NDArray[Any]) -> bytes:
-    out = io.BytesIO()
-    np.save(out, array, allow_pickle=False)
-    return out.getvalue()
 
 
 def add_to_tar(tar: tarfile.TarFile, name: str, data: bytes) -> None:

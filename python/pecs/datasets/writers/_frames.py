@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from ..sequence import Camera, frames_of
+from ..sequence import Camera, Sequence, frames_of
 
 NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the event camera; see beam-splitter rigs"
-__all__ = ["NO_FRAMES", "frames_of", "truth_at"]
+__all__ = ["NO_FRAMES", "event_cameras", "frames_of", "truth_at"]
+
+
+def event_cameras(sequence: Sequence) -> Iterator[tuple[str, Camera]]:
+    """With a name for their files: the sequence's, and the camera's where there are several."""
+    cameras = sequence.of_kind("events")
+    for camera in cameras:
+        yield sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}", camera
 
 
 def truth_at(camera: Camera, t_us: float) -> int | None:

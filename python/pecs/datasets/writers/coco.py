@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import library
+from ..files import read_picture
 from ..sequence import Camera, Sequence
-from ._files import read_picture, write_json, write_png
+from ._files import write_json, write_png
 from ._frames import truth_at
 from ._labels import boxes, class_numbers
 from ._pictures import event_picture

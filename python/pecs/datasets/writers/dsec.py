@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._library import PecsInputError
+from ..files import read_picture
 from ..rectify import Rectifier, Stereo
 from ..sequence import Camera, Sequence
-from ._files import hdf5, put, put_events, read_picture, write_lines, write_png
+from ._files import hdf5, put, put_events, write_lines, write_png
 from ._report import Report
 
 _ROLES = ("cam0", "cam1", "cam2", "cam3")

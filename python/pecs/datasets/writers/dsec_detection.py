@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from ..._library import PecsInputError
 from .._check import library
+from ..files import npy_bytes, read_picture
 from ..rectify import Lens
 from ..sequence import Camera, Sequence
 from . import dsec
-from ._files import npy_bytes, read_picture, write_json, write_png
+from ._files import write_json, write_png
 from ._frames import truth_at
 from ._labels import boxes, class_numbers
 from ._report import Report

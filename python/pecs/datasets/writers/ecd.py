@@ -22,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import events as event_io
+from ..files import npy_bytes, read_picture
 from ..poses import position_quaternion, write_euroc_imu
 from ..sequence import Camera, Sequence
-from ._files import BLOCK, grey, npy_bytes, read_picture, write_lines, write_png
-from ._frames import NO_FRAMES, frames_of
+from ._files import BLOCK, grey, write_lines, write_png
+from ._frames import NO_FRAMES, event_cameras, frames_of
 from ._report import Report
 
 
@@ -34,9 +35,7 @@ def write(sequences: list[Sequence], folder: Path, depth: bool = True, e2vid: bo
     report = Report()
     report.leave_out("flow, normals, masks, boxes, causes, objects", "the format has no place for them")
     for sequence in sequences:
-        cameras = sequence.of_kind("events")
-        for camera in cameras:
-            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+        for name, camera in event_cameras(sequence):
             at = folder / name
             at.mkdir()
             _write_events(at, camera, e2vid, sequence, report)

@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from ..files import read_picture
 from ..sequence import Camera, Frame, Sequence
-from ._files import grey, hdf5, put, put_events, read_picture
-from ._frames import NO_FRAMES, frames_of
+from ._files import grey, hdf5, put, put_events
+from ._frames import NO_FRAMES, event_cameras, frames_of
 from ._report import Report
 
 
@@ -29,9 +30,7 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
     report = Report()
     report.leave_out("depth, masks, boxes, poses, IMU, causes, objects", "the format has no place for them")
     for sequence in sequences:
-        cameras = sequence.of_kind("events")
-        for camera in cameras:
-            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+        for name, camera in event_cameras(sequence):
             with hdf5(folder / sequence.split / f"{name}.h5") as file:
                 _put_camera(file, sequence, camera, report)
     return report

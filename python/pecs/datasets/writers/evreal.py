@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import npy_bytes, read_picture
 from ..sequence import Camera, Sequence
-from ._files import grey, npy_bytes, read_picture, save_events, write_json
-from ._frames import NO_FRAMES, frames_of
+from ._files import grey, save_events, write_json
+from ._frames import NO_FRAMES, event_cameras, frames_of
 from ._report import Report
 
 
@@ -26,9 +27,7 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
     report = Report()
     report.leave_out("truth, poses, IMU, causes, objects", "EVREAL compares pictures alone")
     for sequence in sequences:
-        cameras = sequence.of_kind("events")
-        for camera in cameras:
-            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+        for name, camera in event_cameras(sequence):
             _write_camera(folder / name, sequence, camera, report)
     return report
 

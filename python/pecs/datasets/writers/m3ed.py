@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._library import PecsInputError
+from ..files import read_picture
 from ..sequence import Camera, Sequence
 from . import dsec
-from ._files import grey, hdf5, put, put_events, read_picture, stack
+from ._files import grey, hdf5, put, put_events, stack
 from ._report import Report
 
 

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from ... import events as event_io
 from ..._library import PecsInputError
+from ..files import npy_bytes
 from ..sequence import Camera, Sequence
-from ._files import BLOCK, hdf5, npy_bytes, put, put_events, write_json
+from ._files import BLOCK, hdf5, put, put_events, write_json
+from ._frames import event_cameras
 from ._labels import boxes, class_numbers
 from ._report import Report
 
@@ -59,9 +61,7 @@ def write(sequences: list[Sequence], folder: Path, generation: str = "gen4", eve
     report.more |= {"classes": numbers, "rvt": {"gen1": {"boxes": 0}, "gen4": {"boxes": 0}}}
     write_json(folder / "classes.json", numbers)
     for sequence in sequences:
-        cameras = sequence.of_kind("events")
-        for camera in cameras:
-            name = sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}"
+        for name, camera in event_cameras(sequence):
             at = folder / sequence.split / name
             at.parent.mkdir(exist_ok=True)
             count = _write_events(at, camera, generation, events)

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from ..._library import PecsInputError
+from ..files import read_picture
 from ..sequence import Camera, Sequence
-from ._files import read_picture, write_png
+from ._files import write_png
 from ._pictures import depth_picture, event_picture, smaller
 from ._report import Report
 

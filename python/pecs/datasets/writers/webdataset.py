@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 
 from ..._library import PecsInputError
+from ..files import npy_bytes
 from ..sequence import Camera, Sequence
-from ._files import add_to_tar, npy_bytes
+from ._files import add_to_tar
 from ._frames import frames_of
 from ._report import Report
 
