@@ -99,7 +99,9 @@ def _labels(camera: Camera, numbers: dict[str, int]) -> NDArray[Any]:
     rows: list[tuple[Any, ...]] = []
     for i, t in enumerate(camera.truth.times_us if camera.has_boxes else []):
         rows += [(int(round(t)), b.x, b.y, b.w, b.h, numbers[b.name], b.track, 1) for b in boxes(camera, i)]
-    return np.array(rows, BBOX_DTYPE)
+    labels = np.zeros(len(rows), BBOX_DTYPE)  # zeros: the type has padding, whose bytes would be what memory held
+    labels[:] = rows
+    return labels
 
 
 def survive_rvt(labels: NDArray[Any], generation: str, camera: Camera, training: bool) -> NDArray[np.bool_]:
