@@ -100,7 +100,7 @@ def measure(count: int, fps: float, size: tuple[int, int], peer: Path | None = N
     ours = np.column_stack([events["y"].astype(int) * width + events["x"], events["t"], events["p"]])
     report = {"frames": count, "fps": fps, "pecs": score(ours, true, smooth, frame_us)}
     if peer:
-        # Its first interval is wrong (docs/models.md): compare without.
+        # Its first interval is wrong (docs/reference/models.md): compare without.
         theirs = esim(peer, frames, t_us)
         report["esim"] = score(theirs[theirs[:, 1] > frame_us], true[true[:, 1] > frame_us], smooth, frame_us)
     return report

@@ -1,4 +1,4 @@
-"""All pixel models on the same frames: how many events, and how far from PECS' own (docs/metrics.md).
+"""All pixel models on the same frames: how many events, and how far from PECS' own (docs/reference/metrics.md).
 
 python examples/compare_models.py
 """

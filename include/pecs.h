@@ -30,7 +30,7 @@ extern "C" {
 #endif
 
 typedef struct pecs_error {
-  int code;           /* 0 = no error; else as the program's exit codes (docs/exit_codes.md) */
+  int code;           /* 0 = no error; else as the program's exit codes (docs/reference/exit_codes.md) */
   char message[1024]; /* one line: file, place, got, wanted; UTF-8, zero-terminated */
 } pecs_error;
 
@@ -49,7 +49,7 @@ PECS_API pecs_lens* pecs_lens_open(const char* path_or_name, pecs_error* error);
 PECS_API void pecs_lens_close(pecs_lens* lens);
 
 /* First-order data. options: {"lambda_nm": 587.56, "focus_m": metres | null (infinity), "stop_diameter_mm": mm | null,
- * "fnumber": N | null, "film_width_mm", "film_height_mm"}; result: docs/lens.md. */
+ * "fnumber": N | null, "film_width_mm", "film_height_mm"}; result: docs/reference/lens.md. */
 PECS_API char* pecs_lens_info(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* The pupil's table at one wavelength, over the film radius: ellipses, exact areas, irradiance. Options as for info. */
@@ -61,17 +61,17 @@ PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, 
  * stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name": .., "e0": [E0 per band:
  * film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered
  * value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber", "channel_mode", "lens_name",
- * "sha256", ...: docs/lens.md}. */
+ * "sha256", ...: docs/reference/lens.md}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* The lens in section with its rays, as SVG text. Options as for info ("bands_nm": the rays' wavelengths). */
 PECS_API char* pecs_lens_draw(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
-/* Which direction of the scene lands on which pixel, by chief rays (conventions: pecs/lens/image_map.h, docs/lens.md).
- * options: {"width": pixels, "height": pixels, "pixel_pitch_mm", "lambda_nm": 550, "focus_bands_nm": [...], "focus_m",
- * "stop_diameter_mm", "fnumber", "film_shift_x_mm", "film_shift_y_mm", "film_tilt_x_deg", "film_tilt_y_deg"}.
- * pixels: [count][2]; directions: [count][3], unit length; NaN where no chief ray arrives. capacity: of the result, in
- * pixels or directions. Returns count. */
+/* Which direction of the scene lands on which pixel, by chief rays (conventions: pecs/lens/image_map.h,
+ * docs/reference/lens.md). options: {"width": pixels, "height": pixels, "pixel_pitch_mm", "lambda_nm": 550,
+ * "focus_bands_nm": [...], "focus_m", "stop_diameter_mm", "fnumber", "film_shift_x_mm", "film_shift_y_mm",
+ * "film_tilt_x_deg", "film_tilt_y_deg"}. pixels: [count][2]; directions: [count][3], unit length; NaN where no chief
+ * ray arrives. capacity: of the result, in pixels or directions. Returns count. */
 PECS_API int64_t pecs_lens_directions(const pecs_lens* lens, const char* options_json, const double* pixels,
                                       int64_t count, double* directions, int64_t capacity, pecs_error* error);
 PECS_API int64_t pecs_lens_pixels(const pecs_lens* lens, const char* options_json, const double* directions,
@@ -88,11 +88,11 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
  * "illuminant": null | "d65", "lamp.csv", "blackbody:T", "daylight:T" | [[lambda_nm, relative power], ...], "min_nm":
  * .., "max_nm": ..} (default range: where the QE and the illuminant are tabulated; the illuminant is linear between its
  * points: use it so in the scene too). result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over
- * lambda of f(lambda) dlambda ~ sum of weight_nm * f(lambda_nm) (docs/exr_stack.md). */
+ * lambda of f(lambda) dlambda ~ sum of weight_nm * f(lambda_nm) (docs/reference/exr_stack.md). */
 PECS_API char* pecs_bands(const char* options_json, pecs_error* error);
 
-/* Stacks (docs/exr_stack.md). `layer` is a layer's name; NULL is the light, whose channels are the bands. Values are
- * [channels][rows][columns] of the stack's files, row 0 at the top, in the layer's unit. */
+/* Stacks (docs/reference/exr_stack.md). `layer` is a layer's name; NULL is the light, whose channels are the bands.
+ * Values are [channels][rows][columns] of the stack's files, row 0 at the top, in the layer's unit. */
 typedef struct pecs_stack_writer pecs_stack_writer;
 /* Opens a new stack in `folder`, or continues one whose stack.json says the same (else bad_output names the key that
  * differs). */
@@ -129,7 +129,7 @@ PECS_API void pecs_stack_reader_close(pecs_stack_reader* stack);
 
 /* ---- event files (sensor/events) ----------------------------------------------------------------------------- */
 
-/* docs/event_file.md: t in integer microseconds, x right, y down, p 1 = brighter. */
+/* docs/reference/event_file.md: t in integer microseconds, x right, y down, p 1 = brighter. */
 typedef struct pecs_event {
   int64_t t_us;
   uint16_t x, y;
@@ -224,19 +224,19 @@ PECS_API void pecs_light_close(pecs_light* light);
 typedef int (*pecs_progress_fn)(double done, void* user);
 
 /* A stack in, an event file and its run record out, as `pecs sense` does. options: the program's long options with '_'
- * for '-' (docs/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed": 1,
- * "threads": 0 (all), "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" | "ideal", "format",
- * "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels": path,
+ * for '-' (docs/reference/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed":
+ * 1, "threads": 0 (all), "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" | "ideal",
+ * "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels": path,
  * "warmup_loops": 0, "start_us": 0, "duration_us", "motion": true}. progress: NULL, or called with `user`.
  * result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
 
-/* Light between two keyframes, carried along the motion of what is seen (docs/sensor.md). first, second, out:
+/* Light between two keyframes, carried along the motion of what is seen (docs/reference/sensor.md). first, second, out:
  * [bands][height][width], any positive light; motion: [channels][height][width], the 12 channels of the layer `motion`
- * (docs/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not known;
- * fraction: 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where
- * it does not show it. capacity: of out, in floats. */
+ * (docs/reference/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not
+ * known; fraction: 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts,
+ * NaN where it does not show it. capacity: of out, in floats. */
 PECS_API int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
                         int width, int height, double fraction, const char* side, float* out, int64_t capacity,
                         pecs_error* error);
@@ -282,14 +282,15 @@ PECS_API void pecs_sensor_close(pecs_sensor* sensor);
 
 /* ---- comparison (calibration) --------------------------------------------------------------------------------- */
 
-/* Distances and summaries (docs/metrics.md). options: {"width": pixels, "height": pixels, "normalisation": "shared" |
- * "eq16" | "paper", "window_us": null | integer, "origin": "first-event" | "zero", "split_half": true,
+/* Distances and summaries (docs/reference/metrics.md). options: {"width": pixels, "height": pixels, "normalisation":
+ * "shared" | "eq16" | "paper", "window_us": null | integer, "origin": "first-event" | "zero", "split_half": true,
  * "seed": 1, "disk": null | what `pecs align detect --json` prints}.
  * result: as printed by `pecs compare --json`. */
 PECS_API char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
                             const char* options_json, pecs_error* error);
 
-/* Delays of one stream's events behind the edges of a turning disk (docs/metrics.md). Events in time order. options:
+/* Delays of one stream's events behind the edges of a turning disk (docs/reference/metrics.md). Events in time order.
+ * options:
  * {"width": pixels, "height": pixels, "duration_us": the events lie in [0, this), "disk": what `pecs align detect
  * --json` prints}. result: as "delays" of pecs_compare, for one stream, and by regions of the disk. */
 PECS_API char* pecs_delays(const pecs_event* events, int64_t count, const char* options_json, pecs_error* error);

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Damaged files through the program, as a user would meet them: each run must end within 20 s of CPU time and 2 GiB,
-with a result or with one line and the exit code of an input (docs/exit_codes.md).
+with a result or with one line and the exit code of an input (docs/reference/exit_codes.md).
 
     scripts/broken_files.py [--count 500] [--seed 2] [--only evt3,chip] [--exr openexr-images/Damaged]
 

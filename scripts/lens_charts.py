@@ -1,4 +1,4 @@
-"""docs/lenses.md and the charts in docs/lenses/, of every lens in lens_data/lenses.
+"""docs/reference/lenses.md and the charts in docs/reference/lenses/, of every lens in lens_data/lenses.
 
 .venv/bin/python scripts/lens_charts.py    (needs build/release/bin/pecs, or build/dev/bin/pecs)
 """
@@ -38,7 +38,7 @@ def described(name):
 
 
 def main():
-    charts = ROOT / "docs/lenses"
+    charts = ROOT / "docs/reference/lenses"
     charts.mkdir(exist_ok=True)
     rows, sections = "", ""
     for path in sorted((ROOT / "lens_data/lenses").glob("*.json")):
@@ -55,7 +55,7 @@ def main():
         (charts / f"{name}.svg.run.json").unlink()
         source = "; ".join(str(v) for v in lens["source"].values())
         sections += f"\n## {name}\n{lens['name']}. {source}.\n\n![chart of {name}](lenses/{name}.svg)\n"
-    (ROOT / "docs/lenses.md").write_text(PREFACE + rows + sections)
+    (ROOT / "docs/reference/lenses.md").write_text(PREFACE + rows + sections)
 
 
 if __name__ == "__main__":

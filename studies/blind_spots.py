@@ -1,6 +1,6 @@
 """What each measure of `pecs compare` sees of a simulation that is wrong in one known way.
 
-    .venv/bin/python studies/blind_spots.py [--picture docs/metrics.svg] > table.md
+    .venv/bin/python studies/blind_spots.py [--picture docs/studies/metrics.svg] > table.md
 
 The recording is a simulated one: the lab's disk in dim light (320 x 180, imx636 with its noise, slow pixels as in
 R_360_L). Five other recordings of the same scene, the noise drawn anew, say what chance does to each measure; then one

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""docs/motion.png: what is carried, what is rendered between and what is left, from the stacks of bench/motion.py.
+"""docs/reference/motion.png: what is carried, what is rendered between and what is left, from the stacks of
+bench/motion.py.
 
-.venv/bin/python bench/motion.py -o out/motion && studies/motion_pictures.py out/motion -o docs/motion.png
+.venv/bin/python bench/motion.py -o out/motion && studies/motion_pictures.py out/motion -o docs/reference/motion.png
 """
 
 import argparse

@@ -5,8 +5,8 @@ there is one, else against `pecs`. Stacks come from tools/sequences.py.
     studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
 
 Writes table1.json, .csv, .html and .tex into the folder. Published numbers stand beside ours in the paper's arithmetic
-and in shared normalisation (docs/metrics.md), with 95 % intervals. On the disk, delays behind the edge too: the earth
-mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
+and in shared normalisation (docs/reference/metrics.md), with 95 % intervals. On the disk, delays behind the edge too:
+the earth mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
 recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
 ../shared/data/real/R_360_L.hdf5 if there.
 """

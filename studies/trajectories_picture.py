@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""docs/trajectories.png: paths from above, and what an IMU on them reads.
+"""docs/reference/trajectories.png: paths from above, and what an IMU on them reads.
 
-.venv/bin/python studies/trajectories_picture.py -o docs/trajectories.png
+.venv/bin/python studies/trajectories_picture.py -o docs/reference/trajectories.png
 """
 
 import argparse
@@ -76,7 +76,7 @@ def draw(axes, kind: str, more: dict) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", default="docs/trajectories.png")
+    parser.add_argument("-o", "--output", default="docs/reference/trajectories.png")
     output = parser.parse_args().output
     figure, axes = plt.subplots(3, len(KINDS), figsize=(13, 8.2), gridspec_kw={"height_ratios": [1.8, 1, 1]})
     for column, (kind, more) in enumerate(KINDS.items()):

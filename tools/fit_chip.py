@@ -7,7 +7,8 @@ The disk is computed, not rendered: centre, speed and phase come from `pecs alig
 map is free. With it, thresholds, mismatch, noise and the disk's contrast are shared by all regions and fitted to the
 histograms of the delays behind the edges (Nelder-Mead).
 
-Model and recording are compared as by `pecs compare --disk` (docs/metrics.md), background beside the disk included.
+Model and recording are compared as by `pecs compare --disk` (docs/reference/metrics.md), background beside the disk
+included.
 """
 
 import argparse

@@ -327,7 +327,7 @@ void align_recording(const AlignArguments& a) {
 }  // namespace
 
 void add_align(CLI::App& app) {
-  auto* align = app.add_subcommand("align", "Measures the scene in a recording (docs/align.md)");
+  auto* align = app.add_subcommand("align", "Measures the scene in a recording (docs/reference/align.md)");
   align->require_subcommand(0, 1);
 
   auto a = std::make_shared<AlignArguments>();

@@ -113,7 +113,8 @@ void run(const Arguments& a) {
 
 void add_compare(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("compare", "Score a simulation against a real recording (docs/metrics.md)");
+  auto* command =
+      app.add_subcommand("compare", "Score a simulation against a real recording (docs/reference/metrics.md)");
   command->add_option("REAL", a->real, "Recording, any event format")->required();
   command->add_option("SIM", a->sim, "Simulation, same sensor size")->required();
   command->add_option("--window", a->window_us, "Only this much from the origin, e.g. 100ms (default: all)")

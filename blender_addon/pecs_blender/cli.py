@@ -58,8 +58,8 @@ def _add_render(commands) -> None:
     command = commands.add_parser(
         "render",
         help="render a scene into an EXR stack",
-        description="Renders a .blend file or a scene folder into an EXR stack (docs/exr_stack.md). Run again, a "
-        "stopped job continues. The .blend is never written.",
+        description="Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). Run "
+        "again, a stopped job continues. The .blend is never written.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = command.add_argument
@@ -95,7 +95,7 @@ def _add_survey(commands) -> None:
         "survey",
         help="points on the surfaces of a scene",
         description="Writes points on all surfaces of a scene, at several instants, into an .npz file "
-        "(docs/render.md), for what plans a camera's path outside Blender.",
+        "(docs/reference/render.md), for what plans a camera's path outside Blender.",
     )
     add = command.add_argument
     add("scene", type=Path, help="FILE.blend, or a scene folder")

@@ -1,4 +1,5 @@
-"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h; docs/python.md)."""
+"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h;
+docs/reference/python.md)."""
 
 from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version
 from ._sense import sense

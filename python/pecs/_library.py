@@ -26,7 +26,7 @@ DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 
 
 class PecsError(RuntimeError):
-    """An error from the library, one line. `code` is one of the program's exit codes (docs/exit_codes.md).
+    """An error from the library, one line. `code` is one of the program's exit codes (docs/reference/exit_codes.md).
 
     Its kinds are also Python's own: `PecsNotFoundError` a FileNotFoundError, `PecsInputError` a ValueError,
     `PecsOutputError` an OSError.

@@ -1,4 +1,4 @@
-"""Chips, the photocurrent that light makes on them, and the pixel models (docs/sensor.md, docs/models.md)."""
+"""Chips, the photocurrent that light makes on them, and the pixel models (docs/reference/: sensor.md, models.md)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Chip(Handle):
     """A chip profile, by name or path, with `overrides` of its values (in the profile's unit and range).
 
         chip = pecs.Chip("imx636", overrides={"contrast_threshold_on": 0.25})
-        chip.pixel_pitch_m, chip.width                 # every value of the profile (docs/sensor.md) is an attribute
+        chip.pixel_pitch_m, chip.width                 # every value of the profile is an attribute
         current_a = chip.photocurrent("stack", 0)      # [height, width]
 
     `info` also has units, description and the relative quantum efficiency. Raises PecsNotFoundError for an unknown

@@ -1,4 +1,4 @@
-"""Lenses: first-order data and the generated camera for Cycles. Keys and options: docs/lens.md."""
+"""Lenses: first-order data and the generated camera for Cycles. Keys and options: docs/reference/lens.md."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Lens(Handle):
             lens.info(focus_m=1.5, fnumber=4)["film_z_mm"]
 
     Lengths are in mm, focus distances in m from the entrance pupil; None is infinity for `focus_m`, wide open for
-    `stop_diameter_mm` and `fnumber` (of which one at most is given), and elsewhere what docs/lens.md says.
+    `stop_diameter_mm` and `fnumber` (of which one at most is given), and elsewhere what docs/reference/lens.md says.
     """
 
     _free = staticmethod(_close)

@@ -1,4 +1,4 @@
-"""The light of a rendered stack at any time, and over exposures (docs/sensor.md, Motion between frames)."""
+"""The light of a rendered stack at any time, and over exposures (docs/reference/sensor.md, Motion between frames)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores of simulated events against recorded ones; what each number means stands in docs/metrics.md."""
+"""Scores of simulated events against recorded ones; what each number means stands in docs/reference/metrics.md."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def delays(
     `disk`: what `pecs align detect --json` found, its phase_time_us in the clock of `events`. The dictionary is
     `compare`'s "delays" for one stream, with what a model of the pixel needs to predict it: by polarity "passes",
     [region][bin] pixels times passing edges; "regions": how many around (counter-clockwise from the left) and along the
-    radius (inner_px to outer_px), and the events of each (docs/metrics.md).
+    radius (inner_px to outer_px), and the events of each (docs/reference/metrics.md).
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     events = as_events(events)

@@ -1,4 +1,4 @@
-"""Light, and numbers of what is seen, between two keyframes, carried along the motion (docs/sensor.md)."""
+"""Light, and numbers of what is seen, between two keyframes, carried along the motion (docs/reference/sensor.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""EXR stacks (docs/exr_stack.md): OpenEXR files, one per instant and layer, written whole or not at all."""
+"""EXR stacks (docs/reference/exr_stack.md): OpenEXR files, one per instant and layer, written whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 #pragma once
 // What carried light lacks between two keyframes, from pictures rendered at instants between them
-// (docs/exr_stack.md, Pictures between instants).
+// (docs/reference/exr_stack.md, Pictures between instants).
 #include <cstdint>
 #include <span>
 #include <vector>

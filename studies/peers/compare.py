@@ -197,7 +197,7 @@ def main() -> None:
             theirs, seconds = in_whole_us(peers.run(case))
             e = pecs.simulate(frames, t_us, chip="ideal", model=case.peer, encoding="linear", **case.model)
             ours = np.stack([e["t"], e["x"], e["y"], e["p"]], axis=1).astype(np.float64)
-            later = t_us[1] if case.peer == "esim" else 0  # esim's first interval is wrong (docs/models.md)
+            later = t_us[1] if case.peer == "esim" else 0  # esim's first interval is wrong (docs/reference/models.md)
             row = {
                 "model": case.peer,
                 "setting": case.name,

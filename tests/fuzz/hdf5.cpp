@@ -1,5 +1,6 @@
 // HDF5 files whose container is whole and whose datasets are made of the input: types, layouts, sizes, values, ECF
-// blocks. The bytes of the container itself meet the HDF5 library, whose defects are known (docs/event_file.md).
+// blocks. The bytes of the container itself meet the HDF5 library, whose defects are known
+// (docs/reference/event_file.md).
 #include <hdf5.h>
 
 #include <array>

@@ -317,8 +317,8 @@ def test_what_was_drawn_is_json(tmp_path):
 
 
 def test_the_page(root):
-    """docs/trajectories.md as a user reads it: its Python runs, and it names every kind and parameter."""
-    text = (root / "docs/trajectories.md").read_text()
+    """docs/reference/trajectories.md as a user reads it: its Python runs, and it names every kind and parameter."""
+    text = (root / "docs/reference/trajectories.md").read_text()
     (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     names = {}
     exec(block, names)

@@ -1,4 +1,4 @@
-"""docs/python.md as a user reads it: its Python runs from top to bottom."""
+"""docs/reference/python.md as a user reads it: its Python runs from top to bottom."""
 
 import re
 
@@ -10,7 +10,7 @@ def test_python_page(root, tmp_path, monkeypatch):
     write(tmp_path / "stack")
     write_truth(tmp_path / "truth", Rectangle(), 1, light=False)
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (root / "docs/python.md").read_text(), flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (root / "docs/reference/python.md").read_text(), flags=re.DOTALL)
     assert len(blocks) >= 5
     names = {}
     for block in blocks:

@@ -387,7 +387,7 @@ def test_errors_name_the_formats(tmp_path):
 
 
 def test_the_docs_list_every_format(root):
-    lines = (root / "docs/event_file.md").read_text().splitlines()
+    lines = (root / "docs/reference/event_file.md").read_text().splitlines()
     rows = [line.split("|") for line in lines if line.startswith("| `")]
     listed = {row[1].strip(" `"): (row[3].strip() == "yes", row[4].strip() == "yes") for row in rows}
     assert listed == {f["name"]: (f["reads"], f["writes"]) for f in pecs.event_formats()}

@@ -82,9 +82,9 @@ def test_pictures_as_png(what, pecs_program, tmp_path):
 
 
 def test_every_shipped_lens_is_on_the_page_of_charts(root):
-    page = (root / "docs/lenses.md").read_text()
+    page = (root / "docs/reference/lenses.md").read_text()
     for path in (root / "lens_data/lenses").glob("*.json"):
-        assert f"\n## {path.stem}\n" in page and (root / f"docs/lenses/{path.stem}.svg").is_file(), (
+        assert f"\n## {path.stem}\n" in page and (root / f"docs/reference/lenses/{path.stem}.svg").is_file(), (
             "run scripts/lens_charts.py"
         )
         efl = pecs.Lens(path.stem).info()["efl_mm"]

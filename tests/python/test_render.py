@@ -112,7 +112,8 @@ def test_the_light_is_absolute(disk):
 
 
 def test_film_irradiance_follows_from_the_radiance(disk):
-    """E = e0 * L on the axis (docs/exr_stack.md): the wall's irradiance through the lens over its pinhole radiance."""
+    """E = e0 * L on the axis (docs/reference/exr_stack.md): the wall's irradiance through the lens over its pinhole
+    radiance."""
     stack, lens = frames(disk / "lens")
     _, pinhole = frames(disk / "pinhole")
     window = np.s_[0, :, 80:100, 130:160]

@@ -123,7 +123,7 @@ def test_background_and_leak_rates(chip):
 
 
 def test_real_recording(root, shared, pecs_program):
-    """R_360_L with the shipped profile, only the light free: what docs/sensor.md promises."""
+    """R_360_L with the shipped profile, only the light free: what docs/reference/sensor.md promises."""
     recording = shared / "data/real/R_360_L.hdf5"
     if not recording.is_file():
         pytest.skip(f"needs {recording}")

@@ -3,9 +3,9 @@
 // (sensor/src/models/pecs/) is compared with it. The product's photoreceptor meets Runge-Kutta in
 // photoreceptor_test.cpp.
 //
-// The charge-type (logistic) photoreceptor (docs/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi * corner per
-// ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its corner,
-// a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
+// The charge-type (logistic) photoreceptor (docs/reference/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi *
+// corner per ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its
+// corner, a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
 //
 // In w = 1/u it is linear: dw/dX = 1/I - w, with dX = a I dt. So over a step
 //   w1 = e^-X w0 + integral over [0, X] of e^-(X-x) g(x) dx,  g = 1/I,

@@ -48,7 +48,8 @@ TEST(Crossing, EveryShapeAgainstADenseSearch) {
 TEST(Photoreceptor, ConstantLightIsTheLogisticCurve) {
   for (const double x : {1e-6, 0.01, 0.3, 3.0, 40.0}) {
     const double light = 2.5, u0 = 0.2;
-    const double u1 = light * u0 * std::exp(x) / (light + u0 * (std::exp(x) - 1));  // docs/sensor.md, x = a I dt
+    const double u1 =
+        light * u0 * std::exp(x) / (light + u0 * (std::exp(x) - 1));  // docs/reference/sensor.md, x = a I dt
     EXPECT_NEAR(1 / receptor_step(1 / u0, 1 / light, 1 / light, 0, 0, x), u1, 1e-12 * light);
   }
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors as the pecs program reports them: one line, one documented exit code (docs/exit_codes.md)."""
+"""Errors as the pecs program reports them: one line, one documented exit code (docs/reference/exit_codes.md)."""
 
 import re
 

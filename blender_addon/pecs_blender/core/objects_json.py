@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is known of the things in the layer `objects`: a small file for each instant, `objects_000000.json`, and when
-all are there, one for the stack, `objects.json` (docs/exr_stack.md). Files appear whole or not at all."""
+all are there, one for the stack, `objects.json` (docs/reference/exr_stack.md). Files appear whole or not at all."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from .errors import BAD_OUTPUT, RenderError
 
 
 def as_written(light: np.ndarray) -> np.ndarray:
-    """As it is read back: 12 bits of the mantissa, to nearest even (docs/exr_stack.md)."""
+    """As it is read back: 12 bits of the mantissa, to nearest even (docs/reference/exr_stack.md)."""
     bits = np.ascontiguousarray(light, np.float32).view(np.uint32)
     rounded = ((bits + 0x3FF + ((bits >> 11) & 1)) & ~np.uint32(0x7FF)).view(np.float32)
     return np.where(np.isfinite(light), rounded, light)

@@ -80,7 +80,7 @@ class _Shard:
         return list(pairwise(Timeline(times_ns, self._period_ns).bounds_ns))
 
     def between(self) -> Iterator[tuple[tuple[int, int], str, Path]]:
-        """Pictures within intervals (docs/exr_stack.md): interval, number and file."""
+        """Pictures within intervals (docs/reference/exr_stack.md): interval, number and file."""
         for i, place in enumerate(self.intervals(self.times_ns)):
             for path in sorted(self.folder.glob(f"between_{i:06d}_*.exr")):
                 yield place, path.stem.rsplit("_", 1)[1], path

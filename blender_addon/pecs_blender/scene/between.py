@@ -4,7 +4,7 @@
 Both keyframes, carried along the motion to the middle, must agree there (in photocurrent, by blocks of pixels, beyond
 noise), and with strips that are rendered in the middle: when a lamp flickers, both may agree and be wrong. Where they
 do not, the middle is rendered; and where that picture differs from what the sensor would have taken, each half in the
-same way, down to the plan's own instants (docs/motion.md).
+same way, down to the plan's own instants (docs/reference/motion.md).
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 """At which of a plan's instants to render, so that motion explains what lies between.
 
 From each keyframe on, the longest interval is taken in which no surface that is seen moves further than `step_px` and
-every path is a parabola to within BEND_PX (so the sensor can follow it, docs/exr_stack.md). Both are measured on a
-small picture at five instants of the interval; what is found nowhere at its end says nothing.
+every path is a parabola to within BEND_PX (so the sensor can follow it, docs/reference/exr_stack.md). Both are measured
+on a small picture at five instants of the interval; what is found nowhere at its end says nothing.
 """
 
 from __future__ import annotations

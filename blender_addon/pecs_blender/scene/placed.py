@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of other .blend files, placed into a scene: `--place FILE` (docs/render.md)."""
+"""Objects of other .blend files, placed into a scene: `--place FILE` (docs/reference/render.md)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One render job: a scene, a lens, bands and instants in; an EXR stack (docs/exr_stack.md) out."""
+"""One render job: a scene, a lens, bands and instants in; an EXR stack (docs/reference/exr_stack.md) out."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Makes an open scene spectral: in each pass every colour that reaches a shader becomes its value at the pass's three
-wavelengths (docs/render.md has the table, node by node).
+wavelengths (docs/reference/render.md has the table, node by node).
 
 Colours are computed in RGB as the file says; the 3x3 matrix of the pass stands just before the shader's socket. An
 unlinked socket gets its value times the matrix, a linked one a node group between. Custom properties name spectra:

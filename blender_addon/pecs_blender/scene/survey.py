@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the surfaces of a scene, for planning outside Blender (docs/render.md).
+"""Points on the surfaces of a scene, for planning outside Blender (docs/reference/render.md).
 
 Each thing gets as many points as its area asks for, in equal steps of area over its triangles; within a triangle they
 follow the R2 sequence (Roberts 2018). So points are evenly spread and the same in every run. What neither moves nor

@@ -17,7 +17,7 @@ from . import settings
 
 POLL_S = 0.2
 PREVIEW_STACK = "preview_stack"  # the folder's name
-STOPPED = (130, 143, -15)  # docs/exit_codes.md; by signal, before it was ready for one
+STOPPED = (130, 143, -15)  # docs/reference/exit_codes.md; by signal, before it was ready for one
 
 
 class Job:

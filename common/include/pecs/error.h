@@ -1,5 +1,5 @@
 #pragma once
-// Errors: one line that says file, place, got, wanted; one enum of exit codes (docs/exit_codes.md).
+// Errors: one line that says file, place, got, wanted; one enum of exit codes (docs/reference/exit_codes.md).
 #include <stdexcept>
 #include <string>
 #include <string_view>

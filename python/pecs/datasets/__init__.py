@@ -1,5 +1,5 @@
 """Data sets of events with ground truth: reading them, training with them, and writing them in others' formats
-(docs/dataset_formats.md)."""
+(docs/reference/dataset_formats.md)."""
 
 from . import writers
 from .event_file import EventFile

@@ -20,8 +20,8 @@ from .table import bad_input
 
 USAGE, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 5, 130, 143
 SHOWN_ROWS = 20  # of --plan
-ABOUT = """Makes a data set from a recipe (docs/datasets.md): sequences of events with ground truth, rendered from
-scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
+ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
+from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
 other has."""
 EXAMPLES = """examples:
   pecs dataset room.toml -o out/room --plan       sequences, instants, hours and gigabytes; makes nothing

@@ -1,5 +1,5 @@
 """Objects and textures from pools, drawn into a scene: [[scene.place]] of a recipe. What is drawn goes to the renderer
-as `--place` (docs/render.md)."""
+as `--place` (docs/reference/render.md)."""
 
 from __future__ import annotations
 

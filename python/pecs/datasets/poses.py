@@ -29,7 +29,7 @@ UNIT_TOLERANCE = 1e-2  # of a quaternion's length: files have few digits
 
 
 def bad_input(message: str) -> PecsInputError:
-    return PecsInputError(message, 4)  # docs/exit_codes.md
+    return PecsInputError(message, 4)  # docs/reference/exit_codes.md
 
 
 def matrix_from_quaternion(q: ArrayLike) -> NDArray[np.float64]:

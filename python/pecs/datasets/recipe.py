@@ -1,4 +1,4 @@
-"""A recipe: what a data set is made of (docs/datasets.md), and what is drawn of it for one sequence.
+"""A recipe: what a data set is made of (docs/reference/datasets.md), and what is drawn of it for one sequence.
 
 Every drawn value has a generator of its own, keyed by the recipe's seed, the sequence's number and the value's name:
 sequence 7 is the same in a set of ten and of a thousand, and a new range beside it changes no other value.

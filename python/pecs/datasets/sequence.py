@@ -1,4 +1,4 @@
-"""One sequence of a data set, as it lies on disk (docs/datasets.md): strict about what it finds, and lazy.
+"""One sequence of a data set, as it lies on disk (docs/reference/datasets.md): strict about what it finds, and lazy.
 
     sequence = pecs.datasets.Sequence("SET/sequences/0000")
     left = sequence.cameras["left"]

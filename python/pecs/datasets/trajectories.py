@@ -5,8 +5,9 @@
     trajectory = plan("drone", parameters, Surfaces([0.0], [points]), rng)
     positions_m, quaternions = trajectory.pose(np.linspace(0, 2, 2001))
 
-The same parameters, surfaces and generator give the same bits. docs/trajectories.md describes every kind and parameter.
-How to add a kind: a path in paths.py, its parameters in `PARAMETERS`, its draw in `DRAWS`; the tests go over `KINDS`.
+The same parameters, surfaces and generator give the same bits. docs/reference/trajectories.md describes every kind
+and parameter. How to add a kind: a path in paths.py, its parameters in `PARAMETERS`, its draw in `DRAWS`; the
+tests go over `KINDS`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Ground truth of one camera at its instants: an EXR stack without light (docs/exr_stack.md), and objects.json."""
+"""Ground truth of one camera at its instants: an EXR stack without light (docs/reference/exr_stack.md), and
+objects.json."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a stack holds of each instant (docs/exr_stack.md), one file each. To add one: a class with the protocol Layer, a
-line in KINDS, its name in core/options.py."""
+"""What a stack holds of each instant (docs/reference/exr_stack.md), one file each. To add one: a class with the
+protocol Layer, a line in KINDS, its name in core/options.py."""
 
 from __future__ import annotations
 

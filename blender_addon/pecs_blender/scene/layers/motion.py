@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where the surface point goes that is seen at a pixel's centre: from an interval's start to its middle and end, and
-from its end back (docs/exr_stack.md)."""
+from its end back (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 

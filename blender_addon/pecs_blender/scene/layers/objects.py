@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which thing is seen at a pixel's centre (scene/things.py), and beside the picture all that is known of the things:
-pose, boxes, what hides them (docs/exr_stack.md)."""
+pose, boxes, what hides them (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 #pragma once
 // A lab scene (scenes/board, scenes/rotating_disk) as its scene.json declares it and as aligned.json changes it
-// (docs/aligned_scene.md).
+// (docs/reference/aligned_scene.md).
 //
 // World of the scenes: x right, y away from the camera, z up; the camera's entrance pupil is the origin. Blender's
 // camera looks along its -z with +y up: rotation_deg is its XYZ Euler rotation, (90, 0, 0) looks along +y. Targets face

@@ -1,5 +1,5 @@
 #pragma once
-// A chip profile (sensor/chips/*.json, docs/sensor.md): every value with unit, range and source.
+// A chip profile (sensor/chips/*.json, docs/reference/sensor.md): every value with unit, range and source.
 #include <memory>
 #include <string>
 #include <vector>

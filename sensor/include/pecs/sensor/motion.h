@@ -1,7 +1,7 @@
 #pragma once
-// Light between two keyframes, carried along the motion of the surfaces that are seen (docs/sensor.md, Motion).
-// Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between the
-// keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
+// Light between two keyframes, carried along the motion of the surfaces that are seen (docs/reference/sensor.md,
+// Motion). Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between
+// the keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -13,8 +13,8 @@
 
 namespace pecs::sensor {
 
-// Channels of the layer `motion` (docs/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points seen at the start,
-// then the same of those seen at the end, back to the start.
+// Channels of the layer `motion` (docs/reference/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points seen at
+// the start, then the same of those seen at the end, back to the start.
 inline constexpr std::size_t kMotionChannels = 12;
 
 // Both keyframes, or one of them alone.

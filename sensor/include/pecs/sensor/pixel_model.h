@@ -1,12 +1,12 @@
 #pragma once
 // Pixel models: frames in, events out. `pecs` is ours (models/pecs/); `esim`, `v2e`, `voltmeter` and `icns` are other
-// simulators', written from their papers to be compared with (docs/models.md).
+// simulators', written from their papers to be compared with (docs/reference/models.md).
 //
 // To add one:
 //   1. src/models/NAME.cpp: a PixelModel and its `extern const ModelEntry kModel_NAME` (src/models/entry.h), with its
 //      parameters (unit, default, range, place in the paper) and traits.
 //   2. NAME in the list MODELS of sensor/CMakeLists.txt.
-//   3. A section in docs/models.md.
+//   3. A section in docs/reference/models.md.
 // The property suite (tests/sensor/model_test.cpp) runs over all of them.
 #include <cstdint>
 #include <map>

@@ -1,5 +1,5 @@
 #pragma once
-// The whole sensor: a source of frames in, an event file out (docs/sensor.md).
+// The whole sensor: a source of frames in, an event file out (docs/reference/sensor.md).
 #include <cstdint>
 #include <filesystem>
 #include <functional>

@@ -1,7 +1,7 @@
 #pragma once
-// The EXR stack (contract 1, docs/exr_stack.md): a folder with stack.json and OpenEXR files, one per instant and layer.
-// Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands of rising wavelength. A
-// layer is meant by its name; the light's is kLight.
+// The EXR stack (contract 1, docs/reference/exr_stack.md): a folder with stack.json and OpenEXR files, one per instant
+// and layer. Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands of rising
+// wavelength. A layer is meant by its name; the light's is kLight.
 #include <cstdint>
 #include <filesystem>
 #include <functional>

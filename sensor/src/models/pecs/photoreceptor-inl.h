@@ -1,6 +1,6 @@
-// The charge-type (logistic) photoreceptor (docs/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi * corner per
-// ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its corner,
-// a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
+// The charge-type (logistic) photoreceptor (docs/reference/sensor.md): du/dt = a u (I - u), V = ln u, with a = 2 pi *
+// corner per ampere. A node charged by the photocurrent I and discharged by a current u that is exponential in V: its
+// corner, a I / 2 pi, follows the light, and it answers darkening more slowly than brightening.
 //
 // In w = 1/u it is linear: dw/dx = 1/I - w, with dx = a I dt. So over a step of exposure x
 //   w1 = e^-x w0 + integral over [0, x] of e^-(x-y) g(y) dy,  g = 1/I,

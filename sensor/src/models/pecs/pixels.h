@@ -1,6 +1,6 @@
 #pragma once
-// The pixel model `pecs` (docs/sensor.md): photocurrent planes in, event keys out. All pixels of the chip, each with
-// its own thresholds and state; a range of pixels may be advanced by any thread, on its own.
+// The pixel model `pecs` (docs/reference/sensor.md): photocurrent planes in, event keys out. All pixels of the chip,
+// each with its own thresholds and state; a range of pixels may be advanced by any thread, on its own.
 //
 // Time runs in intervals between frames: the interval that starts at frame k is worked on when frame k + 2 is known,
 // because its monotone cubic (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.

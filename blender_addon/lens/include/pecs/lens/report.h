@@ -1,5 +1,5 @@
 #pragma once
-// What the program and the C interface say about a lens, as JSON (keys: docs/lens.md).
+// What the program and the C interface say about a lens, as JSON (keys: docs/reference/lens.md).
 #include <optional>
 
 #include "pecs/lens/image_map.h"

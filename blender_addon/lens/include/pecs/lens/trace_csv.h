@@ -1,5 +1,5 @@
 #pragma once
-// Bundles of rays as text: x,y,z,dx,dy,dz in, the same and a status out (docs/lens.md).
+// Bundles of rays as text: x,y,z,dx,dy,dz in, the same and a status out (docs/reference/lens.md).
 #include <cstdio>
 #include <iosfwd>
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 // Two recordings of one scene, set beside each other: distances with their floor, rates, polarity balance. What each
-// measure says and misses: docs/metrics.md.
+// measure says and misses: docs/reference/metrics.md.
 #include <cstdint>
 #include <optional>
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 // Distances between two event streams seen as 4-D point clouds (x, y, p, t): Chamfer distance and Gaussian distance
-// of the PECS paper, Eq. 12-16. Neighbours are exact. What each number means and misses: docs/metrics.md.
+// of the PECS paper, Eq. 12-16. Neighbours are exact. What each number means and misses: docs/reference/metrics.md.
 #include <array>
 #include <cstdint>
 #include <span>

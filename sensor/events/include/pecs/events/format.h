@@ -7,7 +7,7 @@
 //   2. add it to the list in src/registry.cpp and to CMakeLists.txt;
 //   3. name a reader that is not ours in tests/python/test_formats.py: the property suite (tests/events) runs over the
 //      registry by itself;
-//   4. describe the layout in docs/event_file.md.
+//   4. describe the layout in docs/reference/event_file.md.
 #include <filesystem>
 #include <functional>
 #include <memory>
