@@ -2,6 +2,7 @@
 docs/reference/python.md)."""
 
 from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version
+from ._program import program
 from ._sense import sense
 from .chip import Chip, bands, models
 from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
@@ -40,6 +41,7 @@ __all__ = [
     "event_histogram",
     "event_labels",
     "models",
+    "program",
     "read",
     "sense",
     "simulate",

@@ -1,0 +1,33 @@
+"""The `pecs` program that belongs to this package; `pecs` and `python -m pecs` run it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+
+def program() -> Path:
+    """The `pecs` program: PECS_PROGRAM, or the wheel's own, or the checkout's.
+
+    Raises FileNotFoundError where there is none (a library built with -DPECS_BUILD_PROGRAM=OFF).
+    """
+    if named := os.environ.get("PECS_PROGRAM"):
+        return Path(named)
+    here = Path(__file__).resolve().parent
+    tried = [here / "_lib" / "bin" / "pecs"]
+    tried += [here.parents[1] / "build" / preset / "bin" / "pecs" for preset in ("release", "dev")]
+    for path in tried:
+        if path.is_file():
+            return path
+    raise FileNotFoundError("no pecs program; looked at " + ", ".join(map(str, tried)) + "; PECS_PROGRAM names one")
+
+
+def main() -> None:
+    """Becomes the program, which gets this process's arguments and this Python (`pecs dataset`)."""
+    try:
+        path = program()
+        os.environ.setdefault("PECS_PYTHON", sys.executable)
+        os.execv(path, ["pecs", *sys.argv[1:]])
+    except OSError as e:
+        sys.exit(f"pecs: {e}")
