@@ -85,6 +85,13 @@ fps = 250
 fps = 100
 """
 
+WIDE_FILM = """lens = "cmount_5mm_f2p8"
+fnumber = 4
+focus_m = 2
+width = 192
+height = 144
+pixel_pitch_um = 100"""
+
 CUBE = """
 import sys, bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -120,6 +127,8 @@ def test_all_parts_agree(made):
         for camera in ("left", "right"):
             flow = checks["cameras"][camera]["flow"]
             assert flow["count"] > 2000 and flow["rms_px"] < 0.01, flow
+            moves = checks["cameras"][camera]["scene_flow"]
+            assert moves["count"] > 2000 and moves["rms_m"] < 1e-4, moves
             assert checks["cameras"][camera]["boxes"]["p99_px"] < 0.5
             events = checks["cameras"][camera]["events"]
             assert events["count"] > 100 and events["signal_on_motion"] > 0.95
@@ -157,6 +166,9 @@ def test_pages_and_exports(made):
     assert "left: events, 48 x 36" in (made / "set/sequences/0001/report.html").read_text()
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan").stdout
     assert "2 sequences, 2 stacks each: ground truth at 12 instants" in plan and "measured on 2" in plan
+    plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
+    assert "measured on 2" in plan and "98 left" in plan
+    assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
 
 
 def test_parts_threads_and_a_kill_give_the_same_set(made, tmp_path):
@@ -213,6 +225,7 @@ def test_another_recipe_does_not_mix(made, tmp_path):
         ('kind = "hand_held"', 'kind = "handheld"', 4, "handheld"),
         ("rpm = [100, 400]", "rpm = 1e9", 4, "rpm"),
         ('part = "ideal"', 'part = "mems"', 4, "mems"),
+        ('pixels_of = "left"', WIDE_FILM, 4, "film.lens: got cmount_5mm_f2p8: 4 pixels see nothing"),
     ],
 )
 def test_what_is_wrong_is_one_line(made, tmp_path, old, new, code, line):

@@ -39,7 +39,7 @@ def _has(camera: Camera, *layers: str) -> bool:
 def _camera(sequence: Sequence, camera: Camera, seen: dict[str, Optics]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if _has(camera, "depth", "objects", "motion"):
-        found["flow"] = flow(camera, seen[camera.name])
+        found |= flow(camera, seen[camera.name])
         found["boxes"] = boxes(camera, seen[camera.name])
     if camera.kind == "events":
         found["events"] = events(sequence, camera)
@@ -57,13 +57,13 @@ def _points(view: Optics, z_m: NDArray[Any]) -> NDArray[np.float64]:
     return (d / d[..., 2:] * z_m[..., None]).reshape(-1, 3)
 
 
-def flow(camera: Camera, view: Optics) -> dict[str, float] | None:
+def flow(camera: Camera, view: Optics) -> dict[str, Any]:
     """Flow against the projection, at the next instant, of each pixel's point: carried by its object's pose there and
-    back by the camera's. Objects that deform are left out."""
+    back by the camera's; scene flow against how far that carries it. Objects that deform are left out."""
     truth = camera.truth
     if len(truth.times_us) < 2:
-        return None
-    missed, cameras = [], camera.poses_at(truth.times_us)
+        return {"flow": None, "scene_flow": None}
+    missed, missed_m, cameras = [], [], camera.poses_at(truth.times_us)
     rigid = {o["id"] for o in truth.objects} - truth.deforming
     for i in range(len(truth.times_us) - 1):
         here, there = truth.object_poses(i), truth.object_poses(i + 1)
@@ -77,7 +77,9 @@ def flow(camera: Camera, view: Optics) -> dict[str, float] | None:
         y, x = np.mgrid[: z.shape[0], : z.shape[1]] + 0.5
         error = np.hypot(*np.moveaxis(truth.flow(i) + np.stack([x, y], -1) - pixels, -1, 0))
         missed.append(error[np.isfinite(error)])
-    return _spread(np.concatenate(missed), "px")
+        error = np.linalg.norm(camera.scene_flow(i).reshape(-1, 3) - (moved - world), axis=-1)
+        missed_m.append(error[np.isfinite(error)])
+    return {"flow": _spread(np.concatenate(missed), "px"), "scene_flow": _spread(np.concatenate(missed_m), "m")}
 
 
 def disparity(left: Camera, right: Camera, view: Optics, other: Optics) -> dict[str, float] | None:

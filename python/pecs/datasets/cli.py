@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import shutil
 import signal
@@ -43,6 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("recipe", type=Path, help="RECIPE.toml; with --export also the folder of a set")
     add("-o", "--output", type=Path, required=True, help="folder of the set, or of what --export writes")
+    add("--sequences", type=int, help="how many, instead of the recipe's; the first ones stay the same")
     add("--only", help="N or A:B: these sequences, without the set's own files")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--plan", action="store_true", help="print what it will take, and make nothing")
@@ -79,6 +81,10 @@ def _run(args: argparse.Namespace) -> None:
         _export(args.recipe, args.export, args.output)
         return
     found = recipe.load(args.recipe)
+    if args.sequences is not None:
+        if not 1 <= args.sequences <= recipe.MOST_SEQUENCES:
+            raise PecsError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}", USAGE)
+        found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
     if args.plan:
         _plan(found, wanted, args.output)

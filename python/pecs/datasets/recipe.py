@@ -24,6 +24,8 @@ RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
 )
 TRUTH_LAYERS = ("depth", "normal", "objects", "motion")
 
+MOST_SEQUENCES = 1_000_000
+
 
 def generator(seed: int, index: int, name: str) -> np.random.Generator:
     """Of one drawn value."""
@@ -175,7 +177,7 @@ def load(path: Path) -> Recipe:
         path=path,
         name=top.text("name", path.stem),
         seed=top.integer("seed", 1),
-        sequences=top.integer("sequences", 1, low=1, high=1_000_000),
+        sequences=top.integer("sequences", 1, low=1, high=MOST_SEQUENCES),
         duration_s=top.value("duration_s", low=1e-3, high=3600),
         splits={k: splits.number(k, 0.0, 0, 1) for k in SPLITS} if splits.keys() else {"train": 1.0},
         scenes=scenes,

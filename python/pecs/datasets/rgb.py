@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._library import data_dir
+from .files import write_text
 from .recipe import Film
 from .table import bad_input
 
@@ -62,7 +63,7 @@ def write_chip(path: Path, channel: int | None, width: int, height: int, pitch_u
     }
     text = json.dumps(profile, indent=1)
     if not path.exists() or path.read_text() != text:
-        path.write_text(text)
+        write_text(path, text)
     return path
 
 

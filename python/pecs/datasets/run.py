@@ -19,6 +19,7 @@ import numpy as np
 from .._library import PecsOutputError, version
 from .._sense import sense
 from ..chip import Chip
+from ..lens import Lens
 from . import imu as imus
 from . import pictures, placing, poses, rgb, rig, trajectories
 from .blender import blender
@@ -84,10 +85,12 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
             return
         _same_request(recipe, drawn, work.folder)
         write_json(work.folder / REQUEST, request(recipe, drawn))
+        owners = [entry for entry in recipe.cameras if not entry.pixels_of]
+        for entry in owners:
+            _see_corners(work, entry)
         _move(work)
-        for entry in recipe.cameras:
-            if not entry.pixels_of:
-                _render(work, entry, threads)
+        for entry in owners:
+            _render(work, entry, threads)
         _describe(work)
         for entry in recipe.cameras:
             (_sense if entry.kind == "events" else pictures.take)(work, entry)
@@ -265,6 +268,24 @@ def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
     return f"{entry.name}/film.json", width, height
 
 
+def _see_corners(work: Work, entry: CameraEntry) -> None:
+    """Before anything is rendered."""
+    chip, width, height = film(work, entry)
+    with Chip(work.folder / chip if "/" in chip else chip) as profile:
+        pitch_mm = profile.pixel_pitch_m * 1e3
+    corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
+    drawn = work.drawn["cameras"][entry.name]
+    setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_mm}
+    with Lens(entry.lens) as lens:
+        _covered(work, entry, lens.directions(corners, width=width, height=height, **setting))
+
+
+def _covered(work: Work, entry: CameraEntry, directions: rig.Array) -> None:
+    if lost := int(np.isnan(directions).any(-1).sum()):
+        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}: {lost} pixels see nothing"
+        raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
+
+
 def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
     """A name, or a file beside the recipe."""
     beside = recipe.path.parent / str(entry.chip)
@@ -348,9 +369,7 @@ class _View:
 
 def _view(work: Work, entry: CameraEntry) -> _View:
     optics = rig.optics(stack := rig.stack_json(work.stack(entry)), entry.lens)
-    if lost := int(np.isnan(optics.directions).any(-1).sum()):
-        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}: {lost} pixels see nothing"
-        raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
+    _covered(work, entry, optics.directions)
     placed = rig.rig_from_camera(entry.position_m, entry.rotation_deg)
     return _View(stack, optics, rig.pinhole(optics.directions), placed)
 

@@ -129,6 +129,25 @@ class Camera:
         """world_from_camera at these times [n, 4, 4], between two poses on the shortest way."""
         return interpolate(times_us, *self.poses())
 
+    def scene_flow(self, i: int) -> NDArray[np.float64]:
+        """[H, W, 3] in m, in the world's axes: how far what a pixel's centre sees at truth.times_us[i] moves until the
+        next instant, zero for what stands still while the camera moves; NaN unknown, and where there is nothing."""
+        from .rig import optics, stack_json
+
+        view = optics(stack_json(self.truth.folder), self.info["lens"])
+        move = self.truth.motion(i)
+        y, x = np.mgrid[: self.height, : self.width] + 0.5
+        with np.errstate(invalid="ignore"):
+            ends = np.stack([x + move[2], y + move[3]], -1)
+        toward = view.directions, view.lens.directions(ends, **view.setting)
+        poses = self.poses_at(self.truth.times_us[i : i + 2])
+        with np.errstate(invalid="ignore"):
+            here, there = (
+                (d / d[..., 2:] * z[..., None]) @ pose[:3, :3].T + pose[:3, 3]
+                for d, z, pose in zip(toward, move[4:6].astype(np.float64), poses, strict=True)
+            )
+            return np.where(np.isfinite(there - here), there - here, np.nan)
+
     def frames(self) -> list[Frame]:
         """The pictures of an RGB camera, in time; [] of a camera without."""
         return list(self._frames)
