@@ -14,6 +14,7 @@ void add_board(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_dataset(CLI::App& app);
+void add_demo(CLI::App& app);
 void add_info(CLI::App& app);
 void add_render_preview(CLI::App& app);
 void add_report(CLI::App& app);
