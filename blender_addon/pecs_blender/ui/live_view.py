@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The live view: a timer takes pictures of a 3-D viewport's scene in linear light, the sensor makes events of them, and
+a draw handler shows them. Without a window there is no GPU to draw with: what can be done without is in core/live.py.
+
+Solid, material preview and EEVEE are drawn a second time, at the chip's resolution, into a buffer of their own, without
+colour management and overlays. Other engines (Cycles) do not draw there: of them the viewport's own picture is taken,
+which its framebuffer still holds, in linear light, when the next redraw begins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from pathlib import Path
+
+import bpy
+import gpu
+import numpy as np
+
+from ..core import live
+from . import live_draw
+
+BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
+FADED = 4  # decay times after which nothing is left to see
+DRAWS_OFFSCREEN = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
+MOST_FRAMES = 4  # of a step that sub-instants may divide
+WORDS = "PECS live preview: relative light, no spectrum, no lens"
+WHITE, RED = (0.9, 0.92, 0.93, 1), (1, 0.35, 0.3, 1)
+
+
+class Cost:
+    """Milliseconds, smoothed."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {}
+
+    def add(self, name: str, since_s: float) -> float:
+        """Returns the time now, s."""
+        now_s = time.perf_counter()
+        spent = 1e3 * (now_s - since_s)
+        self.ms[name] = spent if name not in self.ms else 0.9 * self.ms[name] + 0.1 * spent
+        return now_s
+
+    def one_picture_s(self) -> float:
+        return sum(self.ms.values()) / 1e3
+
+
+class LiveView:
+    """Runs from its making to `stop`. Raises PecsError for a chip or size that is not one."""
+
+    def __init__(self, context) -> None:
+        self._space = context.space_data.as_pointer()
+        self.message = ""
+        self.cost = Cost()
+        self._instants = 1
+        self._pictures: deque[float] = deque(maxlen=30)  # when they came, s
+        self._changed, self._taking = True, False
+        self._seen: tuple | None = None  # view and shading of the last picture
+        self._changed_s = time.perf_counter()
+        self._drawn: tuple | None = None  # clock and rectangle of the viewport's last redraw
+        self._gpu: _Gpu | None = None
+        self.settings(context.scene)
+        add = bpy.types.SpaceView3D.draw_handler_add
+        self._handles = [add(self._before_view, (), "WINDOW", "PRE_VIEW"), add(self._draw, (), "WINDOW", "POST_PIXEL")]
+        for handlers in _changes():
+            handlers.append(self._note_change)
+        self._timer = self._tick  # the same object each time, by which it is known
+        bpy.app.timers.register(self._timer, first_interval=0)
+
+    def settings(self, scene) -> None:
+        """The sensor as the scene's settings say; a recording ends."""
+        s = scene.pecs_live
+        chip, threshold = (live.QUICK, s.threshold) if s.pixel == "QUICK" else (scene.pecs.chip, None)
+        sensor = live.LiveSensor(s.width, s.height, chip, threshold)
+        if hasattr(self, "sensor"):
+            self.sensor.close()
+        self.sensor, self.clock, self._light = sensor, live.Clock(), None
+        if self._gpu:
+            self._gpu.free()
+        self._gpu, self._changed = None, True
+
+    def stop(self, message: str = "") -> None:
+        """Nothing stays behind. Also where the view or its file has gone."""
+        self.message = message
+        for handle in self._handles:
+            bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+        for handlers in _changes():
+            handlers.remove(self._note_change)
+        if bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.unregister(self._timer)
+        if self._gpu:
+            self._gpu.free()
+        self.sensor.close()
+        _redraw_views()
+
+    # What changes.
+
+    def _note_change(self, *_) -> None:
+        self._changed = self._changed or not self._taking
+
+    def _find(self):
+        """Window, area, region and space: the viewport may have moved to another area, as when one is maximised."""
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type == "VIEW_3D" and area.spaces.active.as_pointer() == self._space:
+                    region = next(r for r in area.regions if r.type == "WINDOW")
+                    return window, area, region, area.spaces.active
+        return None
+
+    def _tick(self) -> float | None:
+        try:
+            found = self._find()
+            if not found:
+                end(self, "Stopped: its viewport is gone")
+                return None
+            return self._step(*found)
+        except Exception as e:
+            end(self, f"Stopped: {e}")
+            raise
+
+    def _step(self, window, area, region, space) -> float:
+        """Pictures of what has changed since the last ones; seconds to the next look."""
+        scene, playing = window.scene, window.screen.is_animation_playing
+        looked_at = _view(space)
+        changed = self._changed or looked_at != self._seen or playing
+        self._changed, self._seen = False, looked_at
+        now_s = time.perf_counter()
+        if changed:
+            self._changed_s = now_s
+        if now_s - self._changed_s > FADED * scene.pecs_live.decay_ms / 1e3 + MIN_AFTER_S:
+            self.clock.step(*_clock(scene, playing))
+            return REST_S
+        if not draws_offscreen(scene, space):
+            area.tag_redraw()  # _before_view takes it
+            return BUSY_S
+        step = self.clock.step(*_clock(scene, playing))
+        if self._light is not None and step.dt_s * 1e6 < 2:
+            return BUSY_S  # the same frame as before
+        if not changed and self._light is not None:
+            self._push(self._light, step.dt_s)
+        else:
+            self._take_pictures(window, region, space, step, playing)
+        area.tag_redraw()
+        return BUSY_S
+
+    def _take_pictures(self, window, region, space, step: live.Step, playing: bool) -> None:
+        scene, count = window.scene, 1
+        if playing and step.forward and step.frames <= MOST_FRAMES:
+            frame_s = scene.render.fps_base / scene.render.fps
+            count = live.instants_that_fit(scene.pecs_live.instants, self.cost.one_picture_s(), frame_s)
+        self._instants = count
+        frame = scene.frame_current_final
+        self._taking = True
+        try:
+            for k in range(1, count + 1):
+                if count > 1:
+                    at = frame - step.frames * (1 - k / count)
+                    scene.frame_set(int(at // 1), subframe=at % 1)
+                self._push(self._picture(window, region, space), step.dt_s / count)
+        finally:
+            self._taking = False
+        self._pictures.append(time.perf_counter())
+
+    # Pictures.
+
+    def _picture(self, window, region, space) -> np.ndarray:
+        """[height, width] linear light, drawn at the chip's resolution."""
+        height, width = self.sensor.last_s.shape
+        self._gpu = self._gpu or _Gpu(self.sensor.last_s)
+        view, projection, _ = self._matrices(window, region, space)
+        start_s = time.perf_counter()
+        overlay = space.overlay
+        shown, overlay.show_overlays = overlay.show_overlays, False
+        try:
+            self._gpu.offscreen.draw_view3d(
+                window.scene,
+                window.view_layer,
+                space,
+                region,
+                view,
+                projection,
+                do_color_management=False,
+                draw_background=True,
+            )
+        finally:
+            overlay.show_overlays = shown
+        drawn_s = self.cost.add("draw", start_s)
+        with self._gpu.offscreen.bind():
+            framebuffer = gpu.state.active_framebuffer_get()
+            framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=self._gpu.rgba)
+        light = self.sensor.light(self._gpu.rgba_array)
+        self.cost.add("read", drawn_s)
+        return light
+
+    def _matrices(self, window, region, space):
+        """View, projection and where in the region their picture lies."""
+        height, width = self.sensor.last_s.shape
+        scene, region_3d = window.scene, space.region_3d
+        if scene.pecs_live.source == "VIEW" or not scene.camera:
+            rectangle = live_draw.centred(width, height, region)
+            projection = live_draw.part_of_view(region_3d.window_matrix, rectangle, region)
+            return region_3d.view_matrix.copy(), projection, rectangle
+        depsgraph = window.view_layer.depsgraph
+        camera = scene.camera.evaluated_get(depsgraph)
+        matrix = camera.matrix_world.normalized()
+        projection = camera.calc_matrix_camera(depsgraph, x=width, y=height)
+        rectangle = None
+        if region_3d.view_perspective == "CAMERA" and (space.camera or scene.camera) == scene.camera:
+            rectangle = live_draw.of_camera(matrix, projection, region, region_3d)
+        return matrix.inverted(), projection, rectangle or live_draw.inset(width, height, region)
+
+    def _push(self, light: np.ndarray, dt_s: float) -> None:
+        start_s, self._light = time.perf_counter(), light
+        self.sensor.push(light, dt_s)
+        self.cost.add("sensor", start_s)
+        if self._gpu:
+            self._gpu.texture = None
+
+    def _before_view(self) -> None:
+        """What the viewport's framebuffer still has of its last redraw, for engines that draw only there."""
+        context = bpy.context
+        drawn, self._drawn = self._drawn, None
+        if self._taking or drawn is None or context.space_data.as_pointer() != self._space:
+            return
+        clock, rectangle = drawn
+        step = self.clock.step(*clock)
+        if self._light is not None and step.dt_s * 1e6 < 2:
+            return
+        start_s = time.perf_counter()
+        x, y, wide, high = (round(n) for n in rectangle)
+        region = context.region
+        left, low = max(x, 0), max(y, 0)
+        right, top = min(x + wide, region.width), min(y + high, region.height)
+        if left >= right or low >= top:
+            return
+        framebuffer = gpu.state.active_framebuffer_get()
+        corner = gpu.state.viewport_get()[:2]
+        read = framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT")
+        seen = np.zeros((high, wide), np.float32)  # dark where the viewport does not reach
+        seen[low - y : top - y, left - x : right - x] = self.sensor.light(np.asarray(read))
+        light = live.shrink(seen, *self.sensor.last_s.shape)
+        self.cost.ms.pop("draw", None)  # by the viewport itself
+        self.cost.add("read", start_s)
+        self._push(light, step.dt_s)
+        self._pictures.append(time.perf_counter())
+
+    # What is shown.
+
+    def _draw(self) -> None:
+        context = bpy.context
+        if self._taking or context.space_data.as_pointer() != self._space:
+            return
+        scene, space, region = context.scene, context.space_data, context.region
+        rectangle = self._matrices(context.window, region, space)[2]
+        if not draws_offscreen(scene, space):
+            through_camera = space.region_3d.view_perspective == "CAMERA" and scene.pecs_live.source == "CAMERA"
+            height, width = self.sensor.last_s.shape
+            rectangle = rectangle if through_camera else live_draw.centred(width, height, region)
+            self._drawn = (_clock(scene, context.screen.is_animation_playing), rectangle)
+        s = scene.pecs_live
+        self._gpu = self._gpu or _Gpu(self.sensor.last_s)
+        self._gpu.draw(rectangle, self.sensor.known_s, s.decay_ms / 1e3, 1.0 if s.alone else 0.0)
+        live_draw.write(self._lines(), context.area)
+
+    def _lines(self) -> list[tuple[str, tuple]]:
+        height, width = self.sensor.last_s.shape
+        spent = ", ".join(f"{name} {ms:.1f}" for name, ms in self.cost.ms.items())
+        lines = [
+            (WORDS, WHITE),
+            (f"{width} x {height}, {rate_text(self.sensor.rate_hz)}, instants per frame: {self._instants}", WHITE),
+            (f"{self.pictures_per_s():.0f} pictures/s, dropped frames: {self.clock.dropped}, ms: {spent}", WHITE),
+        ]
+        if recording := self.sensor.recording:
+            lines.append((f"REC {recording.path.name}: {recording.count:,} events", RED))
+        return lines
+
+    def pictures_per_s(self) -> float:
+        times = self._pictures
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+
+
+MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
+
+
+class _Gpu:
+    """What lives on the GPU, and the memory that it shares with NumPy."""
+
+    def __init__(self, last_s: np.ndarray) -> None:
+        height, width = last_s.shape
+        self.offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA16F")
+        self.rgba = gpu.types.Buffer("FLOAT", (height, width, 4))
+        self.rgba_array = np.asarray(self.rgba)
+        self._last_s = gpu.types.Buffer("FLOAT", (height, width), last_s)
+        self._size = width, height
+        self._shader = live_draw.EventShader()
+        self.texture = None  # of last_s; None: to be made
+
+    def draw(self, rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
+        self.texture = self.texture or gpu.types.GPUTexture(self._size, format="R32F", data=self._last_s)
+        self._shader.draw(self.texture, rectangle, now_s, decay_s, paper_alpha)
+
+    def free(self) -> None:
+        self.offscreen.free()
+
+
+def draws_offscreen(scene, space) -> bool:
+    return space.shading.type != "RENDERED" or scene.render.engine in DRAWS_OFFSCREEN
+
+
+def rate_text(rate_hz: float) -> str:
+    return f"{rate_hz / 1e6:.2f} Mevents/s" if rate_hz >= 1e6 else f"{rate_hz / 1e3:.1f} kevents/s"
+
+
+def _clock(scene, playing: bool) -> tuple:
+    """For core.live.Clock.step."""
+    first, last = scene.frame_start, scene.frame_end
+    if scene.use_preview_range:
+        first, last = scene.frame_preview_start, scene.frame_preview_end
+    fps = scene.render.fps / scene.render.fps_base
+    return scene.frame_current_final, time.perf_counter(), playing, fps, last - first + 1
+
+
+def _view(space) -> tuple:
+    shading = space.shading
+    return space.region_3d.perspective_matrix.copy(), shading.type, shading.light, shading.color_type
+
+
+def _changes() -> tuple[list, list]:
+    return bpy.app.handlers.depsgraph_update_post, bpy.app.handlers.frame_change_post
+
+
+def _redraw_views() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+class _State:
+    view: LiveView | None = None
+    message = ""  # how the last one ended
+
+
+state = _State()
+
+
+def end(view: LiveView | None, message: str = "") -> None:
+    """Stops it, if it runs."""
+    if not view or state.view is not view:
+        return
+    state.view, state.message = None, message
+    view.stop(message)
+
+
+def record(view: LiveView, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    view.sensor.record(path)
