@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pecs
 
-RGB_NM = (610.0, 550.0, 465.0)  # as pecs sense takes R, G and B (docs/sensor.md)
+RGB_NM = (610.0, 550.0, 465.0)  # as pecs sense takes R, G and B (docs/reference/sensor.md)
 MAX_WALL_S = 0.1  # a pause is no slow motion
 RATE_S = 0.5  # over which the rate is averaged
 QUICK = "ideal"  # the chip without noise, delay or limits
