@@ -184,7 +184,8 @@ PECS_API char* pecs_models(pecs_error* error);
 typedef struct pecs_chip pecs_chip;
 /* overrides_json: {"contrast_threshold_on": 0.25, ...} within the profile's ranges, or NULL. */
 PECS_API pecs_chip* pecs_chip_open(const char* path_or_name, const char* overrides_json, pecs_error* error);
-/* {"name", "description", "values": {key: {"value", "unit"}}, "relative_qe": {"lambda_nm": [...], "value": [...]}} */
+/* {"name", "description", "values": {key: {"value", "unit", "range": [min, max]}}, "relative_qe": {"lambda_nm": [...],
+ * "value": [...]}} */
 PECS_API char* pecs_chip_info(const pecs_chip* chip, pecs_error* error);
 /* Amperes in a pixel per unit of each band's value. options: {"bands": [{"lambda_nm", "weight_nm"}, ...], "quantity":
  * "irradiance" | "radiance" | "relative", "fnumber": of the lens, for radiance, "gain" and "photocurrent_a": for

@@ -99,7 +99,6 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   chip.description = o.text("description");
   chip.relative_qe = read_qe(o.object("relative_qe"));
 
-  std::map<std::string, Range> ranges;
   JsonObject values = o.object("values");
   for (const Value& v : kValues) {
     JsonObject entry = values.object(v.key);
@@ -109,7 +108,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     entry.one_of("unit", {v.unit});
     entry.text("source");
     entry.done();
-    ranges[v.key] = {range[0], range[1]};
+    chip.ranges[v.key] = {range[0], range[1]};
   }
   values.done();
   if (o.has("noise_table")) chip.noise_table = read_noise_table(path.parent_path() / o.text("noise_table"));
@@ -118,8 +117,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   for (const std::string& text : overrides) {
     const auto equals = text.find('=');
     const std::string key = text.substr(0, equals);
-    const auto known = ranges.find(key);
-    if (equals == std::string::npos || known == ranges.end())
+    const auto known = chip.ranges.find(key);
+    if (equals == std::string::npos || known == chip.ranges.end())
       throw Error(ExitCode::usage, fmt::format("--set {}: got an unknown key, wanted KEY=VALUE with one of {}", text,
                                                fmt::join(keys(), ", ")));
     double value = 0;

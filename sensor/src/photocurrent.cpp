@@ -18,9 +18,9 @@ std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, c
   const bool absolute = stack.quantity != Quantity::relative && !options.gain;
   double film_per_value = 1;
   if (stack.quantity == Quantity::radiance && absolute) {
-    if (!options.fnumber)
-      throw bad_input("stack", "quantity", "radiance without --fnumber", "the lens's f-number, or --gain");
-    film_per_value = std::numbers::pi / (4 * *options.fnumber * *options.fnumber);
+    const std::optional<double> fnumber = options.fnumber ? options.fnumber : stack.fnumber;
+    if (!fnumber) throw bad_input("stack", "quantity", "radiance without --fnumber", "the lens's f-number, or --gain");
+    film_per_value = std::numbers::pi / (4 * *fnumber * *fnumber);
   }
   const double area_m2 = chip.pixel_pitch_m * chip.pixel_pitch_m * chip.fill_factor;
   std::vector<double> weights;

@@ -144,7 +144,9 @@ Json config_of(const SenseOptions& options, const Chip& chip, const ModelChoice&
           {"warmup_loops", options.window.warmup_loops},
           {"start_us", options.window.start_us},
           {"duration_us", optional(options.window.duration_us)},
-          {"fnumber", optional(light.fnumber)},
+          {"fnumber", optional(light.gain      ? std::nullopt
+                               : light.fnumber ? light.fnumber
+                                               : source.info().fnumber)},
           {"fps", optional(options.times.fps)}};
 }
 

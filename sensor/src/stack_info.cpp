@@ -94,6 +94,8 @@ StackInfo parse_stack_info(const Json& json, const std::string& file) {
   info.height = static_cast<int>(o.integer("height", 1, kMaxSide));
   info.pixel_pitch_m = o.maybe_number("pixel_pitch_m", {1e-7, 1e-3});
   if (info.quantity == Quantity::irradiance && !info.pixel_pitch_m) o.fail("pixel_pitch_m", "nothing", "metres");
+  info.fnumber = o.maybe_number("fnumber", {0.1, 1e4});
+  if (info.fnumber && info.quantity != Quantity::radiance) o.fail("fnumber", "irradiance", "radiance");
   if (o.has("subpixels")) info.subpixels = static_cast<int>(o.integer("subpixels", 1, kMaxSubpixels));
   if (std::popcount(static_cast<unsigned>(info.subpixels)) != 1)
     o.fail("subpixels", std::to_string(info.subpixels), "1, 2 or 4");

@@ -12,6 +12,7 @@
 #include <fstream>
 
 #include "pecs/error.h"
+#include "pecs/sensor/photocurrent.h"
 
 namespace pecs::sensor {
 namespace {
@@ -155,6 +156,24 @@ TEST_F(Stack, LayersOfInstantsAndIntervals) {
   EXPECT_THROW(reader.read_frame(0, "flow"), Error);
   EXPECT_THROW(reader.read_frame(0, "normals"), Error);
   EXPECT_THROW(reader.read_frame(-1), Error);
+}
+
+TEST_F(Stack, RadianceKnowsItsFNumber) {
+  Json json = {{"pecs_stack", 1}, {"quantity", "radiance"}, {"width", 5}, {"height", 3}, {"pixel_pitch_m", 1e-5}};
+  json["bands"] = {{{"lambda_nm", 550}, {"weight_nm", 1}}};
+  json["times_ns"] = {0};
+  for (const char* key : {"scene", "render", "versions"}) json[key] = Json::object();
+  EXPECT_FALSE(parse_stack_info(json, "s").fnumber);
+  json["fnumber"] = 4;
+  EXPECT_EQ(parse_stack_info(json, "s").fnumber, 4);
+  const Chip chip = load_chip("imx636");
+  const auto amperes = [&](const PhotocurrentOptions& o) {
+    return amperes_per_unit(chip, parse_stack_info(json, "s"), o)[0];
+  };
+  EXPECT_EQ(amperes({}), amperes({4.0, {}, {}}));
+  EXPECT_NEAR(amperes({8.0, {}, {}}) / amperes({}), 0.25, 1e-12);
+  json["quantity"] = "irradiance";
+  EXPECT_THROW(parse_stack_info(json, "s"), Error);
 }
 
 TEST_F(Stack, NeedsTimes) {

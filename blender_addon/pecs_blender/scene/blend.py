@@ -63,6 +63,9 @@ class BlendScene(Source):
         if self.placed:
             self.placed.pose(t_s)
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
+        if not self.fnumber:  # t = 0 comes first
+            fstop = self._camera.data.dof.aperture_fstop
+            self.fnumber = float(f"{fstop:.6g}") if 0.1 <= fstop <= 1e4 else None
 
     def follow(self, path) -> None:
         super().follow(path)

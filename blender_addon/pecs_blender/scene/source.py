@@ -21,7 +21,7 @@ class Source(ABC):
     """scene: the Blender scene, as Cycles shall render it. unit_m: metres per unit of its coordinates. lens: `lens` (a
     name or "none"), `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says
     of it. folder: where files that it names lie. path: what the camera follows instead of its own motion. placed:
-    objects of other files."""
+    objects of other files. fnumber: of the scene's own camera at t = 0, for what senses its radiance."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -34,6 +34,7 @@ class Source(ABC):
     duration_s: float | None = None  # what `--frames all` covers
     path: CameraPath | None = None
     placed: Placed | None = None
+    fnumber: float | None = None
 
     def follow(self, path: CameraPath) -> None:
         """From the next set_time on."""

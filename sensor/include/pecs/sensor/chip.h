@@ -1,5 +1,6 @@
 #pragma once
 // A chip profile (sensor/chips/*.json, docs/reference/sensor.md): every value with unit, range and source.
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -40,6 +41,8 @@ struct Chip {
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
+
+  std::map<std::string, Range> ranges;  // of the profile's values, by their keys
 };
 
 // `name`: of a profile in sensor/chips, or a path (see find_data). `overrides`: "key=value" within the profile's range.

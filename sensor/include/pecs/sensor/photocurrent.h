@@ -13,7 +13,7 @@
 namespace pecs::sensor {
 
 struct PhotocurrentOptions {
-  std::optional<double> fnumber;         // of the lens, for radiance: E = pi L / (4 N^2)
+  std::optional<double> fnumber;         // of the lens, for radiance: E = pi L / (4 N^2); the stack's own if not given
   std::optional<double> gain;            // for relative units: amperes = gain * lambda_nm * QE * weight_nm, Eq. 6's C
   std::optional<double> photocurrent_a;  // of relative light 1 in all bands
 };

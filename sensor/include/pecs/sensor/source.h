@@ -44,6 +44,7 @@ struct StackInfo {
   bool has_between = false;  // pictures between frames may lie in the stack
   bool has_light = true;     // false: layers alone; a read of the light throws
   std::optional<double> pixel_pitch_m;
+  std::optional<double> fnumber;  // of the camera that radiance was seen by
   std::vector<Band> bands;
   std::vector<std::int64_t> times_ns;  // rising
   std::optional<std::int64_t> period_ns;
