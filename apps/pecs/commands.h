@@ -18,6 +18,7 @@ void add_demo(CLI::App& app);
 void add_info(CLI::App& app);
 void add_render_preview(CLI::App& app);
 void add_report(CLI::App& app);
+void add_run(CLI::App& app);
 void add_sense(CLI::App& app);
 void add_view(CLI::App& app);
 void add_lens(CLI::App& app);

@@ -38,6 +38,7 @@ int main(int argc, char** argv) {
     pecs::app::add_info(app);
     pecs::app::add_render_preview(app);
     pecs::app::add_report(app);
+    pecs::app::add_run(app);
     pecs::app::add_sense(app);
     pecs::app::add_view(app);
     pecs::app::add_lens(app);

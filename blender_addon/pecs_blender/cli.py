@@ -6,12 +6,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import sys
 from pathlib import Path
 from typing import NoReturn
 
-from .core import stop, streams
+from .core import programs, stop, streams
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
 from .core.options import DEFAULTS, RULES, Options, add_arguments
 from .core.resources import Restart
@@ -28,10 +27,18 @@ class _Parser(argparse.ArgumentParser):
         streams.say(message)
 
 
+SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="pecs_blender", description="PECS: spectral renders through a real lens")
+    parser = _Parser(
+        prog="pecs_blender",
+        description="PECS: spectral renders through a real lens",
+        epilog=f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset.",
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     _add_render(commands)
+    _add_run(commands)
     _add_survey(commands)
     bands = commands.add_parser(
         "bands",
@@ -63,17 +70,41 @@ def _add_render(commands) -> None:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = command.add_argument
-    add(
-        "scene",
-        type=Path,
-        nargs="?",
-        help="FILE.blend, or a scene folder; in Blender, the open file",
-    )
+    add("scene", type=Path, nargs="?", help=SCENE_HELP)
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
+    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
+    _add_job(command)
+
+
+def _add_run(commands) -> None:
+    command = commands.add_parser(
+        "run",
+        help="render a scene and simulate its events",
+        description="Renders a .blend file or a scene folder, as `render` does, and hands the stack to `pecs sense`. "
+        "Run again, a stopped job continues.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = command.add_argument
+    add("scene", type=Path, nargs="?", help=SCENE_HELP)
+    add("-o", "--output", type=Path, required=True, metavar="EVENTS", help="event file; its name says the format")
+    add("--stack", type=Path, help="folder of the stack, which is kept; EVENTS with the ending .stack if not given")
+    _add_job(command)
+    add(
+        "--sense",
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="…",
+        help="all that follows goes to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise",
+    )
+
+
+def _add_job(command) -> None:
     add_arguments(command)
     _add_scene(command)
-    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
+    exists = command.add_mutually_exclusive_group()
+    add = exists.add_argument
     add("--overwrite", action="store_true", help="remove a stack that is there, instead of continuing it")
+    add("--new-version", action="store_true", help="where a stack is that differs, write STACK_002, STACK_003, …")
 
 
 def _add_scene(command) -> None:
@@ -119,15 +150,33 @@ def _library_errors():
         raise RenderError(e.code, str(e)) from None
 
 
-def _render(args: dict) -> None:
-    where, output, overwrite, plan_only = _where(args), args.pop("output"), args.pop("overwrite"), args.pop("plan")
+def _render(args: dict) -> Path:
+    """The stack's folder."""
+    where, output, plan_only = _where(args), args.pop("output"), args.pop("plan")
+    overwrite, new_version = args.pop("overwrite"), args.pop("new_version")
     options = Options(**args)
     with _writing(output):
         source = _source(*where, options.illuminant)
         with _library_errors():
             from .scene.render import render
 
-            render(source, output, options, overwrite, plan_only)
+            exists = "overwrite" if overwrite else "new" if new_version else "continue"
+            folder = render(source, output, options, exists, plan_only)
+    if folder != output:
+        print(f"render: into {folder}", file=sys.stderr, flush=True)
+    return folder
+
+
+def _run(args: dict) -> None:
+    events, stack, sense = args.pop("output"), args.pop("stack"), args.pop("sense")
+    if args["no_light"] or args["only"]:
+        name = "--no-light" if args["no_light"] else "--only"
+        raise RenderError(USAGE, f"{name}: got it for run, wanted the whole stack: render, then sense")
+    pecs = programs.pecs()  # before hours of rendering
+    chip = args["chip"]
+    folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
+    words = ["--chip", chip, "--threads", str(args["threads"]), *sense]
+    programs.become([pecs, "sense", str(folder), "-o", str(events), *words])
 
 
 def _where(args: dict) -> tuple:
@@ -212,17 +261,21 @@ def _merge(args: dict) -> None:
         raise RenderError(BAD_OUTPUT, f"{e.filename}: cannot be written: {e.strerror}") from None
 
 
+COMMANDS = {"render": _render, "run": _run, "survey": _survey, "bands": _bands, "merge": _merge}
+
+
 def main(argv: list[str]) -> int:
     try:
+        programs.pass_on(argv)
         args = vars(_parser().parse_args(argv))
         command = args.pop("command")
-        if command == "render":
+        if command in ("render", "run"):
             stop.install()
-        {"render": _render, "survey": _survey, "bands": _bands, "merge": _merge}[command](args)
+        COMMANDS[command](args)
     except SystemExit as e:  # --help
         return e.code or 0
     except RenderError as e:
-        print(f"pecs_blender: {e}", file=sys.stderr)
+        print(f"{'pecs: run' if argv[:1] == ['run'] else 'pecs_blender'}: {e}", file=sys.stderr)
         return e.code
     except Restart:
         _start_afresh(argv)
@@ -234,8 +287,7 @@ def main(argv: list[str]) -> int:
 def _start_afresh(argv: list[str]) -> NoReturn:
     import bpy
 
-    sys.stderr.flush()
-    stop.clean_up()
+    command = [sys.executable, "-m", "pecs_blender", *argv]
     if bpy.app.binary_path:
-        os.execv(bpy.app.binary_path, sys.argv)
-    os.execv(sys.executable, [sys.executable, "-m", "pecs_blender", *argv])
+        command = [bpy.app.binary_path, *sys.argv[1:]]
+    programs.become([word for word in command if word != "--overwrite"])  # what was begun anew is continued

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
+import json
 import re
 from pathlib import Path
 
@@ -21,20 +23,24 @@ def as_written(light: np.ndarray) -> np.ndarray:
 
 
 class Output:
-    """Opens the stack, and locks those of its frames that this process renders (`only`; all if None)."""
+    """Opens the stack, and locks those of its frames that this process renders (`only`; all if None). exists: what to
+    do with one that is there: "continue", "overwrite", or "new", which takes the next name, folder_002 and so on, that
+    is free or this very stack's."""
 
-    def __init__(self, folder: Path, stack: dict, only: slice | None, overwrite: bool):
+    def __init__(self, folder: Path, stack: dict, only: slice | None, exists: str = "continue"):
         import pecs
 
-        self._folder, self._only = folder, only or slice(0, len(stack["times_ns"]))
+        if exists == "new":
+            folder = _next(folder, stack)
+        self.folder, self._only = folder, only or slice(0, len(stack["times_ns"]))
         json_path = folder / "stack.json"
-        if overwrite and json_path.is_file():
+        if exists == "overwrite" and json_path.is_file():
             with self._locked(json_path, slice(0, 0)):  # 0: all, to the file's end
                 _remove_stack(folder)
         try:
             self._writer = pecs.StackWriter(folder, stack)
         except pecs.PecsError as e:
-            hint = "; --overwrite begins the stack anew" if json_path.is_file() else ""
+            hint = "; --overwrite begins the stack anew, --new-version another beside it" if json_path.is_file() else ""
             raise RenderError(e.code, f"{e}{hint}") from None
         self._lock = self._locked(json_path, self._only)
         self.write_layer, self.write_between = self._writer.write_layer, self._writer.write_between
@@ -42,17 +48,17 @@ class Output:
         self._has_objects = any(entry["name"] == objects_json.LAYER for entry in stack.get("layers", ()))
 
     def has_layer(self, name: str, index: int) -> bool:
-        beside = name != objects_json.LAYER or objects_json.one(self._folder, index).is_file()
+        beside = name != objects_json.LAYER or objects_json.one(self.folder, index).is_file()
         return beside and self._writer.has_layer(name, index)
 
     def write_objects(self, index: int, described: dict) -> None:
         """Before their layer."""
-        objects_json.write_json(objects_json.one(self._folder, index), described)
+        objects_json.write_json(objects_json.one(self.folder, index), described)
 
     def read_layer(self, name: str, index: int) -> np.ndarray:
         import pecs
 
-        with pecs.StackReader(self._folder) as stack:
+        with pecs.StackReader(self.folder) as stack:
             return stack.read_layer(name, index)
 
     def _locked(self, path: Path, frames: slice):
@@ -64,7 +70,7 @@ class Output:
             file.close()
             raise RenderError(
                 BAD_OUTPUT,
-                f"{self._folder}: got another process that renders these frames, wanted a folder of its own, "
+                f"{self.folder}: got another process that renders these frames, wanted a folder of its own, "
                 "or other frames (--only)",
             ) from None
         except OSError:  # a file system without locks
@@ -76,9 +82,22 @@ class Output:
 
     def __exit__(self, failed: object, *_: object) -> None:
         if self._has_objects and not failed:
-            objects_json.join(self._folder, self._times_ns)
+            objects_json.join(self.folder, self._times_ns)
         self._lock.close()
         self._writer.close()
+
+
+def _next(folder: Path, stack: dict) -> Path:
+    this = json.loads(json.dumps(stack))
+    for number in itertools.count(1):
+        one = folder if number == 1 else folder.with_name(f"{folder.stem}_{number:03}{folder.suffix}")
+        try:
+            if json.loads((one / "stack.json").read_text()) == this:
+                return one
+        except ValueError:  # somebody else's
+            continue
+        except OSError:  # free; or the writer says what is wrong
+            return one
 
 
 def _remove_stack(folder: Path) -> None:

@@ -31,8 +31,9 @@ from .spectral import SpectralScene
 from .surfaces import Look
 
 
-def render(source: Source, folder: Path, options: Options, overwrite: bool = False, plan_only: bool = False) -> None:
-    """plan_only: prints what would be rendered, how long that takes here and how much it writes."""
+def render(source: Source, folder: Path, options: Options, exists: str = "continue", plan_only: bool = False) -> Path:
+    """The stack's folder: `folder`, or beside it (see Output). plan_only: prints what would be rendered, how long that
+    takes here and how much it writes."""
     options = _resolved(options)
     if options.camera_path:
         source.follow(read_camera_path(Path(options.camera_path)))
@@ -72,19 +73,21 @@ def render(source: Source, folder: Path, options: Options, overwrite: bool = Fal
         beside = [layers.KINDS[name](look) for name in options.layers]
         if plan_only:
             each_s = _layers_s(job, plan, beside) if options.no_light else _light_s(job, plan)
-            return print(f"render: {_estimate(plan, grid, each_s, values)}", file=sys.stderr)
+            print(f"render: {_estimate(plan, grid, each_s, values)}", file=sys.stderr)
+            return folder
         settings = _settings(options, source, scale, spectral)
         settings |= {"samples": sampling.samples * options.subpixels**2, "device": ", ".join(devices)}
         stack = _stack(source, plan, bands, pixels, options, record, settings)
         if beside:
             stack["layers"] = [layers.entry(layer) for layer in beside]
-        with Output(folder, stack, options.only, overwrite) as output:
+        with Output(folder, stack, options.only, exists) as output:
             if keys:
                 tolerance = options.time_tolerance * chip.contrast_threshold
                 judge = Judge(chip.weights(bands), tolerance, options.subpixels)
                 adaptive.Adaptive(job, keys, *light, beside, judge, options).render(output)
             else:
                 _render_frames(job, plan, [*beside, *light], output, options)
+            return output.folder
 
 
 def _layers_s(job: Job, plan: Timeline, made: list[layers.Layer]) -> float:
@@ -204,12 +207,14 @@ def _wanted(options: Options, chip: Chip) -> float:
 
 def _stack(source, plan, bands, size, options, record, settings) -> dict:
     """stack.json."""
+    fnumber = options.fnumber or source.fnumber
     return {
         "pecs_stack": 1,
         "quantity": "irradiance" if record else "radiance",
         "width": size[0],
         "height": size[1],
         "pixel_pitch_m": options.film_width_mm * 1e-3 / size[0],
+        **({} if record or not fnumber else {"fnumber": fnumber}),
         **({"subpixels": options.subpixels} if options.subpixels > 1 else {}),
         **({"between": True} if options.is_adaptive else {}),
         **({"light": False} if options.no_light else {}),
