@@ -23,6 +23,7 @@ def ended():
         time.sleep(0.05)
     return background.state.message, background.state.is_error
 
+operators.is_saved = lambda: True  # bpy as a module always says no
 assert set(LAYERS) == set(KINDS)
 ui.register()
 blend, output = sys.argv[1:]
@@ -37,7 +38,7 @@ arguments = settings.arguments(scene)
 assert arguments[arguments.index("--focus-m") + 1] == "1.5"  # the file is in centimetres
 p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
 bpy.ops.wm.save_mainfile()
-background.start(operators.PECS_OT_render.job(scene))
+assert bpy.ops.pecs.render() == {"FINISHED"}
 job = background.state.job
 bpy.ops.wm.read_factory_settings(use_empty=True)  # another file is opened
 assert background.state.job is job and background.poll() == background.POLL_S
@@ -48,19 +49,21 @@ message, is_error = ended()
 assert message.startswith("Stopped at") and not is_error, message
 bpy.ops.wm.open_mainfile(filepath=blend)
 bpy.context.scene.pecs.frames = 2
-background.start(operators.PECS_OT_render.job(bpy.context.scene))
+bpy.ops.wm.save_mainfile()
+bpy.ops.pecs.render()
 message, is_error = ended()
 assert "exists and differs in 'times_ns" in message and is_error, message
-bpy.context.scene.pecs.overwrite = True
-background.start(operators.PECS_OT_render.job(bpy.context.scene))
+bpy.context.scene.pecs.exists = "overwrite"
+bpy.ops.wm.save_mainfile()
+bpy.ops.pecs.render()
 assert ended() == (output + ": rendered", False), background.state.message
-background.start(operators.PECS_OT_plan.job(bpy.context.scene))
+bpy.ops.pecs.plan()
 message, is_error = ended()
 assert message.startswith("2 instants, ") and " GB" in message and not is_error, message
-background.start(operators.PECS_OT_preview.job(bpy.context.scene))
+bpy.ops.pecs.preview()
 bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
 assert ended()[0].startswith("Stopped"), background.state.message
-background.start(operators.PECS_OT_preview.job(bpy.context.scene))
+bpy.ops.pecs.preview()
 assert ended()[0].startswith("PECS preview: in the image editor"), background.state.message
 assert bpy.data.images["PECS preview"].size[0] == 48
 ui.unregister()

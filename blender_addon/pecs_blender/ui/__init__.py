@@ -1,29 +1,59 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panel and operators."""
+"""Panels and operators. Each module has CLASSES, and register() and unregister() where there is more; those that others
+build on come first."""
 
 import bpy
 
-from . import background, live, operators, panel, settings
+from . import (
+    background,
+    chip_lens,
+    event_operators,
+    live,
+    manual,
+    menus,
+    operators,
+    panel,
+    panel_events,
+    panel_render,
+    panel_sensor,
+    panel_spectra,
+    preferences,
+    presets,
+    sensor_settings,
+    settings,
+)
 
-_CLASSES = (settings.PecsSettings, *operators.CLASSES, panel.PECS_PT_render)
-_PARTS = (live,)  # with classes and properties of their own
+_MODULES = (
+    preferences,
+    sensor_settings,
+    settings,
+    background,
+    operators,
+    event_operators,
+    chip_lens,
+    manual,
+    presets,
+    panel,
+    panel_sensor,
+    panel_render,
+    panel_events,
+    panel_spectra,
+    menus,
+    live,
+)
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.Scene.pecs = bpy.props.PointerProperty(type=settings.PecsSettings)
-    bpy.app.handlers.load_pre.append(background.stop_preview)
-    for part in _PARTS:
-        part.register()
+    for module in _MODULES:
+        for cls in getattr(module, "CLASSES", ()):
+            bpy.utils.register_class(cls)
+        if hasattr(module, "register"):
+            module.register()
 
 
 def unregister() -> None:
-    for part in reversed(_PARTS):
-        part.unregister()
-    if background.state.job:  # also when Blender quits
-        background.state.job.stop()
-    bpy.app.handlers.load_pre.remove(background.stop_preview)
-    del bpy.types.Scene.pecs
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    for module in reversed(_MODULES):
+        if hasattr(module, "unregister"):
+            module.unregister()
+        for cls in reversed(getattr(module, "CLASSES", ())):
+            bpy.utils.unregister_class(cls)

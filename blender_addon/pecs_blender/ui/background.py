@@ -1,58 +1,117 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A render in a process of its own, on the file as saved. A timer looks after it, not a modal operator: it goes on when
-another file is opened."""
+"""A job in a process of its own: a render on the file as saved, or the program. A timer looks after it, not a modal
+operator: it goes on when another file is opened."""
 
 from __future__ import annotations
 
+import ctypes
 import re
+import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 
-from . import settings
+POLL_S, STATUS_S = 0.2, 1.0  # between looks, and redraws of the status bar
+STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal, before it was ready for one
+READ_S = 2.0  # for the last words of a process that has ended
+MAX_LINES = 200  # of a program's answer
+PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
 
-POLL_S = 0.2
-PREVIEW_STACK = "preview_stack"  # the folder's name
-STOPPED = (130, 143, -15)  # docs/reference/exit_codes.md; by signal, before it was ready for one
+
+def _die_with_us() -> None:
+    """Nobody would stop a job whose Blender was killed (Linux, prctl(2)); exec keeps it."""
+    if hasattr(_libc, "prctl"):
+        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def clock(seconds: float) -> str:
+    minutes, s = divmod(max(0, round(seconds)), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{s:02}" if hours else f"{minutes}:{s:02}"
+
+
+@dataclass
 class Job:
-    """`pecs render`; its last line and how far it is (0 ... 1). done: what to say when it has ended well."""
+    """label: what it does, as one reads it. done: what to say when it has ended well. for_file: its result is for the
+    file that is open. continues: run again, it does not begin anew."""
 
-    def __init__(self, scene, output: Path, extra: list[str], done: Callable[[Job], str]):
-        command = [sys.executable, "-m", "pecs_blender", "render", bpy.data.filepath]  # the wheel has no program
-        if bpy.app.binary_path:
-            command = [bpy.app.binary_path, "--background", bpy.data.filepath, "--command", "pecs", "render"]
-        command += ["-o", str(output), *settings.arguments(scene), *extra]
-        self.output, self.last_line, self.progress, self.done = output, "", 0.0, done
-        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+    label: str
+    command: list[str]
+    output: Path
+    done: Callable[[Job], str]
+    for_file: bool = False
+    continues: bool = False
 
-    def _read(self) -> None:
-        for line in self._process.stderr:
-            self.last_line = line.strip() or self.last_line
-            if found := re.match(r"render: (\d+)(?:/| of )(\d+)", line):
-                self.progress = int(found[1]) / int(found[2])
+    def __post_init__(self):
+        self.last_line, self.progress, self.answer, self.folder = "", 0.0, [], self.output
+        self._said, self._phase, self._left_s, self._left_at, self._stopping = "", "", None, 0.0, False
+        self._start = time.monotonic()
+        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        self._process = subprocess.Popen(
+            self.command,
+            **pipes,
+            text=True,
+            errors="replace",
+            preexec_fn=_die_with_us if sys.platform == "linux" else None,
+        )
+        readers = ((self._read, self._process.stderr), (self._read_answer, self._process.stdout))
+        self._readers = [threading.Thread(target=read, args=(stream,), daemon=True) for read, stream in readers]
+        for reader in self._readers:
+            reader.start()
+
+    def _read(self, stream) -> None:
+        for line in stream:
+            if found := re.match(r"pecs\w*: (.*)", line):  # what Blender says at its end does not count
+                self._said, line = found[1], ""
+            self.last_line = self._said or line.strip() or self.last_line
+            if found := re.match(r"([\w-]+): (\d+)(?:/| of )(\d+)(?:, (\d+) s left)?", line):
+                self._phase, self.progress = found[1], int(found[2]) / max(1, int(found[3]))
+                self._left_s, self._left_at = found[4] and float(found[4]), time.monotonic()
+            elif found := re.match(r"render: into (.*)", line):
+                self.folder = Path(found[1])
+
+    def _read_answer(self, stream) -> None:
+        for line in stream:
+            if len(self.answer) < MAX_LINES:
+                self.answer.append(line.rstrip())
+
+    @property
+    def text(self) -> str:
+        """How far it is: "Render 25 %, 0:12 left, 0:04 so far"."""
+        now = time.monotonic()
+        if self._stopping:
+            return f"{self.label}: stopping"
+        parts = [f"{self._phase or self.label} {self.progress:.0%}" if self._phase else f"{self.label}: starting"]
+        if self._left_s is not None and self.progress < 1:
+            parts.append(f"{clock(self._left_s - (now - self._left_at))} left")
+        return ", ".join([*parts, f"{clock(now - self._start)} so far"])
 
     def returncode(self) -> int | None:
         """None while it runs."""
         code = self._process.poll()
         if code is not None:
-            self._reader.join()
+            for reader in self._readers:
+                reader.join(READ_S)
         return code
 
     def stop(self) -> None:
-        self._process.terminate()
+        """A second time: at once."""
+        (self._process.kill if self._stopping else self._process.terminate)()
+        self._stopping = True
 
 
 class _State:
     job: Job | None = None
     message, is_error = "", False  # how the last one ended
+    status_at = 0.0  # when the status bar was drawn
+    answer: tuple[str, list[str]] = "", []  # title and lines of the last one that had any
 
 
 state = _State()
@@ -73,20 +132,27 @@ def poll() -> float | None:
     if code is None:
         return POLL_S
     state.job, state.is_error = None, code != 0 and code not in STOPPED
-    if code == 0:
-        state.message = job.done(job)
-    elif code in STOPPED:
-        state.message = f"Stopped at {job.progress:.0%}; Render stack continues"
-    else:
-        state.message = job.last_line or f"Blender ended with code {code}"
+    try:
+        state.message = _ending(job, code)
+    except Exception as e:  # what it made cannot be shown: the panel must be free again
+        state.message, state.is_error = f"{job.label}: {e}", True
+    if state.is_error:
         _pop_up(state.message)
     return None
+
+
+def _ending(job: Job, code: int) -> str:
+    if code == 0:
+        return job.done(job)
+    if code in STOPPED:
+        return f"Stopped at {job.progress:.0%}" + (f"; {job.label} continues" if job.continues else "")
+    return job.last_line or f"{job.label} ended with code {code}"
 
 
 @bpy.app.handlers.persistent
 def stop_preview(*_) -> None:
     """Another file is opened: a preview belongs to the one that goes, a stack to nobody."""
-    if state.job and state.job.output.name == PREVIEW_STACK:
+    if state.job and state.job.for_file:
         state.job.stop()
 
 
@@ -95,8 +161,25 @@ def _redraw() -> None:
         for area in window.screen.areas:
             if area.type == "PROPERTIES":
                 area.tag_redraw()
+    if time.monotonic() - state.status_at >= STATUS_S:  # it takes the hints of a tool that runs
+        state.status_at = time.monotonic()
+        for window in bpy.context.window_manager.windows:
+            window.workspace.status_text_set_internal(None)  # nothing else draws the status bar anew
 
 
 def _pop_up(text: str) -> None:
     if not bpy.app.background:
         bpy.context.window_manager.popup_menu(lambda menu, _: menu.layout.label(text=text), title="PECS", icon="ERROR")
+
+
+def register() -> None:
+    bpy.app.handlers.load_pre.append(stop_preview)
+
+
+def unregister() -> None:
+    if state.job:  # also when Blender quits
+        state.job.stop()
+    if bpy.app.timers.is_registered(poll):
+        bpy.app.timers.unregister(poll)
+    bpy.app.handlers.load_pre.remove(stop_preview)
+    state.job, state.message, state.answer = None, "", ("", [])

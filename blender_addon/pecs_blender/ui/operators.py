@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Buttons. Renders run in a Blender of their own, on the file as saved; this one stays usable."""
+"""Buttons that render. Renders run in a Blender of their own, on the file as saved; this one stays usable."""
 
 from __future__ import annotations
 
 import shutil
+import sys
 import tempfile
-import webbrowser
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
-from ..core.chip import load_chip
 from ..core.colour import linear_rgb
-from ..core.errors import RenderError
-from . import background, settings
+from . import background, checks, paths, sensor_settings, settings
 
 PREVIEW_WIDTH = 320
 PREVIEW_BANDS = ("--bands", "12", "--placement", "uniform", "--min-nm", "400", "--max-nm", "700")  # for the eye
@@ -22,65 +19,134 @@ AT_ONCE = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
 
 
-class _Background:
-    """Starts a job, whose end background.poll notices."""
+class InBackground:
+    """Starts a job, whose end background.poll notices. Subclasses have job(context, operator)."""
+
+    bl_options = {"REGISTER"}
 
     @classmethod
     def poll(cls, context) -> bool:
-        if bpy.data.filepath and not bpy.data.is_dirty:
-            return not background.state.job
-        cls.poll_message_set("Save the file first: it is rendered as saved")
-        return False
+        if background.state.job:
+            cls.poll_message_set("A job is running: wait, or stop it")
+            return False
+        return True
 
     def execute(self, context):
-        background.start(self.job(context.scene))
+        if background.state.job:
+            self.report({"ERROR"}, "A job is running: wait, or stop it")
+            return {"CANCELLED"}
+        try:
+            background.start(self.job(context))
+        except (OSError, RuntimeError) as e:  # no program; a chip that cannot be read
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
         return {"FINISHED"}
 
 
-class PECS_OT_render(_Background, bpy.types.Operator):
+def is_saved() -> bool:
+    return bool(bpy.data.filepath) and not bpy.data.is_dirty
+
+
+class Renders(InBackground):
+    @classmethod
+    def poll(cls, context) -> bool:
+        if not super().poll(context):
+            return False
+        if not is_saved():
+            cls.poll_message_set("Save the file first: it is rendered as saved")
+            return False
+        wrong = [one.text for one in checks.problems(context.scene) if one.is_error]
+        if wrong:
+            cls.poll_message_set(wrong[0])
+        return not wrong
+
+
+def blender(scene, verb: str, output: Path, *words: str) -> list[str]:
+    """The command of a verb of cli.py that renders."""
+    command = [sys.executable, "-m", "pecs_blender", verb, bpy.data.filepath]  # the wheel has no program
+    if bpy.app.binary_path:
+        command = [bpy.app.binary_path, "--background", bpy.data.filepath, "--command", "pecs", verb]
+    return [*command, "-o", str(output), *settings.arguments(scene), *words]
+
+
+def _frames(scene) -> list[str]:
+    return ["--frames", "all" if scene.pecs.whole_range else str(scene.pecs.frames)]
+
+
+def remember_stack(scene_name: str, job: background.Job, folder: Path) -> None:
+    """A new version has a name of its own."""
+    scene = bpy.data.scenes.get(scene_name)
+    if scene and paths.stack(scene).parent == folder.parent:
+        scene.pecs.last_stack = str(folder)
+
+
+class PECS_OT_render(Renders, bpy.types.Operator):
     """Render the EXR stack. A stopped render continues where it was"""
 
     bl_idname = "pecs.render"
     bl_label = "Render stack"
 
     @staticmethod
-    def job(scene) -> background.Job:
-        extra = ["--overwrite"] if scene.pecs.overwrite else []
-        return _render(scene, extra, lambda job: f"{job.output}: rendered")
+    def job(context) -> background.Job:
+        scene, output = context.scene, paths.stack(context.scene)
+        name = scene.name
+
+        def done(job: background.Job) -> str:
+            remember_stack(name, job, job.folder)
+            return f"{job.folder}: rendered"
+
+        command = blender(scene, "render", output, *_frames(scene), *settings.exists_words(scene))
+        return background.Job("Render stack", command, output, done, continues=True)
 
 
-def _render(scene, extra: list[str], done: Callable[[background.Job], str]) -> background.Job:
-    output = Path(bpy.path.abspath(scene.pecs.output))
-    frames = "all" if scene.pecs.whole_range else str(scene.pecs.frames)
-    return background.Job(scene, output, ["--frames", frames, *extra], done)
+class PECS_OT_run(Renders, bpy.types.Operator):
+    """Render the EXR stack, then simulate its events. A stopped render continues where it was"""
+
+    bl_idname = "pecs.run"
+    bl_label = "Render and simulate"
+
+    @staticmethod
+    def job(context) -> background.Job:
+        scene, stack, events = context.scene, paths.stack(context.scene), paths.events(context.scene)
+        name = scene.name
+
+        def done(job: background.Job) -> str:
+            remember_stack(name, job, job.folder if job.folder != events else stack)
+            return job.answer[-1] if job.answer else f"{events}: simulated"
+
+        words = ["--stack", str(stack), *_frames(scene), *settings.exists_words(scene)]
+        command = blender(scene, "run", events, *words, "--sense", *sensor_settings.arguments(scene))
+        return background.Job("Render and simulate", command, events, done, continues=True)
 
 
-class PECS_OT_plan(_Background, bpy.types.Operator):
+class PECS_OT_plan(Renders, bpy.types.Operator):
     """Say how many frames, hours and gigabytes the stack will take, from a probe of seconds"""
 
     bl_idname = "pecs.plan"
     bl_label = "Plan"
 
     @staticmethod
-    def job(scene) -> background.Job:
-        return _render(scene, ["--plan"], lambda job: job.last_line.removeprefix("render: "))
+    def job(context) -> background.Job:
+        scene, output = context.scene, paths.stack(context.scene)
+        command = blender(scene, "render", output, *_frames(scene), "--plan")
+        return background.Job("Plan", command, output, lambda job: job.last_line.removeprefix("render: "))
 
 
-class PECS_OT_preview(_Background, bpy.types.Operator):
+class PECS_OT_preview(Renders, bpy.types.Operator):
     """Render the current frame, small, and show its colours through CIE 1931"""
 
     bl_idname = "pecs.preview"
     bl_label = "Preview"
 
     @staticmethod
-    def job(scene) -> background.Job:
-        render = scene.render
+    def job(context) -> background.Job:
+        scene, render = context.scene, context.scene.render
         t_s = (scene.frame_current_final - scene.frame_start) * render.fps_base / render.fps
         index = max(0, round(t_s * scene.pecs.fps))
         width = min(PREVIEW_WIDTH, render.resolution_x)
-        folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / background.PREVIEW_STACK
-        extra = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *AT_ONCE]
-        return background.Job(scene, folder, extra, _show)
+        folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / "preview_stack"
+        words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *AT_ONCE]
+        return background.Job("Preview", blender(scene, "render", folder, *words), folder, _show, for_file=True)
 
 
 def _show(job: background.Job) -> str:
@@ -98,19 +164,28 @@ def _show(job: background.Job) -> str:
     rgba[..., :3] = picture[::-1]  # Blender's row 0 is at the bottom
     image.pixels.foreach_set(rgba.ravel())
     image.update()
+    shutil.rmtree(job.output.parent, ignore_errors=True)
+    return show_image(image)
+
+
+def show_image(image: bpy.types.Image) -> str:
+    """In every image editor that is open."""
     areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
     editors = [area for area in areas if area.type == "IMAGE_EDITOR"]
     for area in editors:
         area.spaces.active.image = image
-    shutil.rmtree(job.output.parent, ignore_errors=True)
-    return f"{PREVIEW_IMAGE}: in the image editor" + ("" if editors else " (open one)")
+    return f"{image.name}: in the image editor" + ("" if editors else " (open one)")
 
 
 class PECS_OT_stop(bpy.types.Operator):
-    """Stop the render; finished instants are kept"""
+    """Stop the job; finished instants are kept. A second time: at once"""
 
     bl_idname = "pecs.stop"
     bl_label = "Stop"
+
+    @classmethod
+    def poll(cls, _context) -> bool:
+        return bool(background.state.job)
 
     def execute(self, context):
         if background.state.job:
@@ -118,36 +193,4 @@ class PECS_OT_stop(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PECS_OT_draw_lens(bpy.types.Operator):
-    """Draw the lens in section with its rays (SVG, shown by the browser)"""
-
-    bl_idname = "pecs.draw_lens"
-    bl_label = "Draw lens"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.scene.pecs.lens != "none"
-
-    def execute(self, context):
-        import pecs
-
-        s, render = context.scene.pecs, context.scene.render
-        path = Path(bpy.app.tempdir, f"{s.lens}.svg")
-        try:
-            width_mm = s.film_width_mm or load_chip(s.chip).film_width_mm(render.resolution_x)
-            drawing = pecs.Lens(s.lens).draw(
-                focus_m=settings.focus_m(context.scene),
-                fnumber=s.fnumber or None,
-                film_width_mm=width_mm,
-                film_height_mm=width_mm * render.resolution_y / render.resolution_x,
-            )
-        except (pecs.PecsError, RenderError) as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
-        path.write_text(drawing)
-        shown = webbrowser.open(path.as_uri())
-        self.report({"INFO"}, f"{path}{'' if shown else ': no browser to show it'}")
-        return {"FINISHED"}
-
-
-CLASSES = (PECS_OT_render, PECS_OT_plan, PECS_OT_preview, PECS_OT_stop, PECS_OT_draw_lens)
+CLASSES = (PECS_OT_render, PECS_OT_run, PECS_OT_plan, PECS_OT_preview, PECS_OT_stop)

@@ -1,13 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Render properties > PECS."""
+"""Render properties > PECS: what runs, and what is wrong. Its sub-panels have files of their own."""
 
 from __future__ import annotations
 
 import bpy
 
-from ..core.resources import BYTES_PER_VALUE
+from . import checks, operators, words
 from .background import state
-from .settings import instants
+from .presets import PECS_PT_presets
+
+
+class Sub:
+    """A sub-panel."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    bl_parent_id = "PECS_PT_render"
+
+    def draw(self, context) -> None:
+        self.layout.use_property_split, self.layout.use_property_decorate = True, False
+        self.fill(self.layout, context.scene, context.scene.pecs)
 
 
 class PECS_PT_render(bpy.types.Panel):
@@ -17,51 +30,25 @@ class PECS_PT_render(bpy.types.Panel):
     bl_context = "render"
     bl_order = -1  # above Cycles' own
 
+    def draw_header_preset(self, _context) -> None:
+        PECS_PT_presets.draw_panel_header(self.layout)
+
     def draw(self, context) -> None:
-        layout, scene, s = self.layout, context.scene, context.scene.pecs
-        layout.use_property_split, layout.use_property_decorate = True, False
-
-        column = layout.column(align=True)
-        column.prop(s, "lens")
-        if s.lens != "none":
-            for name in ("focus_m", "fnumber", "film_width_mm"):
-                column.prop(s, name)
-            if not bpy.app.build_options.cycles_osl:
-                layout.label(text="No lens: this Blender has no OSL", icon="ERROR")
-
-        column = layout.column(align=True)
-        for name in ("bands", "placement", "chip", "illuminant", "light_scale", "samples", "device", "layers"):
-            column.prop(s, name)
-
-        column = layout.column(align=True)
-        column.prop(s, "output")
-        column.prop(s, "overwrite")
-        column.prop(s, "time")
-        if s.time == "adaptive":
-            column.prop(s, "step_px")
-        column.prop(s, "fps")
-        column.prop(s, "whole_range")
-        if not s.whole_range:
-            column.prop(s, "frames")
-        width, height = (n * scene.render.resolution_percentage // 100 for n in _size(scene))
-        megabytes = instants(scene) * s.channels * width * height * BYTES_PER_VALUE / 1e6
-        layout.label(text=f"{instants(scene)} instants x {s.pass_count} passes")
-        layout.label(text=f"{width} x {height} pixels, up to {megabytes:,.0f} MB")
-
+        layout = self.layout
         if job := state.job:
-            row = layout.row()
-            row.progress(factor=job.progress, text=f"{job.progress:.0%}")
+            row = layout.row(align=True)
+            row.progress(factor=job.progress, text=job.text)
             row.operator("pecs.stop", icon="CANCEL", text="")
         else:
-            row = layout.row(align=True)
-            row.operator("pecs.draw_lens", icon="CAMERA_DATA")
-            row.operator("pecs.preview", icon="IMAGE_DATA")
-            row = layout.row(align=True)
-            row.operator("pecs.plan", icon="TIME")
-            row.operator("pecs.render", icon="RENDER_ANIMATION")
+            row = layout.row()
+            row.scale_y = 1.4
+            row.operator("pecs.run", icon="RENDER_ANIMATION")
             if state.message:
-                layout.label(text=state.message, icon="ERROR" if state.is_error else "INFO")
+                words.wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
+        if not operators.is_saved():
+            words.wrapped(layout, "Save the file: it is rendered as saved", "INFO")
+        for one in checks.problems(context.scene):
+            words.problem(layout, one)
 
 
-def _size(scene) -> tuple[int, int]:
-    return scene.render.resolution_x, scene.render.resolution_y
+CLASSES = (PECS_PT_render,)

@@ -3,75 +3,85 @@
 
 import dataclasses
 import math
-from functools import cache
-from zlib import crc32
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from ..core.options import DEFAULTS, LAYERS, RULES, Options, flag
 from ..core.plan import passes
-
-
-@cache
-def _names(room: str, pattern: str) -> list[str]:
-    import pecs
-
-    return sorted(path.stem for path in pecs.data_dir(room).glob(pattern))
-
-
-_lens_items: list[tuple] = []  # Blender wants the very same texts each time
-
-
-def _lenses(_self, _context) -> list[tuple]:
-    """A lens is saved as its number: one that does not change when others are added."""
-    if not _lens_items:
-        _lens_items.append(("none", "Scene's camera", "Render radiance with the camera as Blender has it", 0))
-        for name in _names("lens_data/lenses", "*.json"):
-            _lens_items.append((name, name, "A lens of the library", crc32(name.encode()) >> 1))
-    return _lens_items
-
-
-def _searched(room: str, pattern: str, *more: str):
-    return lambda _self, _context, text: [n for n in (*more, *_names(room, pattern)) if text.lower() in n]
-
+from . import library
+from .preferences import preferences
+from .sensor_settings import PecsSensor
 
 # Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
-_SHOWN = {
+SHOWN = {
     "focus_m": ("Focus", {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH"}),
     "fnumber": ("f-number", {}),
     "film_width_mm": ("Film width (mm)", {"precision": 4}),
+    "film_shift_mm": ("Film shift (mm)", {"size": 2, "precision": 3}),
     "bands": ("Bands", {}),
+    "bands_per_pass": ("Bands in a pass", {}),
     "placement": ("Placement", {}),
-    "chip": ("Chip", {"search": _searched("sensor/chips", "*.json")}),
-    "illuminant": (
-        "Lamps' spectrum",
-        {"search": _searched("lens_data/spectra", "*.csv", "blackbody:2856", "daylight:6500")},
-    ),
+    "min_nm": ("Shortest wavelength (nm)", {}),
+    "max_nm": ("Longest wavelength (nm)", {}),
+    "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
+    "illuminant": ("Lamps' spectrum", {"search": library.search(library.spectra)}),
     "light_scale": ("Light scale", {}),
     "samples": ("Samples", {}),
+    "noise_target": ("Noise target", {"precision": 3}),
+    "denoise": ("Denoise", {}),
+    "seed": ("Seed", {}),
     "device": ("Device", {}),
+    "threads": ("Threads", {}),
     "fps": ("Instants per second", {}),
     "time": ("Steps", {}),
     "step_px": ("Most motion (px)", {}),
 }
+_OF_LENS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
 _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
 
 
 def _property(name: str):
-    label, more = _SHOWN[name]
+    label, more = SHOWN[name]
     rule, default, kind = RULES[name], DEFAULTS[name], _KINDS[name]
     text = rule.help[0].upper() + rule.help[1:]
+    if name == "fnumber":
+        more = more | {"update": _not_wider}
     if rule.choices:
-        return EnumProperty(name=label, items=[(c, c, "") for c in rule.choices], default=default, description=text)
-    if kind == "str":
-        return StringProperty(name=label, default=default, description=text, **more)
+        items = [(str(c), str(c), "") for c in rule.choices]
+        return EnumProperty(name=label, items=items, default=str(default), description=text)
+    if kind in ("str", "bool"):
+        return {"str": StringProperty, "bool": BoolProperty}[kind](
+            name=label, default=default, description=text, **more
+        )
     low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
     bounds = {"min": low} if low > -math.inf else {}
     bounds |= {"max": rule.high} if rule.high < math.inf else {}
     text += "; 0: not given" if default is None else ""
-    make = IntProperty if kind == "int" else FloatProperty
+    make = {"int": IntProperty, "float": FloatProperty, "Sequence[float]": FloatVectorProperty}[kind]
     return make(name=label, default=default or 0, description=text, **bounds, **more)
+
+
+def _not_wider(self, _context) -> None:
+    """A stop beyond the lens's own becomes wide open."""
+    try:
+        widest = library.lens_info(self.lens)["fnumber"] if has_lens(self) else 0
+    except RuntimeError:  # checks.py says so
+        return
+    if 0 < self.fnumber < widest:
+        self.fnumber = 0
+
+
+def _forget_version(self, _context) -> None:
+    self.last_stack = ""
 
 
 class PecsSettings(bpy.types.PropertyGroup):
@@ -79,25 +89,44 @@ class PecsSettings(bpy.types.PropertyGroup):
         name="Stack",
         subtype="DIR_PATH",
         options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
-        default="//stack",
-        description="Folder of the EXR stack",
+        update=_forget_version,
+        description="Folder of the rendered pictures (EXR stack); if empty, the .blend's name with the ending .stack",
     )
-    overwrite: BoolProperty(name="Overwrite", description="Remove a stack that is there, instead of continuing it")
-    whole_range: BoolProperty(name="Frame range", description="Cover the scene's frame range")
+    last_stack: StringProperty(options={"HIDDEN"})  # a new version's folder
+    exists: EnumProperty(
+        name="If it exists",
+        items=[
+            ("continue", "Continue", "Render what is missing; refused where settings differ"),
+            ("overwrite", "Overwrite", "Remove it first"),
+            ("new", "New version", "Where settings differ, write another beside it: _002, _003, …"),
+        ],
+        description="What to do with a stack that is there",
+    )
+    whole_range: BoolProperty(name="Scene's frame range", description="From the scene's first frame to its last")
     frames: IntProperty(
         name="Instants", default=int(DEFAULTS["frames"]), min=1, description="From the scene's first frame on"
     )
-    lens: EnumProperty(name="Lens", items=_lenses, description="It stands where the scene's camera does")
+    lens: StringProperty(
+        name="Lens",
+        default=library.SCENES_CAMERA,
+        search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")]),
+        search_options={"SORT", "SUGGESTION"},
+        update=_not_wider,
+        description="A lens by its name, a prescription's file (.json), or none: the scene's camera as Blender has it. "
+        "A lens stands where the scene's camera does",
+    )
     layers: EnumProperty(
         name="Layers",
         items=[(name, name.capitalize(), "") for name in LAYERS],
         options={"ENUM_FLAG"},
         description="What to render beside the light",
     )
+    allow_scripts: BoolProperty(name="Allow scripts", description="Run the .blend's Python (drivers, registered texts)")
+    sensor: PointerProperty(type=PecsSensor)
 
     @property
     def pass_count(self) -> int:
-        return len(passes(self.bands))
+        return len(passes(self.bands, int(self.bands_per_pass)))
 
     @property
     def channels(self) -> int:
@@ -106,7 +135,18 @@ class PecsSettings(bpy.types.PropertyGroup):
 
 
 # Not in the class's body: from Python 3.14 on (Blender 5.2) it has no annotations yet.
-PecsSettings.__annotations__.update({name: _property(name) for name in _SHOWN})
+PecsSettings.__annotations__.update({name: _property(name) for name in SHOWN})
+
+
+def has_lens(settings: PecsSettings) -> bool:
+    return settings.lens not in ("", library.SCENES_CAMERA)
+
+
+def size(scene: bpy.types.Scene) -> tuple[int, int]:
+    """Pixels."""
+    render = scene.render
+    width, height = (n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
+    return width, height
 
 
 def instants(scene: bpy.types.Scene) -> int:
@@ -122,15 +162,68 @@ def focus_m(scene: bpy.types.Scene) -> float | None:
     return scene.pecs.focus_m * scene.unit_settings.scale_length or None
 
 
+def film_mm(scene: bpy.types.Scene) -> tuple[float, float]:
+    """Raises pecs.PecsError of a chip that cannot be read."""
+    width, height = size(scene)
+    width_mm = scene.pecs.film_width_mm or library.chip(scene.pecs.chip).film_width_mm(width)
+    return width_mm, width_mm * height / width
+
+
+def lens_now(scene: bpy.types.Scene) -> dict:
+    """What is known of the lens, as it is set; raises pecs.PecsError."""
+    width_mm, height_mm = film_mm(scene)
+    return library.lens_info(
+        scene.pecs.lens,
+        focus_m=focus_m(scene),
+        fnumber=plain(scene.pecs.fnumber) or None,
+        film_width_mm=width_mm,
+        film_height_mm=height_mm,
+    )
+
+
+def plain(value: float) -> float:
+    """Blender's floats are short: 4.15 is not 4.150000095."""
+    return float(f"{value:.6g}")
+
+
+def _words(scene: bpy.types.Scene, name: str) -> list[str]:
+    s = scene.pecs
+    value = focus_m(scene) if name == "focus_m" else getattr(s, name)
+    if name == "threads":
+        value = value or preferences().threads
+    if not value or name in _OF_LENS and not has_lens(s):
+        return []
+    kind = _KINDS[name]
+    if kind == "bool":
+        return [flag(name)]
+    if kind == "Sequence[float]":
+        return [flag(name), *(f"{v:.6g}" for v in value)] if any(value) else []
+    if name == "chip":
+        value = library.find("chip", value)
+    return [flag(name), f"{value:.6g}" if isinstance(value, float) else str(value)]
+
+
 def arguments(scene: bpy.types.Scene) -> list[str]:
-    """Of `pecs render`, but for output, frames and size."""
-    s, given = scene.pecs, {"lens": scene.pecs.lens}
-    for name in _SHOWN:
-        value = focus_m(scene) if name == "focus_m" else getattr(s, name)
-        of_lens = name in ("focus_m", "fnumber", "film_width_mm")
-        if value and not (of_lens and s.lens == "none"):
-            given[name] = f"{value:.6g}" if isinstance(value, float) else value
-    if s.layers:
-        given["layers"] = ",".join(sorted(s.layers))
-    words = [word for name, value in given.items() for word in (flag(name), str(value))]
-    return ["--scene-name", scene.name, *words]
+    """Of `pecs render`, but for output and size of the picture."""
+    s = scene.pecs
+    lens = library.find("lens", s.lens) if has_lens(s) else library.SCENES_CAMERA
+    words = ["--scene-name", scene.name, "--lens", lens]
+    for name in SHOWN:
+        words += _words(scene, name)
+    words += ["--layers", ",".join(sorted(s.layers))] if s.layers else []
+    return words + (["--allow-scripts"] if s.allow_scripts else [])
+
+
+def exists_words(scene: bpy.types.Scene) -> list[str]:
+    return {"continue": [], "overwrite": ["--overwrite"], "new": ["--new-version"]}[scene.pecs.exists]
+
+
+CLASSES = (PecsSettings,)
+
+
+def register() -> None:
+    bpy.types.Scene.pecs = PointerProperty(type=PecsSettings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.pecs

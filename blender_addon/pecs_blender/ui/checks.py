@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is wrong with a job before it starts, in words, with the button that mends it where there is one. Quick: buttons
+ask at every redraw."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ..core.errors import RenderError
+from ..core.plan import MAX_INSTANTS
+from ..core.resources import BYTES_PER_VALUE
+from ..core.spectra import spectrum
+from . import library, paths, sensor_settings, settings
+
+
+@dataclass(frozen=True)
+class Problem:
+    """is_error: the job would fail. mend: an operator."""
+
+    text: str
+    is_error: bool = True
+    mend: str = ""
+
+
+def problems(scene) -> list[Problem]:
+    """Of a render."""
+    return [*_of_scene(scene), *_of_chip(scene), *_of_lens(scene), *_of_light(scene), *_of_output(scene)]
+
+
+def sensor_problems(scene) -> list[Problem]:
+    """Of a simulation."""
+    if not _chip(scene):
+        return list(_of_chip(scene))
+    known = sensor_settings.parameters(scene.pecs)
+    wrong = [sensor_settings.wrong(one, known) for one in scene.pecs.sensor.overrides]
+    return [*(Problem(text) for text in wrong if text), *_of_place(paths.events(scene).parent)]
+
+
+def _of_scene(scene) -> Iterator[Problem]:
+    if not scene.camera:
+        yield Problem("The scene has no camera")
+    elif scene.camera.type != "CAMERA":
+        yield Problem(f"{scene.camera.name} is no camera")
+    if scene.frame_end < scene.frame_start:
+        yield Problem("The scene's frame range ends before it begins")
+    if settings.instants(scene) > MAX_INSTANTS:
+        yield Problem(f"{settings.instants(scene):,} instants; at most {MAX_INSTANTS:,}: take a shorter range")
+
+
+def _chip(scene):
+    try:
+        return library.chip(scene.pecs.chip)
+    except RuntimeError:
+        return None
+
+
+def _of_chip(scene) -> Iterator[Problem]:
+    try:
+        chip = library.chip(scene.pecs.chip).profile
+    except RuntimeError as e:
+        yield Problem(f"Chip: {e}")
+        return
+    width, height = settings.size(scene)
+    if (chip.width and width > chip.width) or (chip.height and height > chip.height):
+        text = f"{width} x {height} pixels are more than the chip's {chip.width} x {chip.height}"
+        yield Problem(text, mend="pecs.chip_resolution")
+
+
+def _of_lens(scene) -> Iterator[Problem]:
+    s = scene.pecs
+    if not settings.has_lens(s) or not _chip(scene):
+        return
+    try:
+        settings.lens_now(scene)
+    except RuntimeError as e:
+        too_wide = str(e).startswith("f-number")
+        yield Problem(f"Lens: {e}", mend="pecs.wide_open" if too_wide else "")
+    if not bpy.app.build_options.cycles_osl:
+        yield Problem("No lens: this Blender has no OSL (that of blender.org has)")
+    if s.device not in ("CPU", "OPTIX"):
+        yield Problem(f"A lens needs the device CPU or OPTIX, not {s.device}")
+
+
+def _of_light(scene) -> Iterator[Problem]:
+    s = scene.pecs
+    try:
+        spectrum(s.illuminant, Path(bpy.data.filepath or ".").absolute().parent)
+    except RenderError as e:
+        yield Problem(f"Lamps' spectrum: {e}")
+    if s.min_nm and s.max_nm and s.min_nm >= s.max_nm:
+        yield Problem("The shortest wavelength is not below the longest")
+
+
+def _of_output(scene) -> Iterator[Problem]:
+    folder = paths.stack(scene)
+    if folder.exists() and not folder.is_dir():
+        yield Problem(f"{folder}: a file, wanted a folder")
+        return
+    yield from _of_place(folder)
+    width, height = settings.size(scene)
+    wanted = settings.instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
+    free = shutil.disk_usage(_there(folder)).free
+    if wanted > free:
+        text = f"Up to {wanted / 1e9:,.0f} GB, and {free / 1e9:,.0f} GB are free"
+        yield Problem(text, is_error=scene.pecs.time == "uniform")
+
+
+def _there(folder: Path) -> Path:
+    """The folder, or the nearest above it that is there."""
+    return next(place for place in (folder, *folder.absolute().parents) if place.exists())
+
+
+def _of_place(folder: Path) -> Iterator[Problem]:
+    place = _there(folder)
+    if not place.is_dir():
+        yield Problem(f"{place}: a file, wanted a folder")
+    elif not os.access(place, os.W_OK | os.X_OK):
+        yield Problem(f"{place}: cannot be written")

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Buttons that set the scene by the chip and the lens."""
+
+import math
+import webbrowser
+from pathlib import Path
+
+import bpy
+from bpy.props import IntProperty, StringProperty
+
+from ..core.errors import RenderError
+from . import library, sensor_settings, settings
+
+
+class PECS_OT_chip_resolution(bpy.types.Operator):
+    """Set the scene's resolution to the chip's"""
+
+    bl_idname = "pecs.chip_resolution"
+    bl_label = "Use the chip's resolution"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        try:
+            chip = library.chip(context.scene.pecs.chip).profile
+        except RuntimeError as e:
+            cls.poll_message_set(str(e))
+            return False
+        if not (chip.width and chip.height):
+            cls.poll_message_set("This chip has any resolution")
+        return bool(chip.width and chip.height)
+
+    def execute(self, context):
+        chip, render = library.chip(context.scene.pecs.chip).profile, context.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = chip.width, chip.height, 100
+        render.pixel_aspect_x = render.pixel_aspect_y = 1
+        return {"FINISHED"}
+
+
+class _OnLens:
+    @classmethod
+    def poll(cls, context) -> bool:
+        if not settings.has_lens(context.scene.pecs):
+            cls.poll_message_set("Choose a lens first")
+        return settings.has_lens(context.scene.pecs)
+
+
+class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
+    """Open the lens to its own widest stop"""
+
+    bl_idname = "pecs.wide_open"
+    bl_label = "Wide open"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        context.scene.pecs.fnumber = 0
+        return {"FINISHED"}
+
+
+class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
+    """Give the scene's camera the lens's angle of view, so that the viewport shows what the lens will see"""
+
+    bl_idname = "pecs.match_lens"
+    bl_label = "Match the camera to the lens"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        camera = context.scene.camera
+        if not camera or camera.type != "CAMERA":
+            cls.poll_message_set("The scene has no camera")
+            return False
+        return super().poll(context)
+
+    def execute(self, context):
+        scene, camera = context.scene, context.scene.camera.data
+        try:
+            width_mm, height_mm = settings.film_mm(scene)
+            info = settings.lens_now(scene)
+        except RuntimeError as e:
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
+        camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
+        camera.sensor_width, camera.sensor_height = width_mm, height_mm
+        camera.lens = width_mm / 2 / math.tan(math.radians(info["hfov_deg"]) / 2)
+        camera.shift_x = camera.shift_y = 0
+        return {"FINISHED"}
+
+
+class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
+    """Draw the lens in section with its rays (SVG, shown by the browser)"""
+
+    bl_idname = "pecs.draw_lens"
+    bl_label = "Draw lens"
+
+    def execute(self, context):
+        import pecs
+
+        s = context.scene.pecs
+        path = Path(bpy.app.tempdir, f"{Path(s.lens).stem}.svg")
+        try:
+            width_mm, height_mm = settings.film_mm(context.scene)
+            with pecs.Lens(library.find("lens", s.lens)) as lens:
+                drawing = lens.draw(
+                    focus_m=settings.focus_m(context.scene),
+                    fnumber=settings.plain(s.fnumber) or None,
+                    film_width_mm=width_mm,
+                    film_height_mm=height_mm,
+                )
+            path.write_text(drawing)
+        except (pecs.PecsError, RenderError, OSError) as e:
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
+        shown = webbrowser.open(path.as_uri())
+        self.report({"INFO"}, f"{path}{'' if shown else ': no browser to show it'}")
+        return {"FINISHED"}
+
+
+class PECS_OT_pick_lens(bpy.types.Operator):
+    """Choose a lens prescription of your own"""
+
+    bl_idname = "pecs.pick_lens"
+    bl_label = "Lens from a file"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context, _event):
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        context.scene.pecs.lens = self.filepath
+        return {"FINISHED"}
+
+
+def _keys(_self, context, text: str) -> list[tuple[str, str]]:
+    try:
+        known = sensor_settings.parameters(context.scene.pecs)
+    except RuntimeError:
+        return []
+    return [(key, f"{p['value']:g} {p['unit']}") for key, p in known.items() if text.lower() in key]
+
+
+class PECS_OT_override_add(bpy.types.Operator):
+    """Put a value of your own in place of one of the chip's or the pixel model's"""
+
+    bl_idname = "pecs.override_add"
+    bl_label = "Change a parameter"
+    bl_options = {"REGISTER", "UNDO"}
+    bl_property = "name"
+
+    name: StringProperty(name="Parameter", search=_keys, options={"SKIP_SAVE"})
+
+    def invoke(self, context, _event):
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context):
+        settings_, sensor = context.scene.pecs, context.scene.pecs.sensor
+        try:
+            known = sensor_settings.parameters(settings_)
+        except RuntimeError as e:
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
+        if self.name not in known:
+            self.report({"ERROR"}, f"{self.name or 'nothing'}: no parameter of this chip or pixel")
+            return {"CANCELLED"}
+        if self.name not in sensor.overrides:
+            one = sensor.overrides.add()
+            one.name, one.value = self.name, f"{known[self.name]['value']:.6g}"
+        return {"FINISHED"}
+
+
+class PECS_OT_override_remove(bpy.types.Operator):
+    """Take the profile's value again"""
+
+    bl_idname = "pecs.override_remove"
+    bl_label = "Profile's value"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    index: IntProperty()
+
+    def execute(self, context):
+        context.scene.pecs.sensor.overrides.remove(self.index)
+        return {"FINISHED"}
+
+
+CLASSES = (
+    PECS_OT_chip_resolution,
+    PECS_OT_wide_open,
+    PECS_OT_match_lens,
+    PECS_OT_draw_lens,
+    PECS_OT_pick_lens,
+    PECS_OT_override_add,
+    PECS_OT_override_remove,
+)

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Buttons that run the program: simulate events, look at them, compare them."""
+
+import webbrowser
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ..core.errors import RenderError
+from ..core.programs import pecs as program
+from . import background, checks, library, operators, paths, sensor_settings
+from .preferences import preferences
+
+KINDS = {  # what `pecs view` makes
+    "png": ("Sheet", "Pictures of the events, in the image editor"),
+    "mp4": ("Video", "A video in slow motion, in the system's player"),
+    "html": ("3-D page", "The events in space and time, in the browser"),
+}
+
+
+def _command(*words: object) -> list[str]:
+    try:
+        return [program(), *map(str, words)]
+    except RenderError as e:
+        raise RuntimeError(e) from None
+
+
+def open_outside(path: Path) -> str:
+    """A page or a video, in what the system opens it with."""
+    try:
+        opened = webbrowser.open(path.as_uri())
+    except (OSError, webbrowser.Error):
+        opened = False
+    return f"{path}{'' if opened else ': nothing here opens it'}"
+
+
+class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
+    """Simulate the events of the rendered stack"""
+
+    bl_idname = "pecs.sense"
+    bl_label = "Simulate events"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        if not super().poll(context):
+            return False
+        stack = paths.rendered(context.scene)
+        if not (stack / "stack.json").is_file():
+            cls.poll_message_set(f"{stack}: no stack; render it first")
+            return False
+        wrong = checks.sensor_problems(context.scene)
+        if wrong:
+            cls.poll_message_set(wrong[0].text)
+        return not wrong
+
+    @staticmethod
+    def job(context) -> background.Job:
+        scene, events = context.scene, paths.events(context.scene)
+        words = ["--chip", library.find("chip", scene.pecs.chip), *sensor_settings.arguments(scene)]
+        words += ["--threads", scene.pecs.threads or preferences().threads]
+        command = _command("sense", paths.rendered(scene), "-o", events, *words)
+        return background.Job("Simulate events", command, events, lambda job: job.answer[-1])
+
+
+class _OnEvents(operators.InBackground):
+    @classmethod
+    def poll(cls, context) -> bool:
+        if not super().poll(context):
+            return False
+        events = paths.events(context.scene)
+        if not events.is_file():
+            cls.poll_message_set(f"{events}: no events; simulate them first")
+        return events.is_file()
+
+
+class PECS_OT_view(_OnEvents, bpy.types.Operator):
+    """Look at the simulated events"""
+
+    bl_idname = "pecs.view"
+    bl_label = "View events"
+
+    kind: EnumProperty(name="As", items=[(key, *words) for key, words in KINDS.items()])
+    to_sequencer: bpy.props.BoolProperty(name="Into the sequencer", options={"SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, _context, properties) -> str:
+        return "A strip in the sequencer" if properties.to_sequencer else KINDS[properties.kind][1]
+
+    def job(self, context) -> background.Job:
+        sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
+        output = events.with_suffix("." + self.kind)
+        words = ["--window", f"{sensor.window_ms:.6g}ms"] if sensor.window_ms and self.kind != "html" else []
+        words += ["--slow-motion", f"{sensor.slow_motion:.6g}"] if sensor.slow_motion > 1 and self.kind == "mp4" else []
+        done = {"png": _show_sheet, "mp4": _add_strip if self.to_sequencer else _open, "html": _open}[self.kind]
+        return background.Job(KINDS[self.kind][0], _command("view", events, "-o", output, *words), output, done)
+
+
+def _open(job: background.Job) -> str:
+    return open_outside(job.output)
+
+
+def _show_sheet(job: background.Job) -> str:
+    image = bpy.data.images.load(str(job.output), check_existing=True)
+    image.reload()
+    return operators.show_image(image)
+
+
+def sequencer_scene(context) -> bpy.types.Scene | None:
+    """That an open sequencer shows; none where none is open."""
+    areas = [area for window in context.window_manager.windows for area in window.screen.areas]
+    if not any(area.type == "SEQUENCE_EDITOR" for area in areas):
+        return None
+    return getattr(context.workspace, "sequencer_scene", None) or context.scene  # Blender 5; 4.5
+
+
+def _add_strip(job: background.Job) -> str:
+    scene = sequencer_scene(bpy.context)
+    if not scene:
+        return f"{job.output}: no sequencer is open"
+    editor = scene.sequence_editor or scene.sequence_editor_create()
+    strips = editor.strips
+    channel = 1 + max((strip.channel for strip in strips), default=0)
+    strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start)
+    return f"{strip.name}: in channel {channel} of the sequencer"
+
+
+class PECS_OT_report(_OnEvents, bpy.types.Operator):
+    """One page of the render, the lens, the events and, beside a recording, the scores"""
+
+    bl_idname = "pecs.report"
+    bl_label = "Report"
+
+    @staticmethod
+    def job(context) -> background.Job:
+        scene, events = context.scene, paths.events(context.scene)
+        stack, output = paths.rendered(scene), events.with_suffix(".report.html")
+        words = ["--stack", stack] if (stack / "stack.json").is_file() else []
+        words += _recording(scene, "--real")
+        return background.Job("Report", _command("report", "--sim", events, *words, "-o", output), output, _open)
+
+
+def _recording(scene, *option: str) -> list[str]:
+    text = scene.pecs.sensor.recording
+    return [*option, bpy.path.abspath(text)] if text else []
+
+
+class PECS_OT_compare(_OnEvents, bpy.types.Operator):
+    """Score the simulated events against a recording"""
+
+    bl_idname = "pecs.compare"
+    bl_label = "Compare with a recording"
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def invoke(self, context, _event):
+        if context.scene.pecs.sensor.recording:
+            return self.execute(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def job(self, context) -> background.Job:
+        sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
+        if self.filepath:
+            sensor.recording = self.filepath
+        if not sensor.recording:
+            raise RuntimeError("Recording: got none, wanted an event file")
+        window = sensor.compare_ms
+        words = ["--window", f"{window:.6g}ms"] if window else []
+        command = _command("compare", *_recording(context.scene), events, *words)
+        return background.Job("Compare", command, events, _keep_answer)
+
+
+def _keep_answer(job: background.Job) -> str:
+    background.state.answer = f"{Path(job.command[2]).name} and {job.output.name}", job.answer
+    return ""
+
+
+class PECS_OT_close_answer(bpy.types.Operator):
+    """Remove these lines"""
+
+    bl_idname = "pecs.close_answer"
+    bl_label = "Close"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, _context):
+        background.state.answer = "", []
+        return {"FINISHED"}
+
+
+class PECS_OT_open_folder(bpy.types.Operator):
+    """Open the folder of stack and events in the system's file manager"""
+
+    bl_idname = "pecs.open_folder"
+    bl_label = "Open output folder"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return paths.events(context.scene).parent.is_dir()
+
+    def execute(self, context):
+        self.report({"INFO"}, open_outside(paths.events(context.scene).parent))
+        return {"FINISHED"}
+
+
+CLASSES = (
+    PECS_OT_sense,
+    PECS_OT_view,
+    PECS_OT_report,
+    PECS_OT_compare,
+    PECS_OT_close_answer,
+    PECS_OT_open_folder,
+)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lenses, chips, spectra and glasses to choose from, those of PECS and the user's own; and what their files say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.chip import Chip, load_chip
+from .preferences import own_folder
+
+_ROOMS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
+SCENES_CAMERA = "none"  # instead of a lens
+
+
+def names(kind: str) -> list[str]:
+    """kind: "lens" or "chip"."""
+    own = own_folder(kind)
+    found = [*_stems(_ROOMS[kind]), *(path.stem for path in own.glob("*.json"))] if own else _stems(_ROOMS[kind])
+    return sorted(set(found))
+
+
+@lru_cache
+def _stems(room: str, pattern: str = "*.json") -> list[str]:
+    import pecs
+
+    folder = pecs.data_dir(room)
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.glob(pattern))
+
+
+def spectra() -> list[str]:
+    named = [*_stems("lens_data/spectra", "*.csv"), *_stems("lens_data/spectra", "colorchecker/*.csv")]
+    return [*named, "blackbody:2856", "daylight:6500"]
+
+
+def glasses() -> list[str]:
+    return sorted(name.rpartition("/")[2] for name in _stems("lens_data/glasses", "*/*.json"))
+
+
+def search(names_of: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
+    """Of a StringProperty."""
+    return lambda _self, _context, text: [name for name in names_of() if text.lower() in name.lower()]
+
+
+def find(kind: str, name: str) -> str:
+    """What the program takes: a path of the user's own, or a name of the library."""
+    if name.endswith(".json") or name.startswith("//"):
+        return bpy.path.abspath(name)
+    own = own_folder(kind)
+    return str(own / f"{name}.json") if own and (own / f"{name}.json").is_file() else name
+
+
+def chip(name: str) -> Chip:
+    """Raises pecs.PecsError."""
+    return _chip(*_version("chip", name))
+
+
+def lens_info(name: str, **setting: float | None) -> dict[str, Any]:
+    """As pecs.Lens.info; raises pecs.PecsError."""
+    return _lens_info(*_version("lens", name), tuple(sorted(setting.items())))
+
+
+def _version(kind: str, name: str) -> tuple[str, int]:
+    """A file that has changed, or has gone, is read anew."""
+    path = find(kind, name)
+    try:
+        return path, Path(path).stat().st_mtime_ns
+    except OSError:
+        return path, 0
+
+
+@lru_cache(maxsize=16)
+def _chip(path: str, _version: int) -> Chip:
+    return load_chip(path)
+
+
+@lru_cache(maxsize=64)
+def _lens_info(path: str, _version: int, setting: tuple) -> dict[str, Any]:
+    import pecs
+
+    with pecs.Lens(path) as lens:
+        return lens.info(**dict(setting))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sub-panels of the render: lens, light, time, stack."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core.resources import BYTES_PER_VALUE
+from . import paths, settings
+from .panel import Sub
+
+
+class PECS_PT_lens(Sub, bpy.types.Panel):
+    bl_label = "Lens"
+
+    def fill(self, layout, scene, s) -> None:
+        row = layout.row(align=True)
+        row.prop(s, "lens")
+        row.operator("pecs.pick_lens", icon="FILEBROWSER", text="")
+        if not settings.has_lens(s):
+            camera = scene.camera
+            if camera and camera.type == "CAMERA":
+                layout.label(text=f"The scene's camera, f/{camera.data.dof.aperture_fstop:.3g}")
+            return
+        column = layout.column(align=True)
+        for name in ("focus_m", "fnumber", "film_width_mm"):
+            column.prop(s, name)
+        try:
+            info = settings.lens_now(scene)
+        except RuntimeError:  # checks.py says it above
+            return
+        column = layout.column(align=True)
+        column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
+        column.label(text=f"Sees {info['hfov_deg']:.1f}° x {info['vfov_deg']:.1f}°")
+        row = layout.row(align=True)
+        row.operator("pecs.match_lens", text="Match the camera", icon="CAMERA_DATA")
+        row.operator("pecs.draw_lens", icon="VIEW_ORTHO")
+
+
+class PECS_PT_light(Sub, bpy.types.Panel):
+    bl_label = "Light and bands"
+
+    def fill(self, layout, scene, s) -> None:
+        for name in ("bands", "placement", "illuminant", "light_scale", "samples", "device"):
+            layout.prop(s, name)
+
+
+class PECS_PT_light_more(Sub, bpy.types.Panel):
+    bl_label = "More"
+    bl_parent_id = "PECS_PT_light"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        for name in ("min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "seed", "threads"):
+            layout.prop(s, name)
+        if settings.has_lens(s):
+            layout.prop(s, "film_shift_mm")
+        layout.prop(s, "allow_scripts")
+
+
+class PECS_PT_time(Sub, bpy.types.Panel):
+    bl_label = "Time"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "time")
+        if s.time == "adaptive":
+            layout.prop(s, "step_px")
+        layout.prop(s, "fps")
+        layout.prop(s, "whole_range")
+        if not s.whole_range:
+            layout.prop(s, "frames")
+        count = settings.instants(scene)
+        layout.label(text=f"{count:,} instants, {count / s.fps * 1e3:.4g} ms, in {s.pass_count} passes each")
+
+
+class PECS_PT_stack(Sub, bpy.types.Panel):
+    bl_label = "Stack"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "output", placeholder=paths.stack(scene).name)
+        layout.prop(s, "exists")
+        layout.prop(s, "layers")
+        width, height = settings.size(scene)
+        size_bytes = settings.instants(scene) * s.channels * width * height * BYTES_PER_VALUE
+        layout.label(text=f"{width} x {height} pixels, up to {readable(size_bytes)}")
+        row = layout.row(align=True)
+        row.operator("pecs.plan", icon="TIME")
+        row.operator("pecs.preview", icon="IMAGE_DATA")
+        layout.operator("pecs.render", icon="RENDER_STILL")
+
+
+def readable(size_bytes: float) -> str:
+    unit, factor = next(((u, f) for u, f in (("TB", 1e12), ("GB", 1e9)) if size_bytes >= f), ("MB", 1e6))
+    return f"{size_bytes / factor:.3g} {unit}"
+
+
+CLASSES = (PECS_PT_lens, PECS_PT_light, PECS_PT_light_more, PECS_PT_time, PECS_PT_stack)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sub-panels of the sensor: chip, its parameters."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import library, sensor_settings
+from .panel import Sub
+
+
+class PECS_PT_sensor(Sub, bpy.types.Panel):
+    bl_label = "Sensor"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "chip")
+        try:
+            chip = library.chip(s.chip).profile
+        except RuntimeError:  # checks.py says it above
+            return
+        size = f"{chip.width} x {chip.height}" if chip.width else "any number of"
+        layout.label(text=f"{size} pixels of {chip.pixel_pitch_m * 1e6:.4g} µm")
+        layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
+        sensor = s.sensor
+        for name in ("model", "readout", "seed", "no_noise"):
+            layout.prop(sensor, name)
+
+
+class PECS_PT_parameters(Sub, bpy.types.Panel):
+    bl_label = "Parameters"
+    bl_parent_id = "PECS_PT_sensor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        try:
+            known = sensor_settings.parameters(s)
+        except RuntimeError:
+            return
+        for index, one in enumerate(s.sensor.overrides):
+            entry = known.get(one.name, {"unit": "?", "range": (0, 0)})
+            column = layout.column(align=True)
+            row = column.row(align=True)
+            row.alert = bool(sensor_settings.wrong(one, known))
+            row.prop(one, "value", text=one.name)
+            row.operator("pecs.override_remove", icon="X", text="").index = index
+            low, high = entry["range"]
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            row = column.row()
+            row.alignment = "RIGHT"
+            row.label(text=f"{low:g} to {high:g}{unit}")
+        layout.operator("pecs.override_add", icon="ADD")
+
+
+CLASSES = (PECS_PT_sensor, PECS_PT_parameters)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Spectra of materials, lamps and worlds: the custom properties of docs/render.md as fields with a search menu. The
+.blend keeps the custom properties alone."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import StringProperty
+
+from . import library
+
+_TEXTS = {
+    "pecs_reflectance": ("Reflectance", "What the surface reflects, instead of its colours", library.spectra),
+    "pecs_emission": (
+        "Emission",
+        "Spectrum of what the material emits; the colour keeps its luminance",
+        library.spectra,
+    ),
+    "pecs_glass": ("Glass", "Dispersion: a glass by its name, or an Abbe number", library.glasses),
+    "pecs_spectrum": ("Spectrum", "Spectrum of the light; the colour keeps its luminance", library.spectra),
+}
+_HOLDERS = {
+    bpy.types.Material: ("pecs_reflectance", "pecs_emission", "pecs_glass"),
+    bpy.types.Light: ("pecs_spectrum",),
+    bpy.types.World: ("pecs_spectrum",),
+}
+
+
+def field(key: str) -> str:
+    """The name of the property that shows a custom property: another one, as 4.5 would keep both in one place."""
+    return f"{key}_field"
+
+
+def _property(key: str):
+    label, text, names = _TEXTS[key]
+
+    def get(self) -> str:
+        value = self.get(key, "")
+        return value if isinstance(value, str) else f"{value:g}"
+
+    def set_(self, value: str) -> None:
+        """A number is one, as the renderer takes it; nothing is no property."""
+        try:
+            self[key] = float(value)
+        except ValueError:
+            if value:
+                self[key] = value
+            elif key in self:
+                del self[key]
+
+    text += ". A number, a name of the library, FILE.csv, blackbody:T or daylight:T" if key != "pecs_glass" else ""
+    return StringProperty(
+        name=label,
+        description=text,
+        get=get,
+        set=set_,
+        search=library.search(names),
+        search_options={"SUGGESTION"},
+        options=set(),
+    )
+
+
+class _Spectra:
+    bl_label = "PECS: spectra"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return bool(getattr(context, cls.bl_context, None))
+
+    def draw(self, context) -> None:
+        self.layout.use_property_split, self.layout.use_property_decorate = True, False
+        thing = getattr(context, self.bl_context)
+        for holder, keys in _HOLDERS.items():
+            if isinstance(thing, holder):
+                for key in keys:
+                    self.layout.prop(thing, field(key))
+
+
+class PECS_PT_material(_Spectra, bpy.types.Panel):
+    bl_context = "material"
+
+
+class PECS_PT_world(_Spectra, bpy.types.Panel):
+    bl_context = "world"
+
+
+class PECS_PT_lamp(_Spectra, bpy.types.Panel):
+    bl_context = "data"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return bool(context.light)
+
+    def draw(self, context) -> None:
+        self.layout.use_property_split = True
+        self.layout.prop(context.light, field("pecs_spectrum"))
+
+
+CLASSES = (PECS_PT_material, PECS_PT_world, PECS_PT_lamp)
+
+
+def register() -> None:
+    for holder, keys in _HOLDERS.items():
+        for key in keys:
+            setattr(holder, field(key), _property(key))
+
+
+def unregister() -> None:
+    for holder, keys in _HOLDERS.items():
+        for key in keys:
+            delattr(holder, field(key))

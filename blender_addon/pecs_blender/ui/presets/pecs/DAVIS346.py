@@ -1,0 +1,16 @@
+import bpy
+
+render = bpy.context.scene.render
+pecs = bpy.context.scene.pecs
+
+render.resolution_x, render.resolution_y, render.resolution_percentage = 346, 260, 100
+pecs.chip = "davis346"
+pecs.bands = 6
+pecs.placement = "gauss"
+pecs.samples = 8
+pecs.time = "adaptive"
+pecs.fps = 10000.0
+pecs.sensor.model = "pecs"
+pecs.sensor.readout = "chip"
+pecs.sensor.no_noise = False
+pecs.sensor.overrides.clear()

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Texts in panels, which Blender does not wrap."""
+
+from __future__ import annotations
+
+import textwrap
+
+import bpy
+
+PIXELS_PER_LETTER = 6.5  # of Blender's own font, about
+
+
+def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
+    """As many labels as the panel's width asks for."""
+    region = bpy.context.region
+    width_px = (region.width if region else 400) / (bpy.context.preferences.system.ui_scale or 1) - 60
+    column = layout.column(align=True)
+    column.alert = alert
+    column.scale_y = 0.8
+    for number, line in enumerate(textwrap.wrap(text, max(20, int(width_px / PIXELS_PER_LETTER)))):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+def problem(layout, one) -> None:
+    """A checks.Problem with its button."""
+    wrapped(layout, one.text, "ERROR" if one.is_error else "INFO", alert=one.is_error)
+    if one.mend:
+        layout.operator(one.mend)
