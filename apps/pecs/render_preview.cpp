@@ -46,11 +46,25 @@ std::string illuminant_of(const Arguments& a) {
   return "d65";
 }
 
+// All rows of a frame, subpixels averaged: [bands][height][width].
+std::vector<float> pixels_of(const sensor::StackReader& stack, std::int64_t index) {
+  const sensor::StackInfo& info = stack.info();
+  const auto width = static_cast<std::size_t>(info.width), plane = width * info.height;
+  std::vector<float> values(plane * info.bands.size());
+  stack.read_rows(index, [&](int first_row, int rows, std::span<const float> part) {
+    const std::size_t count = rows * width;
+    for (std::size_t k = 0; k < info.bands.size(); ++k)
+      std::copy_n(part.begin() + static_cast<std::ptrdiff_t>(k * count), count,
+                  values.begin() + static_cast<std::ptrdiff_t>(k * plane + first_row * width));
+  });
+  return values;
+}
+
 // What is shown of a frame: three planes (colour) or one (a band), linear.
 cv::Mat linear_picture(const sensor::StackReader& stack, std::int64_t index, const std::vector<Triple>& rgb,
                        std::optional<std::size_t> band) {
   const sensor::StackInfo& info = stack.info();
-  const std::vector<float> values = stack.read_frame(index);
+  const std::vector<float> values = pixels_of(stack, index);
   const std::size_t pixels = static_cast<std::size_t>(info.width) * info.height;
   if (band) return cv::Mat(info.height, info.width, CV_32F, const_cast<float*>(&values[*band * pixels])).clone();
   cv::Mat picture(info.height, info.width, CV_32FC3, cv::Scalar::all(0));

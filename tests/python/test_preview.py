@@ -150,6 +150,23 @@ def test_blenders_own_config(root, pecs_program, tmp_path):
     assert np.abs(plain - agx).mean() > 10
 
 
+def test_subpixels_are_averaged(root, pecs_program, tmp_path):
+    """The files of such a stack are larger than its picture; the picture is that of their means."""
+    checker_stack(root, tmp_path / "plain")
+    stack = json.loads((tmp_path / "plain/stack.json").read_text()) | {"subpixels": 2}
+    frame = pecs.stack.read_frame(tmp_path / "plain", 0)
+    fine = np.repeat(np.repeat(frame, 2, 1), 2, 2) * np.tile([0.5, 1.5], WIDTH)  # a pixel's mean stays
+    with pecs.StackWriter(tmp_path / "fine", stack) as writer:
+        writer.write_frame(0, fine)
+    pictures = []
+    for folder in ("plain", "fine"):
+        result = pecs_program("render-preview", tmp_path / folder, "-o", tmp_path / "x.png")
+        assert result.returncode == 0, result.stderr
+        pictures.append(cv2.imread(str(tmp_path / "x.png")).astype(int))
+    assert pictures[0].shape == pictures[1].shape == (HEIGHT, WIDTH, 3)
+    assert pictures[0].max() > 150 and np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
 def test_video_has_every_frame(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s", frames=5)
     result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.mp4")
