@@ -62,6 +62,7 @@ LabScene load_lab_scene(const std::string& folder) {
 void apply_aligned(LabScene& scene, const std::string& aligned_file) {
   const Json json = parse_json_file(aligned_file);
   JsonObject top(json, aligned_file);
+  top.integer_or("pecs_aligned", 1, 1, 1);
   if (top.text("scene") != scene.name) top.fail("scene", top.text("scene"), scene.name);
   JsonObject camera = top.object("camera");
   const auto r = camera.numbers("rotation_deg", {-360, 360});

@@ -198,6 +198,9 @@ TEST(Align, WhatIsNotALabSceneIsRefusedByName) {
       << R"({"pecs_aligned": 1, "scene": "rotating_disk", "camera": {"rotation_deg": [90, 0, 0]}, "parameters": {}})";
   EXPECT_THROW(apply_aligned(board, path.string()), Error);
   std::ofstream(path)
+      << R"({"pecs_aligned": 2, "scene": "board", "camera": {"rotation_deg": [91, 0, 2]}, "parameters": {}})";
+  EXPECT_THROW(apply_aligned(board, path.string()), Error);
+  std::ofstream(path)
       << R"({"pecs_aligned": 1, "scene": "board", "camera": {"rotation_deg": [91, 0, 2]}, "parameters": {"board_up_mm": 7}})";
   apply_aligned(board, path.string());
   EXPECT_EQ(board.values.at("board_up_mm"), 7);

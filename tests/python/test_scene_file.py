@@ -109,6 +109,15 @@ def test_mutants_of_aligned_json(board, tmp_path):
     assert taken < MUTANTS / 2
 
 
+def test_another_version_of_aligned_json_is_refused(board, tmp_path):
+    path = tmp_path / "aligned.json"
+    path.write_text(json.dumps(ALIGNED | {"pecs_aligned": 2}))
+    with pytest.raises(RenderError, match="pecs_aligned: got 2, wanted"):
+        load_scene(board, [f"@{path}"])
+    path.write_text(json.dumps({key: value for key, value in ALIGNED.items() if key != "pecs_aligned"}))
+    assert outcome(board, [f"@{path}"]).camera["rotation_deg"] == [90.0, 0.1, -0.2]
+
+
 BUILD = """
 import sys, random
 from pathlib import Path

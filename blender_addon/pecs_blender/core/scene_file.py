@@ -138,6 +138,8 @@ def _declarations(parameters: JsonObject) -> dict[str, Declaration]:
 def _aligned(path: Path, scene: str, declared: dict[str, Declaration]) -> tuple[list[float], dict[str, Any]]:
     """Rotation of the camera, and parameters, of an aligned.json of `pecs align`."""
     aligned = JsonObject(read_json(path), path)
+    if aligned.has("pecs_aligned"):
+        aligned.number("pecs_aligned", 1, 1)
     if (name := aligned.text("scene")) != scene:
         raise aligned.fail("scene", shown(name), scene)
     parameters = aligned.object("parameters")
