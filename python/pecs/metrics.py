@@ -63,8 +63,8 @@ def delays(
     `width`, `height` (pixels): those of `events` if not given.
     `disk`: what `pecs align detect --json` found, its phase_time_us in the clock of `events`. The dictionary is
     `compare`'s "delays" for one stream, with what a model of the pixel needs to predict it: by polarity "passes",
-    [region][bin] pixels times passing edges; "regions": how many around (counter-clockwise from the left) and along the
-    radius (inner_px to outer_px), and the events of each (docs/reference/metrics.md).
+    `[region][bin]` pixels times passing edges; "regions": how many around (counter-clockwise from the left) and along
+    the radius (inner_px to outer_px), and the events of each (docs/reference/metrics.md).
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     events = as_events(events)

@@ -1,0 +1,66 @@
+#!/usr/bin/env python3
+"""Writes the page of all commands from what they say to --help.
+
+.venv/bin/python scripts/docs_commands.py -o commands.md
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PROGRAM = ROOT / "build/release/bin/pecs"
+TOOLS = sorted(p for p in (ROOT / "tools").glob("*.py"))
+HEAD = """# Commands
+
+This page is made from what each command answers to `--help`. Every command ends with an
+[exit code](exit_codes.md) and, on an error, with one line on standard error.
+
+"""
+
+
+def help_of(command: list[str]) -> str:
+    env = os.environ | {"COLUMNS": "100", "PYTHONPATH": f"{ROOT / 'python'}:{ROOT / 'blender_addon'}"}
+    done = subprocess.run([*command, "--help"], capture_output=True, text=True, env=env, cwd=ROOT)
+    if done.returncode:
+        sys.exit(f"docs_commands.py: {' '.join(command)} --help: got code {done.returncode}, wanted 0\n{done.stderr}")
+    return done.stdout.strip()
+
+
+def subcommands(text: str) -> list[str]:
+    """Of CLI11 (a section of lines `  name   words`) and of argparse (`{a,b,c}`)."""
+    section = re.search(r"^Subcommands:\n((?:  .*\n?)+)", text, re.MULTILINE)
+    if section:
+        return re.findall(r"^  (\w[\w-]*)", section[1], re.MULTILINE)
+    choices = re.search(r"^usage:(?:[^\n]|\n )*? \{([\w,-]+)\} \.\.\.", text, re.MULTILINE)
+    return choices[1].split(",") if choices else []
+
+
+def commands(name: str, command: list[str]):
+    """(name, help) of a command and of all below it."""
+    text = help_of(command)
+    yield name, text
+    for sub in subcommands(text):
+        yield from commands(f"{name} {sub}", [*command, sub])
+
+
+def all_commands():
+    yield from commands("pecs", [str(PROGRAM)])
+    yield from commands("python -m pecs_blender", [sys.executable, "-m", "pecs_blender"])
+    for tool in TOOLS:
+        yield from commands(f"tools/{tool.name}", [sys.executable, str(tool)])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    output = parser.parse_args().output
+    page = HEAD + "".join(f"## {name}\n\n```text\n{text}\n```\n\n" for name, text in all_commands())
+    output.write_text(page.replace(str(ROOT) + "/", ""))
+
+
+if __name__ == "__main__":
+    main()
