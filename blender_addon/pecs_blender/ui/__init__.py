@@ -6,6 +6,7 @@ import bpy
 
 from . import (
     background,
+    camera_setup,
     chip_lens,
     event_operators,
     live,
@@ -39,6 +40,7 @@ _MODULES = (
     panel_events,
     panel_spectra,
     menus,
+    camera_setup,
     live,
 )
 

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render properties > PECS > Event camera: makes one of the scene's camera, and back; its field of view; its focus."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+
+import bpy
+from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
+from mathutils import Matrix, Vector
+
+from ..core import field
+from ..core.chip import load_chip
+from . import frustum, settings
+
+BEFORE = "pecs_before"  # custom property of the camera: what it was
+OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
+OF_DOF = ("use_dof", "focus_distance", "aperture_fstop")
+OF_RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y")
+OF_PECS = ("lens", "chip", "focus_m", "fnumber", "film_width_mm")
+NO_CHIP_SIZE = (346, 260)
+
+
+def _groups(scene, camera) -> dict[str, tuple]:
+    return {
+        "camera": (camera, OF_CAMERA),
+        "dof": (camera.dof, OF_DOF),
+        "render": (scene.render, OF_RENDER),
+        "pecs": (scene.pecs, OF_PECS),
+    }
+
+
+def snapshot(scene, camera) -> str:
+    """What set_up changes, as JSON text."""
+    groups = _groups(scene, camera).items()
+    return json.dumps({group: {name: getattr(of, name) for name in names} for group, (of, names) in groups})
+
+
+def set_up(scene, thing, before: str) -> field.Field | None:
+    """The camera object `thing` as the scene's PECS settings say: chip, lens, f-number and focus. `before`: what
+    `restore` will give back. Returns the lens's field. Raises pecs.PecsError before anything is changed."""
+    camera, s, render = thing.data, scene.pecs, scene.render
+    chip = load_chip(s.chip)
+    profile = chip.profile
+    width, height = (profile.width, profile.height) if profile.width else NO_CHIP_SIZE
+    film_mm = s.film_width_mm or chip.film_width_mm(width)
+    found = None
+    if s.lens != "none":
+        focus_m = settings.focus_m(scene)
+        found = field.field(field.Setting(s.lens, focus_m, None, film_mm, width, height))
+        if s.fnumber and s.fnumber > found.widest:
+            found = field.field(field.Setting(s.lens, focus_m, s.fnumber, film_mm, width, height))
+    if BEFORE not in camera:
+        camera[BEFORE] = before
+
+    scene.camera = thing
+    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
+    render.pixel_aspect_x = render.pixel_aspect_y = 1
+    camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
+    camera.sensor_width, camera.sensor_height = film_mm, film_mm * height / width
+    camera.shift_x = camera.shift_y = 0
+    if found:
+        camera.lens = film_mm / found.width_per_distance  # shows what the lens sees
+        camera.dof.use_dof, camera.dof.aperture_fstop = True, found.fnumber
+        if s.fnumber:
+            s.fnumber = max(s.fnumber, math.ceil(found.widest * 1e3) / 1e3)
+        if s.focus_m:
+            camera.dof.focus_distance = s.focus_m
+    return found
+
+
+def restore(scene, thing) -> None:
+    """As it was before set_up."""
+    before = json.loads(thing.data[BEFORE])
+    for group, (of, names) in _groups(scene, thing.data).items():
+        for name in names:
+            with contextlib.suppress(TypeError):  # a lens that is no longer there
+                setattr(of, name, before[group][name])
+    del thing.data[BEFORE]
+
+
+def distance_ahead(camera, thing) -> float:
+    """From the entrance pupil to the plane through an object's origin, in the scene's units."""
+    to = camera.matrix_world.normalized().inverted() @ thing.matrix_world.translation
+    return -to.z
+
+
+def _focus_on_object(self, context) -> None:
+    scene, thing = context.scene, self.focus_object
+    if thing and scene.camera and (distance := distance_ahead(scene.camera, thing)) > 0:
+        scene.pecs.focus_m = distance
+
+
+class PecsCamera(bpy.types.PropertyGroup):
+    show_field: BoolProperty(
+        name="Show field of view",
+        default=True,
+        description="Draw what the lens sees, with its distortion, up to the plane that is in focus",
+    )
+    focus_object: PointerProperty(
+        name="Focus on",
+        type=bpy.types.Object,
+        update=_focus_on_object,
+        description="Sets the focus to the plane through this object's origin, where it is now",
+    )
+
+
+class _SetUp:
+    """Chosen anew, or what the panel says."""
+
+    def draw(self, _context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        for name in ("lens", "chip", "fnumber", "focus"):
+            layout.prop(self, name)
+
+    def take_panel(self, scene) -> None:
+        """Only what is not set on the operator itself."""
+        for mine, name in (("lens", "lens"), ("chip", "chip"), ("fnumber", "fnumber"), ("focus", "focus_m")):
+            if self.properties.is_property_set(mine):
+                setattr(scene.pecs, name, getattr(self, mine))
+            else:
+                setattr(self, mine, getattr(scene.pecs, name))
+
+    def done(self, context, thing):
+        scene = context.scene
+        before = snapshot(scene, thing.data)
+        self.take_panel(scene)
+        try:
+            found = set_up(scene, thing, before)
+        except Exception as e:  # the library's words
+            for name, value in json.loads(before)["pecs"].items():
+                setattr(scene.pecs, name, value)
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
+        size = f"{scene.render.resolution_x} x {scene.render.resolution_y} pixels"
+        self.report({"INFO"}, f"{thing.name}: {size}" + (f", {found.words()}" if found else ", no lens chosen"))
+        return {"FINISHED"}
+
+
+_CHOICES = {
+    "lens": settings.PecsSettings.__annotations__["lens"],
+    "chip": StringProperty(name="Chip", default="imx636", search=settings._searched("sensor/chips", "*.json")),
+    "fnumber": FloatProperty(name="f-number", min=0, description="0: wide open"),
+    "focus": FloatProperty(name="Focus", min=0, subtype="DISTANCE", unit="LENGTH", description="0: not given"),
+}
+
+
+class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
+    """Give the scene's camera the film, the pixels and the field of view of the chip and the lens"""
+
+    bl_idname = "pecs.setup_camera"
+    bl_label = "Set up event camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("The scene has no camera: Add > Camera > Event Camera makes one")
+        return context.scene.camera is not None
+
+    def execute(self, context):
+        return self.done(context, context.scene.camera)
+
+
+class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
+    """Add a camera with the film, the pixels and the field of view of the chip and the lens"""
+
+    bl_idname = "pecs.add_camera"
+    bl_label = "Event Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        scene = context.scene
+        thing = bpy.data.objects.new("Event Camera", bpy.data.cameras.new("Event Camera"))
+        thing.location = scene.cursor.location
+        thing.rotation_euler = (math.pi / 2, 0, 0)
+        answer = self.done(context, thing)
+        if answer == {"CANCELLED"}:
+            bpy.data.cameras.remove(thing.data)
+            return answer
+        context.collection.objects.link(thing)
+        for other in context.selected_objects:
+            other.select_set(False)
+        thing.select_set(True)
+        context.view_layer.objects.active = thing
+        return answer
+
+
+for _cls in (PECS_OT_setup_camera, PECS_OT_add_camera):
+    _cls.__annotations__ = dict(_CHOICES)
+
+
+class PECS_OT_restore_camera(bpy.types.Operator):
+    """Give back what the camera, the resolution and the lens were before"""
+
+    bl_idname = "pecs.restore_camera"
+    bl_label = "Restore camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        camera = context.scene.camera
+        return camera is not None and BEFORE in camera.data
+
+    def execute(self, context):
+        restore(context.scene, context.scene.camera)
+        return {"FINISHED"}
+
+
+class PECS_PT_camera(bpy.types.Panel):
+    bl_label = "Event camera"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    bl_parent_id = "PECS_PT_render"
+
+    def draw(self, context) -> None:
+        layout, scene = self.layout, context.scene
+        layout.use_property_split, layout.use_property_decorate = True, False
+        row = layout.row(align=True)
+        row.operator("pecs.setup_camera", icon="CAMERA_DATA")
+        row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
+        layout.prop(scene.pecs_camera, "focus_object")
+        layout.prop(scene.pecs_camera, "show_field")
+        try:
+            wanted = frustum.setting(scene)
+        except Exception as e:
+            layout.label(text=str(e), icon="ERROR")
+            return
+        if wanted:
+            found, wrong = frustum.fields.ask(wanted)
+            if wrong:
+                layout.label(text=wrong, icon="ERROR")
+            elif found:
+                layout.label(text=found.words(), icon="CAMERA_DATA")
+                layout.label(text=f"widest f/{found.widest:.3g}", icon="BLANK1")
+
+
+class PECS_GGT_focus(bpy.types.GizmoGroup):
+    """An arrow at the plane in focus, to be dragged."""
+
+    bl_label = "PECS focus"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "WINDOW"
+    bl_options = {"3D", "PERSISTENT"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        scene = context.scene
+        chosen = scene.camera is not None and context.object == scene.camera
+        return chosen and scene.pecs.lens != "none" and scene.pecs_camera.show_field
+
+    def setup(self, context) -> None:
+        self.arrow = self.gizmos.new("GIZMO_GT_arrow_3d")
+        self.arrow.target_set_prop("offset", context.scene.pecs, "focus_m")
+        self.arrow.color, self.arrow.alpha = (0.337, 0.706, 0.914), 0.8
+        self.arrow.color_highlight, self.arrow.alpha_highlight = (1, 1, 1), 1
+        self.refresh(context)
+
+    def refresh(self, context) -> None:
+        matrix = context.scene.camera.matrix_world.normalized()
+        self.arrow.matrix_basis = matrix @ Matrix.Rotation(math.pi, 4, Vector((1, 0, 0)))
+
+    draw_prepare = refresh
+
+
+_CLASSES = (
+    PecsCamera,
+    PECS_OT_setup_camera,
+    PECS_OT_add_camera,
+    PECS_OT_restore_camera,
+    PECS_PT_camera,
+    PECS_GGT_focus,
+)
+_handles: list = []
+
+
+def _add_menu(self, _context) -> None:
+    self.layout.operator("pecs.add_camera", icon="OUTLINER_OB_CAMERA")
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.pecs_camera = PointerProperty(type=PecsCamera)
+    bpy.types.VIEW3D_MT_camera_add.append(_add_menu)
+    if not bpy.app.background:
+        _handles.append(bpy.types.SpaceView3D.draw_handler_add(frustum.draw, (), "WINDOW", "POST_VIEW"))
+
+
+def unregister() -> None:
+    while _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
+    if bpy.app.timers.is_registered(frustum._show):
+        bpy.app.timers.unregister(frustum._show)
+    bpy.types.VIEW3D_MT_camera_add.remove(_add_menu)
+    del bpy.types.Scene.pecs_camera
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The field of the scene's lens in the 3-D viewport: the rays around its film, from the entrance pupil to the plane
+that is in focus. A lens takes a quarter of a second, so a thread looks, and a timer shows."""
+
+from __future__ import annotations
+
+import threading
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ..core import field
+from ..core.chip import load_chip
+from . import settings
+
+POLL_S = 0.1
+LINES, PLANE = (0.337, 0.706, 0.914, 0.9), (0.337, 0.706, 0.914, 0.08)
+FAR_M = 10.0  # drawn to here, where the focus is not given
+
+
+def setting(scene) -> field.Setting | None:
+    """None without a lens. Raises pecs.PecsError for a chip that is not one."""
+    s, render = scene.pecs, scene.render
+    if s.lens == "none":
+        return None
+    width, height = (
+        max(1, n * render.resolution_percentage // 100) for n in (render.resolution_x, render.resolution_y)
+    )
+    film_mm = s.film_width_mm or load_chip(s.chip).film_width_mm(width)
+    rounded = (round(v, 6) if v else None for v in (settings.focus_m(scene), s.fnumber))
+    return field.Setting(s.lens, *rounded, film_mm, width, height)
+
+
+class Fields:
+    """Of the settings asked for last, as soon as it is known. A thread, since a lens must not hold up a redraw."""
+
+    def __init__(self) -> None:
+        self._wanted: field.Setting | None = None
+        self._known: tuple[field.Setting, field.Field | None, str] | None = None
+        self._thread: threading.Thread | None = None
+
+    def ask(self, wanted: field.Setting) -> tuple[field.Field | None, str]:
+        """What is known of it, or why nothing can be; (None, "") while it is not known yet."""
+        if self._known and self._known[0] == wanted:
+            return self._known[1:]
+        self._wanted = wanted
+        if not self._thread:
+            self._thread = threading.Thread(target=self._look, args=(wanted,), daemon=True)
+            self._thread.start()
+            if not bpy.app.timers.is_registered(_show):
+                bpy.app.timers.register(_show, first_interval=POLL_S)
+        return None, ""
+
+    def _look(self, wanted: field.Setting) -> None:
+        try:
+            self._known = (wanted, field.field(wanted), "")
+        except Exception as e:  # the library's words
+            self._known = (wanted, None, str(e))
+
+    def looking(self) -> bool:
+        """Begins anew when the settings have changed since."""
+        if self._thread and self._thread.is_alive():
+            return True
+        self._thread = None
+        if self._wanted and (not self._known or self._known[0] != self._wanted):
+            self.ask(self._wanted)
+            return True
+        return False
+
+
+fields = Fields()
+
+
+def _show() -> float | None:
+    if fields.looking():
+        return POLL_S
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in ("VIEW_3D", "PROPERTIES"):
+                area.tag_redraw()
+    return None
+
+
+def lines(found: field.Field, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Segments [n, 3] and triangles [n, 3] in Blender's camera axes; `distance` in the scene's units."""
+    border = np.concatenate([found.border, np.ones((len(found.border), 1))], axis=1) * (1, -1, -1) * distance
+    following = np.roll(border, -1, axis=0)
+    origin = np.zeros_like(border)
+    corners = border[:: field.SIDE]
+    segments = np.concatenate(
+        [np.stack([border, following], 1).reshape(-1, 3), np.stack([np.zeros_like(corners), corners], 1).reshape(-1, 3)]
+    )
+    middle = origin + (0, 0, -distance)
+    triangles = np.stack([border, following, middle], 1).reshape(-1, 3)
+    return _whole(segments, 2), _whole(triangles, 3)
+
+
+def _whole(points: np.ndarray, each: int) -> np.ndarray:
+    """Without what has a ray that the lens does not let through."""
+    parts = points.reshape(-1, each * 3)
+    return parts[np.isfinite(parts).all(axis=1)].reshape(-1, 3).astype(np.float32)
+
+
+def draw() -> None:
+    """Handler of the 3-D viewport, POST_VIEW."""
+    context = bpy.context
+    scene = context.scene
+    if not scene.pecs_camera.show_field or not scene.camera or not context.space_data.overlay.show_overlays:
+        return
+    try:
+        wanted = setting(scene)
+    except Exception:  # an unknown chip: the panel says so
+        return
+    found = fields.ask(wanted)[0] if wanted else None
+    if not found:
+        return
+    distance = (wanted.focus_m or FAR_M) / scene.unit_settings.scale_length
+    segments, triangles = lines(found, distance)
+    with gpu.matrix.push_pop():
+        gpu.matrix.multiply_matrix(scene.camera.matrix_world.normalized())
+        gpu.state.blend_set("ALPHA")
+        gpu.state.depth_test_set("LESS_EQUAL")
+        shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+        drawn = [("LINES", segments, LINES)]
+        if context.space_data.region_3d.view_perspective != "CAMERA":  # else it would lie over the picture
+            drawn.append(("TRIS", triangles, PLANE))
+        for kind, points, colour in drawn:
+            shader.uniform_float("color", colour)
+            batch_for_shader(shader, kind, {"pos": points}).draw(shader)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")

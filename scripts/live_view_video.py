@@ -1,0 +1,115 @@
+"""docs/start/live_view.png and live_view.mp4: Blender's window with the live view over a playing animation.
+
+blender --factory-startup --python scripts/live_view_video.py -- FOLDER    (the extension installed, ImageMagick, X)
+
+Every frame is waited for, then the screen's picture taken, so it needs no fast computer; the video plays at the
+scene's speed. It ends Blender.
+"""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+from pecs_blender import ui
+from pecs_blender.core import live
+from pecs_blender.ui import live_view
+
+FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+FRAMES, FIRST, PICTURE = 60, 4, 30
+
+
+def build() -> None:
+    """Six heads in a ring around a cube that turns and wanders, over a floor."""
+    scene, cube = bpy.context.scene, bpy.data.objects["Cube"]
+    scene.frame_end = 96
+    for frame, x, turn in ((1, -1.6, 0), (49, 1.6, 1), (97, -1.6, 2)):
+        cube.location.x, cube.rotation_euler.z = x, turn * math.pi / 2
+        cube.keyframe_insert("location", frame=frame)
+        cube.keyframe_insert("rotation_euler", frame=frame)
+    bpy.ops.mesh.primitive_plane_add(size=30, location=(0, 0, -1))
+    for i in range(6):
+        angle = i * math.pi / 3
+        at = 2.8 * math.cos(angle), 2.8 * math.sin(angle), -0.4
+        bpy.ops.mesh.primitive_monkey_add(size=1, location=at)
+        head = bpy.context.object
+        for frame, turn in ((1, 0), (97, 2 * math.pi)):
+            head.rotation_euler.z = angle + turn * (1 if i % 2 else -1)
+            head.keyframe_insert("rotation_euler", frame=frame)
+    bpy.ops.object.select_all(action="DESELECT")
+
+
+def start() -> None:
+    if not hasattr(bpy.types.Scene, "pecs_live"):
+        ui.register()
+    build()
+    live.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
+    scene, window = bpy.context.scene, bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    region, space = next(r for r in area.regions if r.type == "WINDOW"), area.spaces.active
+    space.show_region_ui, space.overlay.show_floor = True, False
+    space.shading.color_type = "RANDOM"
+    scene.pecs_live.decay_ms, scene.pecs_live.instants = 60, 4
+    bpy.context.preferences.system.viewport_aa = "FXAA"
+    with bpy.context.temp_override(window=window, area=area, region=region, space_data=space):
+        bpy.ops.view3d.view_camera()
+        space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = 16, (0.09, 0.0)
+        bpy.ops.pecs.live()
+        bpy.ops.screen.animation_play()
+    bpy.app.timers.register(next_frame, first_interval=1)
+
+
+seen = []
+
+
+def next_frame() -> float | None:
+    view = live_view.state.view
+    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
+    tab = next(r for r in area.regions if r.type == "UI")
+    if tab.active_panel_category != "PECS":
+        tab.active_panel_category = "PECS"
+    if len(seen) < FRAMES + FIRST:
+        if view and view.sensor.known_s not in seen:
+            seen.append(view.sensor.known_s)
+            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+            name = FOLDER / f"live_{len(seen) - FIRST:04d}.png"
+            window = bpy.context.window_manager.windows[0]
+            crop = f"{area.width & ~1}x{area.height & ~1}+{area.x}+{window.height - area.y - area.height}"
+            if len(seen) > FIRST:
+                subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", name], check=True)
+        return 0.001
+    live_view.end(view)
+    encode()
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+def encode() -> None:
+    """The pictures as H.264, by Blender's own FFmpeg; one of them as the page's picture."""
+    pictures = sorted(FOLDER.glob("live_0*.png"))
+    scene = bpy.data.scenes.new("video")
+    editor = scene.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # the name until Blender 5.0
+    strip = strips.new_image("live", str(pictures[0]), 1, 1)
+    for picture in pictures[1:]:
+        strip.elements.append(picture.name)
+    scene.frame_end = strip.frame_final_duration = len(pictures)
+    render = scene.render
+    size = bpy.data.images.load(str(pictures[0])).size
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 80
+    scene.view_settings.view_transform = "Standard"
+    if hasattr(render.image_settings, "media_type"):  # from Blender 5.0 on
+        render.image_settings.media_type = "VIDEO"
+    render.image_settings.file_format = "FFMPEG"
+    render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
+    render.ffmpeg.constant_rate_factor, render.ffmpeg.ffmpeg_preset = "LOW", "BEST"
+    render.use_file_extension, render.filepath = False, str(FOLDER / "live_view.mp4")
+    bpy.ops.render.render(animation=True, scene=scene.name)
+    (FOLDER / "live_view.png").write_bytes(pictures[PICTURE].read_bytes())
+    for picture in pictures:
+        picture.unlink()
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.app.timers.register(start, first_interval=2)
