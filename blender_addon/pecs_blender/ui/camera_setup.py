@@ -12,8 +12,9 @@ from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProper
 from mathutils import Matrix, Vector
 
 from ..core import field
-from ..core.chip import load_chip
-from . import frustum, settings
+from . import frustum, library, settings
+from .panel import Sub
+from .words import wrapped
 
 BEFORE = "pecs_before"  # custom property of the camera: what it was
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -42,16 +43,15 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     """The camera object `thing` as the scene's PECS settings say: chip, lens, f-number and focus. `before`: what
     `restore` will give back. Returns the lens's field. Raises pecs.PecsError before anything is changed."""
     camera, s, render = thing.data, scene.pecs, scene.render
-    chip = load_chip(s.chip)
+    chip = library.chip(s.chip)
     profile = chip.profile
     width, height = (profile.width, profile.height) if profile.width else NO_CHIP_SIZE
     film_mm = s.film_width_mm or chip.film_width_mm(width)
     found = None
-    if s.lens != "none":
-        focus_m = settings.focus_m(scene)
-        found = field.field(field.Setting(s.lens, focus_m, None, film_mm, width, height))
-        if s.fnumber and s.fnumber > found.widest:
-            found = field.field(field.Setting(s.lens, focus_m, s.fnumber, film_mm, width, height))
+    if settings.has_lens(s):
+        fnumber = settings.plain(s.fnumber) or None
+        lens = library.find("lens", s.lens)
+        found = field.field(field.Setting(lens, settings.focus_m(scene), fnumber, film_mm, width, height))
     if BEFORE not in camera:
         camera[BEFORE] = before
 
@@ -64,8 +64,6 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     if found:
         camera.lens = film_mm / found.width_per_distance  # shows what the lens sees
         camera.dof.use_dof, camera.dof.aperture_fstop = True, found.fnumber
-        if s.fnumber:
-            s.fnumber = max(s.fnumber, math.ceil(found.widest * 1e3) / 1e3)
         if s.focus_m:
             camera.dof.focus_distance = s.focus_m
     return found
@@ -141,8 +139,8 @@ class _SetUp:
 
 
 _CHOICES = {
-    "lens": settings.PecsSettings.__annotations__["lens"],
-    "chip": StringProperty(name="Chip", default="imx636", search=settings._searched("sensor/chips", "*.json")),
+    "lens": StringProperty(name="Lens", search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")])),
+    "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
     "fnumber": FloatProperty(name="f-number", min=0, description="0: wide open"),
     "focus": FloatProperty(name="Focus", min=0, subtype="DISTANCE", unit="LENGTH", description="0: not given"),
 }
@@ -209,16 +207,10 @@ class PECS_OT_restore_camera(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PECS_PT_camera(bpy.types.Panel):
+class PECS_PT_camera(Sub, bpy.types.Panel):
     bl_label = "Event camera"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
-    bl_parent_id = "PECS_PT_render"
 
-    def draw(self, context) -> None:
-        layout, scene = self.layout, context.scene
-        layout.use_property_split, layout.use_property_decorate = True, False
+    def fill(self, layout, scene, s) -> None:
         row = layout.row(align=True)
         row.operator("pecs.setup_camera", icon="CAMERA_DATA")
         row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
@@ -226,16 +218,13 @@ class PECS_PT_camera(bpy.types.Panel):
         layout.prop(scene.pecs_camera, "show_field")
         try:
             wanted = frustum.setting(scene)
-        except Exception as e:
-            layout.label(text=str(e), icon="ERROR")
+        except RuntimeError:  # an unknown chip: checks.py says it above
             return
-        if wanted:
-            found, wrong = frustum.fields.ask(wanted)
-            if wrong:
-                layout.label(text=wrong, icon="ERROR")
-            elif found:
-                layout.label(text=found.words(), icon="CAMERA_DATA")
-                layout.label(text=f"widest f/{found.widest:.3g}", icon="BLANK1")
+        found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
+        if wrong:
+            wrapped(layout, wrong, "ERROR", alert=True)
+        elif found:
+            layout.label(text=f"{found.words()}; widest f/{found.widest:.3g}")
 
 
 class PECS_GGT_focus(bpy.types.GizmoGroup):
@@ -250,7 +239,7 @@ class PECS_GGT_focus(bpy.types.GizmoGroup):
     def poll(cls, context) -> bool:
         scene = context.scene
         chosen = scene.camera is not None and context.object == scene.camera
-        return chosen and scene.pecs.lens != "none" and scene.pecs_camera.show_field
+        return chosen and settings.has_lens(scene.pecs) and scene.pecs_camera.show_field
 
     def setup(self, context) -> None:
         self.arrow = self.gizmos.new("GIZMO_GT_arrow_3d")
@@ -266,7 +255,7 @@ class PECS_GGT_focus(bpy.types.GizmoGroup):
     draw_prepare = refresh
 
 
-_CLASSES = (
+CLASSES = (
     PecsCamera,
     PECS_OT_setup_camera,
     PECS_OT_add_camera,
@@ -282,8 +271,6 @@ def _add_menu(self, _context) -> None:
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
     bpy.types.Scene.pecs_camera = PointerProperty(type=PecsCamera)
     bpy.types.VIEW3D_MT_camera_add.append(_add_menu)
     if not bpy.app.background:
@@ -297,5 +284,3 @@ def unregister() -> None:
         bpy.app.timers.unregister(frustum._show)
     bpy.types.VIEW3D_MT_camera_add.remove(_add_menu)
     del bpy.types.Scene.pecs_camera
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)

@@ -12,8 +12,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core import field
-from ..core.chip import load_chip
-from . import settings
+from . import library, settings
 
 POLL_S = 0.1
 LINES, PLANE = (0.337, 0.706, 0.914, 0.9), (0.337, 0.706, 0.914, 0.08)
@@ -22,15 +21,12 @@ FAR_M = 10.0  # drawn to here, where the focus is not given
 
 def setting(scene) -> field.Setting | None:
     """None without a lens. Raises pecs.PecsError for a chip that is not one."""
-    s, render = scene.pecs, scene.render
-    if s.lens == "none":
+    s = scene.pecs
+    if not settings.has_lens(s):
         return None
-    width, height = (
-        max(1, n * render.resolution_percentage // 100) for n in (render.resolution_x, render.resolution_y)
-    )
-    film_mm = s.film_width_mm or load_chip(s.chip).film_width_mm(width)
-    rounded = (round(v, 6) if v else None for v in (settings.focus_m(scene), s.fnumber))
-    return field.Setting(s.lens, *rounded, film_mm, width, height)
+    focus_m, fnumber = (settings.plain(v) if v else None for v in (settings.focus_m(scene), s.fnumber))
+    film_width_mm = settings.plain(settings.film_mm(scene)[0])
+    return field.Setting(library.find("lens", s.lens), focus_m, fnumber, film_width_mm, *settings.size(scene))
 
 
 class Fields:
@@ -111,7 +107,7 @@ def draw() -> None:
         return
     try:
         wanted = setting(scene)
-    except Exception:  # an unknown chip: the panel says so
+    except RuntimeError:  # an unknown chip: the panel says so
         return
     found = fields.ask(wanted)[0] if wanted else None
     if not found:

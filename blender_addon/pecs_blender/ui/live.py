@@ -150,7 +150,7 @@ class PECS_PT_live(bpy.types.Panel):
         layout.prop(s, "record")
 
 
-_CLASSES = (PecsLive, PECS_OT_live, PECS_OT_live_record, PECS_PT_live)
+CLASSES = (PecsLive, PECS_OT_live, PECS_OT_live_record, PECS_PT_live)
 
 
 @bpy.app.handlers.persistent
@@ -160,8 +160,6 @@ def _stop(*_) -> None:
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
     bpy.types.Scene.pecs_live = PointerProperty(type=PecsLive)
     bpy.app.handlers.load_pre.append(_stop)
 
@@ -170,5 +168,3 @@ def unregister() -> None:
     _stop()
     bpy.app.handlers.load_pre.remove(_stop)
     del bpy.types.Scene.pecs_live
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)

@@ -18,7 +18,7 @@ import gpu
 import numpy as np
 
 from ..core import live
-from . import live_draw
+from . import library, live_draw
 
 BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
 FADED = 4  # decay times after which nothing is left to see
@@ -70,7 +70,9 @@ class LiveView:
     def settings(self, scene) -> None:
         """The sensor as the scene's settings say; a recording ends."""
         s = scene.pecs_live
-        chip, threshold = (live.QUICK, s.threshold) if s.pixel == "QUICK" else (scene.pecs.chip, None)
+        chip, threshold = (
+            (live.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
+        )
         sensor = live.LiveSensor(s.width, s.height, chip, threshold)
         if hasattr(self, "sensor"):
             self.sensor.close()
