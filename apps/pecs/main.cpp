@@ -42,6 +42,8 @@ int main(int argc, char** argv) {
     pecs::app::add_sense(app);
     pecs::app::add_view(app);
     pecs::app::add_lens(app);
+    pecs::app::add_completion(app);
+    pecs::app::add_man(app);
     pecs::app::check_options(app);
     try {
       pecs::app::check_commands(app, argc, argv);

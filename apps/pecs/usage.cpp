@@ -7,6 +7,7 @@
 #include <numeric>
 #include <vector>
 
+#include "command_tree.h"
 #include "pecs/error.h"
 
 namespace pecs::app {
@@ -27,10 +28,9 @@ std::size_t edits(const std::string& a, const std::string& b) {
   return row.back();
 }
 
-std::vector<std::string> commands_of(const CLI::App& app) {
+std::vector<std::string> names_of_commands(const CLI::App& app) {
   std::vector<std::string> names;
-  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
-    if (!command->get_name().empty()) names.push_back(command->get_name());  // option groups have none
+  for (const CLI::App* command : commands_of(app)) names.push_back(command->get_name());
   return names;
 }
 
@@ -46,7 +46,7 @@ void check_commands(const CLI::App& app, int argc, const char* const* argv) {
   std::vector<std::string> path;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    const std::vector<std::string> names = commands_of(*at);
+    const std::vector<std::string> names = names_of_commands(*at);
     const bool takes_words = !at->get_options([](const CLI::Option* o) { return o->get_positional(); }).empty();
     if (names.empty() || word.starts_with('-')) return;
     if (std::find(names.begin(), names.end(), word) == names.end()) {
@@ -67,7 +67,7 @@ std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
     at = chosen.front();
     path.push_back(at->get_name());
   }
-  const std::vector<std::string> names = commands_of(*at);
+  const std::vector<std::string> names = names_of_commands(*at);
   std::string text = error.what();
   if (dynamic_cast<const CLI::RequiredError*>(&error) && at->get_require_subcommand_min() > 0 && !names.empty())
     text = fmt::format("got no command, wanted one of {}", fmt::join(names, ", "));
