@@ -1,9 +1,10 @@
 """kill -9 at random moments, and when an output appears: what has its name is whole, and what is left disturbs no run.
 
-    .venv/bin/python scripts/kill_test.py [KILLS [render|dataset|sense|convert|align]...]    (default: 20, all)
+    .venv/bin/python scripts/kill_test.py [KILLS [render|signal|dataset|sense|convert|align]...]    (default: 20, all)
 
 A killed render or data set is continued: its files must be those of an unbroken run. The others begin again: an output
-is there as the unbroken run writes it, or not at all.
+is there as the unbroken run writes it, or not at all. `signal`: SIGINT and SIGTERM to renders, which end with their
+documented exit codes.
 """
 
 import json
@@ -65,8 +66,11 @@ def to_the_end(words: Iterable[object]) -> float:
     return time.monotonic() - began
 
 
-def killed(words: Iterable[object], after_s: float, watch: Path | None = None) -> bool:
-    """`watch`: a folder; a killed run ends when something else than it held appears there, at the latest."""
+def killed(
+    words: Iterable[object], after_s: float, watch: Path | None = None, number: signal.Signals = signal.SIGKILL
+) -> bool:
+    """`watch`: a folder; a killed run ends when something else than it held appears there, at the latest. One that gets
+    another signal than SIGKILL ends as documented, or as Python does before it listens."""
     before, process = list(watch.iterdir()) if watch else [], start(words)
     end = time.monotonic() + after_s
     while process.poll() is None and time.monotonic() < end:
@@ -75,28 +79,34 @@ def killed(words: Iterable[object], after_s: float, watch: Path | None = None) -
         time.sleep(0.0005 if watch else 0.01)
     if process.poll() is not None:
         return False
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.send_signal(number)
+    code = process.wait(timeout=60)
+    if number != signal.SIGKILL and code not in (128 + number, -number):
+        sys.exit(f"failed: got {code} after {number.name}, wanted {128 + number}: {' '.join(map(str, words))}")
     return True
 
 
-def kill_render(folder: Path, kills: int) -> bool:
+def kill_render(kind: str, folder: Path, kills: int, *numbers: signal.Signals) -> bool:
     words = ["render", ROOT / "scenes/rotating_disk", *RENDER]
-    return kill_and_continue("render", folder, kills, 2.5, [sys.executable, "-m", "pecs_blender", *words])
+    return kill_and_continue(kind, folder, kills, 2.5, [sys.executable, "-m", "pecs_blender", *words], *numbers)
 
 
 def kill_dataset(folder: Path, kills: int) -> bool:
     recipe = folder / "recipe.toml"
     recipe.write_text(RECIPE.format(scene=ROOT / "scenes/rotating_disk"))
-    return kill_and_continue("dataset", folder, kills, 15, [sys.executable, "-m", "pecs.datasets", recipe])
+    job = [sys.executable, "-m", "pecs.datasets", recipe]
+    return kill_and_continue("dataset", folder, kills, 15, job, signal.SIGKILL)
 
 
-def kill_and_continue(kind: str, folder: Path, kills: int, starts_s: float, job: list[object]) -> bool:
+def kill_and_continue(
+    kind: str, folder: Path, kills: int, starts_s: float, job: list[object], *numbers: signal.Signals
+) -> bool:
+    """`numbers`: in turn."""
     whole, broken = folder / f"whole {kind}", folder / f"broken {kind}"
     longest_s = starts_s + to_the_end([*job, "-o", whole]) / kills  # about one run in all, starts included
     rng, ended, left = random.Random(1), 0, []
-    for _ in range(kills):
-        ended += killed([*job, "-o", broken], rng.uniform(0, longest_s))
+    for i in range(kills):
+        ended += killed([*job, "-o", broken], rng.uniform(0, longest_s), number=numbers[i % len(numbers)])
         left.append(len(list(broken.rglob("*.exr"))))
     to_the_end([*job, "-o", broken])
     names, again = ({p.relative_to(f) for p in f.rglob("*") if p.is_file()} for f in (whole, broken))
@@ -191,7 +201,9 @@ def kill_program(kind: str, folder: Path, kills: int) -> bool:
 
 def main(kills: int, kinds: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
-        do: dict[str, Callable[[], bool]] = {"render": lambda: kill_render(Path(folder), kills)}
+        do: dict[str, Callable[[], bool]] = {}
+        do["render"] = lambda: kill_render("render", Path(folder), kills, signal.SIGKILL)
+        do["signal"] = lambda: kill_render("signal", Path(folder), kills, signal.SIGINT, signal.SIGTERM)
         do["dataset"] = lambda: kill_dataset(Path(folder), kills)
         for kind in ("sense", "convert", "align"):
             do[kind] = lambda kind=kind: kill_program(kind, Path(folder), kills)
