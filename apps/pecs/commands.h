@@ -16,6 +16,7 @@ void add_completion(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_dataset(CLI::App& app);
 void add_demo(CLI::App& app);
+void add_learning(CLI::App& app);  // train, reconstruct
 void add_info(CLI::App& app);
 void add_man(CLI::App& app);
 void add_render_preview(CLI::App& app);

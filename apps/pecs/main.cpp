@@ -35,6 +35,7 @@ int main(int argc, char** argv) {
     pecs::app::add_convert(app);
     pecs::app::add_dataset(app);
     pecs::app::add_demo(app);
+    pecs::app::add_learning(app);
     pecs::app::add_info(app);
     pecs::app::add_render_preview(app);
     pecs::app::add_report(app);

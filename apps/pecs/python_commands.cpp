@@ -65,6 +65,13 @@ void add_demo(CLI::App& app) {
   add_module(app, "demo", {{"pecs.demo"}}, "a scene with a known truth as events, pictures, video and pages (Python)");
 }
 
+void add_learning(CLI::App& app) {
+  add_module(app, "train", {{"pecs.learning", "train"}},
+             "a network that makes video of events, on a data set (Python)");
+  add_module(app, "reconstruct", {{"pecs.learning", "reconstruct"}},
+             "video from events, by a network or a filter (Python)");
+}
+
 void add_run(CLI::App& app) {
   add_module(app, "run", {{"pecs_blender", "run"}, "PECS_BLENDER_PYTHON"},
              "a .blend or a scene folder to events: render, then sense (Python)");

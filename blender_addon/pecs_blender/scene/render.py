@@ -152,7 +152,9 @@ def _job(source, spectral, options, bands, size, scale, scratch) -> tuple[Job, d
     moving_px = options.moving_px and tuple(n * options.subpixels for n in options.moving_px)
     common = {"moving_px": moving_px, "subpixels": options.subpixels}
     if chosen := lens.choose(source, options, *size):
-        made = lens.cameras(chosen, lambda_nm, slices, options.colour_tolerance_px, source.unit_m, scratch)
+        tolerance_px = options.colour_tolerance_px * options.subpixels
+        made = lens.cameras(chosen, lambda_nm, slices, tolerance_px, source.unit_m, scratch)
+        made.record["colour_shift_px"] /= options.subpixels
         common["rays_per_sample"] = made.rays_per_sample
         job = Job(source, spectral, size, lambda_nm, chosen, made.passes, unit * made.e0, **common)
         return job, made.record

@@ -34,12 +34,12 @@ def cannot_write(path: Path, why: object) -> NoReturn:
     raise PecsOutputError(f"{path}: {why}", 5)
 
 
-def library(name: str, package: str, why: str) -> Any:
-    """An imported module that `pip install 'pecs[datasets]'` brings."""
+def library(name: str, package: str, why: str, extra: str = "datasets") -> Any:
+    """An imported module that `pip install 'pecs[EXTRA]'` brings."""
     try:
         return importlib.import_module(name)
     except ImportError as e:
-        raise PecsError(f"{why} needs {package} (pip install 'pecs[datasets]'): {e}", _UNSUPPORTED) from None
+        raise PecsError(f"{why} needs {package} (pip install 'pecs[{extra}]'): {e}", _UNSUPPORTED) from None
 
 
 def read_json(path: Path, what: str) -> dict[str, Any]:

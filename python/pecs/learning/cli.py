@@ -1,0 +1,179 @@
+"""The command line of `pecs.learning`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import signal
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from .._library import PecsError, PecsNotFoundError
+from ..datasets._check import library
+
+NETWORK = "network.onnx"
+USAGE, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 5, 130, 143
+EXAMPLES = """examples:
+  pecs reconstruct recording.raw -o video.mp4        by a filter
+  pecs train out/set -o out/run --steps 2000         writes out/run/network.onnx; continues when run again
+  pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise PecsError(message, USAGE)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted WxH")
+    return int(width), int(height)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if not 0 < value < 10**9:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a whole number above 0")
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="pecs",
+        description="Video from events.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    one = commands.add_parser("reconstruct", help="video from an event file")
+    one.add_argument("events", type=Path, help="an event file of any format")
+    one.add_argument("-o", "--output", type=Path, required=True, help=".mp4, or a folder for PNG")
+    one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`; without: a high-pass filter")
+    one.add_argument("--fps", type=_positive, default=50.0, help="pictures per second of the recording (default: 50)")
+    one.add_argument("--playback-fps", type=_positive, help="pictures per second of the video (default: as --fps)")
+    one.add_argument("--cutoff-hz", type=_positive, default=1.0, help="of the filter (default: 1)")
+    one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not say")
+    one.add_argument("--threads", type=int, default=0, help="0: all cores")
+    one.set_defaults(run=_reconstruct)
+
+    one = commands.add_parser("train", help="a network on a data set (needs PyTorch)")
+    one.add_argument("set", type=Path, help="folder of a data set whose recipe has keep.light")
+    one.add_argument("-o", "--output", type=Path, required=True, help="folder of the run; one that is there continues")
+    one.add_argument("--split", default="train", help="which sequences (default: train)")
+    one.add_argument("--network", choices=("firenet", "e2vid"), default="firenet")
+    one.add_argument("--channels", type=_count, help="of the first layer (default: firenet 16, e2vid 32)")
+    one.add_argument("--steps", type=_count, default=500)
+    one.add_argument("--batch", type=_count, default=4, help="clips per step (default: 4)")
+    one.add_argument("--windows", type=_count, default=10, help="of a clip (default: 10)")
+    one.add_argument("--crop", type=_count, default=64, help="pixels (default: 64)")
+    one.add_argument("--learning-rate", type=_positive, default=1e-3)
+    one.add_argument("--seed", type=int, default=1)
+    one.add_argument("--workers", type=int, default=0, help="processes that read clips (default: 0)")
+    one.add_argument("--device", default="cpu", help="of PyTorch: cpu, cuda")
+    one.set_defaults(run=_train)
+    return parser
+
+
+def main(argv: list[str]) -> int:
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        args = _parser().parse_args(argv)
+        args.run(args)
+    except SystemExit as e:  # --help, SIGTERM
+        return int(e.code or 0)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except PecsError as e:
+        print(f"pecs: {e}", file=sys.stderr)
+        return e.code
+    except OSError as e:
+        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
+        return BAD_OUTPUT
+    return 0
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    raise SystemExit(TERMINATED)
+
+
+class _Line:
+    """One line that rewrites itself on a terminal; every `each` steps a line otherwise."""
+
+    def __init__(self, each: int):
+        self._each, self._terminal = each, sys.stderr.isatty()
+
+    def __call__(self, number: int, text: str) -> None:
+        if self._terminal:
+            print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
+        elif number % self._each == 0:
+            print(text, file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if self._terminal:
+            print(file=sys.stderr)
+
+
+def _reconstruct(args: argparse.Namespace) -> None:
+    from .reconstruct import reconstruct
+
+    line = _Line(100)
+    done = reconstruct(
+        args.events,
+        args.output,
+        weights=args.weights,
+        fps=args.fps,
+        playback_fps=args.playback_fps,
+        cutoff_hz=args.cutoff_hz,
+        size=args.size,
+        threads=args.threads,
+        progress=lambda n: line(n, f"reconstruct: {n} pictures"),
+    )
+    line.end()
+    print(f"{args.output}: {done['pictures']} pictures of {done['width']} x {done['height']}, by {done['method']}")
+
+
+def _train(args: argparse.Namespace) -> None:
+    for name, package in (("torch", "PyTorch"), ("onnx", "onnx")):
+        library(name, package, "training", "learning")
+    from ..datasets.sequence import sequences
+    from .clips import ClipConfig, recordings
+    from .export import export
+    from .networks import NetworkConfig
+    from .train import TrainConfig, train
+
+    e2vid = args.network == "e2vid"
+    channels = args.channels or (32 if e2vid else 16)
+    config = TrainConfig(
+        NetworkConfig(args.network, channels=channels, levels=3 if e2vid else 0),
+        dataclasses.replace(ClipConfig(), windows=args.windows, crop=args.crop),
+        args.steps,
+        args.batch,
+        args.learning_rate,
+        seed=args.seed,
+    )
+    found = sequences(args.set, args.split)
+    if not found:
+        raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}", 3)
+    line = _Line(50)
+    net = train(
+        recordings(found),
+        args.output,
+        config,
+        workers=args.workers,
+        device=args.device,
+        progress=lambda step, loss: line(step, f"train: {step}/{args.steps}, loss {loss:.4f}"),
+    )
+    line.end()
+    export(args.output, args.output / NETWORK)
+    parameters = sum(p.numel() for p in net.parameters())
+    print(f"{args.output / NETWORK}: {args.network} of {parameters} parameters, {args.steps} steps")

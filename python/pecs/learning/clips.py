@@ -1,0 +1,158 @@
+"""Clips of data sets for training: the voxel grids of consecutive windows, the pictures at their ends, and the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from .._library import PecsInputError
+from ..chip import Chip
+from ..datasets._check import fault
+from ..datasets.rgb import srgb
+from ..datasets.sequence import Camera, Sequence
+from ..light import Light
+from ..representations import voxel_grid
+
+WHITE_PERCENTILE = 99.0  # of a recording's light: what is shown white
+KEPT = 64  # recordings in memory
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Each as Stoffregen et al. (ECCV 2020) do it; 0: none."""
+
+    flip: bool = True
+    pause: float = 0.05  # chance of a window without events, with the picture before
+    noise: float = 0.1  # standard deviation of what is added to a voxel, of those not 0
+    noise_share: float = 0.25  # of voxels
+    hot: float = 0.001  # greatest share of pixels that fire all the time
+
+
+@dataclass(frozen=True)
+class ClipConfig:
+    windows: int = 10
+    crop: int = 64
+    bins: int = 5
+    augmentation: Augmentation | None = Augmentation()
+
+
+class Recording:
+    """One event camera's events and pictures at the instants of its ground truth."""
+
+    def __init__(self, camera: Camera):
+        if not camera.has_truth or "motion" not in camera.truth.layers:
+            fault(camera.folder / "truth", "layers", None, "motion: the flow between pictures")
+        if not (camera.folder / "stack" / "stack.json").is_file():
+            fault(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
+        self.camera = camera
+        self.times_us = camera.truth.times_us
+        self.events = camera.events()
+        self.first = np.searchsorted(self.events["t"], self.times_us)
+
+    @property
+    def windows(self) -> int:
+        return len(self.times_us) - 1
+
+    @property
+    def pictures(self) -> NDArray[np.uint8]:
+        """[n, H, W]: the light that the chip's pixels get, 8 bit in sRGB's curve, white at a percentile of all."""
+        folder = self.camera.folder
+        own = folder / "chip.json"  # a profile that lay beside the recipe
+        return _pictures(folder, str(own if own.is_file() else self.camera.info["chip"]), tuple(self.times_us))
+
+    def window(self, i: int) -> NDArray[Any]:
+        events: NDArray[Any] = self.events[self.first[i] : self.first[i + 1]]
+        return events
+
+
+@lru_cache(KEPT)
+def _pictures(folder: Any, chip: str, times_us: tuple[float, ...]) -> NDArray[np.uint8]:
+    with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
+        values = np.stack([light.at(t)[0] for t in times_us])
+    return srgb(values / max(float(np.percentile(values, WHITE_PERCENTILE)), 1e-30))
+
+
+def recordings(sequences: Iterable[Sequence]) -> list[Recording]:
+    found = [Recording(camera) for sequence in sequences for camera in sequence.of_kind("events")]
+    if not found:
+        raise PecsInputError("clips: got no event camera, wanted sequences with one", 4)
+    return found
+
+
+class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
+    """An item: grid [T, bins, h, w], picture [T, 1, h, w] at the windows' ends (0 … 1), before [1, h, w] at the first
+    one's begin, flow_back [T, 2, h, w] px from a window's end to its begin (NaN unknown).
+
+    Item i is the same in every run and worker: what is random is keyed by (seed, i).
+    """
+
+    def __init__(self, sources: list[Recording], config: ClipConfig, seed: int, length: int):
+        self.config, self.seed, self.length = config, seed, length
+        self.sources = [s for s in sources if s.windows >= config.windows]
+        small = [s.camera.name for s in sources if min(s.camera.width, s.camera.height) < config.crop]
+        if small or not self.sources:
+            got = f"a picture smaller than that in {small[0]}" if small else "shorter sequences"
+            raise PecsInputError(f"clips: got {got}, wanted {config.windows} windows of {config.crop} px", 4)
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        if not 0 <= index < self.length:
+            raise IndexError(index)
+        rng = np.random.Generator(np.random.Philox(key=[self.seed, index]))
+        source = self.sources[rng.integers(len(self.sources))]
+        first = int(rng.integers(source.windows - self.config.windows + 1))
+        crop, camera = self.config.crop, source.camera
+        x0, y0 = (int(rng.integers(n - crop + 1)) for n in (camera.width, camera.height))
+        item = self._cut(source, first, np.s_[y0 : y0 + crop, x0 : x0 + crop], rng)
+        if self.config.augmentation:
+            item = _augmented(item, self.config.augmentation, rng)
+        return {name: torch.from_numpy(np.ascontiguousarray(value, np.float32)) for name, value in item.items()}
+
+    def _cut(
+        self, source: Recording, first: int, box: tuple[slice, slice], rng: np.random.Generator
+    ) -> dict[str, NDArray[Any]]:
+        count, chance = self.config.windows, self.config.augmentation.pause if self.config.augmentation else 0.0
+        pictures = source.pictures[first : first + count + 1, box[0], box[1]] / 255.0
+        grids, shown, flows, at = [], [], [], 0
+        for _ in range(count):
+            pause = rng.random() < chance
+            begin, end = source.times_us[first + at : first + at + 2]
+            events = source.window(first + at)
+            inside = (events["x"] >= box[1].start) & (events["x"] < box[1].stop)
+            inside &= (events["y"] >= box[0].start) & (events["y"] < box[0].stop)
+            kept = np.asarray(events[inside & (not pause)]).copy()
+            kept["x"] -= box[1].start
+            kept["y"] -= box[0].start
+            size = self.config.crop, self.config.crop, self.config.bins
+            grids.append(voxel_grid(kept, *size, begin_us=begin, end_us=end, normalise=True))
+            flow = np.moveaxis(source.camera.truth.flow_back(first + at)[box], -1, 0)
+            flows.append(np.zeros_like(flow) if pause else flow)
+            at += not pause
+            shown.append(pictures[at])
+        return {
+            "grid": np.stack(grids),
+            "picture": np.stack(shown)[:, None],
+            "before": pictures[:1],
+            "flow_back": np.stack(flows),
+        }
+
+
+def _augmented(item: dict[str, NDArray[Any]], how: Augmentation, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
+    grid, flow = item["grid"], item["flow_back"]
+    noisy = rng.random(grid.shape) < how.noise_share
+    grid = grid + noisy * rng.normal(0, how.noise, grid.shape)
+    hot = rng.random(grid.shape[-2:]) < rng.uniform(0, how.hot)
+    item |= {"grid": grid + hot * rng.normal(0, 1, grid.shape[-2:])}
+    for axis, sign in ((-1, (-1, 1)), (-2, (1, -1))):
+        if how.flip and rng.random() < 0.5:
+            item = {name: np.flip(value, axis) for name, value in item.items()}
+            item["flow_back"] = item["flow_back"] * np.array(sign, flow.dtype)[:, None, None]
+    return item

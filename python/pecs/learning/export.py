@@ -1,0 +1,60 @@
+"""A trained network as ONNX, with its record inside."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from .._library import PecsOutputError
+from ..datasets._check import library
+from .networks import start_states
+from .reconstruct import NETWORK_FORMAT, STATE
+from .train import trained
+
+TRIED_PX = 32  # side of the picture it is traced with; any size that is a multiple of 2**levels will do later
+OPSET = 16
+
+
+class _Flat(torch.nn.Module):
+    """States one by one, as ONNX has them."""
+
+    def __init__(self, net: Any):
+        super().__init__()
+        self.net = net
+
+    def forward(self, grid: torch.Tensor, *states: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        picture, after = self.net(grid, list(states))
+        return (picture, *after)
+
+
+def export(run: Path, output: Path) -> dict[str, Any]:
+    """Writes the network of a training's folder; returns its record."""
+    onnx = library("onnx", "onnx", "export", "learning")
+    net, record = trained(run)
+    grid = torch.zeros(1, net.config.bins, TRIED_PX, TRIED_PX)
+    states = start_states(net, 1, TRIED_PX, TRIED_PX)
+    names = [f"{STATE}_{i}_{level}" for i, level in enumerate(net.state_levels)]
+    after = [f"next_{name}" for name in names]
+    free = {name: {2: f"height_{i}", 3: f"width_{i}"} for i, name in enumerate(["events", *names])}
+    options: dict[str, Any] = {"input_names": ["events", *names], "output_names": ["picture", *after]}
+    options |= {"dynamic_axes": free, "opset_version": OPSET}
+    if "dynamo" in inspect.signature(torch.onnx.export).parameters:
+        options["dynamo"] = False  # the other exporter asks for packages more
+    partial = output.with_name(output.name + ".partial")
+    record = {"network": net.config.record(), **record}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # PyTorch's own, of shapes that it need not know
+            torch.onnx.export(_Flat(net), (grid, *states), str(partial), **options)
+        model = onnx.load(str(partial))
+        onnx.helper.set_model_props(model, {"pecs_network": NETWORK_FORMAT, "record": json.dumps(record)})
+        onnx.save(model, str(partial))
+        partial.replace(output)
+    except OSError as e:
+        raise PecsOutputError(f"{output}: cannot be written: {e.strerror}", 5) from None
+    return record

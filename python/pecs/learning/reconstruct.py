@@ -1,0 +1,157 @@
+"""Events of a file to pictures, window after window."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._library import PecsInputError
+from ..datasets._check import existing, fault, library
+from ..events import EVENT_DTYPE, EventReader
+from ..representations import voxel_grid
+from .filter import HighPass
+from .video import Range, VideoWriter
+
+NETWORK_FORMAT = "1"
+STATE = "state"  # how the names of a network's states begin
+
+
+@dataclass(frozen=True)
+class Window:
+    """Events with begin_us <= t < end_us."""
+
+    begin_us: float
+    end_us: float
+    events: NDArray[np.void]
+
+
+def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
+    """One after the other from the first event on, also empty ones, to the one that holds the last event."""
+    kept: list[NDArray[np.void]] = []
+    begin_us, number = None, 0
+    for block in reader:
+        events = np.asarray(block)
+        if begin_us is None:
+            begin_us = float(events["t"][0])
+        while events["t"][-1] >= (end_us := begin_us + (number + 1) * length_us):
+            cut = int(np.searchsorted(events["t"], end_us))
+            yield Window(end_us - length_us, end_us, np.concatenate([*kept, events[:cut]]))
+            kept, events, number = [], events[cut:], number + 1
+        kept.append(events.copy())
+    if begin_us is not None:
+        begin_us += number * length_us
+        yield Window(begin_us, begin_us + length_us, np.concatenate([np.empty(0, EVENT_DTYPE), *kept]))
+
+
+class Method(Protocol):
+    """A window's picture at its end: [H, W], 0 … 1."""
+
+    def __call__(self, window: Window) -> NDArray[np.float64]: ...
+
+
+class Filter:
+    """`HighPass`, shown by `Range`."""
+
+    def __init__(self, width: int, height: int, cutoff_hz: float):
+        self._filter, self._range = HighPass(width, height, cutoff_hz), Range()
+
+    def __call__(self, window: Window) -> NDArray[np.float64]:
+        return self._range(self._filter.push(window.events, window.end_us))
+
+
+class Network:
+    """A network as `pecs train` writes it: inputs `events` [1, bins, H, W] and its states, outputs `picture`
+    [1, 1, H, W] and the next states."""
+
+    def __init__(self, path: Path, width: int, height: int, threads: int = 0):
+        existing(path, "a network (.onnx)")
+        runtime = library("onnxruntime", "onnxruntime", "a network", "learning")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = threads
+        try:
+            self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as e:  # of many kinds
+            raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a network in ONNX", 4) from None
+        said = self._session.get_modelmeta().custom_metadata_map
+        if said.get("pecs_network") != NETWORK_FORMAT:
+            fault(path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`")
+        self.record: dict[str, Any] = json.loads(said["record"])
+        config = self.record["network"]
+        self._bins, self._size = int(config["bins"]), (height, width)
+        step = 2 ** int(config["levels"])
+        self._pad = -height % step, -width % step
+        self._states: dict[str, NDArray[np.float32]] = {}
+        for entry in self._session.get_inputs():
+            if entry.name.startswith(STATE):
+                level = int(entry.name.rsplit("_", 1)[1])
+                size = (n + more >> level for n, more in zip(self._size, self._pad, strict=True))
+                self._states[entry.name] = np.zeros([1, entry.shape[1], *size], np.float32)
+
+    def __call__(self, window: Window) -> NDArray[np.float64]:
+        height, width = self._size
+        ends = {"begin_us": window.begin_us, "end_us": window.end_us}
+        grid = voxel_grid(window.events, width, height, self._bins, **ends, normalise=True)
+        grid = np.pad(grid, ((0, 0), *((0, n) for n in self._pad)))
+        picture, *states = self._session.run(None, {"events": grid[None], **self._states})
+        self._states = dict(zip(self._states, states, strict=True))
+        return np.clip(picture[0, 0, :height, :width].astype(np.float64), 0, 1)
+
+
+def reconstruct(
+    source: str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    weights: str | PathLike[str] | None = None,
+    fps: float = 50.0,
+    cutoff_hz: float = 1.0,
+    playback_fps: float | None = None,
+    size: tuple[int, int] | None = None,
+    threads: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Any]:
+    """A video of an event file, `fps` pictures per second of the recording, shown at `playback_fps` (fps if None).
+
+    weights: a network (.onnx); None: the filter, with its `cutoff_hz`. size: width and height, for a file that does not
+    say. progress: called with the number of pictures so far. Returns what was done.
+    Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
+    """
+    source, output = Path(source), Path(output)
+    with EventReader(source) as reader:
+        width, height = size or (reader.info["width"], reader.info["height"])
+        if not width or not height:
+            raise PecsInputError(f"{source}: size: got nothing that says it, wanted --size WxH", 2)
+        method: Method
+        method = Filter(width, height, cutoff_hz) if weights is None else Network(Path(weights), width, height, threads)
+        events = 0
+        with VideoWriter(output, width, height, playback_fps or fps) as video:
+            for window in windows(reader, 1e6 / fps):
+                _inside(source, window.events, width, height)
+                events += len(window.events)
+                video.write(np.round(255 * method(window)).astype(np.uint8))
+                if progress:
+                    progress(video.count)
+            if not events:
+                raise PecsInputError(f"{source}: events: got none, wanted some", 4)
+            return {
+                "source": str(source),
+                "method": "filter" if isinstance(method, Filter) else str(weights),
+                "pictures": video.count,
+                "events": events,
+                "width": width,
+                "height": height,
+                "fps": fps,
+            }
+
+
+def _inside(source: Path, events: NDArray[np.void], width: int, height: int) -> None:
+    outside = (events["x"] >= width) | (events["y"] >= height)
+    if outside.any():
+        bad = events[outside][0]
+        fault(source, "pixel", (int(bad["x"]), int(bad["y"])), f"one of {width} x {height}")

@@ -1,0 +1,153 @@
+"""pecs.learning: the filter, pictures of event files; in .venv-datasets, which has PyTorch, networks and training."""
+
+import os
+import shutil
+import subprocess
+from functools import partial
+
+import cv2
+import numpy as np
+import pecs
+import pytest
+import small_sequence
+from conftest import ROOT, run_module
+from pecs.learning.filter import HighPass
+from pecs.learning.reconstruct import windows
+from pecs.learning.video import Range
+
+pytest_plugins = ["datasets_fixtures"]
+W, H = 96, 72
+learning = partial(run_module, "pecs.learning")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    rng, events = np.random.default_rng(1), np.zeros(30_000, pecs.EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(1_000_000, 1_200_000, len(events)))
+    events["t"][events["t"] > 1_150_000] += 70_000  # and a pause
+    events["x"], events["y"] = rng.integers(0, W, len(events)), rng.integers(0, H, len(events))
+    events["p"] = rng.integers(0, 2, len(events))
+    path = tmp_path_factory.mktemp("recording") / "r.raw"
+    pecs.write(path, events, W, H)
+    return path, events
+
+
+def test_the_filter_is_that_of_every_event(recording):
+    _, events = recording
+    some, cutoff_hz, up, down = events[:3000], 5.0, 0.3, 0.2
+    state, last = np.zeros((H, W)), np.zeros((H, W))
+    for e in some:  # event by event, as the paper has it
+        at = e["y"], e["x"]
+        state[at] *= np.exp(-2 * np.pi * cutoff_hz * (e["t"] - last[at]) * 1e-6)
+        state[at] += up if e["p"] else -down
+        last[at] = e["t"]
+    end = float(some["t"][-1] + 500)
+    state *= np.exp(-2 * np.pi * cutoff_hz * (end - last) * 1e-6)
+    ours = HighPass(W, H, cutoff_hz, up, down)
+    for first in range(0, 2500, 500):
+        ours.push(some[first : first + 500], float(some["t"][first + 499]))
+    np.testing.assert_allclose(ours.push(some[2500:], end), state, rtol=1e-9, atol=1e-12)
+
+
+def test_windows_hold_every_event_once(recording):
+    path, events = recording
+    for length_us in (700.0, 33_333.4, 1e9):
+        with pecs.EventReader(path) as reader:
+            found = list(windows(reader, length_us))
+        np.testing.assert_array_equal(np.concatenate([w.events for w in found]), events)
+        assert found[0].begin_us == events["t"][0] and found[-1].begin_us <= events["t"][-1] < found[-1].end_us
+        for w, after in zip(found, found[1:], strict=False):
+            assert w.end_us == pytest.approx(after.begin_us, abs=1e-3)
+            assert not len(w.events) or (w.begin_us <= w.events["t"][0] and w.events["t"][-1] < w.end_us)
+
+
+def test_the_range_follows_slowly():
+    shown, rng = Range(), np.random.default_rng(1)
+    assert shown(rng.normal(5, 1, (H, W))).mean() == pytest.approx(0.5, abs=0.02)
+    assert shown(rng.normal(9, 1, (H, W))).mean() > 0.9  # not yet
+    for _ in range(50):
+        last = shown(rng.normal(9, 1, (H, W)))
+    assert last.mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_video_and_pictures(recording, tmp_path):
+    path, events = recording
+    count = int((events["t"][-1] - events["t"][0]) // 20_000) + 1
+    learning("reconstruct", path, "-o", tmp_path / "v.mp4")
+    video = cv2.VideoCapture(str(tmp_path / "v.mp4"))
+    assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (W, H)
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == count and video.get(cv2.CAP_PROP_FPS) == 50
+    learning("reconstruct", path, "-o", tmp_path / "p", "--fps", 50)
+    pictures = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((tmp_path / "p").iterdir())]
+    assert len(pictures) == count and all(p.shape == (H, W) and p.dtype == np.uint8 for p in pictures)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["p", "v.mp4"]
+
+
+def test_what_is_wrong_is_one_line(recording, tmp_path):
+    path, events = recording
+    pecs.write(tmp_path / "none.raw", events[:0], W, H)
+    pecs.write(tmp_path / "bare.csv", events)
+    (tmp_path / "text.onnx").write_text("no network")
+    (tmp_path / "there").mkdir()
+    for words, code, line in (
+        ((tmp_path / "no.raw", "-o", "x.mp4"), 3, "no.raw"),
+        ((tmp_path / "text.onnx", "-o", tmp_path / "x.mp4"), 4, "text.onnx"),
+        ((tmp_path / "none.raw", "-o", tmp_path / "x.mp4"), 4, "events: got none"),
+        ((path, "-o", tmp_path / "x.avi"), 5, "wanted .mp4"),
+        ((path, "-o", tmp_path / "no/x.mp4"), 5, "cannot be written"),
+        ((path, "-o", tmp_path / "there"), 5, "is there already"),
+        ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
+        ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
+        ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
+    ):
+        result = learning("reconstruct", *words, check=False)
+        said = result.stderr.strip().splitlines()
+        assert result.returncode == code and len(said) == 1 and line in said[0], (words, result.stderr)
+    assert not list(tmp_path.glob("x*"))
+
+
+@pytest.fixture(scope="module")
+def trainable(sequence, tmp_path_factory):
+    """The small sequence with its light beside it, as recipes with keep.light have it."""
+    folder = tmp_path_factory.mktemp("light") / "set"
+    shutil.copytree(sequence.folder, folder / "sequences" / "0000")
+    times = np.arange(0, small_sequence.DURATION_US + 1, 1000)
+    for eye in small_sequence.rig()[:2]:
+        stack = {
+            **{"pecs_stack": 1, "quantity": "irradiance", "width": W, "height": H, "pixel_pitch_m": 1e-5},
+            **{"bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": (times * 1000).tolist()},
+            **{"period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {}},
+        }
+        with pecs.StackWriter(folder / "sequences/0000" / eye.name / "stack", stack) as writer:
+            for i, t in enumerate(times):
+                writer.write_frame(i, eye.light(t)[None] * 1e-6)
+    (folder / "other.onnx").write_text("no network")
+    return folder
+
+
+def test_networks_and_training(trainable, tmp_path):
+    """All of learning_checks.py in one process; what it says is what fails."""
+    python = ROOT / ".venv-datasets" / "bin" / "python"
+    assert python.is_file(), "scripts/setup.sh --tests makes .venv-datasets"
+    words = [python, ROOT / "tests/python/learning_checks.py", trainable, tmp_path]
+    done = subprocess.run(words, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT / "python")})
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count(": passed") == (ROOT / "tests/python/learning_checks.py").read_text().count("\ndef check_")
+
+
+def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
+    python = ROOT / ".venv-datasets" / "bin" / "python"
+
+    def run(*words, code=0):
+        environment = os.environ | {"PYTHONPATH": str(ROOT / "python"), "OMP_NUM_THREADS": "1"}
+        command = [python, "-m", "pecs.learning", *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.returncode == code, done.stderr
+        return done.stdout + done.stderr
+
+    small = ("--channels", 4, "--steps", 2, "--batch", 1, "--windows", 3, "--crop", 32)
+    assert "2 steps" in run("train", trainable, "-o", tmp_path / "run", *small)
+    network = tmp_path / "run/network.onnx"
+    assert "pictures" in run("reconstruct", recording[0], "-o", tmp_path / "v.mp4", "--weights", network)
+    assert "no sequences of split 'test'" in run("train", trainable, "-o", tmp_path / "r2", "--split", "test", code=3)
+    assert "smaller" in run("train", trainable, "-o", tmp_path / "r3", "--crop", 80, code=4)
