@@ -18,6 +18,7 @@ from pecs_blender.ui import live_view
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 FRAMES, FIRST, PICTURE = 60, 4, 30
+SMALLER = 0.8  # the video, than the screen
 
 
 def build() -> None:
@@ -97,7 +98,8 @@ def encode() -> None:
     scene.frame_end = strip.frame_final_duration = len(pictures)
     render = scene.render
     size = bpy.data.images.load(str(pictures[0])).size
-    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 80
+    render.resolution_x, render.resolution_y = (int(SMALLER * n) // 2 * 2 for n in size)
+    render.resolution_percentage = 100
     scene.view_settings.view_transform = "Standard"
     if hasattr(render.image_settings, "media_type"):  # from Blender 5.0 on
         render.image_settings.media_type = "VIDEO"

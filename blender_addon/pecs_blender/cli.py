@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from .core import programs, stop, streams
+from .core.brightness import light_words
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
 from .core.options import DEFAULTS, RULES, Options, add_arguments
 from .core.resources import Restart
@@ -40,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_render(commands)
     _add_run(commands)
     _add_survey(commands)
+    _add_light(commands)
     bands = commands.add_parser(
         "bands",
         help="wavelengths to render for a chip, and their weights",
@@ -137,6 +139,21 @@ def _add_survey(commands) -> None:
     _add_scene(command)
 
 
+def _add_light(commands) -> None:
+    command = commands.add_parser(
+        "light",
+        help="how bright a scene is, and what a chip makes of it",
+        description="Renders the first instant small, by the scene's own camera, and says the light on the surfaces in "
+        "view, the photocurrent and the photoreceptor's corner: 5 %, median and 95 % over the pixels. Options are "
+        "those of `render`.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
+    command.add_argument("--json", action="store_true", help="machine-readable output")
+    add_arguments(command)
+    _add_scene(command)
+
+
 @contextlib.contextmanager
 def _library_errors():
     """Errors of libpecs as ours. In a `with` after bpy is imported: both carry libtbb."""
@@ -155,6 +172,8 @@ def _render(args: dict) -> Path:
     where, output, plan_only = _where(args), args.pop("output"), args.pop("plan")
     overwrite, new_version = args.pop("overwrite"), args.pop("new_version")
     options = Options(**args)
+    if options.lux and where[0] and where[0].suffix != ".blend":
+        raise RenderError(USAGE, "--lux: got a scene folder, wanted its own --set illuminance_lux=…")
     with _writing(output):
         source = _source(*where, options.illuminant)
         with _library_errors():
@@ -237,6 +256,17 @@ def _survey(args: dict) -> None:
         survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
 
+def _light(args: dict) -> None:
+    where, as_json = _where(args), args.pop("json")
+    options = Options(**args)
+    source = _source(*where, options.illuminant)
+    with _library_errors():
+        from .scene.probe import probe
+
+        found = probe(source, options)
+    streams.say(json.dumps(found) + "\n" if as_json else light_words(found))
+
+
 def _bands(args: dict) -> None:
     with _library_errors():
         import pecs
@@ -261,7 +291,7 @@ def _merge(args: dict) -> None:
         raise RenderError(BAD_OUTPUT, f"{e.filename}: cannot be written: {e.strerror}") from None
 
 
-COMMANDS = {"render": _render, "run": _run, "survey": _survey, "bands": _bands, "merge": _merge}
+COMMANDS = {"render": _render, "run": _run, "survey": _survey, "light": _light, "bands": _bands, "merge": _merge}
 
 
 def main(argv: list[str]) -> int:

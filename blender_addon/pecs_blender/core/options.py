@@ -82,6 +82,13 @@ class Options:
     )
     illuminant: str = option("d65", "spectrum of RGB lamps and skies: a name, CSV, blackbody:T or daylight:T")
     light_scale: float = option(1.0, "multiplies all light", above=0)
+    lux: float | None = option(
+        None,
+        "of a .blend: sets the light scale, so that the median surface in view is lit so at the first instant",
+        above=0,
+        high=1e9,
+        recorded=False,  # the light scale is
+    )
     fps: float = option(10000.0, "instants per second of the scene", above=0, high=1e9)
     frames: str = option(
         "100", "N, A:B, 'period' for one period in equal steps, 'all' for a .blend's range", recorded=False

@@ -276,6 +276,13 @@ def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple
         (cycles, ray | {"use_denoising": False}),
         (layer, {"use_pass_position": True, "use_pass_z": True}),
     )
+    with changed(changes):
+        yield
+
+
+@contextlib.contextmanager
+def changed(changes):
+    """Sets properties, of pairs (thing, {name: value}); then all is as before."""
     saved = [(thing, {key: getattr(thing, key) for key in values}) for thing, values in changes]
     try:
         _set_all(changes)

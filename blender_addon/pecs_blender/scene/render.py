@@ -26,6 +26,7 @@ from ..core.spectra import spectrum
 from . import adaptive, cycles, layers, lens, noise
 from .job import Job
 from .judge import Judge
+from .probe import light_scale
 from .source import Source
 from .spectral import SpectralScene
 from .surfaces import Look
@@ -58,6 +59,8 @@ def render(source: Source, folder: Path, options: Options, exists: str = "contin
         if source.path:
             source.path.check(grid)
         source.set_time(0.0)
+        if options.lux:
+            options = replace(options, light_scale=light_scale(source, spectral, options.lux))
         scale = 1.0 if options.no_light else source.radiance_per_unit(spectral) * options.light_scale
         job, record = _job(source, spectral, options, bands, size, scale, Path(scratch))
         if options.noise_target:
@@ -124,6 +127,9 @@ def _estimate(plan: Timeline, grid: Timeline, each_s: float, values: int) -> str
 
 def _resolved(options: Options) -> Options:
     """What an option's default depends on."""
+    if options.lux and (options.light_scale != 1 or options.no_light):
+        given = "--no-light" if options.no_light else "--light-scale as well"
+        raise RenderError(USAGE, f"--lux: got {given}, wanted light that it sets")
     if options.no_light:
         if not options.layers:
             raise RenderError(USAGE, "--no-light: got no --layers, wanted some, or light")

@@ -9,6 +9,7 @@ from . import (
     camera_setup,
     chip_lens,
     event_operators,
+    light,
     live,
     manual,
     menus,
@@ -41,6 +42,7 @@ _MODULES = (
     panel_spectra,
     menus,
     camera_setup,
+    light,
     live,
 )
 

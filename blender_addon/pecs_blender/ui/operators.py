@@ -61,12 +61,12 @@ class Renders(InBackground):
         return not wrong
 
 
-def blender(scene, verb: str, output: Path, *words: str) -> list[str]:
-    """The command of a verb of cli.py that renders."""
+def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
+    """The command of a verb of cli.py that renders; without output, it answers."""
     command = [sys.executable, "-m", "pecs_blender", verb, bpy.data.filepath]  # the wheel has no program
     if bpy.app.binary_path:
         command = [bpy.app.binary_path, "--background", bpy.data.filepath, "--command", "pecs", verb]
-    return [*command, "-o", str(output), *settings.arguments(scene), *words]
+    return [*command, *(["-o", str(output)] if output else []), *settings.arguments(scene), *words]
 
 
 def _frames(scene) -> list[str]:

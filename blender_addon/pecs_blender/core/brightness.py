@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What scene/probe.py has found, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_LINES = (
+    ("lux", "light on what is in view", "lux", 1.0),
+    ("luminance_cd_m2", "luminance", "cd/m2", 1.0),
+    ("photocurrent_a", "photocurrent", "pA", 1e12),
+    ("corner_hz", "photoreceptor's corner", "Hz", 1.0),
+)
+
+
+def light_rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
+    """(what, "MEDIAN UNIT (P5 to P95)"). scale: how much brighter all is now; the corner goes with it, but for dark
+    current."""
+    rows = []
+    for name, what, unit, factor in _LINES:
+        if spread := found[name]:
+            middle, low, high = (f"{spread[key] * factor * scale:,.3g}" for key in ("median", "p5", "p95"))
+            rows.append((what, f"{middle} {unit} ({low} to {high})"))
+        else:
+            missing = "no surface in view scatters any" if name == "lux" else "the camera has no f-number: --fnumber"
+            rows.append((what, missing))
+    return rows
+
+
+def light_words(found: dict[str, Any]) -> str:
+    return "".join(f"{what:24}  {value}\n" for what, value in light_rows(found))

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How bright a scene is: a small render of its first instant by its own camera says what light falls on the surfaces
+in view, and what a chip makes of it.
+
+Cycles' diffuse light, direct and indirect, is the radiance of a perfectly white surface there: E = pi L (Lambert). So
+every pixel whose surface scatters light is a light meter. The photocurrent is that of the radiance seen: through a lens
+by its irradiance per radiance on the axis, else by the camera's f-number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import bpy  # before pecs: both carry libtbb.so.12
+import numpy as np
+import pecs
+
+from ..core.chip import load_chip
+from ..core.errors import BAD_INPUT, RenderError
+from ..core.options import Options
+from ..core.spectra import illuminance_lux, spectrum
+from . import cycles, lens
+from .source import Source
+from .spectral import SpectralScene
+
+WIDTH, SAMPLES = 32, 16
+METER_NM = np.array([430.0, 480.0, 530.0, 580.0, 630.0, 680.0])  # between them light per emitter is smooth
+DIFFUSE = 1e-3  # of a colour: below it a surface is no light meter
+PERCENT = {"p5": 5, "median": 50, "p95": 95}
+
+
+def probe(source: Source, options: Options) -> dict[str, Any]:
+    """lux (None where nothing in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None of a camera
+    without f-number), each {p5, median, p95} over the pixels; `light_scale`, with which they were found; `fnumber`."""
+    profile = load_chip(options.chip).profile
+    cycles.device_names(options.device)
+    sampling = cycles.Sampling(SAMPLES, options.seed, source.bounces, options.threads, options.device)
+    cycles.configure(source.scene, *_size(source), sampling)
+    spectral = SpectralScene(spectrum(options.illuminant, source.folder), source.folder, source.unit_m)
+    source.set_time(0.0)
+    scale = source.radiance_per_unit(spectral) * options.light_scale
+    source.scene.camera = source.camera(options.focal_mm, options.film_width_mm or 1.0)
+    lux, luminance = _photometry(source.scene, spectral)
+    found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
+
+    lamps = spectral.emitters.mean_pairs()
+    bands = pecs.bands(options.chip, 3, options.placement, lamps, options.min_nm, options.max_nm)
+    lambda_nm = np.array([band["lambda_nm"] for band in bands])
+    amperes, fnumber = _amperes(source, options, profile, bands)
+    current = None
+    if amperes is not None:
+        spectral.set_pass(lambda_nm)
+        weights = amperes * spectral.emitters.norm(lambda_nm) * scale
+        current = np.tensordot(weights, cycles.Film(source.scene).render().astype(float), 1)
+    found["photocurrent_a"] = _spread(current)
+    corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
+    return found | {"corner_hz": _spread(corner), "fnumber": fnumber, "light_scale": options.light_scale}
+
+
+def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
+    """What multiplies all light so that the median surface in view is lit with `lux`. All is then as before."""
+    scene, saved = source.scene, source.scene.camera
+    render, (width, height) = scene.render, _size(source)
+    changes = (
+        (render, {"resolution_x": width, "resolution_y": height}),
+        (scene.cycles, {"samples": SAMPLES, "use_denoising": False}),
+    )
+    with cycles.changed(changes):
+        scene.camera = source.camera(0.0, 0.0)
+        found = _photometry(scene, spectral)[0]
+        scene.camera = saved
+    if not len(found) or not (median := float(np.median(found))) > 0:
+        raise RenderError(BAD_INPUT, f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
+    # Rounded, so that a job continued on another machine finds the same number.
+    return float(f"{lux / (median * source.radiance_per_unit(spectral)):.4g}")
+
+
+def _size(source: Source) -> tuple[int, int]:
+    width, height = source.size
+    return WIDTH, max(1, round(WIDTH * height / width))
+
+
+def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.ndarray, np.ndarray]:
+    """Per light scale: illuminance [lux] of the pixels that scatter light, and luminance [cd/m^2] of all."""
+    norm = spectral.emitters.norm
+    weights = [illuminance_lux(cycles.interpolated(METER_NM, one), norm) for one in np.eye(len(METER_NM))]
+    names = "Combined", "DiffDir", "DiffInd", "DiffCol"
+    layer = scene.view_layers[0]
+    wanted = dict.fromkeys(("use_pass_diffuse_direct", "use_pass_diffuse_indirect", "use_pass_diffuse_color"), True)
+    luminance = white = colour = 0.0
+    with cycles.changed(((layer, wanted),)):
+        for k in range(0, len(METER_NM), 3):
+            spectral.set_pass(METER_NM[k : k + 3])
+            seen, direct, indirect, reflects = cycles.Film(scene).passes(*names).values()
+            luminance = luminance + np.tensordot(weights[k : k + 3], seen[:3].astype(float), 1)
+            white = white + np.tensordot(weights[k : k + 3], direct.astype(float) + indirect, 1)
+            colour = colour + reflects.sum(axis=0)
+    return math.pi * white[colour > DIFFUSE], luminance
+
+
+def _amperes(source: Source, options: Options, profile: pecs.Chip, bands: list[dict]) -> tuple:
+    """Photocurrent [A] per spectral radiance in each band, and the f-number."""
+    width, height = source.size
+    film = options.film_width_mm or load_chip(options.chip).film_width_mm(width)
+    if chosen := lens.choose(source, replace(options, film_width_mm=film), width, height):
+        info = chosen.lens.info(**chosen.setting, **chosen.frame, field_rows=2)
+        return info["e0_sr"] * np.array(profile.amperes_per_unit(bands)), info["fnumber"]
+    fnumber = options.fnumber or source.fnumber
+    if not fnumber:
+        return None, None
+    return np.array(profile.amperes_per_unit(bands, "radiance", fnumber=fnumber)), fnumber
+
+
+def _spread(values: np.ndarray | None) -> dict[str, float] | None:
+    if values is None or not values.size:
+        return None
+    return {name: float(f"{np.percentile(values, p):.4g}") for name, p in PERCENT.items()}

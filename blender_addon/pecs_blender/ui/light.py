@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How bright the scene is, by a probe render of a second: lux, photocurrent, corner; and the light scale for wanted
+lux."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+from bpy.props import FloatProperty
+
+from ..core.brightness import light_rows
+from . import background, operators, paths
+from .panel import Sub
+from .words import wrapped
+
+DIM_HZ = 100.0  # a corner below it smears what moves
+
+
+class _State:
+    found: dict[str, dict[str, Any]] = {}  # by the scene's name
+
+
+state = _State()
+
+
+class PecsLight(bpy.types.PropertyGroup):
+    wanted_lux: FloatProperty(
+        name="Wanted (lux)",
+        default=500,
+        min=1e-3,
+        soft_max=1e5,
+        precision=1,
+        description="On the median surface in view: 1 is a street at night, 100 a corridor, 500 an office, 10,000 an "
+        "overcast sky, 100,000 the sun",
+    )
+
+
+class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
+    """Say how many lux fall on what the camera sees, and what photocurrent and corner the chip has of it"""
+
+    bl_idname = "pecs.probe_light"
+    bl_label = "Probe light"
+
+    @staticmethod
+    def job(context) -> background.Job:
+        scene = context.scene
+        name = scene.name
+
+        def done(job: background.Job) -> str:
+            found = json.loads(job.answer[-1])
+            state.found[name] = found
+            what, value = light_rows(found)[0]
+            return f"{what[0].upper()}{what[1:]}: {value}"
+
+        command = operators.blender(scene, "light", None, "--json")
+        return background.Job("Probe light", command, paths.stack(scene), done, for_file=True)
+
+
+class PECS_OT_set_lux(bpy.types.Operator):
+    """Set the light scale so that the wanted light falls on what the camera sees"""
+
+    bl_idname = "pecs.set_lux"
+    bl_label = "Set the light scale"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        found = state.found.get(context.scene.name)
+        cls.poll_message_set("Probe the light first" if not found else "The probe found no lit surface in view")
+        return bool(found and found["lux"] and found["lux"]["median"] > 0)
+
+    def execute(self, context):
+        found = state.found[context.scene.name]
+        wanted = context.scene.pecs_light.wanted_lux
+        context.scene.pecs.light_scale = found["light_scale"] * wanted / found["lux"]["median"]
+        return {"FINISHED"}
+
+
+class PECS_PT_probe(Sub, bpy.types.Panel):
+    bl_label = "How bright"
+    bl_parent_id = "PECS_PT_light"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.operator("pecs.probe_light", icon="LIGHT_SUN")
+        if found := state.found.get(scene.name):
+            scale = s.light_scale / found["light_scale"]
+            column = layout.column(align=True)
+            for what, value in light_rows(found, scale):
+                wrapped(column, f"{what[0].upper()}{what[1:]}: {value}")
+            corner = found["corner_hz"]
+            if corner and 0 < corner["median"] * scale < DIM_HZ:
+                wrapped(layout, "Dim: the photoreceptor is slow, and smears what moves", "INFO")
+        row = layout.row(align=True)
+        row.prop(scene.pecs_light, "wanted_lux")
+        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
+
+
+CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux, PECS_PT_probe)
+
+
+@bpy.app.handlers.persistent
+def _forget(*_) -> None:
+    """Another file is opened."""
+    state.found.clear()
+
+
+def register() -> None:
+    bpy.types.Scene.pecs_light = bpy.props.PointerProperty(type=PecsLight)
+    bpy.app.handlers.load_pre.append(_forget)
+
+
+def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(_forget)
+    del bpy.types.Scene.pecs_light
