@@ -7,6 +7,7 @@
 #   scripts/check.sh tsan           data races: lens, compare and sensor tests, with a oneTBB built for it from Debian's
 #                                   source package
 #   scripts/check.sh tidy           clang-tidy over all C++ sources; .clang-tidy says which checks, and why not the others
+#   scripts/check.sh docs           the documentation site with warnings as errors, and its links: scripts/docs.sh
 #   scripts/check.sh fuzz [SECONDS] every fuzzer for so many seconds: scripts/fuzz.sh
 source "$(dirname "$0")/lib.sh"
 CHECK=${1:-} OPTION=${2:-}
@@ -94,10 +95,11 @@ case "$CHECK $OPTION" in
   "asan " | "asan --fast") scripts/setup.sh --tests; check_asan ;;
   "tsan ") scripts/setup.sh --tests; check_tsan ;;
   "tidy ") scripts/setup.sh --tests; check_tidy ;;
+  "docs ") exec scripts/docs.sh ;;
   fuzz*)
     debian_packages clang-16 libclang-rt-16-dev llvm-16
     exec scripts/fuzz.sh "${@:2}"
     ;;
-  *) die "check.sh: got ${*:-nothing}, wanted asan [--fast], tsan, tidy or fuzz [SECONDS]" 2 ;;
+  *) die "check.sh: got ${*:-nothing}, wanted asan [--fast], tsan, tidy, docs or fuzz [SECONDS]" 2 ;;
 esac
 say "$CHECK: nothing found"
