@@ -10,6 +10,7 @@ import bpy
 from ..core.errors import BAD_INPUT, NOT_FOUND, UNSUPPORTED, RenderError, bad_input
 from ..core.spectra import Spectrum
 from . import cycles
+from .needs import missing_files, python_drivers
 from .source import Source
 
 
@@ -29,9 +30,10 @@ class BlendScene(Source):
         if bpy.context.window:
             bpy.context.window.scene = self.scene
         self.folder = path.absolute().parent
-        if not allow_scripts:
-            _refuse_scripts(path)
-        _refuse_missing(path)
+        for driver in () if allow_scripts else python_drivers():
+            raise RenderError(UNSUPPORTED, f"{path}: {driver}, wanted --allow-scripts to run it")
+        for missing in missing_files():
+            raise RenderError(NOT_FOUND, f"{path}: {missing}")
         if not self.scene.camera:
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
         if self.scene.frame_end < self.scene.frame_start:
@@ -86,34 +88,3 @@ class BlendScene(Source):
     def radiance_per_unit(self, spectral) -> float:
         """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over its table."""
         return self._illuminant.luminous() / self._illuminant.power()
-
-
-def _refuse_scripts(path: Path) -> None:
-    for block in _all_ids():
-        for holder in (block, getattr(block, "node_tree", None), getattr(block, "shape_keys", None)):
-            for curve in getattr(getattr(holder, "animation_data", None), "drivers", ()):
-                driver = curve.driver
-                if driver.type == "SCRIPTED" and not driver.is_simple_expression:
-                    raise RenderError(
-                        UNSUPPORTED,
-                        f"{path}: {block.name}: {curve.data_path}: got a Python driver {driver.expression!r}, "
-                        "wanted --allow-scripts to run it",
-                    )
-
-
-def _refuse_missing(path: Path) -> None:
-    for library in bpy.data.libraries:
-        if not Path(bpy.path.abspath(library.filepath)).is_file():
-            raise RenderError(NOT_FOUND, f"{path}: library {library.filepath}: no such file")
-    for image in bpy.data.images:
-        if image.source in ("FILE", "SEQUENCE", "MOVIE") and image.users and not image.packed_file:
-            if image.filepath and not Path(bpy.path.abspath(image.filepath, library=image.library)).is_file():
-                raise RenderError(NOT_FOUND, f"{path}: image {image.name!r}: {image.filepath}: no such file")
-
-
-def _all_ids():
-    for prop in bpy.data.bl_rna.properties:
-        if prop.type == "COLLECTION":
-            for block in getattr(bpy.data, prop.identifier):
-                if isinstance(block, bpy.types.ID):
-                    yield block

@@ -191,7 +191,7 @@ class SpectralScene:
             elif socket.name == "IOR" and node.bl_idname in REFRACTIVE and named.glass is not None:
                 _unlink(tree, socket)
                 self._glasses.append((socket, glass(named.glass, socket.default_value)))
-        self._note(node, named)
+        self.approximated += beyond_reach(node, named.owner.name)
 
     def _role(self, key, named) -> ColourRole:
         if key in EMISSION:
@@ -282,19 +282,6 @@ class SpectralScene:
         self.emitters.add(s)
         return s.source
 
-    def _note(self, node, named) -> None:
-        """What the matrix cannot reach."""
-        place = f"{named.owner.name}: {node.name}"
-        if node.bl_idname == "ShaderNodeVolumePrincipled" and (
-            node.inputs["Blackbody Intensity"].default_value > 0 or node.inputs["Blackbody Intensity"].is_linked
-        ):
-            self.approximated.append(f"{place}: blackbody of a principled volume: RGB taken as bands")
-        if node.bl_idname == "ShaderNodeBsdfHairPrincipled" and node.parametrization == "MELANIN":
-            self.approximated.append(f"{place}: melanin: RGB taken as bands")
-        film = node.inputs.get("Thin Film Thickness")
-        if film and (film.default_value > 0 or film.is_linked):
-            self.approximated.append(f"{place}: thin film: RGB taken as bands")
-
 
 @dataclass(frozen=True)
 class _Named:
@@ -309,6 +296,21 @@ class _Named:
     @property
     def differs(self) -> bool:
         return bool(self.reflectance or self.emission or self.glass is not None or self.filters)
+
+
+def beyond_reach(node, owner: str) -> list[str]:
+    """What the matrix cannot reach in a shader node."""
+    kinds = []
+    if node.bl_idname == "ShaderNodeVolumePrincipled":
+        blackbody = node.inputs["Blackbody Intensity"]
+        if blackbody.default_value > 0 or blackbody.is_linked:
+            kinds.append("blackbody of a principled volume")
+    if node.bl_idname == "ShaderNodeBsdfHairPrincipled" and node.parametrization == "MELANIN":
+        kinds.append("melanin")
+    film = node.inputs.get("Thin Film Thickness")
+    if film and (film.default_value > 0 or film.is_linked):
+        kinds.append("thin film")
+    return [f"{owner}: {node.name}: {kind}: RGB taken as bands" for kind in kinds]
 
 
 def _unlink(tree, socket) -> None:

@@ -21,6 +21,7 @@ from . import (
     panel_spectra,
     preferences,
     presets,
+    scene_checks,
     sensor_settings,
     settings,
 )
@@ -43,6 +44,7 @@ _MODULES = (
     menus,
     camera_setup,
     light,
+    scene_checks,
     live,
 )
 

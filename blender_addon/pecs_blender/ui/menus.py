@@ -16,7 +16,7 @@ class PECS_MT_render(bpy.types.Menu):
         for name in ("run", "render", "sense"):
             layout.operator(f"pecs.{name}")
         layout.separator()
-        for name in ("probe_light", "plan", "preview", "stop"):
+        for name in ("check_scene", "probe_light", "plan", "preview", "stop"):
             layout.operator(f"pecs.{name}")
         layout.separator()
         for kind, (label, _) in event_operators.KINDS.items():
