@@ -25,7 +25,7 @@ from .source import FLIP
 CHIEF_RAYS = """
 shader chief_rays(output point position = 0, output vector direction = 0, output color throughput = 1) {{
   vector raster = camera_shader_raster_position();
-  color d = texture("{path}", raster[0], 1 - raster[1], "interp", "closest");
+  color d = texture("{path}", raster[0], 0.5 * (1 - raster[1]), "interp", "closest");
   direction = vector(d[0], d[1], d[2]);
 }}
 """
@@ -63,7 +63,9 @@ class Sight:
             self._field = self._lens_field()
             seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; no chief ray, no surface
             path = scratch / f"{name}.exr"
-            cycles.save_picture(seen.astype(np.float32), path, job.source.scene)
+            # Twice, the second one upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
+            both = np.concatenate([seen, seen[::-1]])
+            cycles.save_picture(both.astype(np.float32), path, job.source.scene)
             self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), scratch)
         else:
             self._camera = bpy.data.objects.new(name, job.source.scene.camera.data)
