@@ -19,12 +19,16 @@ def light_rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str
     rows = []
     for name, what, unit, factor in _LINES:
         if spread := found[name]:
-            middle, low, high = (f"{spread[key] * factor * scale:,.3g}" for key in ("median", "p5", "p95"))
+            middle, low, high = (_number(spread[key] * factor * scale) for key in ("median", "p5", "p95"))
             rows.append((what, f"{middle} {unit} ({low} to {high})"))
         else:
             missing = "no surface in view scatters any" if name == "lux" else "the camera has no f-number: --fnumber"
             rows.append((what, missing))
     return rows
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def light_words(found: dict[str, Any]) -> str:

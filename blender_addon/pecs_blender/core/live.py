@@ -117,7 +117,7 @@ class LiveSensor:
             self._keep_times(events)
         if dt_s > 0:
             share = -np.expm1(-dt_s / RATE_S)
-            self.rate_hz += share * (len(events) / dt_s - self.rate_hz)
+            self.rate_hz += float(share * (len(events) / dt_s - self.rate_hz))
         if self.recording:
             self._record(events)
         return events

@@ -209,6 +209,7 @@ class PECS_OT_restore_camera(bpy.types.Operator):
 
 class PECS_PT_camera(Sub, bpy.types.Panel):
     bl_label = "Event camera"
+    bl_order = -1  # what one begins with
 
     def fill(self, layout, scene, s) -> None:
         row = layout.row(align=True)

@@ -159,7 +159,14 @@ def _stop(*_) -> None:
     live_view.end(state.view)
 
 
+def _in_view_menu(self, _context) -> None:
+    """And so F3."""
+    self.layout.separator()
+    self.layout.operator("pecs.live")
+
+
 def register() -> None:
+    bpy.types.VIEW3D_MT_view.append(_in_view_menu)
     bpy.types.Scene.pecs_live = PointerProperty(type=PecsLive)
     bpy.app.handlers.load_pre.append(_stop)
 
@@ -167,4 +174,5 @@ def register() -> None:
 def unregister() -> None:
     _stop()
     bpy.app.handlers.load_pre.remove(_stop)
+    bpy.types.VIEW3D_MT_view.remove(_in_view_menu)
     del bpy.types.Scene.pecs_live

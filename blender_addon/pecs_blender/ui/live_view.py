@@ -151,13 +151,15 @@ class LiveView:
             frame_s = scene.render.fps_base / scene.render.fps
             count = live.instants_that_fit(scene.pecs_live.instants, self.cost.one_picture_s(), frame_s)
         self._instants = count
-        frame = scene.frame_current_final
+        frame, subframe = scene.frame_current, scene.frame_subframe
         self._taking = True
         try:
-            for k in range(1, count + 1):
-                if count > 1:
-                    at = frame - step.frames * (1 - k / count)
+            for left in range(count - 1, -1, -1):
+                at = frame + subframe - step.frames * left / count
+                if left:
                     scene.frame_set(int(at // 1), subframe=at % 1)
+                elif count > 1:
+                    scene.frame_set(frame, subframe=subframe)  # exactly: the animation goes on from here
                 self._push(self._picture(window, region, space), step.dt_s / count)
         finally:
             self._taking = False

@@ -1,6 +1,7 @@
-"""docs/start/live_view.png and live_view.mp4: Blender's window with the live view over a playing animation.
+"""Pictures of the 3-D viewport for the docs: docs/start/live_view.png and live_view.mp4 (the live view over a playing
+animation), docs/reference/field_of_view.png (a lens's field and its plane in focus).
 
-blender --factory-startup --python scripts/live_view_video.py -- FOLDER    (the extension installed, ImageMagick, X)
+blender --factory-startup --python scripts/viewport_pictures.py -- FOLDER  (the extension installed, ImageMagick, X)
 
 Every frame is waited for, then the screen's picture taken, so it needs no fast computer; the video plays at the
 scene's speed. It ends Blender.
@@ -41,21 +42,52 @@ def build() -> None:
     bpy.ops.object.select_all(action="DESELECT")
 
 
+def viewport():
+    """Window, area, region and space."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    return window, area, next(r for r in area.regions if r.type == "WINDOW"), area.spaces.active
+
+
+def in_viewport():
+    window, area, region, space = viewport()
+    return bpy.context.temp_override(window=window, area=area, region=region, space_data=space)
+
+
+def take_picture(name: str) -> None:
+    window, area, *_ = viewport()
+    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+    crop = f"{area.width & ~1}x{area.height & ~1}+{area.x}+{window.height - area.y - area.height}"
+    subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", FOLDER / name], check=True)
+
+
 def start() -> None:
     if not hasattr(bpy.types.Scene, "pecs_live"):
         ui.register()
     build()
-    live.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
-    scene, window = bpy.context.scene, bpy.context.window_manager.windows[0]
-    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
-    region, space = next(r for r in area.regions if r.type == "WINDOW"), area.spaces.active
-    space.show_region_ui, space.overlay.show_floor = True, False
-    space.shading.color_type = "RANDOM"
-    scene.pecs_live.decay_ms, scene.pecs_live.instants = 60, 4
     bpy.context.preferences.system.viewport_aa = "FXAA"
-    with bpy.context.temp_override(window=window, area=area, region=region, space_data=space):
+    scene, space = bpy.context.scene, viewport()[3]
+    space.overlay.show_floor, space.shading.color_type = False, "RANDOM"
+    scene.camera.select_set(True)
+    bpy.context.view_layer.objects.active = scene.camera
+    with in_viewport():
+        bpy.ops.pecs.setup_camera(lens="cmount_12p5mm_f2p8", chip="imx636", focus=8.0)
+    viewport()[1].tag_redraw()  # asks for the field
+    bpy.app.timers.register(field, first_interval=5)
+
+
+def field() -> None:
+    take_picture("field_of_view.png")
+    scene, space = bpy.context.scene, viewport()[3]
+    with in_viewport():
+        bpy.ops.pecs.restore_camera()
+        bpy.ops.object.select_all(action="DESELECT")
+        scene.pecs_camera.show_field = False
         bpy.ops.view3d.view_camera()
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = 16, (0.09, 0.0)
+        space.show_region_ui = True
+        scene.pecs_live.decay_ms, scene.pecs_live.instants = 60, 4
+        live.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
         bpy.ops.pecs.live()
         bpy.ops.screen.animation_play()
     bpy.app.timers.register(next_frame, first_interval=1)
@@ -66,19 +98,14 @@ seen = []
 
 def next_frame() -> float | None:
     view = live_view.state.view
-    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
-    tab = next(r for r in area.regions if r.type == "UI")
+    tab = next(r for r in viewport()[1].regions if r.type == "UI")
     if tab.active_panel_category != "PECS":
         tab.active_panel_category = "PECS"
     if len(seen) < FRAMES + FIRST:
         if view and view.sensor.known_s not in seen:
             seen.append(view.sensor.known_s)
-            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-            name = FOLDER / f"live_{len(seen) - FIRST:04d}.png"
-            window = bpy.context.window_manager.windows[0]
-            crop = f"{area.width & ~1}x{area.height & ~1}+{area.x}+{window.height - area.y - area.height}"
             if len(seen) > FIRST:
-                subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", name], check=True)
+                take_picture(f"live_{len(seen) - FIRST:04d}.png")
         return 0.001
     live_view.end(view)
     encode()
@@ -90,16 +117,16 @@ def encode() -> None:
     """The pictures as H.264, by Blender's own FFmpeg; one of them as the page's picture."""
     pictures = sorted(FOLDER.glob("live_0*.png"))
     scene = bpy.data.scenes.new("video")
-    editor = scene.sequence_editor_create()
-    strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # the name until Blender 5.0
-    strip = strips.new_image("live", str(pictures[0]), 1, 1)
-    for picture in pictures[1:]:
-        strip.elements.append(picture.name)
-    scene.frame_end = strip.frame_final_duration = len(pictures)
     render = scene.render
     size = bpy.data.images.load(str(pictures[0])).size
     render.resolution_x, render.resolution_y = (int(SMALLER * n) // 2 * 2 for n in size)
     render.resolution_percentage = 100
+    editor = scene.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # the name until Blender 5.0
+    strip = strips.new_image("live", str(pictures[0]), 1, 1, fit_method="FIT")
+    for picture in pictures[1:]:
+        strip.elements.append(picture.name)
+    scene.frame_end = strip.frame_final_duration = len(pictures)
     scene.view_settings.view_transform = "Standard"
     if hasattr(render.image_settings, "media_type"):  # from Blender 5.0 on
         render.image_settings.media_type = "VIDEO"
@@ -113,5 +140,5 @@ def encode() -> None:
         picture.unlink()
 
 
-bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.view.show_splash = bpy.context.preferences.view.show_playback_fps = False
 bpy.app.timers.register(start, first_interval=2)
