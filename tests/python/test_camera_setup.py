@@ -10,7 +10,7 @@ import pytest
 pecs = pytest.importorskip("pecs")
 from pecs_blender.core import field  # noqa: E402
 
-LAB = field.Setting("pecs_lab_15mm", 1.5, None, 6.2208, 1280, 720)
+LAB = field.Setting("pecs_lab_15mm", 0, 1.5, None, 6.2208, 1280, 720)
 
 
 def test_the_field_is_that_of_the_lens():
@@ -31,7 +31,7 @@ def test_the_field_is_that_of_the_lens():
 
 def test_a_stop_that_the_lens_has_not_is_refused_in_words():
     with pytest.raises(pecs.PecsError, match="f-number: got 2"):
-        field.field(field.Setting("pecs_lab_15mm", 1.5, 2.0, 6.2208, 1280, 720))
+        field.field(field.Setting("pecs_lab_15mm", 0, 1.5, 2.0, 6.2208, 1280, 720))
 
 
 BLENDER = """
@@ -99,6 +99,11 @@ bpy.context.view_layer.update()
 scene.pecs_camera.focus_object = cube  # behind the camera
 assert abs(s.focus_m - 5) < 1e-5
 scene.unit_settings.scale_length = 1
+
+# Another object may be what the scene is seen from; it is no camera.
+scene.camera = cube
+assert not bpy.ops.pecs.setup_camera.poll() and not bpy.ops.pecs.restore_camera.poll()
+scene.camera = added
 
 # The frustum: the thread finds it, its border lies at the distance asked for.
 wanted = frustum.setting(scene)

@@ -14,9 +14,10 @@ SIDE = 12  # steps along a side of the film
 
 @dataclass(frozen=True)
 class Setting:
-    """A lens on a film. focus_m, fnumber: None as for pecs.Lens."""
+    """A lens on a film. version: of its file. focus_m, fnumber: None as for pecs.Lens."""
 
     lens: str
+    version: int
     focus_m: float | None
     fnumber: float | None
     film_width_mm: float

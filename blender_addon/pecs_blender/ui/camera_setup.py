@@ -24,6 +24,11 @@ OF_PECS = ("lens", "chip", "focus_m", "fnumber", "film_width_mm")
 NO_CHIP_SIZE = (346, 260)
 
 
+def _camera(scene):
+    """Not another object that the scene is seen from."""
+    return scene.camera if scene.camera and scene.camera.type == "CAMERA" else None
+
+
 def _groups(scene, camera) -> dict[str, tuple]:
     return {
         "camera": (camera, OF_CAMERA),
@@ -50,8 +55,8 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     found = None
     if settings.has_lens(s):
         fnumber = settings.plain(s.fnumber) or None
-        lens = library.find("lens", s.lens)
-        found = field.field(field.Setting(lens, settings.focus_m(scene), fnumber, film_mm, width, height))
+        focus_m, lens = settings.focus_m(scene), library.version("lens", s.lens)
+        found = field.field(field.Setting(*lens, focus_m, fnumber, film_mm, width, height))
     if BEFORE not in camera:
         camera[BEFORE] = before
 
@@ -156,7 +161,7 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
     @classmethod
     def poll(cls, context) -> bool:
         cls.poll_message_set("The scene has no camera: Add > Camera > Event Camera makes one")
-        return context.scene.camera is not None
+        return _camera(context.scene) is not None
 
     def execute(self, context):
         return self.done(context, context.scene.camera)
@@ -199,7 +204,7 @@ class PECS_OT_restore_camera(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
-        camera = context.scene.camera
+        camera = _camera(context.scene)
         return camera is not None and BEFORE in camera.data
 
     def execute(self, context):

@@ -26,7 +26,7 @@ def setting(scene) -> field.Setting | None:
         return None
     focus_m, fnumber = (settings.plain(v) if v else None for v in (settings.focus_m(scene), s.fnumber))
     film_width_mm = settings.plain(settings.film_mm(scene)[0])
-    return field.Setting(library.find("lens", s.lens), focus_m, fnumber, film_width_mm, *settings.size(scene))
+    return field.Setting(*library.version("lens", s.lens), focus_m, fnumber, film_width_mm, *settings.size(scene))
 
 
 class Fields:

@@ -56,15 +56,15 @@ def find(kind: str, name: str) -> str:
 
 def chip(name: str) -> Chip:
     """Raises pecs.PecsError."""
-    return _chip(*_version("chip", name))
+    return _chip(*version("chip", name))
 
 
 def lens_info(name: str, **setting: float | None) -> dict[str, Any]:
     """As pecs.Lens.info; raises pecs.PecsError."""
-    return _lens_info(*_version("lens", name), tuple(sorted(setting.items())))
+    return _lens_info(*version("lens", name), tuple(sorted(setting.items())))
 
 
-def _version(kind: str, name: str) -> tuple[str, int]:
+def version(kind: str, name: str) -> tuple[str, int]:
     """A file that has changed, or has gone, is read anew."""
     path = find(kind, name)
     try:

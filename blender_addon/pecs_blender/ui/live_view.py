@@ -22,6 +22,7 @@ from . import library, live_draw
 
 BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
 FADED = 4  # decay times after which nothing is left to see
+MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
 DRAWS_OFFSCREEN = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
 MOST_FRAMES = 4  # of a step that sub-instants may divide
 WORDS = "PECS live preview: relative light, no spectrum, no lens"
@@ -50,7 +51,6 @@ class LiveView:
 
     def __init__(self, context) -> None:
         self._space = context.space_data.as_pointer()
-        self.message = ""
         self.cost = Cost()
         self._instants = 1
         self._pictures: deque[float] = deque(maxlen=30)  # when they came, s
@@ -59,6 +59,7 @@ class LiveView:
         self._changed_s = time.perf_counter()
         self._drawn: tuple | None = None  # clock and rectangle of the viewport's last redraw
         self._gpu: _Gpu | None = None
+        self.sensor: live.LiveSensor | None = None
         self.settings(context.scene)
         add = bpy.types.SpaceView3D.draw_handler_add
         self._handles = [add(self._before_view, (), "WINDOW", "PRE_VIEW"), add(self._draw, (), "WINDOW", "POST_PIXEL")]
@@ -74,16 +75,15 @@ class LiveView:
             (live.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
         )
         sensor = live.LiveSensor(s.width, s.height, chip, threshold)
-        if hasattr(self, "sensor"):
+        if self.sensor:
             self.sensor.close()
         self.sensor, self.clock, self._light = sensor, live.Clock(), None
         if self._gpu:
             self._gpu.free()
         self._gpu, self._changed = None, True
 
-    def stop(self, message: str = "") -> None:
+    def stop(self) -> None:
         """Nothing stays behind. Also where the view or its file has gone."""
-        self.message = message
         for handle in self._handles:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         for handlers in _changes():
@@ -283,9 +283,6 @@ class LiveView:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
-MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
-
-
 class _Gpu:
     """What lives on the GPU, and the memory that it shares with NumPy."""
 
@@ -353,7 +350,7 @@ def end(view: LiveView | None, message: str = "") -> None:
     if not view or state.view is not view:
         return
     state.view, state.message = None, message
-    view.stop(message)
+    view.stop()
 
 
 def record(view: LiveView, path: Path) -> None:
