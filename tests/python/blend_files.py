@@ -245,12 +245,17 @@ def drivers():
     thing.location.x = 1
     thing.keyframe_insert("location", frame=10)
     scene.render.use_motion_blur = True
-    if hasattr(scene, "use_nodes"):
+    if hasattr(scene, "node_tree"):
         scene.use_nodes = True
         tree = scene.node_tree
-        invert = tree.nodes.new("CompositorNodeInvert")
-        tree.links.new(tree.nodes["Render Layers"].outputs[0], invert.inputs["Color"])
-        tree.links.new(invert.outputs[0], tree.nodes["Composite"].inputs[0])
+        layers, out = tree.nodes["Render Layers"], tree.nodes["Composite"]
+    else:  # Blender 5
+        tree = scene.compositing_node_group = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
+        tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        layers, out = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("NodeGroupOutput")
+    invert = tree.nodes.new("CompositorNodeInvert")
+    tree.links.new(layers.outputs[0], invert.inputs["Color"])
+    tree.links.new(invert.outputs[0], out.inputs[0])
     floor()
     scene.frame_set(4)
 
