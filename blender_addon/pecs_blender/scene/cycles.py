@@ -248,6 +248,10 @@ def _engine_results(look: Callable | None, renders: bool):
         raise errors[0]
 
 
+# Blender 4.5's names of passes, as 5 has them.
+_NEW_NAMES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color"}
+
+
 def _passes_by_name(result):
     size = result.resolution_y, result.resolution_x
     for layer in result.layers:
@@ -257,7 +261,7 @@ def _passes_by_name(result):
         for p in layer.passes:
             count = p.channels * size[0] * size[1]
             picture, values = values[:count].reshape(*size, p.channels), values[count:]
-            passes[p.name] = np.ascontiguousarray(picture[::-1].transpose(2, 0, 1))
+            passes[_NEW_NAMES.get(p.name, p.name)] = np.ascontiguousarray(picture[::-1].transpose(2, 0, 1))
         yield passes
 
 

@@ -86,7 +86,7 @@ def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.nda
     """Per light scale: illuminance [lux] of the pixels that scatter light, and luminance [cd/m^2] of all."""
     norm = spectral.emitters.norm
     weights = [illuminance_lux(cycles.interpolated(METER_NM, one), norm) for one in np.eye(len(METER_NM))]
-    names = "Combined", "DiffDir", "DiffInd", "DiffCol"
+    names = "Combined", "Diffuse Direct", "Diffuse Indirect", "Diffuse Color"
     layer = scene.view_layers[0]
     wanted = dict.fromkeys(("use_pass_diffuse_direct", "use_pass_diffuse_indirect", "use_pass_diffuse_color"), True)
     luminance = white = colour = 0.0

@@ -49,7 +49,7 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         name = scene.name
 
         def done(job: background.Job) -> str:
-            found = json.loads(job.answer[-1])
+            found = json.loads(next(line for line in job.answer if line.startswith("{")))  # Blender speaks, too
             state.found[name] = found
             what, value = light_rows(found)[0]
             return f"{what[0].upper()}{what[1:]}: {value}"
