@@ -22,11 +22,17 @@ def check_disk(folder: Path, values: int) -> None:
         place = place.parent
     if not place.is_dir():
         return  # the writer says what is wrong with it
-    free, wanted = shutil.disk_usage(place).free, values * BYTES_PER_VALUE
-    if free < wanted:
+    disk, wanted = shutil.disk_usage(place), values * BYTES_PER_VALUE
+    if disk.total and disk.free < wanted:  # /proc has none: the writer says what is wrong with it, too
         raise RenderError(
-            BAD_OUTPUT, f"{folder}: disk: got {free / 1e6:.1f} MB free, wanted {wanted / 1e6:.1f} MB for all frames"
+            BAD_OUTPUT, f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(wanted)} for all frames"
         )
+
+
+def readable(size_bytes: float) -> str:
+    """In the unit that one reads best."""
+    unit, factor = next(((u, f) for u, f in (("TB", 1e12), ("GB", 1e9)) if size_bytes >= f), ("MB", 1e6))
+    return f"{size_bytes / factor:.3g} {unit}"
 
 
 def resident_mb() -> float:

@@ -14,7 +14,7 @@ import bpy
 
 from ..core.errors import RenderError
 from ..core.plan import MAX_INSTANTS
-from ..core.resources import BYTES_PER_VALUE
+from ..core.resources import BYTES_PER_VALUE, readable
 from ..core.spectra import spectrum
 from . import library, paths, sensor_settings, settings
 
@@ -107,7 +107,7 @@ def _of_output(scene) -> Iterator[Problem]:
     wanted = settings.instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
     free = shutil.disk_usage(_there(folder)).free
     if wanted > free:
-        text = f"Up to {wanted / 1e9:,.0f} GB, and {free / 1e9:,.0f} GB are free"
+        text = f"Up to {readable(wanted)}, and {readable(free)} are free"
         yield Problem(text, is_error=scene.pecs.time == "uniform")
 
 

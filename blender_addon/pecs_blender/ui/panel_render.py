@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.resources import BYTES_PER_VALUE
+from ..core.resources import BYTES_PER_VALUE, readable
 from . import paths, settings
 from .panel import Sub
 
@@ -87,11 +87,6 @@ class PECS_PT_stack(Sub, bpy.types.Panel):
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
         layout.operator("pecs.render", icon="RENDER_STILL")
-
-
-def readable(size_bytes: float) -> str:
-    unit, factor = next(((u, f) for u, f in (("TB", 1e12), ("GB", 1e9)) if size_bytes >= f), ("MB", 1e6))
-    return f"{size_bytes / factor:.3g} {unit}"
 
 
 CLASSES = (PECS_PT_lens, PECS_PT_light, PECS_PT_light_more, PECS_PT_time, PECS_PT_stack)

@@ -23,9 +23,12 @@ from .sensor_settings import PecsSensor
 
 # Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
 SHOWN = {
-    "focus_m": ("Focus", {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH"}),
-    "fnumber": ("f-number", {}),
-    "film_width_mm": ("Film width (mm)", {"precision": 4}),
+    "focus_m": (
+        "Focus",
+        {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH", "description": "What is sharp; 0: infinity"},
+    ),
+    "fnumber": ("f-number", {"description": "Of the lens; 0: wide open"}),
+    "film_width_mm": ("Film width (mm)", {"precision": 4, "description": "Of the lens camera; 0: the chip's"}),
     "film_shift_mm": ("Film shift (mm)", {"size": 2, "precision": 3}),
     "bands": ("Bands", {}),
     "bands_per_pass": ("Bands in a pass", {}),
@@ -33,7 +36,13 @@ SHOWN = {
     "min_nm": ("Shortest wavelength (nm)", {}),
     "max_nm": ("Longest wavelength (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
-    "illuminant": ("Lamps' spectrum", {"search": library.search(library.spectra)}),
+    "illuminant": (
+        "Lamps' spectrum",
+        {
+            "search": library.search(library.spectra),
+            "description": "Of lamps and skies that have only a colour: a name, FILE.csv, blackbody:T or daylight:T",
+        },
+    ),
     "light_scale": ("Light scale", {}),
     "samples": ("Samples", {}),
     "noise_target": ("Noise target", {"precision": 3}),
@@ -45,6 +54,12 @@ SHOWN = {
     "time": ("Steps", {}),
     "step_px": ("Most motion (px)", {}),
 }
+_CHOICES = {
+    "gauss": "Quadrature nodes for the chip's response under all lamps together",
+    "strata": "Medians of equal shares of the light",
+    "uniform": "Evenly",
+    "adaptive": "Keyframes, and the motion between them",
+}
 _OF_LENS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
 _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
 
@@ -52,11 +67,15 @@ _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Opt
 def _property(name: str):
     label, more = SHOWN[name]
     rule, default, kind = RULES[name], DEFAULTS[name], _KINDS[name]
-    text = rule.help[0].upper() + rule.help[1:]
+    own_text = more.get("description")
+    text = own_text or rule.help[0].upper() + rule.help[1:]
+    more = {key: value for key, value in more.items() if key != "description"}
     if name == "fnumber":
-        more = more | {"update": _not_wider}
+        more["update"] = _not_wider
     if rule.choices:
-        items = [(str(c), str(c), "") for c in rule.choices]
+        items = [
+            (str(c), str(c).capitalize() if str(c).islower() else str(c), _CHOICES.get(c, "")) for c in rule.choices
+        ]
         return EnumProperty(name=label, items=items, default=str(default), description=text)
     if kind in ("str", "bool"):
         return {"str": StringProperty, "bool": BoolProperty}[kind](
@@ -65,7 +84,7 @@ def _property(name: str):
     low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
     bounds = {"min": low} if low > -math.inf else {}
     bounds |= {"max": rule.high} if rule.high < math.inf else {}
-    text += "; 0: not given" if default is None else ""
+    text += "; 0: not given" if default is None and not own_text else ""
     make = {"int": IntProperty, "float": FloatProperty, "Sequence[float]": FloatVectorProperty}[kind]
     return make(name=label, default=default or 0, description=text, **bounds, **more)
 

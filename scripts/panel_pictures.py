@@ -1,0 +1,169 @@
+"""docs/start/panel_*.png: from the zip to events, in Blender's own window, by the buttons.
+
+    blender --factory-startup --python scripts/panel_pictures.py -- ZIP FOLDER     (X, ImageMagick's `import`)
+
+It installs the zip by Blender's own operator, works in FOLDER, waits for every job, and ends Blender. What it does not
+find as it should be is an error on stderr, and exit code 1.
+"""
+
+import math
+import os
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
+PANEL_PX = 520  # width of the properties editor
+KEPT_PX = 900  # of a picture in the docs
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def area(kind: str):
+    return next(a for a in window().screen.areas if a.type == kind)
+
+
+def over(one, **more):
+    region = next(r for r in one.regions if r.type == "WINDOW")
+    return bpy.context.temp_override(window=window(), area=one, region=region, **more)
+
+
+def press(name: str, **words) -> None:
+    with over(area("PROPERTIES")):
+        done = getattr(bpy.ops.pecs, name)(**words)
+    assert done == {"FINISHED"}, (name, done)
+
+
+def picture(name: str) -> None:
+    """The screen, in few colours: for a page."""
+    path = FOLDER / f"panel_{name}.png"
+    subprocess.run(
+        ["import", "-window", "root", "-resize", f"{KEPT_PX}x", "-colors", "64", "-define", "png:compression-level=9"]
+        + [str(path)],
+        check=True,
+    )
+    assert path.stat().st_size < 150_000, path
+
+
+def scene() -> None:
+    """The cube passes before a floor and turns."""
+    cube, one = bpy.data.objects["Cube"], bpy.context.scene
+    for frame, x, turn in ((1, -2.0, 0.0), (5, 2.0, math.pi / 4)):
+        cube.location.x, cube.rotation_euler.z = x, turn
+        cube.keyframe_insert("location", frame=frame)
+        cube.keyframe_insert("rotation_euler", frame=frame)
+    bpy.ops.mesh.primitive_plane_add(size=30, location=(0, 0, -1))
+    one.frame_set(3)
+
+
+def arrange() -> None:
+    """A properties editor of full height, on the render tab; above it only the view."""
+    for kind in ("OUTLINER", "DOPESHEET_EDITOR"):
+        with bpy.context.temp_override(window=window(), area=area(kind)):
+            bpy.ops.screen.area_close()
+    one = area("PROPERTIES")
+    with bpy.context.temp_override(window=window(), area=one):
+        bpy.ops.screen.area_move(x=one.x - 1, y=one.y + 50, delta=one.width - PANEL_PX)
+    one.spaces.active.context = "RENDER"
+    with over(area("VIEW_3D")):
+        bpy.ops.view3d.view_camera()
+
+
+def state():
+    """The extension's, wherever it is installed."""
+    (module,) = (m for name, m in sys.modules.items() if name.endswith("pecs_blender.ui.background"))
+    return module.state
+
+
+def job_ended():
+    """None while a job runs."""
+    if state().job:
+        return None
+    assert not state().is_error, state().message
+    return state().message
+
+
+def steps():
+    """Yields a test that must be true before it goes on, or seconds."""
+    done = bpy.ops.extensions.package_install_files(
+        repo="user_default", filepath=str(ZIP), enable_on_install=True, overwrite=True
+    )
+    assert done == {"FINISHED"} and hasattr(bpy.types.Scene, "pecs")
+    bpy.context.window_manager.addon_search = "PECS"
+    bpy.ops.screen.userpref_show(section="ADDONS")
+    yield 2
+    picture("1_install")
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+        bpy.ops.wm.window_close()
+    scene()
+    arrange()
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cube.blend"))
+    yield 2
+    picture("2_checks")  # the default scene is larger than the chip
+    press("chip_resolution")
+    s = bpy.context.scene.pecs
+    preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
+    with over(area("PROPERTIES")):
+        bpy.ops.script.execute_preset(filepath=str(preset / "Quick_look.py"), menu_idname="PECS_PT_presets")
+    s.fps, s.frames = 400.0, 60
+    bpy.ops.wm.save_mainfile()
+    yield 2
+    picture("3_ready")
+    press("run")
+    yield lambda: state().job is None or state().job.progress > 0.3
+    yield 2
+    assert state().job, state().message
+    picture("4_running")
+    yield job_ended
+    window().screen.areas  # noqa: B018
+    view = area("VIEW_3D")
+    view.type = "IMAGE_EDITOR"
+    press("view", kind="png")
+    yield job_ended
+    show_panel("PECS_PT_events")
+    yield 2
+    with over(view):
+        bpy.ops.image.view_all(fit_view=True)
+    yield 1
+    picture("5_events")
+    s.sensor.recording = str(FOLDER / "cube.raw")
+    press("compare")
+    yield job_ended
+    yield 2
+    picture("6_compare")
+
+
+def show_panel(_name: str) -> None:
+    """Scrolls the properties editor to its end, where the events are."""
+    one = area("PROPERTIES")
+    region = next(r for r in one.regions if r.type == "WINDOW")
+    with bpy.context.temp_override(window=window(), area=one, region=region):
+        for _ in range(60):
+            bpy.ops.view2d.scroll_down(deltay=-400)
+
+
+def run(script, waiting=None):
+    """A timer's work: goes on when what was waited for is there."""
+    try:
+        if waiting is None or waiting():
+            waiting = next(script)
+            if isinstance(waiting, int):
+                bpy.app.timers.register(lambda: run(script), first_interval=waiting)
+                return None
+        bpy.app.timers.register(lambda: run(script, waiting), first_interval=0.2)
+    except StopIteration:
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+        subprocess.run(["import", "-window", "root", str(FOLDER / "failed.png")])
+        os._exit(1)
+
+
+bpy.context.preferences.view.show_splash = False
+FOLDER.mkdir(parents=True, exist_ok=True)
+bpy.app.timers.register(lambda: run(steps()), first_interval=2)
