@@ -16,8 +16,7 @@ from pathlib import Path
 import bpy
 
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
-PANEL_PX = 520  # width of the properties editor
-KEPT_PX = 900  # of a picture in the docs
+PANEL_PX = 480  # width of the properties editor
 
 
 def window():
@@ -39,14 +38,12 @@ def press(name: str, **words) -> None:
     assert done == {"FINISHED"}, (name, done)
 
 
-def picture(name: str) -> None:
-    """The screen, in few colours: for a page."""
+def picture(name: str, crop: str = "") -> None:
+    """The screen, or a part of it, small enough for a page."""
     path = FOLDER / f"panel_{name}.png"
-    subprocess.run(
-        ["import", "-window", "root", "-resize", f"{KEPT_PX}x", "-colors", "64", "-define", "png:compression-level=9"]
-        + [str(path)],
-        check=True,
-    )
+    words = ["-crop", crop, "+repage"] if crop else []
+    words += ["-define", "png:compression-level=9", str(path)]
+    subprocess.run(["import", "-window", "root", *words], check=True)
     assert path.stat().st_size < 150_000, path
 
 
@@ -62,15 +59,19 @@ def scene() -> None:
 
 
 def arrange() -> None:
-    """A properties editor of full height, on the render tab; above it only the view."""
-    for kind in ("OUTLINER", "DOPESHEET_EDITOR"):
+    """A new properties editor of full height, on the render tab, beside a plain view."""
+    for kind in ("PROPERTIES", "DOPESHEET_EDITOR"):
         with bpy.context.temp_override(window=window(), area=area(kind)):
             bpy.ops.screen.area_close()
-    one = area("PROPERTIES")
+    one = area("OUTLINER")
+    one.type = "PROPERTIES"
     with bpy.context.temp_override(window=window(), area=one):
         bpy.ops.screen.area_move(x=one.x - 1, y=one.y + 50, delta=one.width - PANEL_PX)
     one.spaces.active.context = "RENDER"
-    with over(area("VIEW_3D")):
+    view = area("VIEW_3D")
+    view.spaces.active.overlay.show_overlays = False
+    bpy.context.preferences.themes[0].view_3d.space.gradients.background_type = "SINGLE_COLOR"
+    with over(view):
         bpy.ops.view3d.view_camera()
 
 
@@ -85,7 +86,7 @@ def job_ended():
     if state().job:
         return None
     assert not state().is_error, state().message
-    return state().message
+    return True
 
 
 def steps():
@@ -96,14 +97,17 @@ def steps():
     assert done == {"FINISHED"} and hasattr(bpy.types.Scene, "pecs")
     bpy.context.window_manager.addon_search = "PECS"
     bpy.ops.screen.userpref_show(section="ADDONS")
+    bpy.ops.preferences.addon_expand(module="bl_ext.user_default.pecs_blender")
     yield 2
-    picture("1_install")
+    picture("1_install", "1000x560+100+20")
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
         bpy.ops.wm.window_close()
     scene()
     arrange()
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cube.blend"))
     yield 2
+    scroll(13)  # past those of the render engine
+    yield 1
     picture("2_checks")  # the default scene is larger than the chip
     press("chip_resolution")
     s = bpy.context.scene.pecs
@@ -120,12 +124,11 @@ def steps():
     assert state().job, state().message
     picture("4_running")
     yield job_ended
-    window().screen.areas  # noqa: B018
     view = area("VIEW_3D")
     view.type = "IMAGE_EDITOR"
     press("view", kind="png")
     yield job_ended
-    show_panel("PECS_PT_events")
+    scroll(100)
     yield 2
     with over(view):
         bpy.ops.image.view_all(fit_view=True)
@@ -134,17 +137,17 @@ def steps():
     s.sensor.recording = str(FOLDER / "cube.raw")
     press("compare")
     yield job_ended
-    yield 2
+    yield 1
+    scroll(100)
+    yield 1
     picture("6_compare")
 
 
-def show_panel(_name: str) -> None:
-    """Scrolls the properties editor to its end, where the events are."""
-    one = area("PROPERTIES")
-    region = next(r for r in one.regions if r.type == "WINDOW")
-    with bpy.context.temp_override(window=window(), area=one, region=region):
-        for _ in range(60):
-            bpy.ops.view2d.scroll_down(deltay=-400)
+def scroll(steps: int) -> None:
+    """The properties editor."""
+    with over(area("PROPERTIES")):
+        for _ in range(steps):
+            bpy.ops.view2d.scroll_down()
 
 
 def run(script, waiting=None):

@@ -237,7 +237,7 @@ def busy(folder):
     while job.progress == 0:
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
-    assert any(text.startswith("render ") and " left, " in text for text in drawn()), drawn()
+    assert any(text.startswith("Render ") and " left, " in text for text in drawn()), drawn()
     bpy.ops.pecs.stop()
     assert job.text == "Render stack: stopping"
     message, is_error = ended()

@@ -88,7 +88,8 @@ class Job:
         now = time.monotonic()
         if self._stopping:
             return f"{self.label}: stopping"
-        parts = [f"{self._phase or self.label} {self.progress:.0%}" if self._phase else f"{self.label}: starting"]
+        begun = f"{self._phase.capitalize()} {self.progress:.0%}"
+        parts = [begun if self._phase else f"{self.label}: starting"]
         if self._left_s is not None and self.progress < 1:
             parts.append(f"{clock(self._left_s - (now - self._left_at))} left")
         return ", ".join([*parts, f"{clock(now - self._start)} so far"])
@@ -127,8 +128,8 @@ def poll() -> float | None:
     job = state.job
     if not job:
         return None
-    _redraw()
     code = job.returncode()
+    _redraw(code is not None)
     if code is None:
         return POLL_S
     state.job, state.is_error = None, code != 0 and code not in STOPPED
@@ -156,12 +157,12 @@ def stop_preview(*_) -> None:
         state.job.stop()
 
 
-def _redraw() -> None:
+def _redraw(at_once: bool) -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "PROPERTIES":
                 area.tag_redraw()
-    if time.monotonic() - state.status_at >= STATUS_S:  # it takes the hints of a tool that runs
+    if at_once or time.monotonic() - state.status_at >= STATUS_S:  # it takes the hints of a tool that runs
         state.status_at = time.monotonic()
         for window in bpy.context.window_manager.windows:
             window.workspace.status_text_set_internal(None)  # nothing else draws the status bar anew

@@ -38,6 +38,7 @@ def _in_render_menu(self, _context) -> None:
 def _in_status_bar(self, _context) -> None:
     if job := background.state.job:
         row = self.layout.row(align=True)
+        row.ui_units_x = 16  # wide enough for its words
         row.progress(factor=job.progress, text=job.text)
         row.operator("pecs.stop", icon="CANCEL", text="")
 

@@ -12,6 +12,7 @@ import bpy
 
 from ..core.colour import linear_rgb
 from . import background, checks, paths, sensor_settings, settings
+from .preferences import ROOT
 
 PREVIEW_WIDTH = 320
 PREVIEW_BANDS = ("--bands", "12", "--placement", "uniform", "--min-nm", "400", "--max-nm", "700")  # for the eye
@@ -65,7 +66,8 @@ def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """The command of a verb of cli.py that renders; without output, it answers."""
     command = [sys.executable, "-m", "pecs_blender", verb, bpy.data.filepath]  # the wheel has no program
     if bpy.app.binary_path:
-        command = [bpy.app.binary_path, "--background", bpy.data.filepath, "--command", "pecs", verb]
+        ours = ["--addons", ROOT]  # also where the preferences are not saved yet
+        command = [bpy.app.binary_path, "--background", bpy.data.filepath, *ours, "--command", "pecs", verb]
     return [*command, *(["-o", str(output)] if output else []), *settings.arguments(scene), *words]
 
 

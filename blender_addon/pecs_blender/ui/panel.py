@@ -28,7 +28,6 @@ class PECS_PT_render(bpy.types.Panel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
-    bl_order = -1  # above Cycles' own
 
     def draw_header_preset(self, _context) -> None:
         PECS_PT_presets.draw_panel_header(self.layout)

@@ -45,7 +45,6 @@ class PECS_PT_view(Sub, bpy.types.Panel):
 class PECS_PT_compare(Sub, bpy.types.Panel):
     bl_label = "Compare"
     bl_parent_id = "PECS_PT_events"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s.sensor, "recording")

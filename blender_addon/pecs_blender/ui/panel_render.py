@@ -69,8 +69,9 @@ class PECS_PT_time(Sub, bpy.types.Panel):
         layout.prop(s, "whole_range")
         if not s.whole_range:
             layout.prop(s, "frames")
-        count = settings.instants(scene)
-        layout.label(text=f"{count:,} instants, {count / s.fps * 1e3:.4g} ms, in {s.pass_count} passes each")
+        count, passes = settings.instants(scene), s.pass_count
+        each = "1 pass" if passes == 1 else f"{passes} passes"
+        layout.label(text=f"{count:,} instants, {count / s.fps * 1e3:.4g} ms, {each} each")
 
 
 class PECS_PT_stack(Sub, bpy.types.Panel):

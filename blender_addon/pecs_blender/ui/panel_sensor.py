@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import library, sensor_settings
+from . import library, sensor_settings, settings
 from .panel import Sub
 
 
@@ -20,7 +20,9 @@ class PECS_PT_sensor(Sub, bpy.types.Panel):
             return
         size = f"{chip.width} x {chip.height}" if chip.width else "any number of"
         layout.label(text=f"{size} pixels of {chip.pixel_pitch_m * 1e6:.4g} µm")
-        layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
+        width, height = settings.size(scene)
+        if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
+            layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
         sensor = s.sensor
         for name in ("model", "readout", "seed", "no_noise"):
             layout.prop(sensor, name)
