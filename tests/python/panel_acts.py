@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import bpy
 from blend_parts import ball, floor, lamp, material, start
 from pecs_blender import ui
-from pecs_blender.ui import background, checks, operators, panel, paths, sensor_settings, settings
+from pecs_blender.ui import background, checks, event_operators, operators, panel, paths, sensor_settings, settings
 
 WIDTH, HEIGHT = 32, 18
 
@@ -51,7 +51,7 @@ class Layout:
     def row(self, **words):
         return Layout(self.texts)
 
-    box = column = row
+    box = column = split = row
 
 
 def drawn(context=None):
@@ -132,12 +132,23 @@ def line(folder):
     assert "in the image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
     pressed("view", kind="html")
     assert (folder / "scene.html").stat().st_size > 1000
+    assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
+    event_operators.sequencer_scene = lambda context: context.scene  # as if one were open
+    assert "channel 1" in pressed("view", kind="mp4", to_sequencer=True)
+    assert scene.sequence_editor.strips[0].frame_final_duration > 10
     pressed("report")
     assert (folder / "scene.report.html").stat().st_size > 1000
     sensor.recording = str(events)
     pressed("compare")
-    assert any("0" in text for text in background.state.answer[1])
-    assert background.state.answer[0] == "scene.raw and scene.raw" and set(background.state.answer[1]) <= set(drawn())
+    title, rows = background.state.scores
+    assert title.startswith("scene.raw and scene.raw, ") and dict(rows)["Chamfer"].startswith("0, its halves ")
+    assert {title, dict(rows)["Events"]} <= set(drawn())
+    nothing = {"events": 1, "rate_hz": None, "on_fraction": 1.0, "interval_median_us": None}
+    few = {key: None for key in ("chamfer", "gaussian", "rate_correlation", "map_correlation")}
+    few |= {"real": nothing, "sim": nothing, "split_half": {"chamfer": None, "gaussian": None}}
+    assert ("Events per second", "none and none") in event_operators.score_rows(few)
+    bpy.ops.pecs.close_scores()
+    assert title not in drawn()
     sensor.format = "npz"
     assert paths.events(scene) == folder / "scene.npz"
     # other settings: refused, then beside it

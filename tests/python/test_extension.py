@@ -40,11 +40,13 @@ def extension(root, wheel, tmp_path_factory):
 def test_it_carries_its_libraries(root, extension):
     with zipfile.ZipFile(extension) as archive:
         names = archive.namelist()
+        page = archive.read("manual/panel.html").decode()
         manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
         (wheel,) = manifest["wheels"]
         with zipfile.ZipFile(archive.open(wheel.removeprefix("./"))) as inside:
             libraries = [n for n in inside.namelist() if n.startswith("pecs.libs/")]
     assert "__init__.py" in names and "scene/job.py" in names and not [n for n in names if n.endswith(".pyc")]
+    assert page.count('src="data:image/png;base64,') == 6 and "href=" not in page
     assert manifest["version"] == (root / "VERSION").read_text().strip()
     assert any("OpenEXR" in n for n in libraries) and any("hdf5" in n for n in libraries)
 

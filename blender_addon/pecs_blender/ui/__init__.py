@@ -37,14 +37,14 @@ _MODULES = (
     manual,
     presets,
     panel,
+    camera_setup,
     panel_sensor,
     panel_render,
+    light,
+    scene_checks,
     panel_events,
     panel_spectra,
     menus,
-    camera_setup,
-    light,
-    scene_checks,
     live,
 )
 

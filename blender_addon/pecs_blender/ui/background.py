@@ -20,7 +20,7 @@ import bpy
 POLL_S, STATUS_S = 0.2, 1.0  # between looks, and redraws of the status bar
 STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal, before it was ready for one
 READ_S = 2.0  # for the last words of a process that has ended
-MAX_LINES = 200  # of a program's answer
+MAX_LINES = 10_000  # of a program's answer
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -112,7 +112,7 @@ class _State:
     job: Job | None = None
     message, is_error = "", False  # how the last one ended
     status_at = 0.0  # when the status bar was drawn
-    answer: tuple[str, list[str]] = "", []  # title and lines of the last one that had any
+    scores: tuple[str, list[tuple[str, str]]] = "", []  # of the last comparison: title; label and value
 
 
 state = _State()
@@ -183,4 +183,4 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
     bpy.app.handlers.load_pre.remove(stop_preview)
-    state.job, state.message, state.answer = None, "", ("", [])
+    state.job, state.message, state.scores = None, "", ("", [])

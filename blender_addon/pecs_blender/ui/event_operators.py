@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Buttons that run the program: simulate events, look at them, compare them."""
 
+import json
 import webbrowser
 from pathlib import Path
 
@@ -167,24 +168,52 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
             raise RuntimeError("Recording: got none, wanted an event file")
         window = sensor.compare_ms
         words = ["--window", f"{window:.6g}ms"] if window else []
-        command = _command("compare", *_recording(context.scene), events, *words)
-        return background.Job("Compare", command, events, _keep_answer)
+        command = _command("compare", *_recording(context.scene), events, *words, "--json")
+        return background.Job("Compare", command, events, _keep_scores)
 
 
-def _keep_answer(job: background.Job) -> str:
-    background.state.answer = f"{Path(job.command[2]).name} and {job.output.name}", job.answer
-    return ""
+def _keep_scores(job: background.Job) -> str:
+    scores = json.loads("\n".join(job.answer))
+    title = f"{Path(job.command[2]).name} and {job.output.name}, {scores['window_us'] / 1e3:.4g} ms"
+    background.state.scores = title, score_rows(scores)
+    return "; ".join(scores["warnings"])
 
 
-class PECS_OT_close_answer(bpy.types.Operator):
+def score_rows(scores: dict) -> list[tuple[str, str]]:
+    """What `pecs compare` says, short: the recording's value first."""
+
+    def both(key: str, spec: str) -> str:
+        return " and ".join(_said(scores[which][key], spec) for which in ("real", "sim"))
+
+    def beside_halves(key: str) -> str:
+        return f"{_said(scores[key], '.4g')}, its halves {_said(scores['split_half'][key], '.4g')}"
+
+    return [
+        ("Chamfer", beside_halves("chamfer")),
+        ("Gaussian", beside_halves("gaussian")),
+        ("Events", both("events", ",")),
+        ("Events per second", both("rate_hz", ".4g")),
+        ("ON fraction", both("on_fraction", ".3f")),
+        ("Median interval (µs)", both("interval_median_us", ".4g")),
+        ("Correlation of rates", _said(scores["rate_correlation"], ".3f")),
+        ("Correlation of maps", _said(scores["map_correlation"], ".3f")),
+    ]
+
+
+def _said(value: float | None, spec: str) -> str:
+    """What too few events do not tell is null."""
+    return "none" if value is None else format(value, spec)
+
+
+class PECS_OT_close_scores(bpy.types.Operator):
     """Remove these lines"""
 
-    bl_idname = "pecs.close_answer"
+    bl_idname = "pecs.close_scores"
     bl_label = "Close"
     bl_options = {"INTERNAL"}
 
     def execute(self, _context):
-        background.state.answer = "", []
+        background.state.scores = "", []
         return {"FINISHED"}
 
 
@@ -208,6 +237,6 @@ CLASSES = (
     PECS_OT_view,
     PECS_OT_report,
     PECS_OT_compare,
-    PECS_OT_close_answer,
+    PECS_OT_close_scores,
     PECS_OT_open_folder,
 )

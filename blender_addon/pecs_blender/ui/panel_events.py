@@ -50,15 +50,17 @@ class PECS_PT_compare(Sub, bpy.types.Panel):
         layout.prop(s.sensor, "recording")
         layout.prop(s.sensor, "compare_ms")
         layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
-        title, lines = state.answer
-        if lines:
+        title, rows = state.scores
+        if rows:
             box = layout.box()
             row = box.row()
             row.label(text=title)
-            row.operator("pecs.close_answer", icon="X", text="", emboss=False)
-            column = box.column(align=True)
-            for line in lines:
-                column.label(text=line)
+            row.operator("pecs.close_scores", icon="X", text="", emboss=False)
+            for label, value in rows:
+                split = box.split(factor=0.4)
+                split.scale_y = 0.6
+                split.label(text=label)
+                split.label(text=value)
 
 
 CLASSES = (PECS_PT_events, PECS_PT_view, PECS_PT_compare)
