@@ -212,6 +212,13 @@ def test_every_study_says_date_commit_and_command():
         assert rows, page.name
 
 
+def test_numbers_begin_with_a_digit():
+    """0.25, not .25: the point is easily overlooked."""
+    for page in pages():
+        text = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(page), flags=re.DOTALL)
+        assert not re.findall(r"(?:^|[^\w./])\.\d.*", text), page
+
+
 def test_start_and_concepts_can_be_read():
     done = subprocess.run([sys.executable, ROOT / "scripts/docs_reading.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
