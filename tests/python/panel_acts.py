@@ -213,14 +213,25 @@ def wrong(folder):
     s.illuminant = "moonlight"
     said("moonlight")
     s.illuminant = "d65"
-    s.output = "/proc/pecs"
-    said("/proc: cannot be written") if os.geteuid() else None
     (folder / "file").write_text("")
     s.output = str(folder / "file")
     said("a file, wanted a folder")
     s.output = str(folder / "file/below")
     said("a file, wanted a folder")
+    s.output = "/proc/pecs"  # nobody may, not even root
+    bpy.ops.pecs.render()
+    message, is_error = ended()
+    assert is_error and message.startswith("/proc/pecs") and any("/proc/pecs" in text for text in drawn()), message
     s.output = ""
+    cycles = bpy.context.preferences.addons["cycles"].preferences
+    cycles.compute_device_type = "CUDA"
+    said("Cycles has CUDA in the preferences", is_error=False)
+    s.lens = "pecs_lab_15mm"  # which needs OptiX
+    assert not checks.problems(scene)
+    s.lens = "none"
+    bpy.ops.pecs.use_gpu()
+    assert s.device == "CUDA" and not checks.problems(scene)
+    s.device, cycles.compute_device_type = "CPU", "NONE"
     one = s.sensor.overrides.add()
     one.name, one.value = "contrast_threshold_on", "much"
     assert "got 'much', wanted a number in [0.01, 2]" in checks.sensor_problems(scene)[0].text

@@ -13,6 +13,7 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import RenderError
+from ..core.options import DEVICES
 from ..core.plan import MAX_INSTANTS
 from ..core.resources import BYTES_PER_VALUE, readable
 from ..core.spectra import spectrum
@@ -30,7 +31,8 @@ class Problem:
 
 def problems(scene) -> list[Problem]:
     """Of a render."""
-    return [*_of_scene(scene), *_of_chip(scene), *_of_lens(scene), *_of_light(scene), *_of_output(scene)]
+    parts = (_of_scene, _of_chip, _of_lens, _of_light, _of_output, _of_device)
+    return [one for part in parts for one in part(scene)]
 
 
 def sensor_problems(scene) -> list[Problem]:
@@ -87,6 +89,19 @@ def _of_lens(scene) -> Iterator[Problem]:
         yield Problem(f"A lens needs the device CPU or OPTIX, not {s.device}")
 
 
+def spare_gpu(scene) -> str:
+    """The device that Cycles' own preferences name, where this render would leave it idle; nothing if it would not."""
+    addon = bpy.context.preferences.addons.get("cycles")
+    named = getattr(addon.preferences, "compute_device_type", "NONE") if addon else "NONE"
+    fits = named in DEVICES and (named == "OPTIX" or not settings.has_lens(scene.pecs))
+    return named if scene.pecs.device == "CPU" and fits else ""
+
+
+def _of_device(scene) -> Iterator[Problem]:
+    if device := spare_gpu(scene):
+        yield Problem(f"Cycles has {device} in the preferences; this renders on the CPU", False, "pecs.use_gpu")
+
+
 def _of_light(scene) -> Iterator[Problem]:
     s = scene.pecs
     try:
@@ -105,9 +120,9 @@ def _of_output(scene) -> Iterator[Problem]:
     yield from _of_place(folder)
     width, height = settings.size(scene)
     wanted = settings.instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
-    free = shutil.disk_usage(_there(folder)).free
-    if wanted > free:
-        text = f"Up to {readable(wanted)}, and {readable(free)} are free"
+    disk = shutil.disk_usage(_there(folder))
+    if disk.total and wanted > disk.free:  # /proc has none
+        text = f"Up to {readable(wanted)}, and {readable(disk.free)} are free"
         yield Problem(text, is_error=scene.pecs.time == "uniform")
 
 

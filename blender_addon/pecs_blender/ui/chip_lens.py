@@ -9,7 +9,7 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ..core.errors import RenderError
-from . import library, sensor_settings, settings
+from . import checks, library, sensor_settings, settings
 
 
 class PECS_OT_chip_resolution(bpy.types.Operator):
@@ -34,6 +34,22 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
         chip, render = library.chip(context.scene.pecs.chip).profile, context.scene.render
         render.resolution_x, render.resolution_y, render.resolution_percentage = chip.width, chip.height, 100
         render.pixel_aspect_x = render.pixel_aspect_y = 1
+        return {"FINISHED"}
+
+
+class PECS_OT_use_gpu(bpy.types.Operator):
+    """Render on the device that Cycles' preferences name"""
+
+    bl_idname = "pecs.use_gpu"
+    bl_label = "Use it"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return bool(checks.spare_gpu(context.scene))
+
+    def execute(self, context):
+        context.scene.pecs.device = checks.spare_gpu(context.scene)
         return {"FINISHED"}
 
 
@@ -188,6 +204,7 @@ class PECS_OT_override_remove(bpy.types.Operator):
 
 CLASSES = (
     PECS_OT_chip_resolution,
+    PECS_OT_use_gpu,
     PECS_OT_wide_open,
     PECS_OT_match_lens,
     PECS_OT_draw_lens,
