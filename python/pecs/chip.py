@@ -46,7 +46,8 @@ class Chip(Handle):
         chip.pixel_pitch_m, chip.width                 # every value of the profile is an attribute
         current_a = chip.photocurrent("stack", 0)      # [height, width]
 
-    `info` also has units, ranges, description and the relative quantum efficiency. Raises PecsNotFoundError for an unknown
+    `info` also has units, ranges, description and the relative quantum efficiency. Raises PecsNotFoundError for an
+    unknown
     name, PecsInputError for a wrong profile, key or value.
     """
 
