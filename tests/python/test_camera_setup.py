@@ -71,6 +71,17 @@ assert bpy.ops.pecs.restore_camera() == {"FINISHED"}
 assert camera_setup.snapshot(scene, camera.data) == before, (camera_setup.snapshot(scene, camera.data), before)
 assert camera_setup.BEFORE not in camera.data and not bpy.ops.pecs.restore_camera.poll()
 
+# Without a lens: the chip's film and pixels, and as wide as before.
+def across():
+    frame = [v.x / -v.z for v in camera.data.view_frame(scene=scene)]
+    return max(frame) - min(frame)
+
+wide = across()
+assert bpy.ops.pecs.setup_camera(lens="none", chip="davis346") == {"FINISHED"}
+assert abs(camera.data.sensor_width - film_mm) < 1e-4 and abs(across() - wide) < 1e-5, (across(), wide)
+assert bpy.ops.pecs.restore_camera() == {"FINISHED"}
+assert camera_setup.snapshot(scene, camera.data) == before
+
 # What cannot be: words, and nothing has changed.
 for wrong in ({"chip": "no_such_chip"}, {"lens": "pecs_lab_15mm", "chip": "no_such_chip"}):
     try:

@@ -45,8 +45,9 @@ def snapshot(scene, camera) -> str:
 
 
 def set_up(scene, thing, before: str) -> field.Field | None:
-    """The camera object `thing` as the scene's PECS settings say: chip, lens, f-number and focus. `before`: what
-    `restore` will give back. Returns the lens's field. Raises pecs.PecsError before anything is changed."""
+    """The camera object `thing` as the scene's PECS settings say: chip, lens, f-number and focus; it sees what the lens
+    sees or, without one, as wide as before. `before`: what `restore` will give back. Returns the lens's field. Raises
+    pecs.PecsError before anything is changed."""
     camera, s, render = thing.data, scene.pecs, scene.render
     chip = library.chip(s.chip)
     profile = chip.profile
@@ -59,6 +60,7 @@ def set_up(scene, thing, before: str) -> field.Field | None:
         found = field.field(field.Setting(*lens, focus_m, fnumber, film_mm, width, height))
     if BEFORE not in camera:
         camera[BEFORE] = before
+    across = found.width_per_distance if found else _across(scene, camera)
 
     scene.camera = thing
     render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
@@ -66,12 +68,20 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
     camera.sensor_width, camera.sensor_height = film_mm, film_mm * height / width
     camera.shift_x = camera.shift_y = 0
+    camera.lens = film_mm / across
     if found:
-        camera.lens = film_mm / found.width_per_distance  # shows what the lens sees
         camera.dof.use_dof, camera.dof.aperture_fstop = True, found.fnumber
         if s.focus_m:
             camera.dof.focus_distance = s.focus_m
     return found
+
+
+def _across(scene, camera) -> float:
+    """Width of what a camera sees, per distance."""
+    if camera.type != "PERSP":
+        return 1.0
+    frame = [corner.x / -corner.z for corner in camera.view_frame(scene=scene)]
+    return max(frame) - min(frame)
 
 
 def restore(scene, thing) -> None:
