@@ -49,6 +49,21 @@ def scene(reflects, energy, file, world=0.0):
 scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sun")
 scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sky", 0.2)
 scene(("ShaderNodeBsdfGlossy", (0.8, 0.8, 0.8)), 5.0, "mirror", 0.2)
+
+# A bright square slides over a dark floor: 2 units in 9 frames, seen from 5.
+scene(("ShaderNodeBsdfDiffuse", (0.1, 0.1, 0.1)), 5.0, "slide")
+bright = bpy.data.materials["floor"].copy()
+bright.node_tree.nodes["Diffuse BSDF"].inputs["Color"].default_value = (0.8, 0.8, 0.8, 1)
+bpy.ops.mesh.primitive_plane_add(size=1, location=(-1, 0, 0.001))
+square = bpy.context.object
+square.data.materials.append(bright)
+for frame, x in ((1, -1), (10, 1)):
+    square.location.x = x
+    square.keyframe_insert("location", frame=frame)
+for curve in square.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+    for point in curve.keyframe_points:
+        point.interpolation = "LINEAR"
+bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/slide.blend")
 """
 
 
@@ -83,6 +98,16 @@ def test_the_sun_on_a_floor_is_its_watts(scenes):
 def test_a_sky_of_equal_radiance_adds_pi(scenes):
     found = light(scenes / "sky.blend")
     assert found["lux"]["median"] == pytest.approx((5 + np.pi * 0.2) * lux_per_watt(), rel=5e-3)
+
+
+def test_the_event_rate_is_what_the_edges_sweep(scenes):
+    """Both edges sweep 1 unit wide at 2 / (9/24) units a second; each pixel there fires ln 8 / 0.2 = 10.4: 10 times."""
+    found = light(scenes / "slide.blend", "--chip", "ideal", "--frames", 100, "--fps", 1000)
+    pixels_per_unit = 32 / (36 / 50 * 5)
+    swept = 2 * 2 / (9 / 24) * pixels_per_unit**2
+    assert found["events_per_s"] == pytest.approx(10 * swept, rel=0.1)
+    assert light(scenes / "sky.blend", "--frames", 100)["events_per_s"] == 0  # nothing moves
+    assert light(scenes / "sun.blend", "--frames", 1)["events_per_s"] is None
 
 
 def test_a_mirror_is_no_light_meter(scenes):

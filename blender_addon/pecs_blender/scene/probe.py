@@ -5,6 +5,9 @@ in view, and what a chip makes of it.
 Cycles' diffuse light, direct and indirect, is the radiance of a perfectly white surface there: E = pi L (Lambert). So
 every pixel whose surface scatters light is a light meter. The photocurrent is that of the radiance seen: through a lens
 by its irradiance per radiance on the axis, else by the camera's f-number.
+
+The event rate is that of some small pictures of the range's beginning: what an edge sweeps grows with the pixels, so a
+pixel fires as often in a small picture as in a large one, but for texture too fine for the small one.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import pecs
 from ..core.chip import load_chip
 from ..core.errors import BAD_INPUT, RenderError
 from ..core.options import Options
+from ..core.plan import timeline
 from ..core.spectra import illuminance_lux, spectrum
 from . import cycles, lens
 from .source import Source
@@ -28,6 +32,7 @@ from .spectral import SpectralScene
 WIDTH, SAMPLES = 32, 16
 METER_NM = np.array([430.0, 480.0, 530.0, 580.0, 630.0, 680.0])  # between them light per emitter is smooth
 DIFFUSE = 1e-3  # of a colour: below it a surface is no light meter
+EVENT_WIDTH, EVENT_LOOKS, EVENT_S = 96, 12, 0.1  # pixels; pictures over so much of the range, at most
 PERCENT = {"p5": 5, "median": 50, "p95": 95}
 
 
@@ -49,14 +54,15 @@ def probe(source: Source, options: Options) -> dict[str, Any]:
     bands = pecs.bands(options.chip, 3, options.placement, lamps, options.min_nm, options.max_nm)
     lambda_nm = np.array([band["lambda_nm"] for band in bands])
     amperes, fnumber = _amperes(source, options, profile, bands)
-    current = None
+    current = rate = None
     if amperes is not None:
-        spectral.set_pass(lambda_nm)
         weights = amperes * spectral.emitters.norm(lambda_nm) * scale
-        current = np.tensordot(weights, cycles.Film(source.scene).render().astype(float), 1)
+        current = _current(source.scene, spectral, lambda_nm, weights)
+        rate = _event_rate(source, options, lambda: _current(source.scene, spectral, lambda_nm, weights), spectral)
     found["photocurrent_a"] = _spread(current)
     corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
-    return found | {"corner_hz": _spread(corner), "fnumber": fnumber, "light_scale": options.light_scale}
+    found |= {"corner_hz": _spread(corner), "events_per_s": rate}
+    return found | {"fnumber": fnumber, "light_scale": options.light_scale}
 
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
@@ -75,6 +81,32 @@ def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
         raise RenderError(BAD_INPUT, f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
     # Rounded, so that a job continued on another machine finds the same number.
     return float(f"{lux / (median * source.radiance_per_unit(spectral)):.4g}")
+
+
+def _current(scene, spectral: SpectralScene, lambda_nm: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """[height, width] photocurrent [A] of what is seen now; weights: A per rendered 1 in each band."""
+    spectral.set_pass(lambda_nm)
+    return np.tensordot(weights, cycles.Film(scene).render().astype(float), 1)
+
+
+def _event_rate(source: Source, options: Options, look, spectral: SpectralScene) -> float | None:
+    """Of the whole picture, in the range's first moments."""
+    times_s = np.array(timeline(options.frames, options.fps, source.period_s, source.duration_s).times_ns) * 1e-9
+    begin_s, end_s = times_s[0], min(times_s[-1], times_s[0] + EVENT_S)
+    if end_s <= begin_s:
+        return None
+    width, height = source.size
+    size = EVENT_WIDTH, max(1, round(EVENT_WIDTH * height / width))
+    render, count = source.scene.render, 0
+    sensor = pecs.Sensor(*size, options.chip, noise=False, readout="ideal", photocurrent_a=1e-12)
+    with cycles.changed(((render, dict(zip(("resolution_x", "resolution_y"), size, strict=True))),)), sensor:
+        for t_s in np.linspace(begin_s, end_s, EVENT_LOOKS):
+            spectral.before_instant()
+            source.set_time(t_s)
+            spectral.after_instant()
+            count += len(sensor.push(look() * 1e12, t_s * 1e6))
+        count += len(sensor.finish())
+    return float(f"{count / (end_s - begin_s) * width * height / (size[0] * size[1]):.3g}")
 
 
 def _size(source: Source) -> tuple[int, int]:

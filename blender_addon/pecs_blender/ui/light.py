@@ -54,7 +54,7 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
             what, value = light_rows(found)[0]
             return f"{what[0].upper()}{what[1:]}: {value}"
 
-        command = operators.blender(scene, "light", None, "--json")
+        command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
         return background.Job("Probe light", command, paths.stack(scene), done, for_file=True)
 
 

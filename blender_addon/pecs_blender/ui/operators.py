@@ -71,7 +71,7 @@ def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     return [*command, *(["-o", str(output)] if output else []), *settings.arguments(scene), *words]
 
 
-def _frames(scene) -> list[str]:
+def frame_words(scene) -> list[str]:
     return ["--frames", "all" if scene.pecs.whole_range else str(scene.pecs.frames)]
 
 
@@ -97,7 +97,7 @@ class PECS_OT_render(Renders, bpy.types.Operator):
             remember_stack(name, job, job.folder)
             return f"{job.folder}: rendered"
 
-        command = blender(scene, "render", output, *_frames(scene), *settings.exists_words(scene))
+        command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
         return background.Job("Render stack", command, output, done, continues=True)
 
 
@@ -116,7 +116,7 @@ class PECS_OT_run(Renders, bpy.types.Operator):
             remember_stack(name, job, job.folder if job.folder != events else stack)
             return job.answer[-1] if job.answer else f"{events}: simulated"
 
-        words = ["--stack", str(stack), *_frames(scene), *settings.exists_words(scene)]
+        words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
         command = blender(scene, "run", events, *words, "--sense", *sensor_settings.arguments(scene))
         return background.Job("Render and simulate", command, events, done, continues=True)
 
@@ -130,7 +130,7 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
     @staticmethod
     def job(context) -> background.Job:
         scene, output = context.scene, paths.stack(context.scene)
-        command = blender(scene, "render", output, *_frames(scene), "--plan")
+        command = blender(scene, "render", output, *frame_words(scene), "--plan")
         return background.Job("Plan", command, output, lambda job: job.last_line.removeprefix("render: "))
 
 
