@@ -47,8 +47,7 @@ class Chip(Handle):
         current_a = chip.photocurrent("stack", 0)      # [height, width]
 
     `info` also has units, ranges, description and the relative quantum efficiency. Raises PecsNotFoundError for an
-    unknown
-    name, PecsInputError for a wrong profile, key or value.
+    unknown name, PecsInputError for a wrong profile, key or value.
     """
 
     _free = staticmethod(_close)

@@ -13,7 +13,17 @@ from types import SimpleNamespace
 import bpy
 from blend_parts import ball, floor, lamp, material, start
 from pecs_blender import ui
-from pecs_blender.ui import background, checks, event_operators, operators, panel, paths, sensor_settings, settings
+from pecs_blender.ui import (
+    background,
+    checks,
+    event_operators,
+    library,
+    operators,
+    panel,
+    paths,
+    sensor_settings,
+    settings,
+)
 
 WIDTH, HEIGHT = 32, 18
 
@@ -203,6 +213,8 @@ def wrong(folder):
     s.lens = str(own)
     assert not checks.problems(scene)
     assert any("15.02 mm, f/4.15" in text for text in drawn())
+    found = library.search(lambda: library.names("lens"))(s, bpy.context, "Double Gauss")
+    assert len(found) >= 2 and all(name and "double" in text.lower() for name, text in found), found
     own.unlink()
     said(str(own))
     s.lens, s.fnumber = "pecs_lab_15mm", 4.0
@@ -211,7 +223,7 @@ def wrong(folder):
     said("A lens needs the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
-    said("moonlight")
+    said("Lamps' spectrum: moonlight: no such spectrum")
     s.illuminant = "d65"
     (folder / "file").write_text("")
     s.output = str(folder / "file")

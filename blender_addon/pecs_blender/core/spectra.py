@@ -98,7 +98,9 @@ def basis(name: str) -> tuple[np.ndarray, np.ndarray]:
 def _table(path: Path, columns: int) -> np.ndarray:
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in spectra_dir().glob("*.csv")))
-        raise RenderError(NOT_FOUND, f"{path}: no such spectrum; the library has {known}, colorchecker/...")
+        library = spectra_dir()
+        name = path.relative_to(library).with_suffix("") if path.is_relative_to(library) else path
+        raise RenderError(NOT_FOUND, f"{name}: no such spectrum; the library has {known}, colorchecker/...")
     rows = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         if not line.strip() or line.startswith("#") or line.startswith("wavelength_nm"):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -17,11 +18,23 @@ _ROOMS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
 SCENES_CAMERA = "none"  # instead of a lens
 
 
-def names(kind: str) -> list[str]:
-    """kind: "lens" or "chip"."""
+def names(kind: str) -> list[tuple[str, str]]:
+    """Each with what its file says it is. kind: "lens" or "chip"."""
+    import pecs
+
     own = own_folder(kind)
-    found = [*_stems(_ROOMS[kind]), *(path.stem for path in own.glob("*.json"))] if own else _stems(_ROOMS[kind])
-    return sorted(set(found))
+    folders = [pecs.data_dir(_ROOMS[kind]), *([own] if own else [])]
+    files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
+    return [(name, _said(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
+
+
+@lru_cache(maxsize=256)
+def _said(path: Path, _version: int) -> str:
+    try:
+        said = json.loads(path.read_text(errors="replace"))
+        return str(said.get("description") or said.get("name", ""))
+    except (OSError, ValueError, AttributeError):  # chosen, checks.py says what is wrong with it
+        return ""
 
 
 @lru_cache
@@ -41,9 +54,13 @@ def glasses() -> list[str]:
     return sorted(name.rpartition("/")[2] for name in _stems("lens_data/glasses", "*/*.json"))
 
 
-def search(names_of: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
-    """Of a StringProperty."""
-    return lambda _self, _context, text: [name for name in names_of() if text.lower() in name.lower()]
+def search(names_of: Callable[[], Iterable[str | tuple[str, str]]]) -> Callable[..., list]:
+    """Of a StringProperty: names, or names with a text beside them, which is looked through, too."""
+
+    def found(_self, _context, text: str) -> list:
+        return [one for one in names_of() if text.lower() in " ".join([one] if isinstance(one, str) else one).lower()]
+
+    return found
 
 
 def find(kind: str, name: str) -> str:

@@ -20,7 +20,7 @@ class PECS_MT_render(bpy.types.Menu):
             layout.operator(f"pecs.{name}")
         layout.separator()
         for kind, (label, _) in event_operators.KINDS.items():
-            layout.operator("pecs.view", text=f"View events: {label.lower()}").kind = kind
+            layout.operator("pecs.view", text=f"View events: {label}").kind = kind
         for name in ("report", "compare", "open_folder"):
             layout.operator(f"pecs.{name}")
         layout.separator()

@@ -128,7 +128,7 @@ class PecsSettings(bpy.types.PropertyGroup):
     lens: StringProperty(
         name="Lens",
         default=library.SCENES_CAMERA,
-        search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")]),
+        search=library.search(lambda: [(library.SCENES_CAMERA, "The scene's camera"), *library.names("lens")]),
         search_options={"SORT", "SUGGESTION"},
         update=_not_wider,
         description="A lens by its name, a prescription's file (.json), or none: the scene's camera as Blender has it. "

@@ -7,7 +7,7 @@ import textwrap
 
 import bpy
 
-PIXELS_PER_LETTER = 6.5  # of Blender's own font, about
+PIXELS_PER_LETTER = 6.0  # of Blender's own font, about
 
 
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
