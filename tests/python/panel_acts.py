@@ -244,6 +244,15 @@ def wrong(folder):
     bpy.ops.pecs.use_gpu()
     assert s.device == "CUDA" and not checks.problems(scene)
     s.device, cycles.compute_device_type = "CPU", "NONE"
+    wrong_parameters(scene)
+    drawn()
+    scene.camera = None
+    said("no camera")
+    assert "no camera" in refused("match_lens")
+
+
+def wrong_parameters(scene):
+    s = scene.pecs
     one = s.sensor.overrides.add()
     one.name, one.value = "contrast_threshold_on", "much"
     assert "got 'much', wanted a number in [0.01, 2]" in checks.sensor_problems(scene)[0].text
@@ -251,10 +260,6 @@ def wrong(folder):
     assert checks.sensor_problems(scene)
     s.sensor.model = "esim"
     assert not checks.sensor_problems(scene) and sensor_settings.arguments(scene)[-2:] == ["--param", "log_eps=0.002"]
-    drawn()
-    scene.camera = None
-    said("no camera")
-    assert "no camera" in refused("match_lens")
 
 
 def busy(folder):
