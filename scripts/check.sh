@@ -51,24 +51,15 @@ check_asan() {
     ASAN_OPTIONS=$ASAN_OPTIONS:detect_leaks=0 PECS_LIBRARY="$ROOT/build/asan/lib/libpecs.so" "$PY" -m pytest -q $tests
 }
 
-# A oneTBB of the installed version that the thread sanitizer can look into. apt's lists of sources go to a folder here:
-# the system's stay as they are.
+# A oneTBB of the installed version that the thread sanitizer can look into.
 build_tbb() {
   local folder="$ROOT/build/tsan-tbb" version
   [ -e "$folder/ready" ] && return
   debian_packages dpkg-dev
   version=$(dpkg-query -W -f='${Version}' libtbb-dev)
   say "oneTBB $version with the thread sanitizer (build/tsan-tbb)"
-  rm -rf "$folder" && mkdir -p "$folder/apt/lists/partial" "$folder/apt/sources"
-  # Debian's own, in the old form or the new.
-  [ ! -s /etc/apt/sources.list ] || sed -n 's/^deb /deb-src /p' /etc/apt/sources.list >"$folder/apt/sources/debian.list"
-  [ ! -e /etc/apt/sources.list.d/debian.sources ] ||
-    sed 's/^Types:.*/Types: deb-src/' /etc/apt/sources.list.d/debian.sources >"$folder/apt/sources/debian.sources"
-  local apt=(apt-get -q -o Dir::Etc::SourceList=/dev/null -o "Dir::Etc::SourceParts=$folder/apt/sources"
-    -o "Dir::State::Lists=$folder/apt/lists" -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache=
-    -o "APT::Sandbox::User=$(id -un)")
-  "${apt[@]}" update
-  (cd "$folder" && "${apt[@]}" source "onetbb=$version")
+  rm -rf "$folder"
+  debian_source "$folder" "onetbb=$version"
   cmake -S "$folder"/onetbb-*/ -B "$folder/build" -G Ninja -DCMAKE_BUILD_TYPE=RelWithDebInfo -DTBB_SANITIZE=thread \
     -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF -DCMAKE_INSTALL_PREFIX="$folder" -DCMAKE_INSTALL_LIBDIR=lib
   cmake --build "$folder/build" -j "$JOBS" --target install

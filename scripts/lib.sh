@@ -23,6 +23,22 @@ debian_packages() {
   DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 }
 
+# debian_source FOLDER PACKAGE[=VERSION]...: unpacks Debian's source packages in FOLDER. apt's lists of sources go to a
+# folder there: the system's stay as they are.
+debian_source() {
+  local folder=$1; shift
+  mkdir -p "$folder/apt/lists/partial" "$folder/apt/sources"
+  # Debian's own, in the old form or the new.
+  [ ! -s /etc/apt/sources.list ] || sed -n 's/^deb /deb-src /p' /etc/apt/sources.list >"$folder/apt/sources/debian.list"
+  [ ! -e /etc/apt/sources.list.d/debian.sources ] ||
+    sed 's/^Types:.*/Types: deb-src/' /etc/apt/sources.list.d/debian.sources >"$folder/apt/sources/debian.sources"
+  local apt=(apt-get -q -o Dir::Etc::SourceList=/dev/null -o "Dir::Etc::SourceParts=$folder/apt/sources"
+    -o "Dir::State::Lists=$folder/apt/lists" -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache=
+    -o "APT::Sandbox::User=$(id -un)")
+  "${apt[@]}" update
+  (cd "$folder" && "${apt[@]}" source "$@")
+}
+
 # stage NAME "INPUTS" OUTPUT COMMAND...: runs COMMAND unless OUTPUT exists and was made by the same command from the same
 # inputs (files or folders; compared by content).
 STAMPS="$ROOT/out/.stamps"

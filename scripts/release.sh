@@ -42,7 +42,10 @@ scripts/check.sh tidy
 scripts/check.sh fuzz 600
 scripts/docs.sh
 scripts/demo.sh
-scripts/make_extension.py
+scripts/wheel_libraries.sh
+scripts/make_wheels.py
+scripts/try_wheels.sh  # root
+scripts/make_debian.sh
 
 say "ready: what is left for a person"
 cat <<END

@@ -75,7 +75,7 @@ def _load(path: Path) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(path))
     except OSError as e:
-        raise ImportError(f"{path}: {e}; a plain wheel needs the libraries of the system that built it") from None
+        raise ImportError(f"{path}: {e}; a wheel that pip built needs the libraries of its system") from None
 
 
 _lib = _load(_find())

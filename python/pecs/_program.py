@@ -19,6 +19,8 @@ def program() -> Path:
     tried += [here.parents[1] / "build" / preset / "bin" / "pecs" for preset in ("release", "dev")]
     for path in tried:
         if path.is_file():
+            if not os.access(path, os.X_OK):  # Blender's installer unpacks wheels without their modes
+                path.chmod(0o755)
             return path
     raise FileNotFoundError("no pecs program; looked at " + ", ".join(map(str, tried)) + "; PECS_PROGRAM names one")
 

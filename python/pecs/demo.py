@@ -48,7 +48,7 @@ Next:
   a scene of Blender    {blender}
   Python                python -c 'import pecs; print(pecs.read("{folder}/pecs.raw"))'"""
 BLENDER_NEXT = "python -m pecs_blender render YOUR.blend -o stack"
-BLENDER_MISSING = "pip install pecs-blender; pecs demo --blender"
+BLENDER_MISSING = "pip install the wheel of pecs_blender; pecs demo --blender"
 
 
 def light(t_s: float) -> NDArray[np.float64]:
@@ -173,7 +173,7 @@ def blender_demo(folder: Path) -> None:
     """The lab's rotating disk, rendered small through a real lens."""
     scenes = blender_folder()
     if scenes is None:
-        raise PecsError("demo --blender: no bpy here, wanted: pip install pecs-blender", MISSING)
+        raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", MISSING)
     print(f"Rendering {scenes / 'rotating_disk'} through the lens pecs_lab_15mm", flush=True)
     options = "--bands 3 --width 160 --height 90 --samples 4 --fps 2800 --frames period --time adaptive"
     command = ["render", str(scenes / "rotating_disk"), "-o", str(folder / "stack"), *options.split()]
@@ -194,7 +194,7 @@ class _Parser(argparse.ArgumentParser):
 def _run(argv: list[str]) -> None:
     parser = _Parser(prog="pecs demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("pecs-demo"), help="folder (default: pecs-demo)")
-    parser.add_argument("--blender", action="store_true", help="render a small scene instead (needs pecs-blender)")
+    parser.add_argument("--blender", action="store_true", help="render a small scene instead (needs pecs_blender)")
     args = parser.parse_args(argv)
     begin = time.monotonic()
     args.output.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,8 @@ import pytest
 import tomllib
 
 INSTALL_AND_RUN = """
-import sys
+import subprocess, sys
+from pathlib import Path
 sys.path.append(sys.argv[1])  # bpy and numpy, without the checkout that .pth files name
 import bpy
 assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=sys.argv[2], enable_on_install=True) == {"FINISHED"}
@@ -22,7 +23,10 @@ for lens in ("none", "pecs_lab_15mm"):  # what the panel asks for is what the co
     scene.pecs.lens = lens
     assert _parser().parse_args(["render", "-o", "s", *arguments(scene)]).lens == lens
 code = main(sys.argv[3:])
-print(sys.modules["pecs"].__file__, file=sys.stderr)
+pecs = sys.modules["pecs"]
+if (Path(pecs.__file__).parent / "_lib/bin/pecs").exists():
+    assert subprocess.check_output([pecs.program(), "--version"], text=True).split() == ["pecs", pecs.__version__]
+print(pecs.__file__, file=sys.stderr)
 sys.exit(code)
 """  # noqa: E501
 
@@ -44,11 +48,18 @@ def test_it_carries_its_libraries(root, extension):
         manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
         (wheel,) = manifest["wheels"]
         with zipfile.ZipFile(archive.open(wheel.removeprefix("./"))) as inside:
-            libraries = [n for n in inside.namelist() if n.startswith("pecs.libs/")]
+            held = inside.namelist()
+            listed = json.loads(inside.read(next(n for n in held if n.endswith("sboms/pecs.spdx.json"))))
+            record = inside.read(next(n for n in held if n.endswith("/RECORD"))).decode()
+    libraries = [n for n in held if n.startswith("pecs.libs/lib")]
     assert "__init__.py" in names and "scene/job.py" in names and not [n for n in names if n.endswith(".pyc")]
     assert page.count('src="data:image/png;base64,') == 6 and "href=" not in page
     assert manifest["version"] == (root / "VERSION").read_text().strip()
-    assert any("OpenEXR" in n for n in libraries) and any("hdf5" in n for n in libraries)
+    assert any("OpenEXR" in n for n in libraries) and any("libtbb" in n for n in libraries)
+    parts = {p["name"] for p in listed["packages"]} - {"pecs"}
+    assert {"openexr", "onetbb", "eigen3"} <= parts
+    assert parts == {n.split("/")[-1].removesuffix(".txt") for n in held if "/licenses/third_party/" in n}
+    assert sorted(line.split(",")[0] for line in record.splitlines()) == sorted(held)
 
 
 def test_blender_installs_and_runs_it(extension, tmp_path):

