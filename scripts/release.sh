@@ -43,7 +43,7 @@ scripts/check.sh fuzz 600
 scripts/docs.sh
 scripts/demo.sh
 scripts/wheel_libraries.sh
-scripts/make_wheels.py
+"$PY" scripts/make_wheels.py
 scripts/try_wheels.sh  # root
 scripts/make_debian.sh
 
