@@ -55,6 +55,7 @@ def scene() -> None:
         cube.keyframe_insert("location", frame=frame)
         cube.keyframe_insert("rotation_euler", frame=frame)
     bpy.ops.mesh.primitive_plane_add(size=30, location=(0, 0, -1))
+    one.frame_end = 5
     one.frame_set(3)
 
 
@@ -109,7 +110,9 @@ def steps():
     scroll(13)  # past those of the render engine
     yield 1
     picture("2_checks")  # the default scene is larger than the chip
-    press("chip_resolution")
+    press("setup_camera")
+    size = bpy.context.scene.render
+    assert (size.resolution_x, size.resolution_y) == (1280, 720)
     s = bpy.context.scene.pecs
     preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
     with over(area("PROPERTIES")):
@@ -118,6 +121,18 @@ def steps():
     bpy.ops.wm.save_mainfile()
     yield 2
     picture("3_ready")
+    with over(area("VIEW_3D")):
+        assert bpy.ops.pecs.live() == {"FINISHED"}
+        bpy.ops.screen.animation_play()
+    bpy.context.scene.pecs_live.decay_ms = 200
+    yield 10
+    picture("live", "716x912+0+24")
+    with over(area("VIEW_3D")):
+        bpy.ops.screen.animation_play()
+        bpy.ops.pecs.live()
+    bpy.context.scene.frame_set(3)
+    bpy.ops.wm.save_mainfile()  # an animation that played is a change
+    yield 1
     press("run")
     yield lambda: state().job is None or state().job.progress > 0.3
     yield 2
