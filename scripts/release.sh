@@ -24,6 +24,7 @@ for part in "MAJOR $major" "MINOR $minor" "PATCH $patch"; do
 done
 same blender_addon/pecs_blender/blender_manifest.toml '^version = "([^"]+)"'
 same CITATION.cff '^version: (.+)$'
+same packaging/debian/changelog '^pecs \(([0-9.]+)-'
 echo "all files say $VERSION"
 [ "${1:-}" != --versions ] || exit 0
 
@@ -54,5 +55,5 @@ cat <<END
 3. git tag -s v$VERSION && git push origin v$VERSION
 4. Attach dist/* to the release of that tag, with the changelog's part as its text.
 5. Put out/site where the pages live.
-6. Raise VERSION, include/pecs.h, blender_manifest.toml and CITATION.cff; begin '## Unreleased' in CHANGELOG.md.
+6. Raise VERSION, include/pecs.h, blender_manifest.toml, CITATION.cff and packaging/debian/changelog; begin '## Unreleased' in CHANGELOG.md.
 END
