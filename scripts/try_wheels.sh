@@ -94,10 +94,10 @@ beside() {
   say "$suite: beside torch, OpenCV, bpy, tonic"
   inside "$suite" 'apt-get update -qq; DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-torch \
     libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1 libglib2.0-0 >/dev/null'
-  mkdir -p "$SYSTEMS/$suite/root/dist" && cp dist/*.whl requirements/test_datasets*.txt "$SYSTEMS/$suite/root/dist/"
+  mkdir -p "$SYSTEMS/$suite/root/dist" && cp dist/*.whl "$SYSTEMS/$suite/root/dist/"
   inside "$suite" 'cd; rm -rf b; python3 -m venv --system-site-packages b
-    b/bin/pip install -q --find-links dist "$(echo dist/pecs-*.whl)[datasets]" dist/pecs_blender-*.whl opencv-python scipy tqdm h5py importRosbag pbr
-    b/bin/pip install -q --no-deps tonic'
+    b/bin/pip install -q --find-links dist "$(echo dist/pecs-*.whl)[datasets]"
+    b/bin/pip install -q --no-deps bpy==4.5.15 dist/pecs_blender-*.whl numpy==1.26.4 tonic importRosbag tqdm expelliarmus cattrs attrs requests'
   for order in 'pecs torch cv2 bpy tonic' 'bpy tonic cv2 torch pecs' 'torch pecs bpy cv2 tonic'; do
     inside "$suite" "cd; b/bin/python -c '
 import importlib
