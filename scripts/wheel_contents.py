@@ -60,9 +60,9 @@ def package_of(path: Path) -> str:
 def parts_of(wheel: Path, binaries: list[Path], libraries: Path) -> list[Part]:
     """The third-party parts of a repaired wheel. `binaries`: its own before the repair; `libraries`:
     build/wheel-libraries."""
-    with zipfile.ZipFile(wheel) as archive:  # libfmt-5c8a0b1d.so.9.1.0: its name, with a hash of its content
+    with zipfile.ZipFile(wheel) as archive:  # libldap-2-5c8a0b1d.5.so.0: its name, with a hash of its content
         bundled = [Path(n).name for n in archive.namelist() if n.startswith("pecs.libs/lib")]
-    stems = {re.sub(r"-[0-9a-f]{8}(?=\.so)", "", name).split(".so")[0] for name in bundled}
+    stems = {re.sub(r"-[0-9a-f]{8}(?=\.)", "", name).split(".so")[0] for name in bundled}
     files = {f for b in binaries for f in needed_files(b, libraries / "lib") if f.name.split(".so")[0] in stems}
     if missing := stems - {f.name.split(".so")[0] for f in files}:
         raise RuntimeError(f"bundled, but not needed by {binaries}: {sorted(missing)}")
