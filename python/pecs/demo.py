@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import math
-import signal
 import subprocess
 import sys
 import time
@@ -19,6 +18,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ._command import NOT_FOUND, Parser, answer
 from ._library import PecsError, version
 from ._program import program
 from ._sense import sense
@@ -36,7 +36,6 @@ FRAMES = 250  # 0.95 pixels of the rim each
 EDGE_PX = 3.0  # as a lens blurs them
 WHITE, WALL, DARK = 2e-4, 8e-5, 2e-5  # W m^-2 nm^-1 on the film: a bright room, through f/2
 ILLUMINANT = "d65"
-MISSING, INTERRUPTED, TERMINATED = 3, 130, 143
 
 NEXT = """Look: {folder}/report.html, {folder}/pecs.html (drag to turn it), {folder}/pecs.mp4, {folder}/pecs.png
 Next:
@@ -173,7 +172,7 @@ def blender_demo(folder: Path) -> None:
     """The lab's rotating disk, rendered small through a real lens."""
     scenes = blender_folder()
     if scenes is None:
-        raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", MISSING)
+        raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", NOT_FOUND)
     print(f"Rendering {scenes / 'rotating_disk'} through the lens pecs_lab_15mm", flush=True)
     options = "--bands 3 --width 160 --height 90 --samples 4 --fps 2800 --frames period --time adaptive"
     command = ["render", str(scenes / "rotating_disk"), "-o", str(folder / "stack"), *options.split()]
@@ -186,9 +185,9 @@ def blender_demo(folder: Path) -> None:
     show(events, folder / "stack")
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
-        raise PecsError(f"demo: {message}", 2)
+        super().error(f"demo: {message}")
 
 
 def _run(argv: list[str]) -> None:
@@ -204,18 +203,7 @@ def _run(argv: list[str]) -> None:
 
 
 def main(argv: list[str]) -> int:
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    try:
-        _run(argv)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except PecsError as e:
-        print(f"pecs: {e}", file=sys.stderr)
-        return e.code
-    except OSError as e:
-        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
-        return 5
-    return 0
+    return answer(_run, argv)
 
 
 if __name__ == "__main__":

@@ -6,20 +6,18 @@ import argparse
 import dataclasses
 import math
 import shutil
-import signal
 import sys
 import time
 from pathlib import Path
 from statistics import mean
-from typing import NoReturn
 
+from .._command import USAGE, Line, Parser, answer
 from .._library import PecsError
 from . import manifest, recipe, report, run, writers
 from .card import write_cards
 from .sequence import Sequence, sequences
 from .table import bad_input
 
-USAGE, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 5, 130, 143
 SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
@@ -32,13 +30,8 @@ EXAMPLES = """examples:
   pecs dataset out/room --export dsec -o out/dsec a set that is there in another layout"""
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise PecsError(message, USAGE)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="pecs dataset", description=ABOUT, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
@@ -56,24 +49,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str]) -> int:
-    signal.signal(signal.SIGTERM, _terminated)
-    try:
-        _run(_parser().parse_args(argv))
-    except SystemExit as e:  # --help, SIGTERM
-        return int(e.code or 0)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except PecsError as e:
-        print(f"pecs: {e}", file=sys.stderr)
-        return e.code
-    except OSError as e:
-        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
-        return BAD_OUTPUT
-    return 0
-
-
-def _terminated(number: int, frame: object) -> NoReturn:
-    raise SystemExit(TERMINATED)
+    return answer(lambda words: _run(_parser().parse_args(words)), argv)
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -113,7 +89,7 @@ def _wanted(only: str | None, count: int) -> list[int]:
 
 
 def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -> None:
-    begin, made = time.monotonic(), 0
+    begin, made, line = time.monotonic(), 0, Line()
     busy: list[int] = []
     for done, index in enumerate(wanted):
         final = manifest.sequence_folder(output, index)
@@ -122,7 +98,7 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -
         more = "" if math.isnan(left) else f", about {left / 60:.0f} min left"
 
         def say(what: str, index: int = index, done: int = done, more: str = more) -> None:
-            _line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}")
+            line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}")
 
         try:
             run.make(found, index, output, threads, say)
@@ -135,18 +111,9 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -
         if not (final / "report.html").exists():
             say("report")
             report.write(Sequence(final))
-    _line("", last=True)
+    line.end()
     if busy:
         print(f"dataset: left to other processes: {', '.join(map(str, busy))}", file=sys.stderr)
-
-
-def _line(text: str, last: bool = False) -> None:
-    """One line that rewrites itself on a terminal, lines otherwise."""
-    terminal = sys.stderr.isatty()
-    if terminal:
-        print(f"\r{text}\033[K", end="\n" if last else "", file=sys.stderr, flush=True)
-    elif text:
-        print(text, file=sys.stderr, flush=True)
 
 
 def _finish(found: recipe.Recipe, output: Path) -> None:

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import signal
-import sys
 from pathlib import Path
-from typing import NoReturn
 
-from .._library import PecsError, PecsNotFoundError
+from .._command import Line, Parser, answer
+from .._library import PecsNotFoundError
 from ..datasets._check import library
 
 NETWORK = "network.onnx"
-USAGE, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 5, 130, 143
 EXAMPLES = """examples:
   pecs reconstruct recording.raw -o video.mp4        by a filter
   pecs train out/set -o out/run --steps 2000         writes out/run/network.onnx; continues when run again
   pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx"""
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise PecsError(message, USAGE)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -46,8 +38,8 @@ def _count(text: str) -> int:
     return value
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="pecs",
         description="Video from events.",
         epilog=EXAMPLES,
@@ -85,48 +77,18 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str]) -> int:
-    signal.signal(signal.SIGTERM, _terminated)
-    try:
-        args = _parser().parse_args(argv)
-        args.run(args)
-    except SystemExit as e:  # --help, SIGTERM
-        return int(e.code or 0)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except PecsError as e:
-        print(f"pecs: {e}", file=sys.stderr)
-        return e.code
-    except OSError as e:
-        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
-        return BAD_OUTPUT
-    return 0
+    return answer(_run, argv)
 
 
-def _terminated(number: int, frame: object) -> NoReturn:
-    raise SystemExit(TERMINATED)
-
-
-class _Line:
-    """One line that rewrites itself on a terminal; every `each` steps a line otherwise."""
-
-    def __init__(self, each: int):
-        self._each, self._terminal = each, sys.stderr.isatty()
-
-    def __call__(self, number: int, text: str) -> None:
-        if self._terminal:
-            print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
-        elif number % self._each == 0:
-            print(text, file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        if self._terminal:
-            print(file=sys.stderr)
+def _run(argv: list[str]) -> None:
+    args = _parser().parse_args(argv)
+    args.run(args)
 
 
 def _reconstruct(args: argparse.Namespace) -> None:
     from .reconstruct import reconstruct
 
-    line = _Line(100)
+    line = Line(100)
     done = reconstruct(
         args.events,
         args.output,
@@ -136,7 +98,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
         cutoff_hz=args.cutoff_hz,
         size=args.size,
         threads=args.threads,
-        progress=lambda n: line(n, f"reconstruct: {n} pictures"),
+        progress=lambda n: line(f"reconstruct: {n} pictures", n),
     )
     line.end()
     print(f"{args.output}: {done['pictures']} pictures of {done['width']} x {done['height']}, by {done['method']}")
@@ -164,14 +126,14 @@ def _train(args: argparse.Namespace) -> None:
     found = sequences(args.set, args.split)
     if not found:
         raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}", 3)
-    line = _Line(50)
+    line = Line(50)
     net = train(
         recordings(found),
         args.output,
         config,
         workers=args.workers,
         device=args.device,
-        progress=lambda step, loss: line(step, f"train: {step}/{args.steps}, loss {loss:.4f}"),
+        progress=lambda step, loss: line(f"train: {step}/{args.steps}, loss {loss:.4f}", step),
     )
     line.end()
     export(args.output, args.output / NETWORK)

@@ -1,0 +1,60 @@
+"""Commands that are Python: exit codes (docs/reference/exit_codes.md), errors of one line, a line that says how far it
+is."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from ._library import PecsError
+
+USAGE, NOT_FOUND, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 3, 5, 130, 143
+
+
+class Parser(argparse.ArgumentParser):
+    """Whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise PecsError(message, USAGE)
+
+
+def answer(run: Callable[[list[str]], None], argv: list[str]) -> int:
+    """Runs a command; its exit code."""
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        run(argv)
+    except SystemExit as e:  # --help, SIGTERM
+        return int(e.code or 0)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except PecsError as e:
+        print(f"pecs: {e}", file=sys.stderr)
+        return e.code
+    except OSError as e:
+        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
+        return BAD_OUTPUT
+    return 0
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    raise SystemExit(TERMINATED)
+
+
+class Line:
+    """One line that rewrites itself on a terminal; otherwise a line of each `every`th text."""
+
+    def __init__(self, every: int = 1):
+        self._every, self._terminal = every, sys.stderr.isatty()
+
+    def __call__(self, text: str, number: int = 0) -> None:
+        if self._terminal:
+            print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
+        elif number % self._every == 0:
+            print(text, file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if self._terminal:
+            print(file=sys.stderr, flush=True)
