@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from ..light import Light
 from ..representations import voxel_grid
 
 WHITE_PERCENTILE = 99.0  # of a recording's light: what is shown white
-KEPT = 64  # recordings in memory
 
 
 @dataclass(frozen=True)
@@ -59,23 +58,19 @@ class Recording:
     def windows(self) -> int:
         return len(self.times_us) - 1
 
-    @property
+    @cached_property
     def pictures(self) -> NDArray[np.uint8]:
         """[n, H, W]: the light that the chip's pixels get, 8 bit in sRGB's curve, white at a percentile of all."""
         folder = self.camera.folder
         own = folder / "chip.json"  # a profile that lay beside the recipe
-        return _pictures(folder, str(own if own.is_file() else self.camera.info["chip"]), tuple(self.times_us))
+        chip = own if own.is_file() else str(self.camera.info["chip"])
+        with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
+            values = np.stack([light.at(t)[0] for t in self.times_us])
+        return srgb(values / max(float(np.percentile(values, WHITE_PERCENTILE)), 1e-30))
 
     def window(self, i: int) -> NDArray[Any]:
         events: NDArray[Any] = self.events[self.first[i] : self.first[i + 1]]
         return events
-
-
-@lru_cache(KEPT)
-def _pictures(folder: Any, chip: str, times_us: tuple[float, ...]) -> NDArray[np.uint8]:
-    with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
-        values = np.stack([light.at(t)[0] for t in times_us])
-    return srgb(values / max(float(np.percentile(values, WHITE_PERCENTILE)), 1e-30))
 
 
 def recordings(sequences: Iterable[Sequence]) -> list[Recording]:

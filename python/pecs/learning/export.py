@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import io
 import json
 import warnings
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import Any
 
 import torch
 
-from .._library import PecsOutputError
 from ..datasets._check import library
+from ..datasets.files import write_whole
 from .networks import start_states
 from .reconstruct import NETWORK_FORMAT, STATE
 from .train import trained
@@ -45,16 +46,12 @@ def export(run: Path, output: Path) -> dict[str, Any]:
     options |= {"dynamic_axes": free, "opset_version": OPSET}
     if "dynamo" in inspect.signature(torch.onnx.export).parameters:
         options["dynamo"] = False  # the other exporter asks for packages more
-    partial = output.with_name(output.name + ".partial")
     record = {"network": net.config.record(), **record}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # PyTorch's own, of shapes that it need not know
-            torch.onnx.export(_Flat(net), (grid, *states), str(partial), **options)
-        model = onnx.load(str(partial))
-        onnx.helper.set_model_props(model, {"pecs_network": NETWORK_FORMAT, "record": json.dumps(record)})
-        onnx.save(model, str(partial))
-        partial.replace(output)
-    except OSError as e:
-        raise PecsOutputError(f"{output}: cannot be written: {e.strerror}", 5) from None
+    traced = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PyTorch's own, of shapes that it need not know
+        torch.onnx.export(_Flat(net), (grid, *states), traced, **options)
+    model = onnx.load_from_string(traced.getvalue())
+    onnx.helper.set_model_props(model, {"pecs_network": NETWORK_FORMAT, "record": json.dumps(record)})
+    write_whole(output, model.SerializeToString())
     return record

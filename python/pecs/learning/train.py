@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
-import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from .._library import PecsError, PecsInputError, PecsOutputError, version
-from ..datasets.files import write_json
+from ..datasets.files import write_json, write_text, write_whole
 from .clips import Augmentation, ClipConfig, Clips, Recording
 from .losses import ms_ssim, temporal
 from .networks import NetworkConfig, network, start_states
@@ -145,9 +145,9 @@ def _load(path: Path, device: str) -> dict[str, Any]:
 
 
 def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
-    partial = run / f"{CHECKPOINT}.partial"
-    torch.save({"network": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, partial)
-    os.replace(partial, run / CHECKPOINT)
+    content = io.BytesIO()
+    torch.save({"network": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, content)
+    write_whole(run / CHECKPOINT, content.getvalue())
 
 
 def trained(run: Path) -> tuple[Any, dict[str, Any]]:
@@ -185,7 +185,6 @@ class _Log:
                 self._board.add_scalar(name, value, step)
 
     def flush(self) -> None:
-        partial = self._path.with_name(f"{LOG}.partial")
-        with partial.open("w", newline="") as file:
-            csv.writer(file).writerows([COLUMNS, *self._rows])
-        partial.replace(self._path)
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *self._rows])
+        write_text(self._path, text.getvalue())
