@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .imu import integrate
 from .poses import interpolate
-from .rig import Optics, optics, rig_from_camera, stack_json
+from .rig import along, rig_from_camera, transformed
 from .sequence import Camera, Sequence
 
 EDGE_PX = 1  # how far an event may lie from a pixel whose light changes
@@ -18,46 +18,30 @@ WINDOW_US = 100_000  # of the IMU
 
 def check(sequence: Sequence) -> dict[str, Any]:
     """Numbers of all checks, by name; None where the sequence lacks what it needs."""
-    seen = {c.name: _optics(c) for c in sequence.cameras.values() if c.has_truth}
-    cameras = {c.name: _camera(sequence, c, seen) for c in sequence.cameras.values()}
+    cameras = {c.name: _camera(sequence, c) for c in sequence.cameras.values()}
     pairs = {
-        f"{a.name}, {b.name}": disparity(a, b, seen[a.name], seen[b.name])
+        f"{a.name}, {b.name}": disparity(a, b)
         for a, b in sequence.stereo_pairs("events") + sequence.stereo_pairs("rgb")
         if _has(a, "depth") and _has(b, "depth")
     }
     return {"cameras": cameras, "stereo": pairs, "imu": imu(sequence)}
 
 
-def _optics(camera: Camera) -> Optics:
-    return optics(stack_json(camera.truth.folder), camera.info["lens"])
-
-
 def _has(camera: Camera, *layers: str) -> bool:
     return camera.has_truth and set(layers) <= set(camera.truth.layers)
 
 
-def _camera(sequence: Sequence, camera: Camera, seen: dict[str, Optics]) -> dict[str, Any]:
+def _camera(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if _has(camera, "depth", "objects", "motion"):
-        found |= flow(camera, seen[camera.name])
-        found["boxes"] = boxes(camera, seen[camera.name])
+        found |= flow(camera)
+        found["boxes"] = boxes(camera)
     if camera.kind == "events":
         found["events"] = events(sequence, camera)
     return found
 
 
-def _transformed(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    with np.errstate(invalid="ignore"):  # infinitely far
-        return points @ pose[:3, :3].T + pose[:3, 3]
-
-
-def _points(view: Optics, z_m: NDArray[Any]) -> NDArray[np.float64]:
-    """[n, 3] in camera axes, of pixels at depths [H, W]."""
-    d = view.directions
-    return (d / d[..., 2:] * z_m[..., None]).reshape(-1, 3)
-
-
-def flow(camera: Camera, view: Optics) -> dict[str, Any]:
+def flow(camera: Camera) -> dict[str, Any]:
     """Flow against the projection, at the next instant, of each pixel's point: carried by its object's pose there and
     back by the camera's; scene flow against how far that carries it. Objects that deform are left out."""
     truth = camera.truth
@@ -68,12 +52,12 @@ def flow(camera: Camera, view: Optics) -> dict[str, Any]:
     for i in range(len(truth.times_us) - 1):
         here, there = truth.object_poses(i), truth.object_poses(i + 1)
         z, ids = truth.depth(i)[1], truth.instances(i)
-        world = _transformed(cameras[i], _points(view, z))
+        world = transformed(cameras[i], along(camera.view.directions, z).reshape(-1, 3))
         moved = np.full_like(world, np.nan)
         for k in rigid & here.keys() & there.keys():
             at = np.flatnonzero(ids.ravel() == k)
-            moved[at] = _transformed(there[k] @ np.linalg.inv(here[k]), world[at])
-        pixels = view.pixels(_transformed(np.linalg.inv(cameras[i + 1]), moved)).reshape(*z.shape, 2)
+            moved[at] = transformed(there[k] @ np.linalg.inv(here[k]), world[at])
+        pixels = camera.view.pixels(transformed(np.linalg.inv(cameras[i + 1]), moved)).reshape(*z.shape, 2)
         y, x = np.mgrid[: z.shape[0], : z.shape[1]] + 0.5
         error = np.hypot(*np.moveaxis(truth.flow(i) + np.stack([x, y], -1) - pixels, -1, 0))
         missed.append(error[np.isfinite(error)])
@@ -82,16 +66,16 @@ def flow(camera: Camera, view: Optics) -> dict[str, Any]:
     return {"flow": _spread(np.concatenate(missed), "px"), "scene_flow": _spread(np.concatenate(missed_m), "m")}
 
 
-def disparity(left: Camera, right: Camera, view: Optics, other: Optics) -> dict[str, float] | None:
+def disparity(left: Camera, right: Camera) -> dict[str, float] | None:
     """The right camera's depth against that of the left one's points, where both see the same surface."""
     if not np.array_equal(left.truth.times_us, right.truth.times_us):
         return None
     found, seen = [], []
     right_from_left = np.linalg.inv(right.rig_from_camera) @ left.rig_from_camera
     for i in range(len(left.truth.times_us)):
-        points = _transformed(right_from_left, _points(view, left.truth.depth(i)[1]))
+        points = transformed(right_from_left, along(left.view.directions, left.truth.depth(i)[1]).reshape(-1, 3))
         with np.errstate(invalid="ignore"):
-            pixels = other.pixels(np.where(np.isfinite(points), points, np.nan))
+            pixels = right.view.pixels(np.where(np.isfinite(points), points, np.nan))
             inside = ((pixels >= 1) & (pixels < np.array([right.width, right.height]) - 1)).all(1)
         x, y = pixels[inside].T - 0.5
         depth = _smooth(right.truth.depth(i)[1], x, y)
@@ -117,7 +101,7 @@ def _smooth(depth: NDArray[np.floating[Any]], x: NDArray[np.float64], y: NDArray
         return np.where(flat & (mean > 0), 1 / mean, np.nan)
 
 
-def boxes(camera: Camera, view: Optics) -> dict[str, float] | None:
+def boxes(camera: Camera) -> dict[str, float] | None:
     """Corners of the 3-D boxes, projected by the calibration written beside: how far the modal boxes reach beyond."""
     truth, beyond = camera.truth, []
     rigid = {o["id"]: o for o in truth.objects if o["id"] not in truth.deforming}
@@ -128,10 +112,10 @@ def boxes(camera: Camera, view: Optics) -> dict[str, float] | None:
             if not box["visible_px"] or (entry := rigid.get(int(box["id"]))) is None:
                 continue
             corners = cube * entry["size_m"] + np.array(entry["centre_local"])
-            corners = _transformed(back @ poses[entry["id"]], corners)
+            corners = transformed(back @ poses[entry["id"]], corners)
             if not (corners[:, 2] > 0.05).all():
                 continue
-            pixels = view.pixels(corners)
+            pixels = camera.view.pixels(corners)
             if np.isfinite(pixels).all():
                 low, high = pixels.min(0), pixels.max(0)
                 x0, y0, x1, y1 = (float(box[k]) for k in ("x0", "y0", "x1", "y1"))

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from ..lens import Lens
 
@@ -23,6 +21,8 @@ Array = NDArray[np.float64]
 
 def rig_from_camera(position_m: Sequence[float], rotation_deg: Sequence[float] = (0, 0, 0)) -> Array:
     """[4, 4] of a camera or an IMU; turns about the rig's x, then y, then z."""
+    from scipy.spatial.transform import Rotation
+
     out = np.eye(4)
     out[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
     out[:3, 3] = position_m
@@ -41,6 +41,10 @@ class Optics:
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self.directions.shape[1], self.directions.shape[0]
+
+    def directions_at(self, pixels: Array) -> Array:
+        """[..., 3] of any pixels [..., 2]."""
+        return self.lens.directions(pixels, **self.setting)
 
     def pixels(self, directions: Array) -> Array:
         """[..., 2], pecs' pixels (first centre at 0.5)."""
@@ -78,8 +82,22 @@ class Pinhole:
     error_px: float
 
 
+def along(directions: Array, z_m: NDArray[Any]) -> Array:
+    """[..., 3] in camera axes: what lies along directions [..., 3] at depths [...] along the optical axis."""
+    with np.errstate(invalid="ignore"):  # infinitely far
+        return directions / directions[..., 2:] * np.asarray(z_m, np.float64)[..., None]
+
+
+def transformed(pose: Array, points: Array) -> Array:
+    """Points [..., 3] by a pose [4, 4]."""
+    with np.errstate(invalid="ignore"):
+        return points @ pose[:3, :3].T + pose[:3, 3]
+
+
 def pinhole(directions: Array) -> Pinhole:
     """directions: [H, W, 3] of the pixels' centres. Least squares over a grid of them (OpenCV's model: Brown 1966)."""
+    from scipy.optimize import least_squares
+
     height, width = directions.shape[:2]
     step = max(1, min(height, width) // 40)
     d = directions[step // 2 :: step, step // 2 :: step].reshape(-1, 3)

@@ -27,6 +27,7 @@ from ..sensor import LABELS
 from ._check import Fields, existing, fault, read_array, read_json, read_rows
 from .event_file import EventFile
 from .poses import interpolate, pose_matrix, read_euroc_imu, read_tum
+from .rig import Optics, along, optics, stack_json, transformed
 from .truth import Truth
 
 FORMAT = 1
@@ -132,20 +133,14 @@ class Camera:
     def scene_flow(self, i: int) -> NDArray[np.float64]:
         """[H, W, 3] in m, in the world's axes: how far what a pixel's centre sees at truth.times_us[i] moves until the
         next instant, zero for what stands still while the camera moves; NaN unknown, and where there is nothing."""
-        from .rig import optics, stack_json
-
-        view = optics(stack_json(self.truth.folder), self.info["lens"])
         move = self.truth.motion(i)
         y, x = np.mgrid[: self.height, : self.width] + 0.5
         with np.errstate(invalid="ignore"):
             ends = np.stack([x + move[2], y + move[3]], -1)
-        toward = view.directions, view.lens.directions(ends, **view.setting)
+        directions = self.view.directions, self.view.directions_at(ends)
         poses = self.poses_at(self.truth.times_us[i : i + 2])
+        here, there = (transformed(p, along(d, z)) for p, d, z in zip(poses, directions, move[4:6], strict=True))
         with np.errstate(invalid="ignore"):
-            here, there = (
-                (d / d[..., 2:] * z[..., None]) @ pose[:3, :3].T + pose[:3, 3]
-                for d, z, pose in zip(toward, move[4:6].astype(np.float64), poses, strict=True)
-            )
             return np.where(np.isfinite(there - here), there - here, np.nan)
 
     def frames(self) -> list[Frame]:
@@ -173,6 +168,11 @@ class Camera:
     @property
     def has_boxes(self) -> bool:
         return self.has_truth and (self._pixels / "truth" / "objects.json").is_file()
+
+    @cached_property
+    def view(self) -> Optics:
+        """Its lens as the ground truth saw through it."""
+        return optics(stack_json(self.truth.folder), self.info["lens"])
 
     @cached_property
     def truth(self) -> Truth:
