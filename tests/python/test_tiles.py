@@ -43,6 +43,16 @@ def test_noise_does_not_differ_and_light_does():
     assert not tiles.differing(noisy[0], changed, 0.05, 1)[2, 4]
 
 
+def test_whole_tiles_show_what_noise_hides_from_blocks():
+    rng = np.random.default_rng(6)
+    own, other = (1 + 0.3 * rng.standard_normal(SHAPE) for _ in range(2))
+    assert tiles.differing_tiles(own, other, 0.02, 1, 3).mean() < 0.05
+    other[32:64, 64:96] *= 1.15
+    found = tiles.differing_tiles(own, other, 0.02, 1, 3)
+    assert found[2:4, 4:6].all() and found.sum() <= 6
+    assert not tiles.differing(own, other, 0.02, 1)[2:4, 4:6].any()
+
+
 @pytest.mark.parametrize("shift_px, differs", [(0.1, False), (0.5, True)])
 def test_edges_may_lie_a_little_elsewhere(shift_px, differs):
     x = np.arange(150) - 75.3

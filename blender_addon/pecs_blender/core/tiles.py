@@ -22,34 +22,46 @@ def tiles_of(width: int, height: int) -> tuple[int, int]:
     return -(-height // TILE_PX), -(-width // TILE_PX)
 
 
-def differing(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: int) -> np.ndarray:
-    """Tiles [rows, columns] with a block whose light differs: by more than `tolerance` times itself and than a shift of
-    its edges by EDGE_PX, and by more than the scatter within blocks there explains. a, b: [height, width], with so many
-    subpixels a pixel; NaN says nothing."""
+def differing(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float) -> np.ndarray:
+    """Tiles [rows, columns] with a block that differs (`differing_blocks`)."""
+    return _blocks(differing_blocks(a, b, tolerance, subpixels), TILE_PX // BLOCK_PX).any(-1)
+
+
+def differing_tiles(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float) -> np.ndarray:
+    """Tiles [rows, columns] that differ as a whole, which shows smaller differences than blocks do."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN
+        a, b = (np.nanmean(_blocks(v), -1) for v in (a, b))
+    return differing_blocks(a, b, tolerance, subpixels / BLOCK_PX, sigmas)
+
+
+def differing_blocks(
+    a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float = SIGMAS
+) -> np.ndarray:
+    """Blocks whose light differs: by more than `tolerance` times itself and than a shift of its edges by EDGE_PX, and
+    by more than the scatter within blocks there explains. a, b: [height, width], with so many subpixels a pixel; NaN
+    says nothing."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
     allowed = tolerance * np.abs(mean) + EDGE_PX * subpixels * np.hypot(down, right)
-    rows, columns = tiles_of(a.shape[1], a.shape[0])
-    side = TILE_PX // BLOCK_PX
-
-    def blocks(values):
-        """[rows of blocks, columns of blocks, pixels]"""
-        padded = np.full((rows * TILE_PX, columns * TILE_PX), np.nan)
-        padded[: a.shape[0], : a.shape[1]] = values
-        shape = rows * side, BLOCK_PX, columns * side, BLOCK_PX
-        return padded.reshape(shape).swapaxes(1, 2).reshape(rows * side, columns * side, -1)
-
-    d = blocks(d)
+    d = _blocks(d)
     known = np.isfinite(d)
     n = known.sum(-1)
     d = np.where(known, d, 0)
     total = d.sum(-1)
     scatter = np.sqrt(np.maximum((d**2).sum(-1) - total**2 / np.maximum(n, 1), 0) * n / np.maximum(n - 1, 1))
-    limit = np.where(known, blocks(allowed), 0).sum(-1)
+    limit = np.where(known, _blocks(allowed), 0).sum(-1)
     scatter = np.minimum(scatter, LIKE_NEIGHBOURS * _median(np.where(n >= BLOCK_PX, scatter, np.nan)))
-    wrong = (n >= BLOCK_PX) & (np.abs(total) > limit) & (np.abs(total) > SIGMAS * scatter)
-    return wrong.reshape(rows, side, columns, side).any((1, 3))
+    return (n >= BLOCK_PX) & (np.abs(total) > limit) & (np.abs(total) > sigmas * scatter)
+
+
+def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
+    """[rows of blocks, columns of blocks, pixels]; what lies beyond is NaN (False)."""
+    rows, columns = (-(-n // side) for n in values.shape)
+    padded = np.full((rows * side, columns * side), False if values.dtype == bool else np.nan, values.dtype)
+    padded[: values.shape[0], : values.shape[1]] = values
+    return padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
 
 
 def _median(values: np.ndarray) -> np.ndarray:

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.tiles import differing, probe_strips
+from ..core.tiles import differing, differing_tiles, probe_strips
 from .job import Job
 from .layers import Light
+
+SAME = 0.02  # of the light: as far as samples of it may lie apart
+SUSPECT_SIGMAS = 3.0  # samples that are left out in vain cost little
 
 
 @dataclass(frozen=True)
@@ -38,3 +41,7 @@ class Judge:
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two planes differ; NaN says nothing."""
         return differing(a, b, self.tolerance, self.subpixels)
+
+    def one_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Tiles [rows, columns] in which two planes are samples of the same light, as far as their noise lets see."""
+        return ~(self.differing(a, b) | differing_tiles(a, b, SAME, self.subpixels, SUSPECT_SIGMAS))

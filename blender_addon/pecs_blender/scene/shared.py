@@ -32,9 +32,9 @@ def shared(
             continue
         carried, z = carried[:-1], carried[-1]
         same = np.isfinite(carried).all(0) & (np.abs(z - depth) <= DEPTH * depth)
-        wrong = judge.differing(np.where(same, one, np.nan), np.where(same, judge.plane(carried), np.nan))
+        agree = judge.one_light(np.where(same, one, np.nan), np.where(same, judge.plane(carried), np.nan))
         height, width = same.shape
-        same &= ~np.kron(wrong, np.ones((TILE_PX, TILE_PX), bool))[:height, :width]
+        same &= np.kron(agree, np.ones((TILE_PX, TILE_PX), bool))[:height, :width]
         total[:, same] += carried[:, same]
         count[same] += 1
     return (total / count).astype(np.float32)
