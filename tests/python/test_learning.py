@@ -3,7 +3,9 @@
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -12,8 +14,10 @@ import pytest
 import small_sequence
 from conftest import ROOT, run_module
 from pecs.learning.filter import HighPass
+from pecs.learning.footage import Footage, read_footage
 from pecs.learning.reconstruct import windows
 from pecs.learning.video import Range
+from pecs_lab.disk_edges import Disk, edges
 
 pytest_plugins = ["datasets_fixtures"]
 W, H = 96, 72
@@ -104,6 +108,88 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         said = result.stderr.strip().splitlines()
         assert result.returncode == code and len(said) == 1 and line in said[0], (words, result.stderr)
     assert not list(tmp_path.glob("x*"))
+
+
+def same_footage(one, other):
+    assert one.size == other.size == (W, H)
+    np.testing.assert_array_equal(one.pictures, other.pictures)
+    np.testing.assert_array_equal(one.events, other.events)
+    np.testing.assert_allclose(one.times_us, other.times_us, atol=1e-3)
+
+
+@pytest.fixture
+def footage(recording):
+    _, events = recording
+    times = 1_005_000 + 50_000.0 * np.arange(4)
+    pictures = np.random.default_rng(2).integers(0, 256, (4, H, W), np.uint8)
+    return Footage("own", events, times, pictures)
+
+
+def test_footage_in_the_layout_of_evreal(footage, tmp_path):
+    events = footage.events
+    for name, values in (
+        ("events_ts", events["t"] * 1e-6),
+        ("events_xy", np.stack([events["x"], events["y"]], 1).astype(np.int16)),
+        ("events_p", events["p"] > 0),
+        ("images", footage.pictures[..., None]),
+        ("images_ts", footage.times_us[:, None] * 1e-6),
+    ):
+        np.save(tmp_path / f"{name}.npy", values)
+    found = read_footage(tmp_path)
+    same_footage(found, footage)
+    parts = found.windows
+    assert [(w.begin_us, w.end_us) for w in parts] == list(pairwise(found.times_us.tolist()))
+    for w in parts:
+        inside = events[(events["t"] >= w.begin_us) & (events["t"] < w.end_us)]
+        np.testing.assert_array_equal(w.events, inside)
+    np.save(tmp_path / "images.npy", footage.pictures[:, :-1])
+    with pytest.raises(pecs.PecsInputError, match=f"pixel: got .*wanted one of {W} x {H - 1}"):
+        read_footage(tmp_path)
+
+
+def test_footage_in_the_layout_of_hs_ergb(footage, tmp_path):
+    """Events of remapped pixels, in files between pictures; one picture more than times."""
+    images, parts = tmp_path / "images_corrected", tmp_path / "events_aligned"
+    images.mkdir(), parts.mkdir()
+    for k, picture in enumerate([*footage.pictures, footage.pictures[0]]):
+        cv2.imwrite(str(images / f"{k:06d}.png"), np.repeat(picture[..., None], 3, 2))
+    (images / "timestamp.txt").write_text("".join(f"{t}\n" for t in footage.times_us))
+    events = footage.events
+    for k, part in enumerate(np.array_split(events, 3)):
+        x, y = (part[c].astype(np.uint16) * 32 + k for c in "xy")
+        if k == 2:
+            x[0] = 40_000  # carried out of the picture
+        columns = {"x": x, "y": y, "t": part["t"].astype(float), "p": part["p"]}
+        if k == 1:  # as later sets have it
+            columns = {"x": x, "y": y, "timestamp": part["t"], "polarity": part["p"].astype(bool)}
+        np.savez(parts / f"{k:06d}.npz", **columns)
+    lost = sum(len(part) for part in np.array_split(events, 3)[:2])
+    same_footage(read_footage(tmp_path), replace(footage, events=np.delete(events, lost)))
+    np.savez(parts / "000003.npz", x=x)
+    with pytest.raises(pecs.PecsInputError, match="000003.npz: arrays"):
+        read_footage(tmp_path)
+    with pytest.raises(pecs.PecsInputError, match="EVREAL"):
+        read_footage(images)
+
+
+def test_edges_of_a_drawn_disk():
+    """Drawn with its edges 3 px behind, and blurred: found there, as wide; nothing is found in noise."""
+    disk = Disk((61.3, 58.8), 50.0, 2000.0, 20.0, 4)
+    at_us, behind_px = 7000.0, 3.0
+    y, x = (np.mgrid[:960, :960] + 0.5) / 8  # eight samples a pixel
+    right, up = x - disk.centre_px[0], disk.centre_px[1] - y
+    behind_deg = np.degrees(behind_px / np.maximum(np.hypot(right, up), 1))
+    turned = np.degrees(np.arctan2(up, right)) - disk.on_edge_deg - disk.speed_deg_s * at_us * 1e-6 + behind_deg
+    sharp = (np.floor(turned / 90) % 2).astype(np.float32)  # behind a leading edge it is white
+    picture = cv2.resize(sharp, (120, 120), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(picture, (0, 0), 2.0)
+    for seen, wide in ((picture, 1.3), (blurred, 2.56 * 2)):  # of a pixel between pixels; 10 to 90 % of a Gaussian
+        ahead, width = edges(seen, disk, at_us)
+        assert ahead.shape == (4, len(ahead[0])) and np.isfinite(ahead).all()
+        np.testing.assert_allclose(ahead, -behind_px, atol=0.4)
+        assert np.median(width) == pytest.approx(wide, rel=0.3, abs=0.3)
+    for nothing in (1 - picture, np.random.default_rng(1).random((120, 120))):
+        assert np.isfinite(edges(nothing, disk, at_us)[0]).mean() < 0.05
 
 
 @pytest.fixture(scope="module")

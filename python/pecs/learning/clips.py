@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,7 +43,8 @@ class ClipConfig:
 
 
 class Recording:
-    """One event camera's events and pictures at the instants of its ground truth."""
+    """One event camera's events and pictures at the instants of its ground truth. Pictures and flow stay in memory once
+    they were used, 5 bytes for each pixel and instant: reading them again takes as long as training."""
 
     def __init__(self, camera: Camera):
         if not camera.has_truth or "motion" not in camera.truth.layers:
@@ -51,8 +53,19 @@ class Recording:
             fault(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
         self.camera = camera
         self.times_us = camera.truth.times_us
-        self.events = camera.events()
-        self.first = np.searchsorted(self.events["t"], self.times_us)
+        self._flows: dict[int, NDArray[np.float16]] = {}
+        self._set(camera.events())
+
+    def _set(self, events: NDArray[Any]) -> None:
+        self.events = events
+        self.first = np.searchsorted(events["t"], self.times_us)
+
+    def with_events(self, events: NDArray[Any]) -> Recording:
+        """The same light, seen by another sensor."""
+        other = copy.copy(self)
+        other.__dict__["pictures"] = self.pictures  # read once
+        other._set(events)
+        return other
 
     @property
     def windows(self) -> int:
@@ -67,6 +80,12 @@ class Recording:
         with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
             values = np.stack([light.at(t)[0] for t in self.times_us])
         return srgb(values / max(float(np.percentile(values, WHITE_PERCENTILE)), 1e-30))
+
+    def flow_back(self, i: int) -> NDArray[np.float16]:
+        """[2, H, W] px, as `Truth.flow_back`."""
+        if i not in self._flows:
+            self._flows[i] = np.moveaxis(self.camera.truth.flow_back(i), -1, 0).astype(np.float16)
+        return self._flows[i]
 
     def window(self, i: int) -> NDArray[Any]:
         events: NDArray[Any] = self.events[self.first[i] : self.first[i + 1]]
@@ -128,7 +147,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             kept["y"] -= box[0].start
             size = self.config.crop, self.config.crop, self.config.bins
             grids.append(voxel_grid(kept, *size, begin_us=begin, end_us=end, normalise=True))
-            flow = np.moveaxis(source.camera.truth.flow_back(first + at)[box], -1, 0)
+            flow = source.flow_back(first + at)[:, box[0], box[1]]
             flows.append(np.zeros_like(flow) if pause else flow)
             at += not pause
             shown.append(pictures[at])
@@ -142,8 +161,8 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
 def _augmented(item: dict[str, NDArray[Any]], how: Augmentation, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
     grid, flow = item["grid"], item["flow_back"]
-    noisy = rng.random(grid.shape) < how.noise_share
-    grid = grid + noisy * rng.normal(0, how.noise, grid.shape)
+    noisy = rng.random(grid.shape, np.float32) < how.noise_share
+    grid = grid + noisy * (how.noise * rng.standard_normal(grid.shape, np.float32))
     hot = rng.random(grid.shape[-2:]) < rng.uniform(0, how.hot)
     item |= {"grid": grid + hot * rng.normal(0, 1, grid.shape[-2:])}
     for axis, sign in ((-1, (-1, 1)), (-2, (1, -1))):

@@ -72,6 +72,17 @@ def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig) -> Losse
     return Losses(loss, *(float(p.detach()) for p in parts))
 
 
+def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig) -> Losses:
+    """One step, if its loss is a number."""
+    losses = clip_losses(net, item, config)
+    if math.isfinite(float(losses.loss)):
+        optimiser.zero_grad()
+        losses.loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        optimiser.step()
+    return losses
+
+
 def train(
     sources: list[Recording],
     run: Path,
@@ -94,14 +105,10 @@ def train(
     loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
     log = _Log(run, step)
     for item in loader:
-        losses = clip_losses(net, {name: value.to(device) for name, value in item.items()}, config)
+        losses = learn(net, optimiser, {name: value.to(device) for name, value in item.items()}, config)
         if not math.isfinite(float(losses.loss)):
             kept = f"; {run / CHECKPOINT} is of step {step - step % config.save_every}" if step else ""
             raise PecsError(f"{run}: step {step}: loss: got {float(losses.loss)}, wanted a number{kept}", 1)
-        optimiser.zero_grad()
-        losses.loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimiser.step()
         step += 1
         log.add(step, losses)
         if step % config.save_every == 0 or step == config.steps:
