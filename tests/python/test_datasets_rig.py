@@ -86,6 +86,16 @@ def test_colours_are_those_of_the_surfaces():
         assert np.allclose(got / got.max(), colour / colour.max(), atol=1e-9)
 
 
+def test_srgb_is_opencolorios():
+    import PyOpenColorIO
+
+    config = PyOpenColorIO.Config.CreateFromFile("ocio://cg-config-v2.1.0_aces-v1.3_ocio-v2.3")
+    encode = config.getProcessor("Linear Rec.709 (sRGB)", "sRGB - Texture").getDefaultCPUProcessor()
+    light = np.repeat(np.linspace(0, 1, 4001)[:, None], 3, axis=1)
+    theirs = np.array(encode.applyRGB(light.astype(np.float32).ravel().tolist())).reshape(light.shape)
+    assert np.abs(rgb.srgb(light) - 255 * theirs).max() < 0.501
+
+
 def test_the_filters_chip_weighs_as_the_matrix_does(tmp_path):
     """Amperes per band of the chip that pecs reads, over those of rgb.filters: one constant."""
     filter_nm, qe = rgb.filters()
