@@ -1,10 +1,11 @@
 """kill -9 at random moments, and when an output appears: what has its name is whole, and what is left disturbs no run.
 
-    .venv/bin/python scripts/kill_test.py [KILLS [render|signal|dataset|sense|convert|align]...]    (default: 20, all)
+    .venv/bin/python scripts/kill_test.py [KILLS [render|signal|dataset|disk|sense|convert|align]...]  (20, all)
 
 A killed render or data set is continued: its files must be those of an unbroken run. The others begin again: an output
 is there as the unbroken run writes it, or not at all. `signal`: SIGINT and SIGTERM to renders, which end with their
-documented exit codes.
+documented exit codes. `disk` (as root): a data set on a disk that is full at first, and 2^(8 / KILLS) times larger in
+each run.
 """
 
 import json
@@ -91,11 +92,36 @@ def kill_render(kind: str, folder: Path, kills: int, *numbers: signal.Signals) -
     return kill_and_continue(kind, folder, kills, 2.5, [sys.executable, "-m", "pecs_blender", *words], *numbers)
 
 
-def kill_dataset(folder: Path, kills: int) -> bool:
+def dataset(folder: Path) -> list[object]:
     recipe = folder / "recipe.toml"
     recipe.write_text(RECIPE.format(scene=ROOT / "scenes/rotating_disk"))
-    job = [sys.executable, "-m", "pecs.datasets", recipe]
-    return kill_and_continue("dataset", folder, kills, 15, job, signal.SIGKILL)
+    return [sys.executable, "-m", "pecs.datasets", recipe]
+
+
+def fill_disk(folder: Path, sizes: int) -> bool:
+    """Each run ends with one line and exit code 5, or is the last."""
+    whole, disk, job = folder / "whole disk", folder / "disk", dataset(folder)
+    to_the_end([*job, "-o", whole])
+    disk.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "pecs", disk], check=True)
+    wrong, full = [], 0
+    try:
+        room = 2**16
+        while room < 2**30:
+            room = int(room * 2 ** (8 / sizes))
+            subprocess.run(["mount", "-o", f"remount,size={room}", disk], check=True)
+            words = [str(w) for w in [*job, "-o", disk / "set"]]
+            ended = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            if ended.returncode == 0:
+                break
+            full += 1
+            if ended.returncode != 5 or "Traceback" in ended.stderr or "No space left" not in ended.stderr:
+                wrong.append(f"{room} bytes: {ended.returncode}: {ended.stderr[-200:]}")
+        wrong += differing(whole, disk / "set")
+    finally:
+        subprocess.run(["umount", disk], check=True)
+    print(f"disk: full {full} times, wrong: {wrong or 'none'}")
+    return not wrong
 
 
 def kill_and_continue(
@@ -109,11 +135,16 @@ def kill_and_continue(
         ended += killed([*job, "-o", broken], rng.uniform(0, longest_s), number=numbers[i % len(numbers)])
         left.append(len(list(broken.rglob("*.exr"))))
     to_the_end([*job, "-o", broken])
-    names, again = ({p.relative_to(f) for p in f.rglob("*") if p.is_file()} for f in (whole, broken))
-    differing = [n for n in names & again if (whole / n).read_bytes() != (broken / n).read_bytes()]
-    wrong = [str(n) for n in [*(names ^ again), *differing] if not n.name.endswith(NOT_THE_SAME)]
-    print(f"{kind}: killed {ended} times of {kills}, pictures after each: {left}; {len(names)} files, wrong: {wrong}")
+    wrong = differing(whole, broken)
+    print(f"{kind}: killed {ended} times of {kills}, pictures after each: {left}, wrong: {wrong or 'none'}")
     return not wrong
+
+
+def differing(whole: Path, broken: Path) -> list[str]:
+    """Files that are not the same in both."""
+    names, again = ({p.relative_to(f) for p in f.rglob("*") if p.is_file()} for f in (whole, broken))
+    other = [n for n in names & again if (whole / n).read_bytes() != (broken / n).read_bytes()]
+    return [str(n) for n in [*(names ^ again), *other] if not n.name.endswith(NOT_THE_SAME)]
 
 
 def stack(folder: Path) -> Path:
@@ -204,7 +235,10 @@ def main(kills: int, kinds: list[str]) -> int:
         do: dict[str, Callable[[], bool]] = {}
         do["render"] = lambda: kill_render("render", Path(folder), kills, signal.SIGKILL)
         do["signal"] = lambda: kill_render("signal", Path(folder), kills, signal.SIGINT, signal.SIGTERM)
-        do["dataset"] = lambda: kill_dataset(Path(folder), kills)
+        do["dataset"] = lambda: kill_and_continue(
+            "dataset", Path(folder), kills, 15, dataset(Path(folder)), signal.SIGKILL
+        )
+        do["disk"] = lambda: fill_disk(Path(folder), kills)
         for kind in ("sense", "convert", "align"):
             do[kind] = lambda kind=kind: kill_program(kind, Path(folder), kills)
         return 0 if all([do[kind]() for kind in kinds or do]) else 1

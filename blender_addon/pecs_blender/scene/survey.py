@@ -8,6 +8,7 @@ deforms at any of the instants is written once.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,8 +88,10 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
         names=np.array([thing.name for thing in things], str),
         classes=np.array([thing.kind or "" for thing in things], str),
     )
+    data = io.BytesIO()  # on a full disk, zipfile's error says nothing of it
+    np.savez(data, **arrays)
     with whole_file(output) as file:
-        np.savez(file, **arrays)
+        file.write(data.getbuffer())
 
 
 class _Eye:
