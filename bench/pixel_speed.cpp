@@ -1,5 +1,6 @@
-// bench_pixel_speed SEQUENCE [--chip NAME] [--model NAME] [--threads N] [--passes N] [--dump FILE]: frames in memory to
-// sorted events, pixel-frames and events per second, median of the passes, beside this machine's copy bandwidth. JSON.
+// bench_pixel_speed SEQUENCE [--chip NAME] [--threads N] [--passes N] [--dump FILE]: frames in memory to sorted events,
+// by the wall's clock and by CPU time of all threads, beside this machine's copy bandwidth. JSON: medians of the
+// passes, and the first one of the process (cold). Rates are of CPU time.
 //   disk    346x260, 500 frames at 1 kHz: a turning disk of sectors
 //   board   1280x720, 100 frames at 1 kHz: a moving checkerboard
 //   static  1280x720, 100 frames
@@ -17,6 +18,7 @@
 #include <string>
 #include <vector>
 
+#include "huge_pages.h"
 #include "measure.h"
 #include "pecs/sensor/sensor.h"
 
@@ -39,8 +41,11 @@ float edge(float distance, float dark, float bright) {
 Sequence make(const std::string& name) {
   const bool disk = name == "disk";
   Sequence s{disk ? 346 : 1280, disk ? 260 : 720, disk ? 500 : 100, {}};
-  s.values.resize(static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height) *
-                  static_cast<std::size_t>(s.frames));
+  const std::size_t count =
+      static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height) * static_cast<std::size_t>(s.frames);
+  s.values.reserve(count);
+  sensor::ask_for_huge_pages(s.values.data(), count * sizeof(float));  // as numpy does
+  s.values.resize(count);
   constexpr float kDark = 90, kBright = 240;
   auto* out = s.values.data();
   for (int i = 0; i < s.frames; ++i)
@@ -66,10 +71,40 @@ Sequence make(const std::string& name) {
   return s;
 }
 
-double seconds(auto&& work) {
+// Wall and CPU time of a piece of work, all threads together.
+struct Spent {
+  double wall_s, cpu_s;
+};
+Spent spent(auto&& work) {
   const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double cpu = seconds(work);
+  return {std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), cpu};
+}
+
+double median_of(const std::vector<Spent>& passes, double Spent::* what) {
+  std::vector<double> values;
+  for (const Spent& s : passes) values.push_back(s.*what);
+  return median(values);
+}
+
+// A sensor from its construction to its last event; how many events. They are handed on batch by batch, as to a file.
+std::size_t sense(const Sequence& s, const sensor::Chip& chip) {
+  const std::size_t plane = static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height);
+  std::size_t count = 0;
+  sensor::Sensor sensor(chip, s.width, s.height, 1, 1.0);
+  sensor::LabelledEvents events;
+  for (int first = 0; first < s.frames; first += 64) {
+    std::vector<const float*> planes;
+    std::vector<double> t_us;
+    for (int i = first; i < std::min(first + 64, s.frames); ++i) {
+      planes.push_back(s.values.data() + static_cast<std::size_t>(i) * plane);
+      t_us.push_back(1000.0 * i);
+    }
+    events.events.clear();
+    sensor.push(planes, t_us, first + 64 >= s.frames, events);
+    count += events.events.size();
+  }
+  return count;
 }
 
 int run(const std::vector<std::string>& args) {
@@ -83,37 +118,25 @@ int run(const std::vector<std::string>& args) {
   const sensor::Chip chip = sensor::load_chip(option(args, "--chip", "ideal"));
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
 
-  std::vector<float> copy(s.values.size());
-  std::vector<double> ours, copies;
   std::size_t count = 0;
-  const std::size_t plane = static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height);
+  const Spent cold = spent([&] { count = sense(s, chip); });
+  std::vector<float> copy(s.values.size());
+  std::vector<Spent> ours, copies;
   for (int pass = 0; pass < passes; ++pass) {
-    copies.push_back(seconds([&] { std::memcpy(copy.data(), s.values.data(), s.values.size() * sizeof(float)); }));
-    sensor::LabelledEvents events;
-    std::size_t pass_count = 0;
-    sensor::Sensor sensor(chip, s.width, s.height, 1, 1.0);
-    ours.push_back(seconds([&] {
-      for (int first = 0; first < s.frames; first += 64) {
-        std::vector<const float*> planes;
-        std::vector<double> t_us;
-        for (int i = first; i < std::min(first + 64, s.frames); ++i) {
-          planes.push_back(s.values.data() + static_cast<std::size_t>(i) * plane);
-          t_us.push_back(1000.0 * i);
-        }
-        events.events.clear();  // as they are streamed to a file
-        sensor.push(planes, t_us, first + 64 >= s.frames, events);
-        pass_count += events.events.size();
-      }
-    }));
-    count = pass_count;
+    copies.push_back(spent([&] { std::memcpy(copy.data(), s.values.data(), s.values.size() * sizeof(float)); }));
+    ours.push_back(spent([&] { count = sense(s, chip); }));
   }
-  const double time_s = median(ours), pixels = static_cast<double>(s.values.size());
+  const auto least = std::ranges::min_element(ours, {}, &Spent::cpu_s);
+  const double cpu_s = median_of(ours, &Spent::cpu_s), copy_s = median_of(copies, &Spent::cpu_s);
+  const double pixels = static_cast<double>(s.values.size());
   fmt::print(
       R"({{"sequence": "{}", "chip": "{}", "threads": {}, "passes": {}, "events": {}, "seconds": {:.4f}, )"
-      R"("mpixel_frames_per_s": {:.1f}, "mevents_per_s": {:.2f}, "copy_mpixels_per_s": {:.1f}, "of_copy": {:.3f}}})"
+      R"("cpu_s": {:.4f}, "least_cpu_s": {:.4f}, "cold_s": {:.4f}, "cold_cpu_s": {:.4f}, "mpixel_frames_per_s": {:.1f}, )"
+      R"("mevents_per_s": {:.2f}, "copy_mpixels_per_s": {:.1f}, "of_copy": {:.3f}}})"
       "\n",
-      args[0], chip.name, threads, passes, count, time_s, pixels / time_s * 1e-6,
-      static_cast<double>(count) / time_s * 1e-6, pixels / median(copies) * 1e-6, median(copies) / time_s);
+      args[0], chip.name, threads, passes, count, median_of(ours, &Spent::wall_s), cpu_s, least->cpu_s, cold.wall_s,
+      cold.cpu_s, pixels / cpu_s * 1e-6, static_cast<double>(count) / cpu_s * 1e-6, pixels / copy_s * 1e-6,
+      copy_s / cpu_s);
   return 0;
 }
 

@@ -1,6 +1,6 @@
 #include "pecs/sensor/event_sorter.h"
 
-#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -10,6 +10,8 @@
 #include <cstddef>
 #include <cstring>
 #include <numeric>
+
+#include "huge_pages.h"
 
 namespace pecs::sensor {
 
@@ -54,36 +56,66 @@ class Unpack {
   std::uint64_t per_width_;
 };
 
-// Sorts keys of a time: into runs of about as many us as there are keys, and those by insertion. `place`: scratch.
-void sort_keys(std::span<const std::span<const EventKey>> parts, std::int64_t begin_us, std::int64_t end_us,
-               std::span<EventKey> sorted, std::vector<std::uint32_t>& place) {
-  const std::int64_t most_runs = std::clamp<std::int64_t>(2 * std::ssize(sorted), 1, 1 << 14);
-  int shift = 0;
-  while ((end_us - begin_us) >> shift >= most_runs) ++shift;
-  const std::int64_t last = (end_us - begin_us) >> shift;
-  const auto run_of = [&](EventKey key) {
-    return static_cast<std::size_t>(std::clamp((key_time_us(key) - begin_us) >> shift, std::int64_t{0}, last));
-  };
-  place.assign(static_cast<std::size_t>(last) + 2, 0);
-  for (const auto keys : parts)
-    for (const EventKey key : keys) ++place[run_of(key) + 1];
-  std::partial_sum(place.begin(), place.end(), place.begin());
-  for (const auto keys : parts)
-    for (const EventKey key : keys) sorted[place[run_of(key)]++] = key;
-
-  std::size_t moves = 0;
-  for (std::size_t i = 1; i < sorted.size(); ++i) {
-    const EventKey key = sorted[i];
-    std::size_t to = i;
-    for (; to > 0 && sorted[to - 1] > key; --to) sorted[to] = sorted[to - 1];
-    sorted[to] = key;
-    moves += i - to;
-    if (moves > 16 * sorted.size()) {  // not nearly in order
-      std::ranges::sort(sorted);
-      return;
+// Sorts keys of a time: into runs of about as many us as there are keys, and those by insertion. What a thread needs
+// for it is used again from slot to slot.
+class KeySorter {
+ public:
+  // Keys that lie in parts; calls place(i, key) for each, the last call for an index being the right one.
+  template <class Place>
+  std::span<const EventKey> sort(std::span<const std::span<const EventKey>> parts, std::size_t count,
+                                 std::int64_t begin_us, std::int64_t end_us, const Place& place) {
+    sorted_.resize(std::max(sorted_.size(), count));
+    const std::span<EventKey> sorted(sorted_.data(), count);
+    into_runs(parts, begin_us, end_us, sorted);
+    std::size_t moves = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const EventKey key = sorted[i];
+      if (i == 0 || sorted[i - 1] <= key) {
+        place(i, key);
+        continue;
+      }
+      std::size_t to = i;
+      for (; to > 0 && sorted[to - 1] > key; --to) sorted[to] = sorted[to - 1];
+      sorted[to] = key;
+      moves += i - to;
+      if (moves > 16 * count) {  // not nearly in order
+        std::ranges::sort(sorted);
+        to = 0, i = count - 1;
+      }
+      for (; to <= i; ++to) place(to, sorted[to]);
     }
+    return sorted;
   }
-}
+
+ private:
+  void into_runs(std::span<const std::span<const EventKey>> parts, std::int64_t begin_us, std::int64_t end_us,
+                 std::span<EventKey> sorted) {
+    const std::int64_t most_runs = std::clamp<std::int64_t>(2 * std::ssize(sorted), 1, 1 << 14);
+    int shift = kKeyTimeShift;
+    while ((end_us - begin_us) >> (shift - kKeyTimeShift) >= most_runs) ++shift;
+    const auto last = static_cast<std::uint64_t>((end_us - begin_us) >> (shift - kKeyTimeShift));
+    const EventKey begin = event_key(begin_us, 0, false);
+    const auto run_of = [&](EventKey key) {
+      return key < begin ? 0 : static_cast<std::size_t>(std::min((key - begin) >> shift, last));
+    };
+    run_.assign(last + 2, 0);
+    std::uint32_t* const run = run_.data();
+    for (std::size_t part = 0; part < parts.size(); ++part) {
+      const std::span<const EventKey> keys = parts[part];
+      const EventKey* const next = part + 1 < parts.size() ? parts[part + 1].data() : keys.data();
+      for (std::size_t i = 0; i < keys.size(); ++i) {
+        if (i % 8 == 0) __builtin_prefetch(next + i);  // chunks lie here and there
+        ++run[run_of(keys[i]) + 1];
+      }
+    }
+    std::partial_sum(run_.begin(), run_.end(), run_.begin());
+    for (const auto keys : parts)
+      for (const EventKey key : keys) sorted[run[run_of(key)]++] = key;
+  }
+
+  std::vector<EventKey> sorted_;
+  std::vector<std::uint32_t> run_;  // where it begins, then where the next of its keys goes
+};
 
 }  // namespace
 
@@ -92,34 +124,31 @@ void EventSorter::append_sorted(std::size_t first_slot, std::size_t end_slot, La
   const std::size_t slots = end_slot - first_slot;
   std::vector<std::size_t> ends(slots + 1, 0);
   for (EventSlots& part : parts_)
-    for (std::size_t i = 0; i < slots; ++i) ends[i + 1] += part[first_slot + i].size();
+    for (std::size_t i = 0; i < slots; ++i) ends[i + 1] += part.count(first_slot + i);
   std::partial_sum(ends.begin(), ends.end(), ends.begin());
 
   std::vector<events::Event>& out = labelled.events;
   const std::size_t before = out.size();
-  if (out.capacity() < before + ends[slots]) out.reserve(std::max(before + ends[slots], 2 * out.capacity()));
+  if (out.capacity() < before + ends[slots]) {
+    out.reserve(std::max(before + ends[slots], 2 * out.capacity()));
+    ask_for_huge_pages(out.data(), out.capacity() * sizeof(events::Event));
+  }
   out.resize(before + ends[slots]);
   if (with_causes_) labelled.causes.resize(out.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, slots), [&](const auto& range) {
-    std::vector<EventKey> sorted;
-    std::vector<std::uint32_t> place;
+  tbb::enumerable_thread_specific<KeySorter> sorters;
+  tbb::parallel_for(std::size_t{0}, slots, [&](std::size_t i) {
+    const std::size_t slot = first_slot + i, count = ends[i + 1] - ends[i];
+    if (count == 0) return;
+    const std::int64_t begin_us = key_time_us(edges_[slot]);
+    const std::int64_t end_us = slot + 1 < edges_.size() ? key_time_us(edges_[slot + 1]) : begin_us + 1000;
     std::vector<std::span<const EventKey>> keys;
-    for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      const std::size_t slot = first_slot + i;
-      keys.clear();
-      for (EventSlots& part : parts_) keys.emplace_back(part[slot]);
-      sorted.resize(ends[i + 1] - ends[i]);
-      if (sorted.empty()) continue;
-      const std::int64_t begin_us = key_time_us(edges_[slot]);
-      const std::int64_t end_us = slot + 1 < edges_.size() ? key_time_us(edges_[slot + 1]) : begin_us + 1000;
-      sort_keys(keys, begin_us, end_us, sorted, place);
-      events::Event* to = out.data() + before + ends[i];
-      const Unpack unpack(width_);
-      for (const EventKey key : sorted) unpack(key, *to++);
-      if (with_causes_)
-        std::ranges::transform(sorted, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + ends[i]),
-                               key_cause);
-    }
+    for (const EventSlots& part : parts_) part.find(slot, keys);
+    const auto sorted = sorters.local().sort(keys, count, begin_us, end_us,
+                                             [to = out.data() + before + ends[i], unpack = Unpack(width_)](
+                                                 std::size_t at, EventKey key) { unpack(key, to[at]); });
+    if (with_causes_)
+      std::ranges::transform(sorted, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + ends[i]),
+                             key_cause);
   });
 }
 
@@ -129,10 +158,7 @@ void EventSorter::take(std::int64_t until_us, LabelledEvents& out) {
   for (EventSlots& part : parts_)
     for (std::size_t slot = 0; slot < slots; ++slot) {
       if (slot + 1 < edges_.size() && edges_[slot + 1] <= limit) continue;
-      std::vector<EventKey>& keys = part[slot];
-      const auto later = std::ranges::stable_partition(keys, [&](EventKey key) { return key < limit; });
-      held_.insert(held_.end(), later.begin(), later.end());
-      keys.erase(later.begin(), later.end());
+      part.take_later(slot, limit, held_);
     }
   if (until_us > from_us_) append_sorted(0, slots, out);
   for (EventSlots& part : parts_) part.begin(edges_);
@@ -150,8 +176,8 @@ void EventSorter::begin_window(std::int64_t from_us, std::int64_t to_us) {
 
 void EventSorter::drop_outside() {
   for (EventSlots& part : parts_) {
-    if (window_first_ > 0) part[0].clear();
-    part[edges_.size() - 1].clear();
+    if (window_first_ > 0) part.clear(0);
+    part.clear(edges_.size() - 1);
   }
 }
 
@@ -163,7 +189,7 @@ void EventSorter::take_window(const std::function<void(LabelledEvents&, bool)>& 
     LabelledEvents out;
     append_sorted(slot, next, out);
     for (EventSlots& part : parts_)
-      for (std::size_t i = slot; i < next; ++i) part[i] = {};
+      for (std::size_t i = slot; i < next; ++i) part.clear(i);
     sink(out, next == end);
   }
 }

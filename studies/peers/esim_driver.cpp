@@ -1,12 +1,12 @@
 // Runs the esim_py of a checkout of uzh-rpg/rpg_vid2e on frames in memory, and times it:
 //   esim_driver FRAMES.f32 WIDTH HEIGHT COUNT STEP_S C_ON C_OFF REFRACTORY_S LOG_EPS OUT.f64
-// FRAMES: raw float32, white = 1. OUT: rows of x, y, t [s], p. Prints the seconds that the simulator took.
+// FRAMES: raw float32, white = 1. OUT: rows of x, y, t [s], p. Prints the CPU seconds that the simulator took.
 #include <Eigen/Core>
 #include <algorithm>
 #include <boost/filesystem.hpp>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <iostream>
 #include <opencv2/core/core.hpp>
@@ -28,14 +28,14 @@ int main(int argc, char** argv) {
   EventSimulator simulator(static_cast<float>(std::atof(argv[6])), static_cast<float>(std::atof(argv[7])),
                            static_cast<float>(std::atof(argv[8])), eps, true);
   std::vector<Event> events;
-  const auto start = std::chrono::steady_clock::now();
+  const std::clock_t start = std::clock();
   for (int i = 0; i < count; ++i) {
     const cv::Mat frame(height, width, CV_32F, values.data() + static_cast<std::size_t>(i) * width * height);
     cv::Mat log;
     cv::log(frame + eps, log);
     simulator.imageCallback(log, i * step_s, events);
   }
-  std::printf("%.6f\n", std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  std::printf("%.6f\n", static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   std::ofstream out(argv[10], std::ios::binary);
   for (const Event& e : events) {
     const double row[4] = {double(e.x_), double(e.y_), e.t_, double(e.polarity_)};

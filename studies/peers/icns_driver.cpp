@@ -1,11 +1,12 @@
 // Runs the C++ program of an older commit of neuromorphicsystems/IEBCS (cpp/simu.h, b478243) on frames in memory, and
-// times it:  icns_driver FRAMES.f32 WIDTH HEIGHT COUNT STEP_US C_ON C_OFF NOISE LATENCY JITTER REFRACTORY TAU RATES
-// OUT.f64 FRAMES: raw float32, in lux. RATES: 0, or the rate in Hz of each polarity's background. OUT: x, y, t [us], p.
-#include <chrono>
+// prints its CPU seconds:  icns_driver FRAMES.f32 WIDTH HEIGHT COUNT STEP_US C_ON C_OFF NOISE LATENCY JITTER REFRACTORY
+// TAU RATES OUT.f64 FRAMES: raw float32, in lux. RATES: 0, or the rate in Hz of each polarity's background. OUT: x, y,
+// t [us], p.
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <string>
 
@@ -37,7 +38,7 @@ int main(int argc, char** argv) {
   for (int i = 0; i < count; ++i) {
     const float* first = values.data() + static_cast<std::size_t>(i) * pixels;
     frame.assign(first, first + pixels);
-    const auto start = std::chrono::steady_clock::now();
+    const std::clock_t start = std::clock();
     if (i == 0)
       simulator.init_img(frame.data());
     else {
@@ -45,7 +46,7 @@ int main(int argc, char** argv) {
       simulator.update_img(frame.data(), static_cast<std::uint64_t>(number(5)), now);
       events.insert(events.end(), now.begin(), now.end());
     }
-    seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    seconds += static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   }
   std::printf("%.6f\n", seconds);
   std::ofstream out(argv[14], std::ios::binary);

@@ -1,8 +1,9 @@
-"""Speed of our pixel with all its noise beside the ICNS C++ program with its own, one thread, frames in memory; JSON.
+"""Speed of our pixel with all its noise beside the ICNS C++ program with its own, one thread, CPU time; JSON.
 
     python studies/peers/icns_speed.py CHECKOUT [--passes 3]
 
-CHECKOUT: neuromorphicsystems/IEBCS at b478243, before its C++ (cpp/simu.h) was removed; compiled here. Medians.
+Frames in memory to events. CHECKOUT: neuromorphicsystems/IEBCS at b478243, before its C++ (cpp/simu.h) was removed;
+compiled here. Medians.
 """
 
 import argparse
@@ -21,12 +22,12 @@ SEQUENCES = {"disk": 500, "board": 100}
 
 
 def ours(frames: np.ndarray, t_us: np.ndarray) -> tuple[float, int]:
-    """Seconds from frames to sorted events, and how many."""
+    """CPU seconds from frames to sorted events, and how many."""
     with pecs.Sensor(frames.shape[2], frames.shape[1], "imx636", threads=1, photocurrent_a=2e-14) as sensor:
-        start, count = time.perf_counter(), 0
+        start, count = time.process_time(), 0
         for i in range(0, len(t_us), 64):
             count += len(sensor.push(frames[i : i + 64], t_us[i : i + 64], last=i + 64 >= len(t_us)))
-        return time.perf_counter() - start, count
+        return time.process_time() - start, count
 
 
 def main() -> None:

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "pecs/sensor/event_key.h"
+#include "pecs/sensor/event_slots.h"
 #include "pecs/sensor/readout.h"
 
 namespace pecs::sensor {

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "pecs/sensor/chip.h"
-#include "pecs/sensor/event_key.h"
+#include "pecs/sensor/event_slots.h"
 
 namespace pecs::sensor {
 

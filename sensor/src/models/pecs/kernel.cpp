@@ -82,8 +82,13 @@ class PixelBlock {
     take(a_.m0, rows_.m[0], 0);
     take(a_.reference, rows_.reference, 0);
     take(a_.blind_us, rows_.blind_us, 0);
-    take(a_.threshold_on, rows_.on, 1);
-    take(a_.threshold_off, rows_.off, 1);
+    if (a_.equal_thresholds) {
+      std::fill_n(rows_.on, kPixels, *a_.threshold_on);
+      std::fill_n(rows_.off, kPixels, *a_.threshold_off);
+    } else {
+      take(a_.threshold_on, rows_.on, 1);
+      take(a_.threshold_off, rows_.off, 1);
+    }
     if constexpr (kReceptor) {
       take(a_.w, rows_.w[0], 1);
       take(a_.noise, rows_.noise[0], 0);
@@ -124,18 +129,19 @@ class PixelBlock {
   // Light of the next frame, where it differs from the one before.
   void take_light(bool first) {
     const F f;
-    std::size_t changed = 0;
-    const float* now = planes_.next([&](std::uint32_t p, int same) {
-      for (float** row : {rows_.l, rows_.i, rows_.g}) put(at(row[1], p), row[2], p);
-      moving_[changed] = p;
-      changed += same == 0;
-    });
-    for (std::size_t k = 0; k < changed; ++k) {
-      const std::uint32_t p = moving_[k];
-      V current;
-      const M lit = current_of(a_, hn::LoadU(f, now + p), current);
-      put(hn::IfThenElse(lit, current, first ? hn::Set(f, kFloor_fa) : at(rows_.i[1], p)), rows_.i[2], p);
-      follow_light(2, p);
+    const float* now = planes_.next();
+    for (std::size_t w = 0; w < planes_.words(); ++w) {
+      // Rows go round: what was two planes ago is in the newest.
+      const std::uint64_t changed = planes_.changed(w), moving = planes_.changed(w, 1) | planes_.changed(w, 2);
+      each_vector(~changed & moving, w, [&](std::uint32_t p) {
+        for (float** row : {rows_.l, rows_.i, rows_.g}) put(at(row[1], p), row[2], p);
+      });
+      each_vector(changed, w, [&](std::uint32_t p) {
+        V current;
+        const M lit = current_of(a_, hn::LoadU(f, now + p), current);
+        put(hn::IfThenElse(lit, current, first ? hn::Set(f, kFloor_fa) : at(rows_.i[1], p)), rows_.i[2], p);
+        follow_light(2, p);
+      });
     }
   }
 
@@ -190,7 +196,7 @@ class PixelBlock {
     moving_count_ = 0;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
       const std::size_t vector = p / lanes();
-      bool still = planes_.same(p) > 2;
+      bool still = !planes_.moves(p);
       if constexpr (kReceptor) still = still && hn::AllTrue(f, hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p)));
       moving_[moving_count_] = p;
       moving_count_ += !(still && kept_[vector] && kept_h_us_ == t.h_us);

@@ -16,7 +16,8 @@ struct KernelArguments {
   PixelConstants constants;
   float dark_fa, gain_fa, noise_std;
   std::uint64_t seed;
-  // Arrays start at pixel 0 and are padded by kMaxLanes.
+  // Arrays start at pixel 0 and are padded by kMaxLanes. Equal thresholds: kMaxLanes of each.
+  bool equal_thresholds;
   const float *threshold_on, *threshold_off;
   float *light0, *light1;  // of the last two frames, as the kernel keeps it: I [fA] or ln I
   float *m0, *reference, *blind_us, *w, *noise;

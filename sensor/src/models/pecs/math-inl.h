@@ -10,6 +10,7 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "models/pecs/kernel.h"
@@ -66,49 +67,92 @@ HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
 
 constexpr std::size_t kLanes = hn::MaxLanes(F());
 
+// One bit for each vector of a block.
+template <std::uint32_t kPixels>
+struct VectorBits {
+  static constexpr std::size_t kWords = kPixels / 4 / 64;  // vectors have four lanes at least
+  std::uint64_t words[kWords] = {};
+
+  static std::size_t words_of(std::uint32_t pixels) {
+    return (pixels + 64 * hn::Lanes(F()) - 1) / (64 * hn::Lanes(F()));
+  }
+  // Those of a block's vectors for which is_set(p) holds.
+  template <class IsSet>
+  HWY_INLINE void set(std::uint32_t pixels, const IsSet& is_set) {
+    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(F()));
+    std::uint32_t p = 0;
+    for (std::size_t w = 0; w < words_of(pixels); ++w) {
+      std::uint64_t word = 0;
+      for (int bit = 0; bit < 64 && p < pixels; ++bit, p += lanes) word |= std::uint64_t{is_set(p)} << bit;
+      words[w] = word;
+    }
+  }
+  bool any() const {
+    return std::ranges::any_of(words, [](std::uint64_t w) { return w != 0; });
+  }
+};
+
+// visit(p) for the vectors of a word of bits.
+template <class Visit>
+HWY_INLINE void each_vector(std::uint64_t word, std::size_t index, const Visit& visit) {
+  for (; word != 0; word &= word - 1)
+    visit(static_cast<std::uint32_t>((64 * index + static_cast<std::size_t>(std::countr_zero(word))) * hn::Lanes(F())));
+}
+
 // A block of pixels, plane by plane.
 template <std::uint32_t kPixels>
 class Planes {
  public:
+  using Bits = VectorBits<kPixels>;
+
   explicit Planes(const KernelArguments& a) : a_(a) {}
   void begin(std::uint32_t first, std::uint32_t count) {
     first_ = first;
     count_ = count;
     index_ = 0;
     before_ = nullptr;
+    std::ranges::fill(changed_, Bits{});
   }
-  // The next plane, whole vectors: lanes beyond the block see light 1. visit(p, same) for the vector at every p; same:
-  // how many planes in a row have been as the one before, up to 3.
-  template <class Visit>
-  HWY_INLINE const float* next(const Visit& visit) {
+  std::size_t words() const { return Bits::words_of(count_); }
+  // The next plane, whole vectors: lanes beyond the block see light 1.
+  HWY_INLINE const float* next() {
     const F f;
-    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
     const float* now = a_.planes[index_] + first_;
     const float* ahead = index_ + 1 < a_.planes.size() ? a_.planes[index_ + 1] + first_ : now;
-    if (count_ % lanes != 0) {
+    if (const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f)); count_ % lanes != 0) {
       float* copy = ragged_[index_ & 1];
       std::fill_n(std::copy_n(now, count_, copy), lanes - count_ % lanes, 1.0f);
       now = copy;
     }
-    for (std::uint32_t p = 0; p < count_; p += lanes) {
-      hwy::Prefetch(ahead + p);
-      const bool alike = before_ && hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before_ + p)));
-      std::int8_t& same = same_[p / lanes];
-      same = static_cast<std::int8_t>(alike ? std::min(same + 1, 3) : 0);
-      visit(p, same);
-    }
+    for (std::size_t k = kPlanes - 1; k > 0; --k) changed_[k] = changed_[k - 1];
+    const float* before = before_;
+    if (before)
+      changed_[0].set(count_, [&](std::uint32_t p) {
+        hwy::Prefetch(ahead + p);
+        return !hn::AllTrue(f, hn::Eq(hn::LoadU(f, now + p), hn::LoadU(f, before + p)));
+      });
+    else
+      changed_[0].set(count_, [](std::uint32_t) { return true; });
     before_ = now;
     ++index_;
     return now;
   }
-  int same(std::uint32_t p) const { return same_[p / hn::Lanes(F())]; }
+  // Where the plane given last, or one to three before it, differs from the one before; the first differs everywhere.
+  std::uint64_t changed(std::size_t word, std::size_t planes_ago = 0) const { return changed_[planes_ago].words[word]; }
+  Bits& changed() { return changed_[0]; }
+  // Whether the vector at p differs in one of the last three planes from the one before.
+  bool moves(std::uint32_t p) const {
+    const std::size_t vector = p / hn::Lanes(F()), word = vector / 64;
+    return (changed(word) | changed(word, 1) | changed(word, 2)) >> vector % 64 & 1;
+  }
 
  private:
+  static constexpr std::size_t kPlanes = 4;
   const KernelArguments& a_;
   std::uint32_t first_ = 0, count_ = 0;
   std::size_t index_ = 0;
   const float* before_ = nullptr;
-  std::int8_t same_[kPixels] = {};
+  Bits changed_[kPlanes];
   float ragged_[2][kPixels];
 };
 
@@ -155,6 +199,7 @@ class Compress {
 };
 
 constexpr std::size_t kRoom = 512;  // for events that wait; never more than this and two vectors
+static_assert(kRoom + 2 * kLanes <= EventSlots::kChunk);
 
 // Event times of an interval.
 class Clock {
@@ -171,10 +216,17 @@ class Clock {
   }
   // place: a key's lower bits.
   void add(const std::int32_t* us, const std::uint32_t* place, std::size_t count, EventSlots& events) const {
-    EventKey keys[kRoom + 2 * kLanes];
-    for (std::size_t i = 0; i < count; ++i)
-      keys[i] = base_ + (static_cast<EventKey>(us[i]) << kKeyTimeShift) + place[i];
-    events.add(std::span<const EventKey>(keys, count));
+    if (count == 0) return;
+    std::int32_t first = us[0], last = us[0];
+    for (std::size_t i = 1; i < count; ++i) {
+      first = std::min(first, us[i]);
+      last = std::max(last, us[i]);
+    }
+    const auto at = [this](std::int32_t t) { return base_ + (static_cast<EventKey>(t) << kKeyTimeShift); };
+    if (EventKey* const keys = events.room(count, at(first), at(last + 1) - 1))
+      for (std::size_t i = 0; i < count; ++i) keys[i] = at(us[i]) + place[i];
+    else
+      for (std::size_t i = 0; i < count; ++i) events.add(at(us[i]) + place[i]);
   }
 
  private:

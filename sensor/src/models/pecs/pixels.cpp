@@ -1,6 +1,8 @@
 #include "models/pecs/pixels.h"
 
 #include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -66,20 +68,46 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   constants_.refractory_us = chip.refractory_period_s * 1e6;
 
   const std::size_t n = setup.pixels(), padded = n + kMaxLanes;
-  for (auto* v : {&threshold_on_, &threshold_off_}) v->assign(padded, 1.0f);
-  for (auto* v : {&light0_, &light1_, &m0_, &reference_, &blind_us_}) v->assign(padded, 0.0f);
-  if (constants_.a_per_us > 0)
-    for (auto* v : {&w_, &noise_}) v->assign(padded, 1.0f);
-  for (std::size_t i = 0; i < n; ++i) {
-    const Random4 r = random4(seed_, static_cast<std::uint32_t>(i), 0, Purpose::threshold);
-    const auto threshold = [&](double nominal, std::uint32_t word) {
-      return static_cast<float>(nominal * std::max(kMinThreshold, 1 + chip.threshold_mismatch * gaussian(word)));
-    };
-    threshold_on_[i] = threshold(chip.contrast_threshold_on, r[0]);
-    threshold_off_[i] = threshold(chip.contrast_threshold_off, r[1]);
-    if (uniform(r[2]) < chip.hot_pixel_fraction && hot_hz_ > 0) hot_.push_back(static_cast<std::uint32_t>(i));
-  }
+  draw_thresholds(chip, n);
+  for (Zeros* row : {&light0_, &light1_, &m0_, &reference_}) *row = Zeros(padded);
   if (setup.causes) marks_.resize(n);
+  if (!has_thresholds_alone()) blind_us_ = Zeros(padded);
+  if (constants_.a_per_us > 0)
+    for (Zeros* row : {&w_, &noise_}) *row = Zeros(padded);
+}
+
+void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
+  equal_thresholds_ = chip.threshold_mismatch == 0;
+  for (Zeros* row : {&threshold_on_, &threshold_off_}) *row = Zeros((equal_thresholds_ ? 0 : pixels) + kMaxLanes);
+  const auto random_of = [&](std::size_t pixel) {
+    return random4(seed_, static_cast<std::uint32_t>(pixel), 0, Purpose::threshold);
+  };
+  const auto draw = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Random4 r = equal_thresholds_ ? Random4{} : random_of(i);
+      const auto threshold = [&](double nominal, std::uint32_t word) {
+        const double mismatch = equal_thresholds_ ? 0 : chip.threshold_mismatch * gaussian(word);
+        return static_cast<float>(nominal * std::max(kMinThreshold, 1 + mismatch));
+      };
+      threshold_on_.data()[i] = threshold(chip.contrast_threshold_on, r[0]);
+      threshold_off_.data()[i] = threshold(chip.contrast_threshold_off, r[1]);
+    }
+  };
+  if (equal_thresholds_)
+    draw(0, kMaxLanes);
+  else
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels, kBlock),
+                      [&](const auto& range) { draw(range.begin(), range.end()); });
+  for (const Zeros* row : {&threshold_on_, &threshold_off_})
+    if (!equal_thresholds_) std::fill_n(row->data() + pixels, kMaxLanes, 1.0f);
+  for (std::size_t i = 0; chip.hot_pixel_fraction > 0 && hot_hz_ > 0 && i < pixels; ++i)
+    if (uniform(random_of(i)[2]) < chip.hot_pixel_fraction) hot_.push_back(static_cast<std::uint32_t>(i));
+}
+
+// No photoreceptor, refractory period, leak, background or causes.
+bool PecsPixels::has_thresholds_alone() const {
+  return constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
+         !has_background() && marks_.empty();
 }
 
 void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& events) {
@@ -93,14 +121,13 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
-  const bool plain = constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-                     !has_background() && marks_.empty();
-  const auto run = plain ? run_threshold_kernel : run_kernel;
+  const auto run = has_thresholds_alone() ? run_threshold_kernel : run_kernel;
   run({constants_,
        static_cast<float>(dark_fa_),
        static_cast<float>(gain_fa_),
        static_cast<float>(noise_std_),
        seed_,
+       equal_thresholds_,
        threshold_on_.data(),
        threshold_off_.data(),
        light0_.data(),

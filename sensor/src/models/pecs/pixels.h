@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "huge_pages.h"
 #include "models/entry.h"
 
 namespace pecs::sensor {
@@ -40,17 +41,20 @@ class PecsPixels : public PixelModel {
 
  private:
   bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
+  bool has_thresholds_alone() const;
+  void draw_thresholds(const Chip& chip, std::size_t pixels);
   std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
-  std::vector<float> threshold_on_, threshold_off_;
-  std::vector<float> light0_, light1_;  // of the last two frames (kernel.h)
-  std::vector<float> m0_;               // slope of ln I [1/us] at the earlier one
-  std::vector<float> reference_, blind_us_;
-  std::vector<float> w_, noise_;    // photoreceptor and its noise; empty when infinitely fast
-  std::vector<std::uint32_t> hot_;  // hot pixels, rising
+  bool equal_thresholds_;
+  Zeros threshold_on_, threshold_off_;  // equal ones: a vector of each
+  Zeros light0_, light1_;               // of the last two frames (kernel.h)
+  Zeros m0_;                            // slope of ln I [1/us] at the earlier one
+  Zeros reference_, blind_us_;          // blind_us_: not of thresholds alone
+  Zeros w_, noise_;                     // photoreceptor and its noise; empty when infinitely fast
+  std::vector<std::uint32_t> hot_;      // hot pixels, rising
   std::shared_ptr<const NoiseTable> table_;
   std::vector<ResetMark> marks_;  // empty when causes are not told
 };

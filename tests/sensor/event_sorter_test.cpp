@@ -1,0 +1,85 @@
+#include "pecs/sensor/event_sorter.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+#include <vector>
+
+namespace pecs::sensor {
+namespace {
+
+constexpr int kWidth = 640;
+constexpr std::uint32_t kPixels = 640 * 480;
+
+events::Event event_of(EventKey key) {
+  const std::uint32_t pixel = key_pixel(key);
+  return {key_time_us(key), static_cast<std::uint16_t>(pixel % kWidth), static_cast<std::uint16_t>(pixel / kWidth),
+          static_cast<std::uint8_t>(key_on(key))};
+}
+
+std::vector<EventKey> random_keys(std::mt19937& random, std::size_t count, std::int64_t begin_us, std::int64_t end_us) {
+  std::vector<EventKey> keys(count);
+  for (EventKey& key : keys)
+    key = event_key(std::uniform_int_distribution(begin_us, end_us)(random),
+                    static_cast<std::uint32_t>(random() % kPixels), random() % 2);
+  return keys;
+}
+
+// Keys in any order, of several parts, batch by batch: what is final leaves in order, what is not comes with the next.
+TEST(EventSorter, AnyOrderLeavesSorted) {
+  std::mt19937 random(1);
+  EventSorter sorter(kWidth);
+  LabelledEvents found;
+  std::vector<EventKey> all;
+  for (std::int64_t begin_us = 0; begin_us < 40000; begin_us += 10000) {
+    std::vector<double> t_us;
+    for (int i = 0; i < 10; ++i) t_us.push_back(static_cast<double>(begin_us + 1000 * i));
+    sorter.begin(t_us);
+    sorter.part(2);
+    for (std::size_t part = 0; part < 3; ++part) {
+      const std::vector<EventKey> keys = random_keys(random, 7000, begin_us, begin_us + 12000);
+      for (const EventKey key : keys) sorter.part(part).add(key);
+      all.insert(all.end(), keys.begin(), keys.end());
+    }
+    sorter.take(begin_us + 9500, found);
+  }
+  sorter.begin({});
+  sorter.take(1 << 20, found);
+  std::ranges::sort(all);
+  ASSERT_EQ(found.events.size(), all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) EXPECT_EQ(found.events[i], event_of(all[i])) << i;
+}
+
+// More than a chunk holds, in pieces that leave its end free.
+TEST(EventSlots, RoomIsWithinASlot) {
+  EventSlots slots;
+  const std::vector<EventKey> edges{0, event_key(1000, 0, false), event_key(2000, 0, false)};
+  std::mt19937 random(2);
+  for (int batch = 0; batch < 3; ++batch) {
+    slots.begin(edges);
+    EXPECT_EQ(slots.room(4, event_key(900, 0, false), event_key(1000, 0, false)), nullptr);
+    std::vector<EventKey> all;
+    for (int piece = 0; piece < 9; ++piece) {
+      std::vector<EventKey> keys = random_keys(random, 700, 1000, 1999);
+      std::ranges::copy(keys, slots.room(keys.size(), event_key(1000, 0, false), event_key(2000, 0, false) - 1));
+      all.insert(all.end(), keys.begin(), keys.end());
+    }
+    EXPECT_EQ(slots.count(0), 0u);
+    ASSERT_EQ(slots.count(1), all.size());
+    std::vector<EventKey> later;
+    slots.take_later(1, event_key(1500, 0, false), later);
+    const auto rest = std::ranges::stable_partition(all, [](EventKey key) { return key_time_us(key) < 1500; });
+    EXPECT_TRUE(std::ranges::equal(later, rest));
+    std::vector<std::span<const EventKey>> parts;
+    slots.find(1, parts);
+    std::vector<EventKey> left;
+    for (const auto part : parts) left.insert(left.end(), part.begin(), part.end());
+    EXPECT_TRUE(std::equal(left.begin(), left.end(), all.begin(), rest.begin()));
+    slots.clear(1);
+    EXPECT_EQ(slots.count(1), 0u);
+  }
+}
+
+}  // namespace
+}  // namespace pecs::sensor
