@@ -22,7 +22,7 @@ for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--
 # shellcheck disable=SC2086
 stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
   $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2800 --frames period \
-  --width 320 --height 180 --samples 8 --time adaptive --colour-tolerance-px 0.2 \
+  --width 320 --height 180 --samples 8 --time adaptive --colour-tolerance 0.2px \
   $settings
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)
@@ -33,11 +33,11 @@ if [ -n "$REAL" ]; then
   report_inputs+=(--real $OUT/real.raw)
 fi
 stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw "$PECS" sense $OUT/stack -o $OUT/sim.raw \
-  --chip imx636 --seed 1 --warmup-loops 12 --start-us "$start_us" --duration-us 54300
+  --chip imx636 --seed 1 --warmup-loops 12 --start "$start_us" --duration 54.3ms
 
 stage pictures "$PECS $OUT/sim.raw" $OUT/sim.html sh -c "
   '$PECS' view $OUT/sim.raw -o $OUT/sim.png && '$PECS' view $OUT/sim.raw -o $OUT/sim.mp4 &&
-  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm --stop-diameter-mm 1 --focus-m 1.56 -o $OUT/lens.svg"
+  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm --stop-diameter 1mm --focus 1.56m -o $OUT/lens.svg"
 
 if [ -n "$REAL" ]; then
   stage compare "$PECS $OUT/real.raw $OUT/sim.raw" $OUT/compare.json \

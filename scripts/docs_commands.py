@@ -17,7 +17,8 @@ TOOLS = sorted(p for p in (ROOT / "tools").glob("*.py"))
 HEAD = """# Commands
 
 This page is made from what each command answers to `--help`. Every command ends with an
-[exit code](exit_codes.md) and, on an error, with one line on standard error.
+[exit code](exit_codes.md) and, on an error, with one line on standard error. Values may carry their unit, such as
+`20ms`, `0.5m`, `10kHz` or `2pA`; a plain number is in the unit in brackets.
 
 """
 
@@ -31,12 +32,8 @@ def help_of(command: list[str]) -> str:
 
 
 def subcommands(text: str) -> list[str]:
-    """Of CLI11 (a section of lines `  name   words`) and of argparse (`{a,b,c}`)."""
-    section = re.search(r"^Subcommands:\n((?:  .*\n?)+)", text, re.MULTILINE)
-    if section:
-        return re.findall(r"^  (\w[\w-]*)", section[1], re.MULTILINE)
-    choices = re.search(r"^usage:(?:[^\n]|\n )*? \{([\w,-]+)\} \.\.\.", text, re.MULTILINE)
-    return choices[1].split(",") if choices else []
+    section = re.search(r"^commands:\n((?:  .*\n?)+)", text, re.MULTILINE)
+    return re.findall(r"^ {2,4}([a-z][\w-]*)(?= |$)", section[1], re.MULTILINE) if section else []
 
 
 def commands(name: str, command: list[str]):

@@ -30,8 +30,8 @@ def pecs(*arguments):
 
 def described(name):
     for film, (width, height) in FILMS.items():
-        arguments = ("--field-rows", 9, "--film-width-mm", width, "--film-height-mm", height)
-        info = json.loads(pecs("lens", "info", name, "--lambda-nm", 587.5618, "--json", *arguments))
+        arguments = ("--field-rows", 9, "--film-width", width, "--film-height", height)
+        info = json.loads(pecs("lens", "info", name, "--wavelength", 587.5618, "--json", *arguments))
         if info["field"][-1]["relative_illumination"] > LEAST_LIGHT:
             return info, film, math.hypot(width, height) / 2
     raise SystemExit(f"{name}: lights neither film")
@@ -51,7 +51,7 @@ def main():
             f"| {corner['distortion_percent']:.2f} "
             f"| {axis['rms_spot_um'][0]:.1f} / {corner['rms_spot_um'][0]:.1f} |\n"
         )
-        pecs("lens", "chart", name, "-o", charts / f"{name}.svg", "--film-half-diagonal-mm", f"{half:.4f}")
+        pecs("lens", "chart", name, "-o", charts / f"{name}.svg", "--film-half-diagonal", f"{half:.4f}")
         (charts / f"{name}.svg.run.json").unlink()
         source = "; ".join(str(v) for v in lens["source"].values())
         sections += f"\n## {name}\n{lens['name']}. {source}.\n\n![chart of {name}](lenses/{name}.svg)\n"

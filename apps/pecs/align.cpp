@@ -9,14 +9,16 @@
 #include <set>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/calibration/board.h"
 #include "pecs/calibration/clock.h"
 #include "pecs/calibration/disk.h"
 #include "pecs/calibration/intrinsics.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
-#include "pecs/run_record.h"
 #include "picture_file.h"
+#include "talk.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -42,13 +44,13 @@ struct BoardArguments {
 };
 
 void add_board_options(CLI::App& command, BoardArguments& a) {
-  command.add_option("--columns", a.columns, "Inner corners, or circles, in a row of the board")
+  command.add_option("--columns", a.columns, "inner corners, or circles, in a row of the board")
       ->check(CLI::Range(2, 99));
-  command.add_option("--rows", a.rows, "Inner corners, or circles, in a column")->check(CLI::Range(2, 99));
-  command.add_option("--views", a.views, "Instants to look at, spread evenly over a recording")
+  command.add_option("--rows", a.rows, "inner corners, or circles, in a column")->check(CLI::Range(2, 99));
+  command.add_option("--views", a.views, "instants to look at, spread evenly over a recording")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command.add_flag("--blinking", a.blinking, "The board stands still and blinks");
+  command.add_flag("--blinking", a.blinking, "the board stands still and blinks");
 }
 
 BoardShape shape_of(const BoardArguments& a) {
@@ -73,6 +75,7 @@ struct DetectArguments {
   std::string events, output;
   BoardArguments board{.target = "disk"};
   bool json = false;
+  Talk talk;
 };
 
 void say(const Disk& disk) {
@@ -124,7 +127,7 @@ void detect(const DetectArguments& a) {
   }
   if (!a.output.empty()) {
     write_png(a.output, picture);
-    write_run_record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
+    a.talk.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
   }
   if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
@@ -138,6 +141,7 @@ struct IntrinsicsArguments {
   IntrinsicsOptions options;
   LensSetting lens;
   bool json = false;
+  Talk talk;
 };
 
 bool is_picture(const std::string& path) {
@@ -221,7 +225,7 @@ void intrinsics(IntrinsicsArguments& a) {
     AtomicFile out(a.output);
     out.write(text_of(json, 2) + "\n");
     out.commit();
-    write_run_record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
+    a.talk.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(json, 2));
@@ -253,6 +257,7 @@ struct AlignArguments {
   std::optional<double> pixel_pitch_um;
   Search search;
   bool json = false;
+  Talk talk;
 };
 
 Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size) {
@@ -309,7 +314,7 @@ void align_recording(const AlignArguments& a) {
     out.commit();
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
-    write_run_record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
+    a.talk.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(aligned.json, 2));
@@ -327,66 +332,81 @@ void align_recording(const AlignArguments& a) {
 }  // namespace
 
 void add_align(CLI::App& app) {
-  auto* align = app.add_subcommand("align", "Measures the scene in a recording (docs/reference/align.md)");
+  auto* align = app.add_subcommand("align", "measure the scene in a recording (docs/reference/align.md)");
   align->require_subcommand(0, 1);
 
   auto a = std::make_shared<AlignArguments>();
-  align->add_option("REAL", a->real, "Recording of a lab scene, any event format");
-  align->add_option("--scene", a->scene, "Folder of the scene: scenes/board, scenes/rotating_disk");
+  align->add_option("REAL", a->real, "recording of a lab scene, any event format");
+  align->add_option("--scene", a->scene, "folder of the scene: scenes/board, scenes/rotating_disk");
   align->add_option("-o,--output", a->output, "aligned.json, for `pecs_blender render --set @aligned.json`");
-  align->add_option("--picture", a->picture, "Overlay of the recording before and after (PNG)");
-  align->add_option("--sim", a->sim, "Events simulated of the scene, to correct the result by");
+  align->add_option("--picture", a->picture, "overlay of the recording before and after (PNG)");
+  align->add_option("--sim", a->sim, "events simulated of the scene, to correct the result by");
   align->add_option("--sim-of", a->sim_of,
                     "aligned.json that the simulation was made with (default: the scene's own values)");
-  align->add_option("--camera", a->camera, "Camera of `pecs align intrinsics` instead of the scene's lens");
-  align->add_option("--pixel-pitch-um", a->pixel_pitch_um, "Of the sensor, if it is not 1280 x 720 of 4.86 um");
-  align->add_option("--views", a->search.views, "Instants at which a board is looked for")
+  align->add_option("--camera", a->camera, "camera of `pecs align intrinsics` instead of the scene's lens");
+  align
+      ->add_option("--pixel-pitch,--pixel-pitch-um", a->pixel_pitch_um,
+                   "pixel pitch of the sensor, if it is not 1280 x 720 of 4.86um")
+      ->transform(quantity("um"));
+  align->add_option("--views", a->search.views, "instants at which a board is looked for")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
-  align->add_flag("--hold-camera", a->search.hold_camera, "The camera is turned as the scene (or --sim-of) says");
+  align->add_flag("--hold-camera", a->search.hold_camera, "the camera is turned as the scene (or --sim-of) says");
   align
       ->add_option("--clock", a->clock,
                    "file: the file's clock is the scene's; offset: find it instead of the start (phase); both: and its "
                    "rate instead of the speed")
       ->check(CLI::IsMember({"file", "offset", "both"}))
       ->capture_default_str();
-  align->add_flag("--json", a->json, "Machine-readable output");
+  align->add_flag("--json", a->json, "machine-readable output");
+  a->talk.add_verbose_to(*align);
+  add_examples(*align, {"pecs align recording.raw --scene scenes/rotating_disk -o aligned.json --picture aligned.png",
+                        "pecs align detect recording.raw"});
   align->callback([align, a] {
     if (align->get_subcommands().empty()) align_recording(*a);
   });
 
   auto d = std::make_shared<DetectArguments>();
   auto* command = align->add_subcommand(
-      "detect",
-      "Finds a turning disk (centre, rim, speed, phase, sectors) or the points of a moving or blinking board");
-  command->add_option("EVENTS", d->events, "Recording, any event format")->required();
+      "detect", "find a turning disk (centre, rim, speed, phase, sectors) or the points of a moving or blinking board");
+  command->add_option("EVENTS", d->events, "recording, any event format")->required();
   command->add_option("--target", d->board.target, "disk, checkerboard, circles or asymmetric-circles")
       ->capture_default_str();
   add_board_options(*command, d->board);
-  command->add_option("-o,--output", d->output, "Picture of what was found (PNG)");
-  command->add_flag("--json", d->json, "Machine-readable output");
+  command->add_option("-o,--output", d->output, "picture of what was found (PNG)");
+  command->add_flag("--json", d->json, "machine-readable output");
+  d->talk.add_verbose_to(*command);
+  add_examples(*command, {"pecs align detect recording.raw -o found.png",
+                          "pecs align detect recording.raw --target checkerboard --columns 8 --rows 5"});
   command->callback([d] { detect(*d); });
 
   auto i = std::make_shared<IntrinsicsArguments>();
-  command = align->add_subcommand("intrinsics", "The camera, from views of a board in recordings or pictures");
-  command->add_option("INPUT", i->inputs, "Recordings (any event format) and pictures of one camera")->required();
+  command = align->add_subcommand("intrinsics", "the camera, from views of a board in recordings or pictures");
+  command->add_option("INPUT", i->inputs, "recordings (any event format) and pictures of one camera")->required();
   command->add_option("--target", i->board.target, "checkerboard, circles or asymmetric-circles")
       ->capture_default_str();
   add_board_options(*command, i->board);
   command->add_option("--model", i->model, "pinhole or fisheye (OpenCV's)")
       ->check(CLI::IsMember({"pinhole", "fisheye"}))
       ->capture_default_str();
-  command->add_option("--radial", i->options.radial, "Radial coefficients of a pinhole")
+  command->add_option("--radial", i->options.radial, "radial coefficients of a pinhole")
       ->check(CLI::Range(0, 3))
       ->capture_default_str();
-  command->add_flag("--tangential", i->options.tangential, "Tangential distortion too");
-  command->add_option("--lens", i->lens.lens, "Prescription (name or file) to compare the distortion with");
-  command->add_option("--focus-m", i->lens.focus_m, "Its object distance (default: infinity)");
-  command->add_option("--stop-diameter-mm", i->lens.stop_diameter_mm, "Its stop (default: wide open)");
-  command->add_option("--pixel-pitch-um", i->lens.pixel_pitch_um, "Of the sensor")->capture_default_str();
-  command->add_option("-o,--output", i->output, "Camera (JSON)");
-  command->add_option("--picture", i->picture, "Coverage map (PNG)");
-  command->add_flag("--json", i->json, "Machine-readable output");
+  command->add_flag("--tangential", i->options.tangential, "tangential distortion too");
+  command->add_option("--lens", i->lens.lens, "prescription of a lens (name or file) to compare the distortion with");
+  command->add_option("--focus,--focus-m", i->lens.focus_m, "the lens's object distance (default: infinity)")
+      ->transform(quantity("m"));
+  command->add_option("--stop-diameter,--stop-diameter-mm", i->lens.stop_diameter_mm, "the lens's (default: wide open)")
+      ->transform(quantity("mm"));
+  command->add_option("--pixel-pitch,--pixel-pitch-um", i->lens.pixel_pitch_um, "of the sensor")
+      ->transform(quantity("um"))
+      ->capture_default_str();
+  command->add_option("-o,--output", i->output, "the camera, a JSON file");
+  command->add_option("--picture", i->picture, "coverage map (PNG)");
+  command->add_flag("--json", i->json, "machine-readable output");
+  i->talk.add_verbose_to(*command);
+  add_examples(*command, {"pecs align intrinsics recording.raw --columns 8 --rows 5 -o camera.json",
+                          "pecs align intrinsics *.png --columns 8 --rows 5 --lens pecs_lab_15mm --focus 0.5m"});
   command->callback([i] { intrinsics(*i); });
 }
 

@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/sensor/choose_bands.h"
+#include "units.h"
 
 namespace pecs::app {
 void add_bands(CLI::App& app) {
@@ -20,9 +22,13 @@ void add_bands(CLI::App& app) {
       ->capture_default_str();
   sub->add_option("--illuminant", o->illuminant,
                   "the lamp: a name of lens_data/spectra, a CSV (wavelength in nm, power), blackbody:T or daylight:T");
-  sub->add_option("--min-nm", o->min_nm, "shortest wavelength, nm (default: where QE and lamp begin)");
-  sub->add_option("--max-nm", o->max_nm, "longest wavelength, nm (default: where QE and lamp end)");
-  sub->add_flag("--json", o->json, "machine output");
+  sub->add_option("--min-wavelength,--min-nm", o->min_nm, "the shortest one (default: where QE and lamp begin)")
+      ->transform(quantity("nm"));
+  sub->add_option("--max-wavelength,--max-nm", o->max_nm, "the longest one (default: where QE and lamp end)")
+      ->transform(quantity("nm"));
+  sub->add_flag("--json", o->json, "machine-readable output");
+  add_examples(*sub,
+               {"pecs bands -n 6", "pecs bands --chip davis346 --illuminant blackbody:2856 --max-wavelength 700nm"});
   sub->callback([o] {
     Json options = {{"chip", o->chip}, {"n", o->n}, {"placement", o->placement}};
     if (!o->illuminant.empty()) options["illuminant"] = o->illuminant;

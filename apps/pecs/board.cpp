@@ -5,10 +5,12 @@
 #include <memory>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/calibration/board_drawing.h"
 #include "pecs/error.h"
 #include "pecs/run_record.h"
 #include "picture_file.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -39,24 +41,34 @@ void add_board(CLI::App& app) {
   };
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("board", "a target to print: checkerboard, grid of circles, disk of sectors");
-  auto* kind = sub->add_option_group("target");
-  kind->add_option("--squares", o->squares, "checkerboard of COLUMNSxROWS squares, black at the top left");
-  kind->add_option("--circles", o->circles, "grid of COLUMNSxROWS black circles");
-  kind->add_option("--disk-mm", o->diameter_mm, "diameter of a disk")->check(CLI::Range(1.0, 10000.0));
-  kind->require_option(1);
-  sub->add_option("--square-mm", o->square_mm, "side of a square")
+  sub->add_option("--squares", o->squares, "checkerboard of COLUMNSxROWS squares, black at the top left");
+  sub->add_option("--circles", o->circles, "grid of COLUMNSxROWS black circles");
+  sub->add_option("--disk,--disk-mm", o->diameter_mm, "diameter of a disk")
+      ->transform(quantity("mm"))
+      ->check(CLI::Range(1.0, 10000.0));
+  sub->add_option("--square,--square-mm", o->square_mm, "side of a square")
+      ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  sub->add_option("--spacing-mm", o->spacing_mm, "between circles of a row")
+  sub->add_option("--spacing,--spacing-mm", o->spacing_mm, "between circles of a row")
+      ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
   sub->add_flag("--asymmetric", o->asymmetric, "every other row of circles half a spacing to the right");
-  sub->add_option("--sectors", o->sectors, "of the disk, black and white ones in all; even")
+  sub->add_option("--sectors", o->sectors, "sectors of the disk, black and white ones in all; even")
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
   sub->add_option("-o,--output", o->output, "the picture: .svg, .pdf or .png")->required();
-  sub->add_option("--width-px", o->width_px, "width of a .png")->check(CLI::Range(16, 16384))->capture_default_str();
+  sub->add_option("--width,--width-px", o->width_px, "width of a .png")
+      ->transform(quantity("px"))
+      ->check(CLI::Range(16, 16384))
+      ->capture_default_str();
+  add_examples(*sub, {"pecs board --squares 9x6 --square 25mm -o board.pdf",
+                      "pecs board --circles 11x4 --asymmetric -o circles.svg",
+                      "pecs board --disk 80mm --sectors 4 -o disk.svg"});
   sub->callback([o] {
+    if (!o->squares.empty() + !o->circles.empty() + (o->diameter_mm > 0) != 1)
+      throw Error(ExitCode::usage, "board: wanted one of --squares, --circles and --disk");
     if (o->sectors % 2)
       throw Error(ExitCode::usage, fmt::format("--sectors: got {}, wanted an even number", o->sectors));
     const auto squares = [&] {

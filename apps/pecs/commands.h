@@ -1,6 +1,7 @@
 #pragma once
 // To add a subcommand: write <name>.cpp with `void add_<name>(CLI::App& app)` that adds it and sets its callback,
-// declare it here, list it in main.cpp and CMakeLists.txt. A callback reports failure by throwing pecs::Error.
+// declare it here, list it in main.cpp and CMakeLists.txt. Its help begins in lower case and ends with examples
+// (help.h); numbers with a unit take it (units.h). A callback reports failure by throwing pecs::Error.
 #include <CLI/CLI.hpp>
 
 namespace pecs::app {
@@ -23,6 +24,7 @@ void add_render_preview(CLI::App& app);
 void add_report(CLI::App& app);
 void add_run(CLI::App& app);
 void add_sense(CLI::App& app);
+void add_version(CLI::App& app);  // --version
 void add_view(CLI::App& app);
 void add_lens(CLI::App& app);
 

@@ -7,11 +7,12 @@
 #include <memory>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/calibration/disk.h"
 #include "pecs/events/format.h"
-#include "pecs/run_record.h"
 #include "pecs/view/compare_plot.h"
 #include "picture_file.h"
+#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -23,6 +24,7 @@ struct Arguments {
   std::string normalisation = "shared", origin = "first-event";
   std::uint64_t seed = 1;
   bool json = false;
+  Talk talk;
 };
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
@@ -100,8 +102,7 @@ void run(const Arguments& a) {
   for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
   if (!a.picture.empty()) {
     write_picture(a.picture, view::compare_picture(comparison), 1520);
-    write_run_record(a.picture,
-                     {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
+    a.talk.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
     fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
@@ -114,13 +115,13 @@ void run(const Arguments& a) {
 void add_compare(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
   auto* command =
-      app.add_subcommand("compare", "Score a simulation against a real recording (docs/reference/metrics.md)");
-  command->add_option("REAL", a->real, "Recording, any event format")->required();
-  command->add_option("SIM", a->sim, "Simulation, same sensor size")->required();
-  command->add_option("--window", a->window_us, "Only this much from the origin, e.g. 100ms (default: all)")
-      ->transform(time_us())
+      app.add_subcommand("compare", "score a simulation against a real recording (docs/reference/metrics.md)");
+  command->add_option("REAL", a->real, "recording, any event format")->required();
+  command->add_option("SIM", a->sim, "simulation, same sensor size")->required();
+  command->add_option("--window", a->window_us, "only this much from the origin, e.g. 100ms (default: all)")
+      ->transform(quantity("us"))
       ->check(positive());
-  command->add_option("--origin", a->origin, "Where time starts: each stream's first event, or t = 0 of both")
+  command->add_option("--origin", a->origin, "where time starts: each stream's first event, or t = 0 of both")
       ->check(CLI::IsMember({"first-event", "zero"}))
       ->capture_default_str();
   command
@@ -129,12 +130,16 @@ void add_compare(CLI::App& app) {
                    "behind its tables, integer overflow included)")
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();
-  command->add_option("--seed", a->seed, "Seed of the split-half floor")->capture_default_str();
+  command->add_option("--seed", a->seed, "seed of the split-half floor")->capture_default_str();
   command->add_option("--disk", a->disk,
-                      "Compare the delays behind a turning disk's edges: find (in REAL), or the file that `pecs align "
+                      "compare the delays behind a turning disk's edges: find (in REAL), or the file that `pecs align "
                       "detect REAL --json` was written to");
-  command->add_option("-o,--picture", a->picture, "Rates and delays drawn (SVG, PNG or PDF)");
-  command->add_flag("--json", a->json, "Machine-readable output");
+  command->add_option("-o,--picture", a->picture, "rates and delays drawn (SVG, PNG or PDF)");
+  command->add_flag("--json", a->json, "machine-readable output");
+  a->talk.add_verbose_to(*command);
+  add_examples(*command, {"pecs compare recording.raw events.raw",
+                          "pecs compare recording.raw events.raw --window 100ms -o scores.svg",
+                          "pecs compare recording.raw events.raw --disk find --json"});
   command->callback([a] { run(*a); });
 }
 

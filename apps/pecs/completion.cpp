@@ -21,13 +21,6 @@ std::vector<const CLI::Option*> options_of(const CLI::App& app) {
   return app.get_options([](const CLI::Option* option) { return !option->get_positional(); });
 }
 
-std::vector<std::string> names_of(const CLI::Option& option) {
-  std::vector<std::string> names;
-  for (const std::string& name : option.get_snames()) names.push_back("-" + name);
-  for (const std::string& name : option.get_lnames()) names.push_back("--" + name);
-  return names;
-}
-
 bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
 
 std::string quoted(std::string text) {
@@ -117,7 +110,7 @@ std::string fish(const std::vector<Place>& places) {
     for (const CLI::Option* option : options_of(*p.app)) {
       std::string names;
       for (const std::string& name : option->get_snames()) names += " -s " + name;
-      for (const std::string& name : option->get_lnames()) names += " -l " + name;
+      if (!option->get_lnames().empty()) names += " -l " + option->get_lnames().front();
       const std::vector<std::string> choices = choices_of(*option);
       const std::string value = !choices.empty()
                                     ? fmt::format(" -x -a {}", quoted(fmt::format("{}", fmt::join(choices, " "))))

@@ -2,12 +2,14 @@
 #include <fmt/format.h>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/events/select.h"
 #include "pecs/events/summary.h"
 #include "pecs/progress.h"
-#include "pecs/run_record.h"
+#include "talk.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -17,7 +19,8 @@ struct Options {
   std::optional<std::string> format, input_format;
   std::vector<int> size;
   events::Selection selection;
-  bool json = false, quiet = false;
+  bool json = false;
+  Talk talk;
 };
 
 // A file may not say its size before it is read: then it is read once for that.
@@ -47,7 +50,7 @@ void convert(const Options& o) {
   const auto writer = to.open_writer(o.out, info);
 
   events::Summary read, written;
-  Progress progress("events", 0, o.quiet);
+  Progress progress("events", 0, o.talk.quiet);
   std::vector<events::Event> block;
   for (;;) {
     block.resize(1 << 16);
@@ -69,16 +72,16 @@ void convert(const Options& o) {
   results["height"] = info.height;
   results["format"] = to.name;
   const events::Selection& s = o.selection;
-  write_run_record(o.out, {.command = "convert",
-                           .arguments = arguments(),
-                           .config = {{"input_format", from.name},
-                                      {"format", to.name},
-                                      {"t_start_us", optional_json(s.t_start_us)},
-                                      {"t_end_us", optional_json(s.t_end_us)},
-                                      {"rezero", s.rezero},
-                                      {"decimate", s.decimate}},
-                           .inputs = {o.in},
-                           .results = results});
+  o.talk.record(o.out, {.command = "convert",
+                        .arguments = arguments(),
+                        .config = {{"input_format", from.name},
+                                   {"format", to.name},
+                                   {"t_start_us", optional_json(s.t_start_us)},
+                                   {"t_end_us", optional_json(s.t_end_us)},
+                                   {"rezero", s.rezero},
+                                   {"decimate", s.decimate}},
+                        .inputs = {o.in},
+                        .results = results});
   if (o.json)
     fmt::print("{}\n", text_of(results));
   else
@@ -96,10 +99,12 @@ void add_convert(CLI::App& app) {
   std::string names;
   for (const events::Codec& c : events::codecs())
     if (c.open_writer) names += fmt::format("\n{} ({}): {}", c.name, c.extensions.front(), c.description);
-  sub->add_option("--format", o->format, "of OUT, one of:" + names);
-  sub->add_option("--input-format", o->input_format, "of IN, when its content does not say");
-  sub->add_option("--t-start-us", o->selection.t_start_us, "keep events from this time on, us in IN");
-  sub->add_option("--t-end-us", o->selection.t_end_us, "keep events before this time, us in IN");
+  sub->add_option("--format", o->format, "format of OUT, one of:" + names);
+  sub->add_option("--input-format", o->input_format, "format of IN, when its content does not say");
+  sub->add_option("--t-start,--t-start-us", o->selection.t_start_us, "keep events from this time of IN on")
+      ->transform(quantity("us"));
+  sub->add_option("--t-end,--t-end-us", o->selection.t_end_us, "keep events before this time of IN")
+      ->transform(quantity("us"));
   sub->add_flag("--rezero", o->selection.rezero, "subtract the time of the first event kept");
   sub->add_option("--decimate", o->selection.decimate,
                   "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "
@@ -108,8 +113,11 @@ void add_convert(CLI::App& app) {
   sub->add_option("--size", o->size, "width and height of IN in pixels, when it does not say (else measured)")
       ->expected(2)
       ->check(CLI::Range(1, 65536));
-  sub->add_flag("--json", o->json, "machine output");
-  sub->add_flag("--quiet", o->quiet, "no progress");
+  sub->add_flag("--json", o->json, "machine-readable output");
+  o->talk.add_to(*sub);
+  add_examples(*sub,
+               {"pecs convert events.raw events.h5", "pecs convert events.raw part.csv --t-start 20ms --t-end 40ms",
+                "pecs convert events.txt events.npz --input-format e2vid"});
   sub->callback([o] { convert(*o); });
 }
 

@@ -5,9 +5,11 @@
 #include <cmath>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/events/format.h"
 #include "pecs/events/summary.h"
 #include "pecs/sensor/stack.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -121,12 +123,14 @@ void add_info(CLI::App& app) {
     bool json = false;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand(
-      "info", "what an event file or an EXR stack holds: events, rates; frames, bands; size, times (us)");
+  CLI::App* sub = app.add_subcommand("info", "what an event file or an EXR stack holds");
   sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
-  sub->add_option("--format", o->format, "of FILE, when its content does not say");
-  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")->check(positive());
-  sub->add_flag("--json", o->json, "machine output");
+  sub->add_option("--format", o->format, "format of FILE, when its content does not say");
+  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")
+      ->transform(quantity("Hz"))
+      ->check(positive());
+  sub->add_flag("--json", o->json, "machine-readable output");
+  add_examples(*sub, {"pecs info events.raw", "pecs info out/stack --json"});
   sub->callback([o] {
     const bool is_stack = std::filesystem::is_directory(o->path);
     const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format);

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/lens/draw.h"
@@ -15,6 +16,7 @@
 #include "pecs/lens/trace_csv.h"
 #include "pecs/run_record.h"
 #include "picture_file.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -28,19 +30,43 @@ struct LensArguments {
   int width_px = 1920;
 
   void add_width_to(CLI::App& command) {
-    command.add_option("--width-px", width_px, "width of a .png")->capture_default_str()->check(CLI::Range(16, 16384));
+    command.add_option("--width,--width-px", width_px, "width of a .png")
+        ->transform(quantity("px"))
+        ->capture_default_str()
+        ->check(CLI::Range(16, 16384));
   }
   void add_to(CLI::App& command) {
     command.add_option("LENS", lens, "a prescription (lens_data/SCHEMA.md), or the name of one of lens_data/lenses")
         ->required();
   }
   void add_state_to(CLI::App& command) {
-    command.add_option("--focus-m", focus_m, "object distance from the entrance pupil, metres (default: infinity)");
-    auto* diameter =
-        command.add_option("--stop-diameter-mm", stop.diameter_mm, "diameter of the stop (default: wide open)");
+    command.add_option("--focus,--focus-m", focus_m, "object distance from the entrance pupil (default: infinity)")
+        ->transform(quantity("m"));
+    add_stop_to(command);
+  }
+  void add_stop_to(CLI::App& command) {
+    auto* diameter = command
+                         .add_option("--stop-diameter,--stop-diameter-mm", stop.diameter_mm,
+                                     "diameter of the stop (default: wide open)")
+                         ->transform(quantity("mm"));
     command.add_option("--fnumber", stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
   }
 };
+
+// --wavelength of one or several of them.
+template <class Target>
+CLI::Option* add_wavelength(CLI::App& command, Target& nm, const char* what) {
+  return command.add_option("--wavelength,--lambda-nm", nm, what)->transform(quantity("nm"));
+}
+
+void add_film(CLI::App& command, lens::InfoOptions& info) {
+  command.add_option("--film-width,--film-width-mm", info.film_width_mm, "film width")
+      ->transform(quantity("mm"))
+      ->capture_default_str();
+  command.add_option("--film-height,--film-height-mm", info.film_height_mm, "film height")
+      ->transform(quantity("mm"))
+      ->capture_default_str();
+}
 
 void print_text(const Json& report) {
   const auto row = [&](const char* name, const char* key, const char* unit) {
@@ -90,16 +116,19 @@ void add_lens_info(CLI::App& parent) {
   CLI::App* command = parent.add_subcommand("info", "focal lengths, f-number, pupils, field of view");
   o->add_to(*command);
   o->add_state_to(*command);
-  command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
-  command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
+  add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
+  add_film(*command, o->info);
   command
-      ->add_option("--bands-nm", o->info.bands_nm, "wavelengths of the colours along the field (default: --lambda-nm)")
+      ->add_option("--bands,--bands-nm", o->info.bands_nm,
+                   "wavelengths of the colours along the field, separated by commas (default: --wavelength)")
+      ->transform(quantity("nm"))
       ->delimiter(',');
   command->add_option("--field-rows", o->info.field_rows, "film radii, axis to corner")
       ->capture_default_str()
       ->check(CLI::Range(2, 1000));
-  command->add_flag("--json", o->json, "machine output");
+  command->add_flag("--json", o->json, "machine-readable output");
+  add_examples(*command,
+               {"pecs lens info pecs_lab_15mm --focus 0.5m", "pecs lens info pecs_lab_15mm --fnumber 8 --json"});
   command->callback([o] {
     o->info.focus_m = o->focus_m;
     o->info.stop = o->stop;
@@ -121,13 +150,13 @@ void add_lens_pupil(CLI::App& parent) {
       parent.add_subcommand("pupil", "the pupil over the film radius: covering ellipse, exact area, irradiance");
   o->add_to(*command);
   o->add_state_to(*command);
-  command->add_option("--lambda-nm", o->info.lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--film-width-mm", o->info.film_width_mm, "film width")->capture_default_str();
-  command->add_option("--film-height-mm", o->info.film_height_mm, "film height")->capture_default_str();
+  add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
+  add_film(*command, o->info);
   command->add_option("-o,--output", o->output,
                       "picture (.svg or .png) of exact pupils and ellipses at five film radii");
   o->add_width_to(*command);
-  command->add_flag("--json", o->json, "machine output");
+  command->add_flag("--json", o->json, "machine-readable output");
+  add_examples(*command, {"pecs lens pupil pecs_lab_15mm --fnumber 4 -o pupils.svg"});
   command->callback([o] {
     o->info.focus_m = o->focus_m;
     o->info.stop = o->stop;
@@ -173,8 +202,11 @@ void add_lens_convert(CLI::App& parent) {
       parent.add_subcommand("convert", "Zemax .zmx or pbrt .dat to our JSON, or any lens to pbrt's .dat");
   o->add_to(*command);
   command->add_option("-o,--output", o->output, "the new file: .json, or .dat for pbrt")->required();
-  command->add_option("--lambda-nm", o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
-  command->add_option("--focus-m", o->focus_m, "focus of pbrt's film distance (default: infinity)");
+  add_wavelength(*command, o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
+  command->add_option("--focus,--focus-m", o->focus_m, "focus of pbrt's film distance (default: infinity)")
+      ->transform(quantity("m"));
+  add_examples(*command, {"pecs lens convert lens.zmx -o lens.json",
+                          "pecs lens convert pecs_lab_15mm -o lens.dat --wavelength 550nm"});
   command->callback([o] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
     std::string text;
@@ -207,12 +239,13 @@ void add_lens_trace(CLI::App& parent) {
   CLI::App* command = parent.add_subcommand(
       "trace", "rays from stdin through the lens: x,y,z,dx,dy,dz in mm, first vertex z = 0, +z from object to film");
   o->add_to(*command);
-  auto* diameter =
-      command->add_option("--stop-diameter-mm", o->stop.diameter_mm, "diameter of the stop (default: wide open)");
-  command->add_option("--fnumber", o->stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
-  command->add_option("--lambda-nm", o->lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--to-z-mm", o->to_z_mm, "plane on which the traced rays are given")->required();
+  o->add_stop_to(*command);
+  add_wavelength(*command, o->lambda_nm, "wavelength")->capture_default_str();
+  command->add_option("--to-z,--to-z-mm", o->to_z_mm, "plane on which the traced rays are given")
+      ->transform(quantity("mm"))
+      ->required();
   command->add_flag("--no-clip", o->no_clip, "ignore stop and housing");
+  add_examples(*command, {"echo 0,0,-100,0,0,1 | pecs lens trace pecs_lab_15mm --to-z 40mm --wavelength 550nm"});
   command->callback([o] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     const lens::Tracer tracer(prescription, o->lambda_nm, lens::resolve_stop(prescription, o->stop));
@@ -236,14 +269,20 @@ void add_lens_picture(CLI::App& parent, const std::string& name, const std::stri
   o->add_state_to(*command);
   command->add_option("-o,--output", o->output, "the picture, .svg or .png")->required();
   o->add_width_to(*command);
-  command->add_option("--lambda-nm", o->draw.bands_nm, "wavelengths")->delimiter(',')->capture_default_str();
-  command->add_option("--film-half-diagonal-mm", o->draw.film_half_diagonal_mm, "film")->capture_default_str();
+  add_wavelength(*command, o->draw.bands_nm, "wavelengths, separated by commas")->delimiter(',')->capture_default_str();
+  command->add_option("--film-half-diagonal,--film-half-diagonal-mm", o->draw.film_half_diagonal_mm, "of the film")
+      ->transform(quantity("mm"))
+      ->capture_default_str();
   command->add_option("--fields", o->draw.fields, "film points, parts of the half diagonal")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--rays", o->draw.rays_per_fan, "rays per field and wavelength")
       ->capture_default_str()
       ->check(CLI::Range(1, 200));
+  const std::string example = fmt::format("pecs lens {0} pecs_lab_15mm -o {0}.svg", name);
+  const std::string other =
+      fmt::format("pecs lens {0} pecs_lab_15mm -o {0}.png --width 1200px --fnumber 5.6 --wavelength 450nm,550nm", name);
+  add_examples(*command, {example.c_str(), other.c_str()});
   command->callback([o, name, picture] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
@@ -267,6 +306,7 @@ void add_lens_picture(CLI::App& parent, const std::string& name, const std::stri
 void add_lens(CLI::App& app) {
   CLI::App* command = app.add_subcommand("lens", "prescriptions: first-order data, ray tracing, drawings");
   command->require_subcommand(1);
+  add_examples(*command, {"pecs lens info pecs_lab_15mm", "pecs lens draw pecs_lab_15mm -o lens.svg"});
   add_lens_info(*command);
   add_lens_trace(*command);
   add_lens_pupil(*command);

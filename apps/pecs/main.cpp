@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
 #include "pecs/program.h"
-#include "pecs/version.h"
 #include "usage.h"
 
 namespace pecs::app {
@@ -26,8 +26,12 @@ int main(int argc, char** argv) {
   return pecs::run_program("pecs", [&] {
     pecs::app::stored_arguments().assign(argv + 1, argv + argc);
     CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
-    app.set_version_flag("--version", std::string("pecs ") + pecs::kVersion);
     app.require_subcommand(1);
+    pecs::app::add_examples(app, {"pecs demo                                    # a scene with a known truth",
+                                  "pecs sense out/stack -o events.raw           # a rendered stack to events",
+                                  "pecs view events.raw -o events.png           # and what they look like",
+                                  "pecs --version --verbose                     # for a report of an error"});
+    pecs::app::add_version(app);
     pecs::app::add_align(app);
     pecs::app::add_bands(app);
     pecs::app::add_board(app);
@@ -46,6 +50,7 @@ int main(int argc, char** argv) {
     pecs::app::add_completion(app);
     pecs::app::add_man(app);
     pecs::app::check_options(app);
+    pecs::app::format_help(app);
     try {
       pecs::app::check_commands(app, argc, argv);
       app.parse(argc, argv);

@@ -24,15 +24,16 @@ std::string roff(const std::string& text) {
 }
 
 std::string entry(const CLI::Option& option) {
-  std::string names, value;
-  for (const std::string& name : option.get_snames()) names += (names.empty() ? "-" : ", -") + name;
-  for (const std::string& name : option.get_lnames()) names += (names.empty() ? "--" : ", --") + name;
-  if (option.get_positional()) names = option.get_name();
-  if (option.get_items_expected_max() > 0 && !option.get_positional()) value = " " + option.get_type_name();
-  std::string out =
-      fmt::format(".TP\n\\fB{}\\fR{}\n{}\n", roff(names), roff(value), roff(sentence(option.get_description())));
-  if (!option.get_default_str().empty()) out += fmt::format("Default: {}.\n", roff(option.get_default_str()));
-  return out;
+  const std::string value = option.get_positional() ? "" : value_of(option);
+  const std::string names = heading_of(option).substr(0, heading_of(option).size() - value.size());
+  return fmt::format(".TP\n\\fB{}\\fR{}\n{}\n", roff(names), roff(value), roff(sentence(said_of(option))));
+}
+
+// The examples of --help.
+std::string examples_of(const CLI::App& app) {
+  const std::string text = app.get_footer();
+  const std::size_t first = text.find('\n');
+  return first == text.npos ? "" : fmt::format(".PP\nExamples:\n.nf\n{}\n.fi\n", roff(text.substr(first + 1)));
 }
 
 std::string usage_of(const CLI::App& app, const std::string& name) {
@@ -51,7 +52,7 @@ std::string options_of(const CLI::App& app, const std::string& name, const char*
   std::string out;
   if (app.get_prefix_command()) return fmt::format(".SH OPTIONS\n\\fB{} \\-\\-help\\fR lists them.\n", roff(name));
   for (const CLI::Option* option : app.get_options()) out += entry(*option);
-  out = fmt::format("{}\n{}", heading, out);
+  out = fmt::format("{}\n{}{}", heading, out, examples_of(app));
   for (const CLI::App* command : commands_of(app)) {
     const std::string full = name + " " + command->get_name();
     out += fmt::format(".SH {}\n{}\n.PP\n{}\n", roff(full), usage_of(*command, full),

@@ -11,15 +11,17 @@
 #include <span>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/input/display.h"
 #include "pecs/progress.h"
-#include "pecs/run_record.h"
 #include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/view/band_colours.h"
 #include "picture_file.h"
+#include "talk.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -31,6 +33,7 @@ struct Arguments {
   std::optional<double> band_nm;
   input::DisplayOptions display;
   bool json = false;
+  Talk talk;
 };
 
 using Triple = std::array<double, 3>;
@@ -148,7 +151,7 @@ void run(const Arguments& a) {
                  a.fps, even.size());
     }
     if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (disk, FFmpeg?)");
-    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json);
+    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || a.talk.quiet);
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
       video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
       progress.at(static_cast<std::uint64_t>(i + 1));
@@ -165,11 +168,11 @@ void run(const Arguments& a) {
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
                        {"display", text_or_null(a.display.display)},
                        {"view", text_or_null(a.display.view)}};
-  write_run_record(output, {.command = "render-preview",
-                            .arguments = arguments(),
-                            .config = config,
-                            .inputs = {a.stack},
-                            .results = result});
+  a.talk.record(output, {.command = "render-preview",
+                         .arguments = arguments(),
+                         .config = config,
+                         .inputs = {a.stack},
+                         .results = result});
   if (a.json)
     fmt::print("{}\n", text_of(result, 2));
   else
@@ -180,29 +183,40 @@ void run(const Arguments& a) {
 
 void add_render_preview(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("render-preview", "A rendered stack as a picture (.png) or video (.mp4)");
+  auto* command = app.add_subcommand("render-preview", "a rendered stack as a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
-  command->add_option("-o,--output", a->output, "What to write; the ending chooses")->required();
+  command->add_option("-o,--output", a->output, "what to write; the ending chooses")->required();
   command->add_option("--frame", a->frame, "png: which frame")
       ->check(CLI::Range(0, 100'000'000))
       ->capture_default_str();
-  command->add_option("--exposure-ev", a->exposure_ev, "Stops brighter than: 1 % of the first frame is white")
+  command
+      ->add_option("--exposure,--exposure-ev", a->exposure_ev,
+                   "how much brighter than with 1 % of the first frame white")
+      ->transform(quantity("EV"))
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
   command->add_option("--illuminant", a->illuminant,
-                      "Under which white is neutral: a name of lens_data/spectra, a CSV, blackbody:T or daylight:T "
+                      "under which white is neutral: a name of lens_data/spectra, a CSV, blackbody:T or daylight:T "
                       "(default: the scene's, as stack.json says, or d65)");
   auto* view =
-      command->add_option("--view", a->display.view, "View transform of an OpenColorIO config (default: sRGB)");
-  auto* display = command->add_option("--display", a->display.display, "Display of that config (default: its own)");
+      command->add_option("--view", a->display.view, "view transform of an OpenColorIO config (default: sRGB)");
+  auto* display = command->add_option("--display", a->display.display, "display of that config (default: its own)");
   auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
-  command->add_option("--band-nm", a->band_nm, "The nearest band alone, in false colour (default: colour)")
+  command->add_option("--band,--band-nm", a->band_nm, "the nearest band alone, in false colour (default: colour)")
+      ->transform(quantity("nm"))
       ->check(CLI::Range(100.0, 10000.0))
       ->excludes(view)
       ->excludes(display)
       ->excludes(ocio);
-  command->add_option("--fps", a->fps, "mp4: frames per second")->check(CLI::Range(1.0, 240.0))->capture_default_str();
-  command->add_flag("--json", a->json, "Machine-readable output");
+  command->add_option("--fps", a->fps, "mp4: frames per second")
+      ->transform(quantity("Hz"))
+      ->check(CLI::Range(1.0, 240.0))
+      ->capture_default_str();
+  command->add_flag("--json", a->json, "machine-readable output");
+  a->talk.add_to(*command);
+  add_examples(*command, {"pecs render-preview out/stack -o first.png --exposure 1EV",
+                          "pecs render-preview out/stack -o stack.mp4 --fps 24",
+                          "pecs render-preview out/stack -o blue.png --band 450nm"});
   command->callback([a] { run(*a); });
 }
 

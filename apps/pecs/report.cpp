@@ -6,7 +6,8 @@
 #include <memory>
 
 #include "commands.h"
-#include "pecs/run_record.h"
+#include "help.h"
+#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -16,6 +17,7 @@ struct Arguments {
   std::string real, sim, stack, lens_svg, output;
   double window_us = 0;
   bool json = false;
+  Talk talk;
 };
 
 void run(const Arguments& a) {
@@ -34,7 +36,7 @@ void run(const Arguments& a) {
 
   const Json summary = view::write_report(inputs, a.output);
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
-  write_run_record(a.output, {"report", arguments(), config, files, summary});
+  a.talk.record(a.output, {"report", arguments(), config, files, summary});
   if (a.json)
     fmt::print("{}\n", text_of(summary, 2));
   else
@@ -45,16 +47,19 @@ void run(const Arguments& a) {
 
 void add_report(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("report", "One HTML page: render, lens, events beside a recording, scores");
-  command->add_option("--real", a->real, "Recording");
-  command->add_option("--sim", a->sim, "Simulated events (their .run.json is read too)");
-  command->add_option("--stack", a->stack, "Folder of the EXR stack they were made from");
-  command->add_option("--lens-svg", a->lens_svg, "Drawing of the lens, from `pecs lens draw`");
-  command->add_option("--window", a->window_us, "Score only this much from each stream's first event, e.g. 100ms")
-      ->transform(time_us())
+  auto* command = app.add_subcommand("report", "one HTML page: render, lens, events beside a recording, scores");
+  command->add_option("--real", a->real, "recording");
+  command->add_option("--sim", a->sim, "simulated events (their .run.json is read too)");
+  command->add_option("--stack", a->stack, "folder of the EXR stack they were made from");
+  command->add_option("--lens-svg", a->lens_svg, "drawing of the lens, from `pecs lens draw`");
+  command->add_option("--window", a->window_us, "score only this much from each stream's first event, e.g. 100ms")
+      ->transform(quantity("us"))
       ->check(positive());
   command->add_option("-o,--output", a->output, "HTML file to write")->required();
-  command->add_flag("--json", a->json, "Machine-readable output");
+  command->add_flag("--json", a->json, "machine-readable output");
+  a->talk.add_verbose_to(*command);
+  add_examples(*command, {"pecs report --sim events.raw --stack out/stack -o report.html",
+                          "pecs report --real recording.raw --sim events.raw --window 100ms -o report.html"});
   command->callback([a] { run(*a); });
 }
 

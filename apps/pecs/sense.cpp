@@ -7,10 +7,12 @@
 #include <charconv>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
 #include "pecs/input/live.h"
-#include "pecs/run_record.h"
 #include "pecs/sensor/sense_options.h"
+#include "talk.h"
+#include "units.h"
 
 namespace pecs::app {
 namespace {
@@ -28,6 +30,7 @@ std::pair<std::string, double> key_value(const std::string& text, const std::str
 
 struct Options : sensor::SenseOptions {
   bool json = false;
+  Talk talk;
   std::vector<std::string> parameters;
   std::string readout = "chip", bands = "all";
   std::optional<std::string> colour_space, live_source;
@@ -35,26 +38,30 @@ struct Options : sensor::SenseOptions {
   input::LiveOptions live;
   std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
-  const CLI::Option *seconds = nullptr, *picture_us = nullptr;  // have no meaning but with --view
+  const CLI::Option *seconds = nullptr, *shown = nullptr;  // have no meaning but with --view
 };
 
 bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
 
 void add_frames(CLI::App* sub, Options* o) {
-  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")->check(positive());
-  sub->add_option("--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
+  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
+      ->transform(quantity("Hz"))
+      ->check(positive());
+  sub->add_option("--times,--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
   sub->add_option(
       "--colorspace", o->colour_space,
-      "of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
+      "colours of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
   sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
-  sub->add_option("--photocurrent-a", o->light.photocurrent_a, "photocurrent of relative light 1 (white), A")
+  sub->add_option("--photocurrent,--photocurrent-a", o->light.photocurrent_a,
+                  "photocurrent of relative light 1 (white)")
+      ->transform(quantity("A"))
       ->check(positive());
   sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share in the light (Eq. 8-11)")
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
   sub->add_flag("!--no-motion", o->motion, "frames alone, without the stack's layer motion between them");
-  sub->add_option("--fnumber", o->light.fnumber, "of the lens, for a stack of radiance")->check(positive());
+  sub->add_option("--fnumber", o->light.fnumber, "f-number of the lens, for a stack of radiance")->check(positive());
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
       ->check(positive());
@@ -65,7 +72,7 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (repeatable)")
       ->allow_extra_args(false);
   sub->add_flag("--no-noise", o->no_noise, "without photon noise, leak, background events and mismatch");
-  sub->add_option("--seed", o->seed, "of all random numbers")->capture_default_str();
+  sub->add_option("--seed", o->seed, "seed of all random numbers")->capture_default_str();
   sub->add_option("--threads", o->threads, "0: all; the events do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -74,8 +81,9 @@ void add_pixels(CLI::App* sub, Options* o) {
       ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
       ->allow_extra_args(false);
-  sub->add_option("--white-a", o->white_a,
-                  "photocurrent of white, A, for the other models (default: first frame's 99.5 %)")
+  sub->add_option("--white,--white-a", o->white_a,
+                  "photocurrent of white, for the other models (default: first frame's 99.5 %)")
+      ->transform(quantity("A"))
       ->check(positive());
   sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
       ->check(CLI::IsMember({"chip", "ideal"}))
@@ -86,9 +94,12 @@ void add_pixels(CLI::App* sub, Options* o) {
 void add_window(CLI::App* sub, Options* o) {
   sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--start-us", o->window.start_us, "output begins this long after the start (or the warm-up), us")
+  sub->add_option("--start,--start-us", o->window.start_us, "output begins this long after the start (or the warm-up)")
+      ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
-  sub->add_option("--duration-us", o->window.duration_us, "length of the output, us; a periodic stack is looped for it")
+  sub->add_option("--duration,--duration-us", o->window.duration_us,
+                  "length of the output; a periodic stack is looped for it")
+      ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 
@@ -103,21 +114,25 @@ void add_live(CLI::App* sub, Options* o) {
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  o->seconds = sub->add_option("--seconds", o->live.seconds, "end of a live run")->check(positive());
-  o->picture_us = sub->add_option("--picture-us", o->live.picture_us, "events shown together, us")
-                      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
-                      ->capture_default_str();
+  o->seconds = sub->add_option("--run-time,--seconds", o->live.seconds, "end of a live run")
+                   ->transform(quantity("s"))
+                   ->check(positive());
+  o->shown = sub->add_option("--window,--picture-us", o->live.picture_us, "time of the events shown together")
+                 ->transform(quantity("us"))
+                 ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
+                 ->capture_default_str();
 }
 
 // What the words say, in numbers; throws usage for those that do not go together.
 void resolve(Options& o) {
+  o.quiet = o.talk.quiet;
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
   for (const std::string& text : o.parameters) o.model.parameters.insert(key_value(text, "--param"));
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
   if (o.live_source && !o.view) throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o.live_source));
-  for (const CLI::Option* live : {o.seconds, o.picture_us})
+  for (const CLI::Option* live : {o.seconds, o.shown})
     if (live->count() && !o.view) throw Error(ExitCode::usage, fmt::format("{}: got no --view", live->get_name()));
   if (camera != o.stack.empty())
     throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
@@ -161,21 +176,25 @@ void say(const Options& o, const sensor::SenseReport& report) {
 void add_sense(CLI::App& app) {
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
-  sub->add_option("stack", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
+  sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
   sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its name");
   add_pixels(sub, o.get());
   add_frames(sub, o.get());
   add_window(sub, o.get());
   add_live(sub, o.get());
-  sub->add_flag("--json", o->json, "machine output");
-  sub->add_flag("--quiet", o->quiet, "no progress");
+  sub->add_flag("--json", o->json, "machine-readable output");
+  o->talk.add_to(*sub);
+  add_examples(*sub, {"pecs sense out/stack -o events.raw",
+                      "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
+                      "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                      "pecs sense --source camera --view -o events.raw --run-time 10s"});
   sub->callback([o] {
     resolve(*o);
     const sensor::SenseReport report = run(*o);
     std::vector<std::filesystem::path> inputs;
     if (!is_camera(*o)) inputs.push_back(o->stack);
-    write_run_record(o->output, {"sense", arguments(), report.config, inputs, report.results});
+    o->talk.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
     say(*o, report);
   });
 }

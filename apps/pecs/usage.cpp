@@ -34,6 +34,24 @@ std::vector<std::string> names_of_commands(const CLI::App& app) {
   return names;
 }
 
+const std::string& nearest(const std::string& word, const std::vector<std::string>& names) {
+  return *std::min_element(names.begin(), names.end(),
+                           [&](const auto& a, const auto& b) { return edits(word, a) < edits(word, b); });
+}
+
+// What is said of the first word that is no option of `app`, or nothing.
+std::string unknown_option(const CLI::App& app) {
+  for (std::string word : app.remaining()) {
+    if (!word.starts_with("--") || word == "--") continue;
+    word = word.substr(0, word.find('='));
+    std::vector<std::string> names;
+    for (const CLI::Option* option : app.get_options())
+      for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    return fmt::format("{}: no such option; nearest: {}", word, nearest(word, names));
+  }
+  return "";
+}
+
 // "lens info: ", for what is below the program.
 std::string prefix(const std::vector<std::string>& path) {
   return path.empty() ? "" : fmt::format("{}: ", fmt::join(path, " "));
@@ -51,9 +69,8 @@ void check_commands(const CLI::App& app, int argc, const char* const* argv) {
     if (names.empty() || word.starts_with('-')) return;
     if (std::find(names.begin(), names.end(), word) == names.end()) {
       if (takes_words) return;
-      const auto nearest = std::min_element(
-          names.begin(), names.end(), [&](const auto& a, const auto& b) { return edits(word, a) < edits(word, b); });
-      throw Error(ExitCode::usage, fmt::format("{}{}: no such command; nearest: {}", prefix(path), word, *nearest));
+      throw Error(ExitCode::usage,
+                  fmt::format("{}{}: no such command; nearest: {}", prefix(path), word, nearest(word, names)));
     }
     at = at->get_subcommand(word);
     path.push_back(word);
@@ -68,6 +85,7 @@ std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
     path.push_back(at->get_name());
   }
   const std::vector<std::string> names = names_of_commands(*at);
+  if (const std::string unknown = unknown_option(*at); !unknown.empty()) return prefix(path) + unknown;
   std::string text = error.what();
   if (dynamic_cast<const CLI::RequiredError*>(&error) && at->get_require_subcommand_min() > 0 && !names.empty())
     text = fmt::format("got no command, wanted one of {}", fmt::join(names, ", "));

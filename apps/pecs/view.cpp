@@ -6,10 +6,11 @@
 #include <memory>
 
 #include "commands.h"
+#include "help.h"
 #include "pecs/error.h"
-#include "pecs/run_record.h"
 #include "pecs/view/event_pictures.h"
 #include "picture_file.h"
+#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -22,6 +23,7 @@ struct Arguments {
   double slow_motion = 0, fps = 30;
   std::size_t limit = 500'000;
   bool json = false;
+  Talk talk;
 };
 
 // A slow motion that makes a video of about ten seconds: 1, 2, 5, 10, ….
@@ -68,7 +70,7 @@ void run(const Arguments& a) {
   const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
                        {"theme", a.theme},     {"count", a.count},
                        {"fps", a.fps},         {"limit", a.limit}};
-  write_run_record(
+  a.talk.record(
       output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
@@ -88,26 +90,33 @@ void run(const Arguments& a) {
 
 void add_view(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("view", "Events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
-  command->add_option("EVENTS", a->events, "Event file, any format")->required();
-  command->add_option("-o,--output", a->output, "What to write; the ending chooses")->required();
-  command->add_option("--from", a->from_us, "Start, counted from the first event, e.g. 20ms")->transform(time_us());
-  command->add_option("--to", a->to_us, "End, counted from the first event (default: all)")->transform(time_us());
-  command->add_option("--window", a->window_us, "Time of the events in one picture, e.g. 5ms (default: readable)")
-      ->transform(time_us());
+  auto* command = app.add_subcommand("view", "events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
+  command->add_option("EVENTS", a->events, "event file, any format")->required();
+  command->add_option("-o,--output", a->output, "what to write; the ending chooses")->required();
+  command->add_option("--from", a->from_us, "start, counted from the first event")->transform(quantity("us"));
+  command->add_option("--to", a->to_us, "end, counted from the first event (default: all)")->transform(quantity("us"));
+  command->add_option("--window", a->window_us, "time of the events in one picture (default: readable)")
+      ->transform(quantity("us"));
   command->add_option("--count", a->count, "png: pictures on the sheet")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
   command->add_option("--slow-motion", a->slow_motion, "mp4: how many times slower (default: about 10 s of video)")
       ->check(CLI::Range(1.0, 1e7));
-  command->add_option("--fps", a->fps, "mp4: frames per second")->check(CLI::Range(1.0, 240.0))->capture_default_str();
+  command->add_option("--fps", a->fps, "mp4: frames per second")
+      ->transform(quantity("Hz"))
+      ->check(CLI::Range(1.0, 240.0))
+      ->capture_default_str();
   command->add_option("--limit", a->limit, "html: at most this many events, drawn at random")
       ->check(CLI::Range(std::size_t{1}, std::size_t{20'000'000}))
       ->capture_default_str();
   command->add_option("--theme", a->theme, "png, mp4: light or dark")
       ->check(CLI::IsMember({"light", "dark"}))
       ->capture_default_str();
-  command->add_flag("--json", a->json, "Machine-readable output");
+  command->add_flag("--json", a->json, "machine-readable output");
+  a->talk.add_verbose_to(*command);
+  add_examples(*command,
+               {"pecs view events.raw -o sheet.png --window 5ms",
+                "pecs view events.raw -o slow.mp4 --from 20ms --to 40ms", "pecs view events.raw -o turn.html"});
   command->callback([a] { run(*a); });
 }
 

@@ -11,33 +11,25 @@ from pathlib import Path
 from typing import NoReturn
 
 from .core import programs, stop, streams
+from .core.arguments import Parser, Quantity
 from .core.brightness import light_words
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
-from .core.options import DEFAULTS, RULES, Options, add_arguments
+from .core.options import DEFAULTS, RULES, Options, add_argument, add_arguments
 from .core.resources import Restart
 from .core.scene_file import load_scene
 from .core.spectra import spectrum
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """One line."""
-        raise RenderError(USAGE, message)
-
-    def _print_message(self, message: str, file: object = None) -> None:
-        streams.say(message)
-
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = Parser(
         prog="pecs_blender",
-        description="PECS: spectral renders through a real lens",
-        epilog=f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset.",
+        description="PECS: spectral renders through a real lens.\n\n"
+        f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset, reconstruct.",
+        examples=["pecs_blender render FILE.blend -o out/stack", "pecs_blender run FILE.blend -o events.raw"],
     )
-    commands = parser.add_subparsers(dest="command", required=True)
+    commands = parser.add_commands()
     _add_render(commands)
     _add_run(commands)
     _add_survey(commands)
@@ -45,18 +37,17 @@ def _parser() -> argparse.ArgumentParser:
     bands = commands.add_parser(
         "bands",
         help="wavelengths to render for a chip, and their weights",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description="Wavelengths to render for a chip, and their weights.",
+        examples=["pecs_blender bands -n 6", "pecs_blender bands --chip davis346 --max-wavelength 700nm"],
     )
-    add = bands.add_argument
     for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
-        flags = ["-n", "--bands"] if name == "bands" else ["--" + name.replace("_", "-")]
-        kind = int if name == "bands" else float if name.endswith("_nm") else str
-        add(*flags, type=kind, default=DEFAULTS[name], choices=RULES[name].choices or None, help=RULES[name].help)
-    add("--json", action="store_true", help="machine-readable output")
+        add_argument(bands, name, *(["-n"] if name == "bands" else []))
+    bands.add_argument("--json", action="store_true", help="machine-readable output")
     merge = commands.add_parser(
         "merge",
         help="join shards of a stack",
         description="Joins stacks that differ in their instants alone into the stack that one run would have written.",
+        examples=["pecs_blender merge out/part_0 out/part_1 -o out/stack"],
     )
     merge.add_argument("shards", type=Path, nargs="+", help="folders of stacks")
     merge.add_argument("-o", "--output", type=Path, required=True, help="folder of the joined stack")
@@ -69,7 +60,11 @@ def _add_render(commands) -> None:
         help="render a scene into an EXR stack",
         description="Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). Run "
         "again, a stopped job continues. The .blend is never written.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        examples=[
+            "pecs_blender render FILE.blend -o out/stack --frames all --fps 1kHz --lens pecs_lab_15mm --focus 0.5m",
+            "pecs_blender render scenes/rotating_disk -o out/stack --frames period --width 320 --plan",
+            "pecs_blender render FILE.blend -o out/stack --time adaptive --layers depth,objects",
+        ],
     )
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
@@ -84,7 +79,10 @@ def _add_run(commands) -> None:
         help="render a scene and simulate its events",
         description="Renders a .blend file or a scene folder, as `render` does, and hands the stack to `pecs sense`. "
         "Run again, a stopped job continues.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        examples=[
+            "pecs run FILE.blend -o events.raw --frames all --width 346 --chip davis346",
+            "pecs run FILE.blend -o events.raw --lux 500lx --sense --seed 2 --no-noise",
+        ],
     )
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
@@ -129,13 +127,20 @@ def _add_survey(commands) -> None:
         help="points on the surfaces of a scene",
         description="Writes points on all surfaces of a scene, at several instants, into an .npz file "
         "(docs/reference/render.md), for what plans a camera's path outside Blender.",
+        examples=["pecs_blender survey FILE.blend -o points.npz --fps 10 --spacing 5cm"],
     )
     add = command.add_argument
     add("scene", type=Path, help="FILE.blend, or a scene folder")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.npz")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.npz", help="where the points go")
     add("--frames", help=f"{RULES['frames'].help}; the period or the range if not given")
-    add("--fps", type=float, default=10.0, help="instants per second; 10 if not given")
-    add("--spacing-m", type=float, help="distance of neighbouring points; such that they are 200,000 if not given")
+    add("--fps", type=Quantity("Hz"), default=10.0, help="instants per second")
+    add(
+        "--spacing",
+        "--spacing-m",
+        dest="spacing_m",
+        type=Quantity("m"),
+        help="distance of neighbouring points; such that they are 200,000 if not given",
+    )
     _add_scene(command)
 
 
@@ -146,7 +151,7 @@ def _add_light(commands) -> None:
         description="Renders the first instant small, by the scene's own camera, and says the light on the surfaces in "
         "view, the photocurrent and the photoreceptor's corner: 5 %, median and 95 % over the pixels. Options are "
         "those of `render`.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        examples=["pecs_blender light FILE.blend", "pecs_blender light FILE.blend --chip davis346 --json"],
     )
     command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
     command.add_argument("--json", action="store_true", help="machine-readable output")
@@ -248,7 +253,7 @@ def _survey(args: dict) -> None:
         raise RenderError(USAGE, f"-o {output}: got no .npz, wanted FILE.npz")
     for name in ("fps", "spacing_m"):
         if args[name] is not None and not 0 < args[name] <= 1e9:
-            raise RenderError(USAGE, f"--{name.replace('_', '-')}: got {args[name]}, wanted a number above 0")
+            raise RenderError(USAGE, f"--{name.removesuffix('_m')}: got {args[name]}, wanted a number above 0")
     with _writing(output):
         source = _source(*_where(args), DEFAULTS["illuminant"])
         from .scene.survey import survey
@@ -305,7 +310,8 @@ def main(argv: list[str]) -> int:
     except SystemExit as e:  # --help
         return e.code or 0
     except RenderError as e:
-        print(f"{'pecs: run' if argv[:1] == ['run'] else 'pecs_blender'}: {e}", file=sys.stderr)
+        line = f"pecs: run: {str(e).removeprefix('run: ')}" if argv[:1] == ["run"] else f"pecs_blender: {e}"
+        print(line, file=sys.stderr)
         return e.code
     except Restart:
         _start_afresh(argv)

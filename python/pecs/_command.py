@@ -3,22 +3,24 @@ is."""
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 from collections.abc import Callable
 from typing import NoReturn
 
+from . import _arguments
 from ._library import PecsError
 
 USAGE, NOT_FOUND, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 3, 5, 130, 143
 
 
-class Parser(argparse.ArgumentParser):
-    """Whose errors are one line."""
+class Parser(_arguments.Parser):
+    """Whose errors are one line, "COMMAND: …"."""
 
     def error(self, message: str) -> NoReturn:
-        raise PecsError(message, USAGE)
+        message = _arguments.said(message)
+        command = self.prog.removeprefix("pecs").strip()
+        raise PecsError(f"{command}: {message}" if command else message, USAGE)
 
 
 def answer(run: Callable[[list[str]], None], argv: list[str]) -> int:
@@ -44,12 +46,16 @@ def _terminated(number: int, frame: object) -> NoReturn:
 
 
 class Line:
-    """One line that rewrites itself on a terminal; otherwise a line of each `every`th text."""
+    """One line that rewrites itself on a terminal; otherwise a line of each `every`th text. quiet: none. verbose: a
+    line of each text."""
 
-    def __init__(self, every: int = 1):
-        self._every, self._terminal = every, sys.stderr.isatty()
+    def __init__(self, every: int = 1, *, quiet: bool = False, verbose: bool = False):
+        self._every, self._quiet = 1 if verbose else every, quiet
+        self._terminal = sys.stderr.isatty() and not verbose and not quiet
 
     def __call__(self, text: str, number: int = 0) -> None:
+        if self._quiet:
+            return
         if self._terminal:
             print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
         elif number % self._every == 0:

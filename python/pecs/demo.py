@@ -6,14 +6,12 @@ when each edge passes each pixel, and with how many events an ideal pixel answer
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import math
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +39,12 @@ NEXT = """Look: {folder}/report.html, {folder}/pecs.html (drag to turn it), {fol
 Next:
   what a file holds     pecs info {folder}/pecs.raw
   another pixel         pecs sense {folder}/stack -o mine.raw --set contrast_threshold_on=0.4
-  your own video        pecs sense VIDEO.mp4 -o mine.raw --photocurrent-a 1e-12
+  your own video        pecs sense VIDEO.mp4 -o mine.raw --photocurrent 1pA
   another format        pecs convert {folder}/pecs.raw -o mine.h5
   a lens                pecs lens draw pecs_lab_15mm -o lens.svg
   a scene of Blender    {blender}
   Python                python -c 'import pecs; print(pecs.read("{folder}/pecs.raw"))'"""
+EXAMPLES = ("pecs demo", "pecs demo -o out/demo --blender")
 BLENDER_NEXT = "python -m pecs_blender render YOUR.blend -o stack"
 BLENDER_MISSING = "pip install the wheel of pecs_blender; pecs demo --blender"
 
@@ -185,14 +184,9 @@ def blender_demo(folder: Path) -> None:
     show(events, folder / "stack")
 
 
-class _Parser(Parser):
-    def error(self, message: str) -> NoReturn:
-        super().error(f"demo: {message}")
-
-
 def _run(argv: list[str]) -> None:
-    parser = _Parser(prog="pecs demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, default=Path("pecs-demo"), help="folder (default: pecs-demo)")
+    parser = Parser(prog="pecs demo", description=(__doc__ or "").removeprefix("`pecs demo`: "), examples=EXAMPLES)
+    parser.add_argument("-o", "--output", type=Path, default=Path("pecs-demo"), help="folder")
     parser.add_argument("--blender", action="store_true", help="render a small scene instead (needs pecs_blender)")
     args = parser.parse_args(argv)
     begin = time.monotonic()

@@ -55,6 +55,29 @@ def run_module(module, *args, check=True):
     return result
 
 
+BODY = """
+import os, sys, traceback
+sys.path.insert(0, sys.argv.pop(1))
+try:
+    exec(compile(sys.argv.pop(1), "body", "exec"), {"__name__": "__main__"})
+    print("all well")
+except BaseException:
+    traceback.print_exc()
+sys.stdout.flush()
+sys.stderr.flush()
+os._exit(0)  # bpy's own exit may hang
+"""
+
+
+def in_bpy(body, *arguments, check=True, **options):
+    """Runs Python code that may import bpy and the modules beside this file, in a process of its own; `arguments` are
+    its sys.argv[1:]. Asserts that it comes to its end. Its text output."""
+    command = [sys.executable, "-c", BODY, str(ROOT / "tests/python"), body, *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, **options)
+    assert not check or result.stdout.endswith("all well\n"), (result.stdout[-500:] + result.stderr)[-3000:]
+    return result
+
+
 pecs_blender = partial(run_module, "pecs_blender")
 
 

@@ -1,12 +1,10 @@
-"""The panel as a person uses it, in bpy and without a window: `python panel_acts.py ACT FOLDER`. A timer's work is
+"""The panel as a person uses it, in bpy and without a window: main(ACT, FOLDER). A timer's work is
 called by hand; layouts check what is drawn into them."""
 
 import json
 import os
 import signal
-import sys
 import time
-import traceback
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -396,14 +394,3 @@ def main(act, folder):
     ui.register()
     assert panel.PECS_PT_render.bl_rna
     globals()[act](Path(folder))
-    print("all well", flush=True)
-
-
-if __name__ == "__main__":
-    try:
-        main(*sys.argv[1:])
-    except BaseException:
-        traceback.print_exc()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)  # bpy's own exit may hang

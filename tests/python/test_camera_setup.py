@@ -1,11 +1,8 @@
 """Setting up an event camera, in bpy: what the operators make, that they can be taken back, and the lens's field."""
 
-import subprocess
-import sys
-from textwrap import indent
-
 import numpy as np
 import pytest
+from conftest import in_bpy
 
 pecs = pytest.importorskip("pecs")
 from pecs_blender.core import field  # noqa: E402
@@ -135,14 +132,9 @@ while frustum.fields.looking():
 found, wrong = frustum.fields.ask(wanted)
 assert found is None and "no_such_lens" in wrong
 ui.unregister()
-print("all well", flush=True)
 """
 
 
 def test_set_up_and_back():
     pytest.importorskip("bpy")
-    body = indent(BLENDER, "    ")
-    code = f"import os, sys, traceback\ntry:\n{body}\nexcept BaseException:\n    traceback.print_exc()\n"
-    code += "sys.stdout.flush()\nos._exit(0)\n"  # bpy's own exit may hang
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "all well" in result.stdout, result.stdout[-500:] + result.stderr[-2000:]
+    in_bpy(BLENDER)

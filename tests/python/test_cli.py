@@ -1,16 +1,28 @@
 """What every subcommand promises: --help, one-line errors, documented exit codes. Subcommands are found by listing."""
 
+import argparse
+import json
 import re
 
+import numpy as np
+import pecs
 import pytest
+from conftest import load_script
+from pecs._arguments import Quantity
+
+
+def events_of_a_bar():
+    events = np.zeros(100, pecs.EVENT_DTYPE)
+    events["t"], events["x"], events["p"] = 1000 * np.arange(100), np.arange(100) % 10, 1
+    return events
 
 
 def subcommands(program, *path):
     """All command paths of the program, found from its help: ["sense"], ["lens", "info"], …"""
     text = program(*path, "--help").stdout
     names = []
-    if "Subcommands:" in text:
-        for line in text.split("Subcommands:")[1].splitlines():
+    if "\ncommands:\n" in text:
+        for line in text.split("\ncommands:\n")[1].split("\n\n")[0].splitlines():
             if match := re.match(r"  (\S+)", line):
                 names.append(match[1])
     return [[*path, n] for n in names] + [c for n in names for c in subcommands(program, *path, n)]
@@ -52,11 +64,119 @@ def test_an_unknown_command_is_named(pecs_program, command, line, more):
     assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
 
 
-def test_a_time_without_unit_is_named(pecs_program):
-    result = pecs_program("view", "x.raw", "-o", "x.png", "--from", "20")
-    assert result.returncode == 2 and result.stderr.startswith(
-        "pecs: view: --from: got '20', wanted a time with its unit"
-    )
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["sense", "x", "-o", "y", "--durtion", 5], "pecs: sense: --durtion: no such option; nearest: --duration\n"),
+        (["lens", "info", "--fucos=2m"], "pecs: lens info: --fucos: no such option; nearest: --focus\n"),
+        (["reconstruct", "--cuttof", 5], "pecs: reconstruct: --cuttof: no such option; nearest: --cutoff\n"),
+        (["dataset", "x", "--plna"], "pecs: dataset: --plna: no such option; nearest: --plan\n"),
+    ],
+    ids=lambda value: str(value[0]) if isinstance(value, list) else "",
+)
+def test_a_mistyped_option_is_named_with_the_nearest(pecs_program, command, line):
+    result = pecs_program(*command)
+    assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
+
+
+VALUES = ["20", "20us", "20ms", "0.02 s", "20µs", "1.1ms", "1e3us", "-3ms"]
+WRONG = ["20min", "20mm", "ms", "", "1e", "0x10us", "nanms", "20 m s"]
+
+
+def test_the_program_and_python_read_units_alike(pecs_program, tmp_path):
+    """`pecs view --from` says in its record what it understood."""
+    pecs.write(tmp_path / "e.csv", events_of_a_bar())
+    for text in VALUES:
+        done = pecs_program("view", tmp_path / "e.csv", "-o", tmp_path / "e.png", f"--from={text}")
+        assert done.returncode == 0, done.stderr
+        record = json.loads((tmp_path / "e.png.run.json").read_text())
+        assert record["config"]["from_us"] == Quantity("us")(text), text
+    assert Quantity("us")("1.1ms") == 1100 and Quantity("A")("2pA") == 2e-12 and Quantity("mm")("5 cm") == 50
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_a_wrong_unit_is_one_line(pecs_program, text):
+    result = pecs_program("view", "x.raw", "-o", "x.png", f"--from={text}")
+    assert result.returncode == 2 and re.fullmatch(r"pecs: view: --from: [^\n]+\n", result.stderr), result.stderr
+    with pytest.raises(argparse.ArgumentTypeError):
+        Quantity("us")(text)
+
+
+@pytest.mark.parametrize(
+    ("now", "before"),
+    [
+        (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], ["lens", "info", "pecs_lab_15mm", "--focus-m", "0.5"]),
+        (["bands", "-n", 3, "--max-wavelength", "0.7um"], ["bands", "-n", 3, "--max-nm", 700]),
+    ],
+    ids=lambda words: words[0] if isinstance(words, list) else "",
+)
+def test_names_of_before_are_taken_and_not_shown(pecs_program, now, before):
+    shown = pecs_program(*now[: 2 if now[0] == "lens" else 1], "--help").stdout
+    assert pecs_program(*now).stdout == pecs_program(*before).stdout != ""
+    assert now[-2] in shown and before[-2] not in shown
+
+
+@pytest.fixture(scope="module")
+def helps(root):
+    """Command -> its --help, `pecs` and `pecs_blender` alike."""
+    found = load_script(root / "scripts/docs_commands.py").all_commands()
+    return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("tools/")}
+
+
+def test_every_help_ends_with_examples_of_its_own(helps):
+    assert len(helps) > 25
+    for name, text in helps.items():
+        assert text.startswith("usage: pecs"), name
+        lines = text.split("\nexamples:\n")[-1].splitlines()
+        assert text.count("\nexamples:\n") == 1 and lines, name
+        for line in lines:
+            command = max((c for c in helps if re.search(rf"(^|[ |(]){c} ", f"{line} ")), key=len, default=None)
+            assert command and (
+                command == name
+                or name in ("pecs", "pecs_blender", "pecs lens", "pecs align", "pecs run", "pecs_blender run")
+            ), f"{name}: {line}"
+            for option in re.findall(r" (--?[a-z][\w-]*)", line.split("#")[0].split("--sense")[0]):
+                assert re.search(rf"{option}(?![\w-])", helps[command]), f"{name}: {line}: no {option}"
+
+
+def test_help_is_in_one_case(helps):
+    """What an option does begins in lower case, but for names that are written otherwise."""
+    seen = 0
+    for name, text in helps.items():
+        for said in re.findall(r"^  -.*?(?:  +|\n {20,})(\S.*)$", text, re.MULTILINE):
+            seen += 1
+            first = said.split()[0].strip(":,;")
+            assert not re.fullmatch("[A-Z][a-z]+", first), f"{name}: {said}"
+            assert not said.endswith("."), f"{name}: {said}"
+    assert seen > 200
+
+
+def test_version_in_full(pecs_program, root):
+    said = pecs_program("--version", "--verbose").stdout
+    assert said.startswith(f"pecs {(root / 'VERSION').read_text().strip()}\nbuild ")
+    for name in (
+        "libraries .*OpenEXR \\d",
+        "instructions +(AVX|SSE|NEON|SVE|EMU128)",
+        "threads +\\d",
+        "program +/",
+        "data +/",
+    ):
+        assert re.search(rf"^{name}", said, re.MULTILINE), name
+
+
+def test_quiet_and_verbose(pecs_program, tmp_path):
+    pecs.write(tmp_path / "e.csv", events_of_a_bar())
+    convert = ["convert", tmp_path / "e.csv", tmp_path / "e.npz"]
+    assert pecs_program(*convert, "--quiet").stderr == ""
+    said = pecs_program(*convert, "--verbose").stderr
+    assert "convert: format: npz\n" in said and f"convert: input: {convert[1]}\n" in said
+    assert re.search(rf"^convert: {re.escape(str(convert[2]))} after [\d.]+ s$", said, re.MULTILINE)
+    assert pecs_program(*convert, "--quiet", "--verbose").returncode == 2
+
+
+def test_nothing_is_coloured_in_a_pipe(helps, pecs_program):
+    for text in [*helps.values(), pecs_program("sens").stderr, pecs_program("--version", "--verbose").stdout]:
+        assert "\x1b" not in text
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,8 @@ def test_the_manual_says_what_help_says(prefix):
     said = succeed(prefix / "bin/pecs", "--help")
     assert {"sense", "lens", "demo"} <= set(commands) and all(f"\n  {name} " in said for name in commands)
     page = (prefix / "share/man/man1/pecs-sense.1").read_text()
-    assert r"\fB\-\-warmup\-loops\fR" in page and page.startswith('.TH "pecs\\-sense" 1')
+    assert r"\fB\-\-warmup\-loops \fRN" in page and r"pecs sense out/stack \-o events.raw" in page
+    assert r"\fB\-\-start \fRTIME[us]" in page and page.startswith('.TH "pecs\\-sense" 1')
     for shell in ("zsh/site-functions/_pecs", "fish/vendor_completions.d/pecs.fish"):
         assert "warmup-loops" in (prefix / "share" / shell).read_text()
 

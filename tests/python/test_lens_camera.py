@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 import pytest
-from conftest import ROOT
+from conftest import ROOT, in_bpy
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy wheel")
 
@@ -273,3 +273,28 @@ def test_the_picture_has_the_prescriptions_distortion(render):
     reached = radius < np.linalg.norm(seen - [width / 2, height / 2], axis=1).max()
     error = model[reached, 0, 0] - matrix[0, 2] - radius[reached]
     assert np.sqrt((error**2).mean()) < 0.1, f"pixels: {error}"
+
+
+def test_a_scenes_stop_gives_way_to_the_lens():
+    """One that is asked for does not."""
+    in_bpy("""
+from pathlib import Path
+from types import SimpleNamespace
+from pecs_blender.core.errors import USAGE, RenderError
+from pecs_blender.core.options import Options
+from pecs_blender.scene import lens
+own = {"lens": "pecs_lab_15mm", "focus_m": 1.5, "stop_diameter_mm": 50.0}
+for own["stop_diameter_mm"], stop_mm in ((50.0, 4.54), (1.0, 1.0), (None, None)):
+    source = SimpleNamespace(lens=own, folder=Path("."))
+    setting = lens.choose(source, Options(film_width_mm=6.2), 1280, 720).setting
+    assert setting == {"focus_m": 1.5, "stop_diameter_mm": stop_mm, "fnumber": None}, setting
+for asked, line in (
+    ({"fnumber": 2.0}, "--fnumber: got 2, wanted at least f/4.15, where pecs_lab_15mm is wide open"),
+    ({"stop_diameter_mm": 50.0}, "--stop-diameter: got 50, wanted at most 4.54mm, where pecs_lab_15mm is wide open"),
+):
+    try:
+        lens.choose(source, Options(film_width_mm=6.2, **asked), 1280, 720)
+        raise AssertionError(asked)
+    except RenderError as e:
+        assert (e.code, str(e)) == (USAGE, line), str(e)
+""")

@@ -1,10 +1,8 @@
 """The live view without a window: light to events and their picture, time, recording; register and unregister."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
+from conftest import in_bpy
 
 pecs = pytest.importorskip("pecs")
 from pecs_blender.core import live  # noqa: E402
@@ -153,48 +151,40 @@ def test_a_recording_that_fails_ends_alone(tmp_path):
 
 
 BLENDER = """
-import os, sys, traceback
 import bpy
 from pecs_blender import ui
 handlers = lambda: {n: len(h) for n, h in vars(type("H", (), {n: getattr(bpy.app.handlers, n) for n in
     ("load_pre", "load_post", "depsgraph_update_post", "frame_change_post")})).items() if isinstance(h, list)}
 def classes():
     return {n for n in dir(bpy.types) if n.lower().startswith("pecs")}
-try:
-    before = handlers(), classes()
-    for _ in range(100):
-        ui.register()
-        during = handlers(), classes()
-        ui.unregister()
-        assert (handlers(), classes()) == before, (handlers(), classes())
-        assert not any(hasattr(bpy.types.Scene, n) for n in ("pecs", "pecs_live"))
-    assert during != before
-    from types import SimpleNamespace
-    from mathutils import Matrix, Vector
-    from pecs_blender.ui import live_draw
-    region = SimpleNamespace(width=800, height=300)
-    x, y, w, h = live_draw.centred(346, 260, region)
-    assert (y, h) == (0, 300) and abs(w / h - 346 / 260) < 1e-9 and abs(x + w / 2 - 400) < 1e-9
-    whole = Matrix.Diagonal((0.7, 0.9, 1, 1))  # of the region
-    part = live_draw.part_of_view(whole, (x, y, w, h), region)
-    corner = Vector((x + w, y + h, 0, 1))  # in pixels; seen in the region at
-    seen = Vector((2 * corner.x / 800 - 1, 2 * corner.y / 300 - 1, 0, 1))
-    assert all(abs(abs(v) - 1) < 1e-6 for v in (part @ whole.inverted() @ seen).xy)
-    assert live_draw.inset(346, 260, region)[2] < 400
+before = handlers(), classes()
+for _ in range(100):
     ui.register()
-    assert not bpy.ops.pecs.live.poll() and not bpy.ops.pecs.live_record.poll()  # no window
-    s = bpy.context.scene.pecs_live
-    s.width, s.threshold, s.pixel = 64, 0.3, "CHIP"  # nothing runs: nothing happens
-    bpy.ops.wm.read_factory_settings()
-    print("all well", flush=True)
-except BaseException:
-    traceback.print_exc()
-sys.stderr.flush()
-os._exit(0)
+    during = handlers(), classes()
+    ui.unregister()
+    assert (handlers(), classes()) == before, (handlers(), classes())
+    assert not any(hasattr(bpy.types.Scene, n) for n in ("pecs", "pecs_live"))
+assert during != before
+from types import SimpleNamespace
+from mathutils import Matrix, Vector
+from pecs_blender.ui import live_draw
+region = SimpleNamespace(width=800, height=300)
+x, y, w, h = live_draw.centred(346, 260, region)
+assert (y, h) == (0, 300) and abs(w / h - 346 / 260) < 1e-9 and abs(x + w / 2 - 400) < 1e-9
+whole = Matrix.Diagonal((0.7, 0.9, 1, 1))  # of the region
+part = live_draw.part_of_view(whole, (x, y, w, h), region)
+corner = Vector((x + w, y + h, 0, 1))  # in pixels; seen in the region at
+seen = Vector((2 * corner.x / 800 - 1, 2 * corner.y / 300 - 1, 0, 1))
+assert all(abs(abs(v) - 1) < 1e-6 for v in (part @ whole.inverted() @ seen).xy)
+assert live_draw.inset(346, 260, region)[2] < 400
+ui.register()
+assert not bpy.ops.pecs.live.poll() and not bpy.ops.pecs.live_record.poll()  # no window
+s = bpy.context.scene.pecs_live
+s.width, s.threshold, s.pixel = 64, 0.3, "CHIP"  # nothing runs: nothing happens
+bpy.ops.wm.read_factory_settings()
 """
 
 
 def test_nothing_stays_behind():
     pytest.importorskip("bpy")
-    result = subprocess.run([sys.executable, "-c", BLENDER], capture_output=True, text=True)
-    assert "all well" in result.stdout, result.stderr[-2000:]
+    in_bpy(BLENDER)

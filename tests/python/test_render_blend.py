@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from blend_files import FILES
+from conftest import in_bpy
 
 NAMES = [make.__name__ for make in FILES]
 
@@ -162,7 +163,7 @@ def test_a_scene_whose_name_is_a_path(blends, tmp_path):
 def test_a_worlds_map_is_as_fine_as_its_picture(blends):
     """16 pixels here. One that a file chooses stays."""
     code = """
-import bpy, os, sys
+import bpy, sys
 from pecs_blender.scene import cycles
 for chosen in (False, True):
     bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
@@ -171,8 +172,6 @@ for chosen in (False, True):
         settings.sampling_method, settings.sample_map_resolution = "MANUAL", 512
     cycles.configure(bpy.context.scene, 8, 8, cycles.Sampling(1, 1, {}))
     print(settings.sampling_method, settings.sample_map_resolution, flush=True)
-os._exit(0)
 """
-    command = [sys.executable, "-c", code, str(blends / "world.blend")]
-    result = subprocess.run(command, capture_output=True, text=True)
+    result = in_bpy(code, blends / "world.blend")
     assert [line for line in result.stdout.splitlines() if "MANUAL" in line] == ["MANUAL 16", "MANUAL 512"]

@@ -3,9 +3,9 @@
 import json
 import subprocess
 import sys
-from textwrap import indent
 
 import pytest
+from conftest import in_bpy
 
 pytest.importorskip("pecs")
 
@@ -35,7 +35,7 @@ assert options == Options(lens="none"), options  # the panel's defaults are the 
 p = scene.pecs
 p.lens, p.focus_m = "pecs_lab_15mm", 150.0
 arguments = settings.arguments(scene)
-assert arguments[arguments.index("--focus-m") + 1] == "1.5"  # the file is in centimetres
+assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
 p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
 bpy.ops.wm.save_mainfile()
 assert bpy.ops.pecs.render() == {"FINISHED"}
@@ -67,19 +67,11 @@ bpy.ops.pecs.preview()
 assert ended()[0].startswith("PECS preview: in the image editor"), background.state.message
 assert bpy.data.images["PECS preview"].size[0] == 48
 ui.unregister()
-print("all well", flush=True)
 """
 
 
 def test_a_job_outlives_its_file(root, tmp_path):
     subprocess.run([sys.executable, root / "tests/python/blend_files.py", tmp_path, "centimetres"], check=True)
-    code = (
-        f"import os, sys, traceback\ntry:\n{indent(PANEL, '    ')}\nexcept BaseException:\n    traceback.print_exc()\n"
-    )
-    code += "sys.stdout.flush()\nos._exit(0)\n"  # bpy's own exit may hang
-    result = subprocess.run(
-        [sys.executable, "-c", code, tmp_path / "centimetres.blend", tmp_path / "s"], capture_output=True, text=True
-    )
-    assert "all well" in result.stdout, result.stderr[-2000:]
+    in_bpy(PANEL, tmp_path / "centimetres.blend", tmp_path / "s")
     stack = json.loads((tmp_path / "s/stack.json").read_text())
     assert len(stack["times_ns"]) == 2 and [layer["name"] for layer in stack["layers"]] == ["depth"]

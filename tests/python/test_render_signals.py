@@ -129,19 +129,20 @@ def test_two_renders_into_one_folder(root, tmp_path):
         ("--noise-target", "nan"),
         ("--fps", "inf"),
         ("--fps", "0"),
-        ("--focus-m", "-2"),
-        ("--focus-m", "nan"),
+        ("--focus", "-2m"),
+        ("--focus", "nan"),
         ("--fnumber", "0"),
+        ("--width", "3.5"),
         ("--samples", "0"),
         ("--seed", "-1"),
         ("--width", "20000"),
-        ("--film-shift-mm", "nan"),
+        ("--film-shift", "nan"),
         ("--bands", "many"),
         ("--frames", "1000000000"),
     ],
 )
 def test_a_wrong_number_names_its_option(root, tmp_path, option, value):
-    values = (value, "0") if option == "--film-shift-mm" else (value,)
+    values = (value, "0") if option == "--film-shift" else (value,)
     result = subprocess.run(command(root, tmp_path / "s", option, *values), capture_output=True, text=True)
     assert result.returncode == 2, result.stderr
     assert option in result.stderr and len(result.stderr.splitlines()) == 1

@@ -3,10 +3,9 @@
 import json
 import random
 import shutil
-import subprocess
-import sys
 
 import pytest
+from conftest import in_bpy
 
 pytest.importorskip("pecs")
 from pecs_blender.core.errors import BAD_INPUT, NOT_FOUND, RenderError
@@ -121,7 +120,6 @@ def test_another_version_of_aligned_json_is_refused(board, tmp_path):
 BUILD = """
 import sys, random
 from pathlib import Path
-sys.path.insert(0, sys.argv[2])
 import bpy
 from test_scene_file import mutant
 from pecs_blender.core.errors import RenderError
@@ -137,16 +135,12 @@ for _ in range(100):
     except RenderError as e:
         assert "\\n" not in str(e)
 print("built", built, flush=True)
-import os
-os._exit(0)
 """
 
 
-def test_what_is_taken_builds_or_says_why(root, board):
+def test_what_is_taken_builds_or_says_why(board):
     """A parameter that scene.py asks for and scene.json lacks, above all."""
-    command = [sys.executable, "-c", BUILD, board, root / "tests/python"]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert "built" in result.stdout, result.stderr[-2000:]
+    in_bpy(BUILD, board)
 
 
 @pytest.mark.parametrize(

@@ -16,29 +16,29 @@ HEARD = {
     "seed": (["--seed", "2"], "seed"),
     "model": (["--model", "esim"], "model"),
     "param": (["--model", "esim", "--param", "log_eps=0.01"], "model"),
-    "white-a": (["--model", "esim", "--white-a", "1e-12"], "model"),
+    "white": (["--model", "esim", "--white", "1pA"], "model"),
     "readout": (["--readout", "ideal"], "readout"),
     "bands": (["--bands", "mc:1"], "bands"),
     "gain": (["--gain", "1e-15"], "gain"),
     "warmup-loops": (["--warmup-loops", "1"], "warmup_loops"),
-    "start-us": (["--start-us", "3000"], "start_us"),
-    "duration-us": (["--duration-us", "5000"], "duration_us"),
+    "start": (["--start", "3ms"], "start_us"),
+    "duration": (["--duration", "5ms"], "duration_us"),
 }
 REFUSED = {
     "fps": (["--fps", "500"], "frames without times of their own"),
-    "times-us": (["--times-us", "x.txt"], "frames without times of their own"),
+    "times": (["--times", "x.txt"], "frames without times of their own"),
     "colorspace": (["--colorspace", "linear"], "pictures or a video"),
     "ocio": (["--ocio", "x.ocio"], "pictures or a video"),
-    "photocurrent-a": (["--photocurrent-a", "1e-12"], "relative light"),
+    "photocurrent": (["--photocurrent", "1pA"], "relative light"),
     "fnumber": (["--fnumber", "4"], "radiance"),
     "no-motion": (["--no-motion"], "no layer motion"),
-    "seconds": (["--seconds", "3"], "--view"),
-    "picture-us": (["--picture-us", "3"], "--view"),
+    "run-time": (["--run-time", "3s"], "--view"),
+    "window": (["--window", "3us"], "--view"),
     "source": (["--source", "video"], "--view"),
     "view": (["--view"], "video"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = {"help", "output", "format", "labels", "threads", "json", "quiet"}
+ELSEWHERE = {"help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
 
 
 def test_every_option_is_in_one_of_the_tables(pecs_program):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from .arguments import Quantity
 from .errors import USAGE, RenderError
 
 TIMES = ("uniform", "adaptive")
@@ -53,6 +54,7 @@ class Rule:
     parse: Callable[[str], Any] | None = None
     metavar: str | tuple[str, ...] | None = None
     recorded: bool = True
+    unit: str = ""  # of plain numbers; others may carry theirs
 
     def wanted(self) -> str:
         parts = [f"above {self.above:g}"] if self.above > -math.inf else []
@@ -75,10 +77,18 @@ class Options:
     bands_per_pass: int = option(3, "1: dispersion in glass objects is exact", choices=(1, 2, 3))
     chip: str = option("imx636", "the chip whose response places the bands")
     min_nm: float | None = option(
-        None, "shortest wavelength; where chip and lamps begin if not given", low=100, high=20000
+        None,
+        "shortest wavelength; where chip and lamps begin if not given",
+        low=100,
+        high=20000,
+        unit="nm",
     )
     max_nm: float | None = option(
-        None, "longest wavelength; where chip and lamps end if not given", low=100, high=20000
+        None,
+        "longest wavelength; where chip and lamps end if not given",
+        low=100,
+        high=20000,
+        unit="nm",
     )
     illuminant: str = option("d65", "spectrum of RGB lamps and skies: a name, CSV, blackbody:T or daylight:T")
     light_scale: float = option(1.0, "multiplies all light", above=0)
@@ -88,13 +98,14 @@ class Options:
         above=0,
         high=1e9,
         recorded=False,  # the light scale is
+        unit="lx",
     )
-    fps: float = option(10000.0, "instants per second of the scene", above=0, high=1e9)
+    fps: float = option(10000.0, "instants per second of the scene", above=0, high=1e9, unit="Hz")
     frames: str = option(
         "100", "N, A:B, 'period' for one period in equal steps, 'all' for a .blend's range", recorded=False
     )
     time: str = option("uniform", "every instant, or keyframes and the motion between them", choices=TIMES)
-    step_px: float = option(24.0, "adaptive: how far anything may move between keyframes", above=0, high=256)
+    step_px: float = option(24.0, "adaptive: how far anything may move between keyframes", above=0, high=256, unit="px")
     time_tolerance: float = option(
         0.5, "adaptive: error of ln(photocurrent) that is left between keyframes, in contrast thresholds", above=0
     )
@@ -124,12 +135,24 @@ class Options:
     )
     width: int | None = option(None, "pixels; the scene's if not given", low=1, high=8192, recorded=False)
     height: int | None = option(None, "pixels; in the scene's shape if not given", low=1, high=8192, recorded=False)
-    film_width_mm: float | None = option(None, "of a lens camera; the chip's if not given", low=0.01, high=1000)
+    film_width_mm: float | None = option(
+        None, "of a lens camera; the chip's if not given", low=0.01, high=1000, unit="mm"
+    )
     film_shift_mm: Sequence[float] = option(
-        (0.0, 0.0), "the film's centre off the lens' axis", low=-1000, high=1000, metavar=("X", "Y")
+        (0.0, 0.0),
+        "the film's centre off the lens' axis",
+        low=-1000,
+        high=1000,
+        metavar=("X", "Y"),
+        unit="mm",
     )
     film_tilt_deg: Sequence[float] = option(
-        (0.0, 0.0), "about its x, then y axis", low=-80, high=80, metavar=("X", "Y")
+        (0.0, 0.0),
+        "about its x, then y axis",
+        low=-80,
+        high=80,
+        metavar=("X", "Y"),
+        unit="deg",
     )
     samples: int = option(8, "paths per pixel and band, those of its subpixels together", low=1, high=65536)
     noise_target: float | None = option(
@@ -141,18 +164,26 @@ class Options:
     lens: str | None = option(
         None, "name, file, or 'none': a pinhole or the .blend's camera (radiance); the scene's if not given"
     )
-    stop_diameter_mm: float | None = option(None, "of the lens; the scene's if not given", above=0, high=1000)
+    stop_diameter_mm: float | None = option(
+        None, "of the lens; the scene's if not given", above=0, high=1000, unit="mm"
+    )
     fnumber: float | None = option(None, "of the lens, instead of a stop diameter", above=0, high=1000)
-    focus_m: float | None = option(None, "of the lens; the scene's if not given", above=0, high=1e9)
-    focal_mm: float = option(15.02, "of a scene folder's pinhole", above=0, high=1e4)
+    focus_m: float | None = option(None, "of the lens; the scene's if not given", above=0, high=1e9, unit="m")
+    focal_mm: float = option(15.02, "of a scene folder's pinhole", above=0, high=1e4, unit="mm")
     colour_tolerance_px: float = option(
         0.1,
         "bands of a pass that lie closer on the film share their rays (at their mean wavelength); else every ray "
         "carries one band, which is noisier",
         low=0,
+        unit="px",
     )
     threads: int = option(0, "0: all cores; does not change the result", low=0, high=1024, recorded=False)
-    restart_growth_mb: float = option(1000.0, "memory growth at which the process starts afresh", recorded=False)
+    restart_growth_mb: float = option(
+        1000.0, "memory growth at which the process starts afresh", recorded=False, unit="MB"
+    )
+
+    quiet: bool = option(False, "no progress", recorded=False)
+    verbose: bool = option(False, "a line for every step of the progress", recorded=False)
 
     def __post_init__(self):
         for name, rule in RULES.items():
@@ -172,29 +203,47 @@ class Options:
 
 RULES: dict[str, Rule] = {f.name: f.metadata["rule"] for f in dataclasses.fields(Options)}
 DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Options)}
+_TYPES: dict[str, str] = {f.name: f.type for f in dataclasses.fields(Options)}
 
 
-def flag(name: str) -> str:
+_FLAGS = {"min_nm": "--min-wavelength", "max_nm": "--max-wavelength"}
+
+
+def _long(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
+def flag(name: str) -> str:
+    """Without the unit that the option's name here has: its values carry theirs."""
+    unit = RULES[name].unit.lower()
+    return _FLAGS.get(name) or _long(name.removesuffix(f"_{unit}") if unit else name)
+
+
+def add_argument(parser: argparse._ActionsContainer, name: str, *short: str) -> None:
+    """An option; under the name that it had with a unit in it, too."""
+    rule, kind = RULES[name], _TYPES[name].removesuffix(" | None")
+    flags = [*short, *dict.fromkeys((flag(name), _long(name)))]
+    if kind == "bool":
+        parser.add_argument(*flags, dest=name, action="store_true", help=rule.help)
+        return
+    kinds = {"int": int, "float": float, "str": str, "Sequence[float]": float}
+    parser.add_argument(
+        *flags,
+        dest=name,
+        type=Quantity(rule.unit) if rule.unit else rule.parse or kinds[kind],
+        default=DEFAULTS[name],
+        choices=rule.choices or None,
+        metavar=rule.metavar,
+        help=rule.help,
+        **({"nargs": 2} if kind == "Sequence[float]" else {}),
+    )
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """All options; --stop-diameter-mm and --fnumber exclude each other."""
-    stop = parser.add_mutually_exclusive_group()
-    for f in dataclasses.fields(Options):
-        rule, kind = RULES[f.name], f.type.removesuffix(" | None")
-        to = stop if f.name in ("stop_diameter_mm", "fnumber") else parser
-        if kind == "bool":
-            to.add_argument(flag(f.name), action="store_true", help=rule.help)
-            continue
-        kinds = {"int": int, "float": float, "str": str, "Sequence[float]": float}
-        more = {"nargs": 2} if kind == "Sequence[float]" else {}
-        to.add_argument(
-            flag(f.name),
-            type=rule.parse or kinds[kind],
-            default=f.default,
-            choices=rule.choices or None,
-            metavar=rule.metavar,
-            help=rule.help,
-            **more,
-        )
+    """All options; --stop-diameter and --fnumber exclude each other, as --quiet and --verbose do."""
+    pairs = {"stop_diameter_mm": "fnumber", "quiet": "verbose"}
+    groups: dict[str, argparse._ActionsContainer] = {}
+    for name in RULES:
+        if name in pairs:
+            groups[name] = groups[pairs[name]] = parser.add_mutually_exclusive_group()
+        add_argument(groups.get(name, parser), name)

@@ -75,7 +75,8 @@ class Adaptive:
         count, ends = len(self._plan.keys), self._plan.ends
         wanted = range(count)[self._options.only or slice(None)]
         missing = [i for i in wanted if not self._is_done(i, output)]
-        progress = Progress("render", len(wanted), len(wanted) - len(missing))
+        o = self._options
+        progress = Progress("render", len(wanted), len(wanted) - len(missing), quiet=o.quiet, verbose=o.verbose)
         grid_s = [t * 1e-9 for t in self._plan.grid.bounds_ns]
         between = Between(self._job, self._light, self._judge, grid_s, output)
         first_mb = None

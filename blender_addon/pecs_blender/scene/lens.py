@@ -17,7 +17,8 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
-from ..core.options import Options
+from ..core.errors import USAGE, RenderError
+from ..core.options import Options, flag
 from . import cycles
 from .source import Source
 
@@ -63,23 +64,41 @@ class LensCameras:
 
 
 def choose(source: Source, options: Options, width: int, height: int) -> Lens | None:
+    """None: the scene's own camera. A stop that is asked for must be within the lens's; the scene's gives way to it."""
     name = options.lens or source.lens["lens"]
     if name == "none":
         return None
     beside = source.folder / name
+    lens = pecs.Lens(name if "/" in name or not beside.is_file() else beside)
+    stop_mm = options.stop_diameter_mm
+    if options.fnumber:
+        _check_stop(lens, name, "fnumber", options.fnumber)
+    elif stop_mm:
+        _check_stop(lens, name, "stop_diameter_mm", stop_mm)
+    elif own_mm := source.lens["stop_diameter_mm"]:
+        stop_mm = min(own_mm, lens.info(field_rows=2)["stop_diameter_mm"])
     setting = {
         "focus_m": options.focus_m or source.lens["focus_m"],
-        "stop_diameter_mm": None if options.fnumber else options.stop_diameter_mm or source.lens["stop_diameter_mm"],
+        "stop_diameter_mm": stop_mm,
         "fnumber": options.fnumber,
     }
     return Lens(
-        pecs.Lens(name if "/" in name or not beside.is_file() else beside),
+        lens,
         setting,
         (options.film_width_mm, options.film_width_mm * height / width),
         tuple(options.film_shift_mm),
         tuple(options.film_tilt_deg),
         options.film_width_mm / width,
     )
+
+
+def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
+    try:
+        lens.info(field_rows=2, **{option: value})
+    except pecs.PecsInputError:
+        widest = lens.info(field_rows=2)[option]
+        limit = f"at least f/{widest:.4g}" if option == "fnumber" else f"at most {widest:.4g}mm"
+        raise RenderError(USAGE, f"{flag(option)}: got {value:g}, wanted {limit}, where {name} is wide open") from None
 
 
 def rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:

@@ -185,7 +185,8 @@ def _render_frames(job: Job, plan: Timeline, made: list[layers.Layer], output: O
     wanted = range(len(plan.times_ns))[options.only or slice(None)]
     due = ((i, _due(made, plan, i)) for i in wanted)
     missing = [(i, todo) for i, of in due if (todo := [m for m in of if not output.has_layer(m.name, i)])]
-    progress = Progress("render", len(wanted), len(wanted) - len(missing))
+    quiet, verbose = options.quiet, options.verbose
+    progress = Progress("render", len(wanted), len(wanted) - len(missing), quiet=quiet, verbose=verbose)
     first_mb = None
     for done, (index, todo) in enumerate(missing, len(wanted) - len(missing) + 1):
         job.set_time(plan.times_ns[index] * 1e-9)

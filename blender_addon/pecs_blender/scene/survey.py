@@ -69,7 +69,7 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
     counts = ((one.key, _count(_areas(one.corners()), spacing_m)) for one in instants[0])
     count = sum(n if key in still else n * len(times_s) for key, n in counts)
     if count > MOST_POINTS:
-        raise RenderError(USAGE, f"--spacing-m: got about {count:.2g} points, wanted at most {MOST_POINTS:.2g}")
+        raise RenderError(USAGE, f"--spacing: got about {count:.2g} points, wanted at most {MOST_POINTS:.2g}")
     sampled = [_sampled([i for i in instances if i.key not in still], things, spacing_m) for instances in instants]
     static = _sampled([i for i in instants[0] if i.key in still], things, spacing_m)
     extents = np.array([one.extent() for instances in instants for one in instances]).reshape(-1, 2, 3)

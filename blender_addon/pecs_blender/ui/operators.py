@@ -15,13 +15,14 @@ from . import background, checks, paths, sensor_settings, settings
 from .preferences import ROOT
 
 PREVIEW_WIDTH = 320
-PREVIEW_BANDS = ("--bands", "12", "--placement", "uniform", "--min-nm", "400", "--max-nm", "700")  # for the eye
+# For the eye.
+PREVIEW_BANDS = "--bands 12 --placement uniform --min-wavelength 400nm --max-wavelength 700nm".split()
 AT_ONCE = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
 
 
 class InBackground:
-    """Starts a job, whose end background.poll notices. Subclasses have job(context, operator)."""
+    """Starts a job, whose end background.poll notices. Subclasses have job(context)."""
 
     bl_options = {"REGISTER"}
 
@@ -75,7 +76,7 @@ def frame_words(scene) -> list[str]:
     return ["--frames", "all" if scene.pecs.whole_range else str(scene.pecs.frames)]
 
 
-def remember_stack(scene_name: str, job: background.Job, folder: Path) -> None:
+def remember_stack(scene_name: str, folder: Path) -> None:
     """A new version has a name of its own."""
     scene = bpy.data.scenes.get(scene_name)
     if scene and paths.stack(scene).parent == folder.parent:
@@ -94,7 +95,7 @@ class PECS_OT_render(Renders, bpy.types.Operator):
         name = scene.name
 
         def done(job: background.Job) -> str:
-            remember_stack(name, job, job.folder)
+            remember_stack(name, job.folder)
             return f"{job.folder}: rendered"
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
@@ -113,7 +114,7 @@ class PECS_OT_run(Renders, bpy.types.Operator):
         name = scene.name
 
         def done(job: background.Job) -> str:
-            remember_stack(name, job, job.folder if job.folder != events else stack)
+            remember_stack(name, job.folder if job.folder != events else stack)
             return job.answer[-1] if job.answer else f"{events}: simulated"
 
         words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from statistics import mean
 
+from .._arguments import add_talk
 from .._command import USAGE, Line, Parser, answer
 from .._library import PecsError
 from . import manifest, recipe, report, run, writers
@@ -22,18 +23,17 @@ SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
 other has."""
-EXAMPLES = """examples:
-  pecs dataset room.toml -o out/room --plan       sequences, instants, hours and gigabytes; makes nothing
-  pecs dataset room.toml -o out/room              all of it
-  pecs dataset room.toml -o out/room --only 3     sequence 3 alone (a farm's task)
-  pecs dataset room.toml -o out/room --check      are all files there, and as they were written?
-  pecs dataset out/room --export dsec -o out/dsec a set that is there in another layout"""
+EXAMPLES = (
+    "pecs dataset room.toml -o out/room --plan        # sequences, instants, hours and gigabytes; makes nothing",
+    "pecs dataset room.toml -o out/room               # all of it",
+    "pecs dataset room.toml -o out/room --only 3      # sequence 3 alone (a farm's task)",
+    "pecs dataset room.toml -o out/room --check       # are all files there, and as they were written?",
+    "pecs dataset out/room --export dsec -o out/dsec  # a set that is there in another layout",
+)
 
 
 def _parser() -> Parser:
-    parser = Parser(
-        prog="pecs dataset", description=ABOUT, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="pecs dataset", description=ABOUT, examples=EXAMPLES)
     add = parser.add_argument
     add("recipe", type=Path, help="RECIPE.toml; with --export also the folder of a set")
     add("-o", "--output", type=Path, required=True, help="folder of the set, or of what --export writes")
@@ -45,6 +45,7 @@ def _parser() -> Parser:
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write a set that is there in another layout: {', '.join(writers.WRITERS)}")
     add("--threads", type=int, default=0, help="0: all cores; does not change the result")
+    add_talk(parser)
     return parser
 
 
@@ -69,7 +70,7 @@ def _run(args: argparse.Namespace) -> None:
     else:
         if args.repair:
             _move_aside(wanted, args.output)
-        _make(found, wanted, args.output, args.threads)
+        _make(found, wanted, args.output, args.threads, Line(quiet=args.quiet, verbose=args.verbose))
         if not args.only:
             _finish(found, args.output)
 
@@ -88,8 +89,8 @@ def _wanted(only: str | None, count: int) -> list[int]:
     return list(range(begin, end))
 
 
-def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int) -> None:
-    begin, made, line = time.monotonic(), 0, Line()
+def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, line: Line) -> None:
+    begin, made = time.monotonic(), 0
     busy: list[int] = []
     for done, index in enumerate(wanted):
         final = manifest.sequence_folder(output, index)

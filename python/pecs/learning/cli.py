@@ -6,15 +6,18 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from .._arguments import Quantity, add_talk
 from .._command import Line, Parser, answer
 from .._library import PecsNotFoundError
 from ..datasets._check import library
 
 NETWORK = "network.onnx"
-EXAMPLES = """examples:
-  pecs reconstruct recording.raw -o video.mp4        by a filter
-  pecs train out/set -o out/run --steps 2000         writes out/run/network.onnx; continues when run again
-  pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx"""
+RECONSTRUCT = (
+    "pecs reconstruct recording.raw -o video.mp4                         # by a filter",
+    "pecs reconstruct recording.raw -o slow.mp4 --fps 1kHz --playback-fps 25 --cutoff 5Hz",
+    "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
+)
+TRAIN = ("pecs train out/set -o out/run --steps 2000    # writes out/run/network.onnx; continues when run again",)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -39,39 +42,39 @@ def _count(text: str) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(
-        prog="pecs",
-        description="Video from events.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
+    parser = Parser(prog="pecs", description="Video from events.", examples=[*RECONSTRUCT, *TRAIN])
+    commands = parser.add_commands()
+    rate = Quantity("Hz", above=0, below=1e9)
 
-    one = commands.add_parser("reconstruct", help="video from an event file")
+    about = "video from an event file, by a filter or a network"
+    one = commands.add_parser("reconstruct", help=about, description=about, examples=RECONSTRUCT)
     one.add_argument("events", type=Path, help="an event file of any format")
     one.add_argument("-o", "--output", type=Path, required=True, help=".mp4, or a folder for PNG")
     one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`; without: a high-pass filter")
-    one.add_argument("--fps", type=_positive, default=50.0, help="pictures per second of the recording (default: 50)")
-    one.add_argument("--playback-fps", type=_positive, help="pictures per second of the video (default: as --fps)")
-    one.add_argument("--cutoff-hz", type=_positive, default=1.0, help="of the filter (default: 1)")
+    one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
+    one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
+    one.add_argument("--cutoff", "--cutoff-hz", type=rate, default=1.0, help="cutoff frequency of the filter")
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not say")
     one.add_argument("--threads", type=int, default=0, help="0: all cores")
+    add_talk(one)
     one.set_defaults(run=_reconstruct)
 
-    one = commands.add_parser("train", help="a network on a data set (needs PyTorch)")
+    about = "a network that makes video of events, trained on a data set (needs PyTorch)"
+    one = commands.add_parser("train", help=about, description=about, examples=TRAIN)
     one.add_argument("set", type=Path, help="folder of a data set whose recipe has keep.light")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder of the run; one that is there continues")
-    one.add_argument("--split", default="train", help="which sequences (default: train)")
-    one.add_argument("--network", choices=("firenet", "e2vid"), default="firenet")
-    one.add_argument("--channels", type=_count, help="of the first layer (default: firenet 16, e2vid 32)")
-    one.add_argument("--steps", type=_count, default=500)
-    one.add_argument("--batch", type=_count, default=4, help="clips per step (default: 4)")
-    one.add_argument("--windows", type=_count, default=10, help="of a clip (default: 10)")
-    one.add_argument("--crop", type=_count, default=64, help="pixels (default: 64)")
-    one.add_argument("--learning-rate", type=_positive, default=1e-3)
-    one.add_argument("--seed", type=int, default=1)
-    one.add_argument("--workers", type=int, default=0, help="processes that read clips (default: 0)")
-    one.add_argument("--device", default="cpu", help="of PyTorch: cpu, cuda")
+    one.add_argument("--split", default="train", help="which sequences")
+    one.add_argument("--network", choices=("firenet", "e2vid"), default="firenet", help="its kind")
+    one.add_argument("--channels", type=_count, help="width of the first layer (default: firenet 16, e2vid 32)")
+    one.add_argument("--steps", type=_count, default=500, help="how long")
+    one.add_argument("--batch", type=_count, default=4, help="clips per step")
+    one.add_argument("--windows", type=_count, default=10, help="windows of a clip")
+    one.add_argument("--crop", type=_count, default=64, help="width and height of a clip, in pixels")
+    one.add_argument("--learning-rate", type=_positive, default=1e-3, help="of Adam")
+    one.add_argument("--seed", type=int, default=1, help="seed of clips and first weights")
+    one.add_argument("--workers", type=int, default=0, help="processes that read clips; 0: this one")
+    one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
+    add_talk(one)
     one.set_defaults(run=_train)
     return parser
 
@@ -88,14 +91,14 @@ def _run(argv: list[str]) -> None:
 def _reconstruct(args: argparse.Namespace) -> None:
     from .reconstruct import reconstruct
 
-    line = Line(100)
+    line = Line(100, quiet=args.quiet, verbose=args.verbose)
     done = reconstruct(
         args.events,
         args.output,
         weights=args.weights,
         fps=args.fps,
         playback_fps=args.playback_fps,
-        cutoff_hz=args.cutoff_hz,
+        cutoff_hz=args.cutoff,
         size=args.size,
         threads=args.threads,
         progress=lambda n: line(f"reconstruct: {n} pictures", n),
@@ -126,7 +129,7 @@ def _train(args: argparse.Namespace) -> None:
     found = sequences(args.set, args.split)
     if not found:
         raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}", 3)
-    line = Line(50)
+    line = Line(50, quiet=args.quiet, verbose=args.verbose)
     net = train(
         recordings(found),
         args.output,

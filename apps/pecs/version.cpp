@@ -1,0 +1,54 @@
+// pecs --version --verbose: what an error report should say.
+#include "pecs/version.h"
+
+#include <fmt/format.h>
+#include <hwy/targets.h>
+
+#include <filesystem>
+#include <thread>
+
+#include "commands.h"
+#include "libraries.h"
+#include "pecs/data_dir.h"
+#include "pecs/error.h"
+
+namespace pecs::app {
+namespace {
+
+// The set of instructions that Highway's kernels choose here: the best one that is compiled in and that this machine
+// has; the lowest bit is the best.
+std::string instruction_set() {
+  const std::int64_t usable = hwy::SupportedTargets() & HWY_TARGETS;
+  return hwy::TargetName(usable & -usable);
+}
+
+std::string data_place() {
+  try {
+    return data_dir("lens_data").parent_path().string();
+  } catch (const Error& e) {
+    return e.what();
+  }
+}
+
+}  // namespace
+
+void add_version(CLI::App& app) {
+  const auto verbose = std::make_shared<bool>(false);
+  app.add_flag("--verbose", *verbose, "with --version: build, libraries, set of instructions");
+  const auto text = [verbose] {
+    std::string out = fmt::format("pecs {}", kVersion);
+    if (!*verbose) return out;
+    std::error_code error;
+    const auto row = [&](const char* name, const std::string& value) { out += fmt::format("\n{:<14}{}", name, value); };
+    row("build", kCompiler);
+    row("libraries", kLibraries);
+    row("instructions", instruction_set());
+    row("threads", fmt::format("{}", std::thread::hardware_concurrency()));
+    row("program", std::filesystem::read_symlink("/proc/self/exe", error).string());
+    row("data", data_place());
+    return out;
+  };
+  app.set_version_flag("--version", text, "show the version and exit");
+}
+
+}  // namespace pecs::app

@@ -1,0 +1,187 @@
+"""What the parsers of all commands in Python share: values with a unit, one form of --help, the nearest option. The
+same rules as the program's (apps/pecs/units.cpp, help.cpp, usage.cpp). Imports nothing of pecs: pecs_blender reads this
+file before Blender's module, which must be loaded before pecs."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_EXPONENTS = {  # of ten, beside the kind's SI unit
+    "TIME": {"ns": -9, "us": -6, "µs": -6, "μs": -6, "ms": -3, "s": 0},
+    "LENGTH": {"nm": -9, "um": -6, "µm": -6, "μm": -6, "mm": -3, "cm": -2, "m": 0},
+    "FREQUENCY": {"Hz": 0, "kHz": 3, "MHz": 6, "fps": 0},
+    "CURRENT": {"fA": -15, "pA": -12, "nA": -9, "uA": -6, "µA": -6, "μA": -6, "mA": -3, "A": 0},
+    "ANGLE": {"deg": 0},
+    "PIXELS": {"px": 0},
+    "STOPS": {"EV": 0},
+    "LIGHT": {"lx": 0, "klx": 3},
+    "MEMORY": {"MB": 6, "GB": 9},
+}
+_KIND = {unit: kind for kind, units in _EXPONENTS.items() for unit in units}
+_EXAMPLE = {"TIME": "20ms", "LENGTH": "5mm", "FREQUENCY": "10kHz", "CURRENT": "2pA", "ANGLE": "1.5deg"}
+_EXAMPLE |= {"PIXELS": "24px", "STOPS": "2EV", "LIGHT": "500lx", "MEMORY": "2GB"}
+_VALUE = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?) *(\D*)", re.ASCII)
+UNITS = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in brackets."
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A type for `add_argument`: from "20ms", "0.5 m", "10kHz", or a plain number in `unit`, to a number in `unit`."""
+
+    unit: str
+    above: float = -math.inf
+    below: float = math.inf
+
+    @property
+    def kind(self) -> str:
+        return _KIND[self.unit]
+
+    def __call__(self, text: str) -> float:
+        found, units = _VALUE.fullmatch(text.strip()), _EXPONENTS[self.kind]
+        if not found or (found[2] or self.unit) not in units:
+            names = ", ".join(name for name in units if name.isascii())
+            raise argparse.ArgumentTypeError(
+                f"got {text!r}, wanted a number with a unit ({names}) such as {_EXAMPLE[self.kind]}, "
+                f"or in {self.unit} without"
+            )
+        shift = units[found[2] or self.unit] - units[self.unit]
+        value = float(found[1]) * 10**shift if shift >= 0 else float(found[1]) / 10**-shift
+        value = float(f"{value:.15g}") if found[2] else value  # 1.1ms are 1100 us
+        if not math.isfinite(value) or not self.above < value < self.below:
+            limits = [f"above {self.above:g}"] * (self.above > -math.inf)
+            limits += [f"below {self.below:g}"] * (self.below < math.inf)
+            raise argparse.ArgumentTypeError(f"got {text}, wanted {' and '.join(['a finite number', *limits])}")
+        return value
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    def __init__(self, prog: str, **more: Any):
+        super().__init__(prog, max_help_position=28, **more)
+
+    def _format_usage(self, usage: object, actions: Sequence[argparse.Action], groups: object, prefix: object) -> str:
+        """Options are listed below."""
+        words = ["[options]"]
+        for action in actions:
+            if not action.option_strings:
+                name, many = self._metavar(action), action.nargs in ("*", "+")
+                words.append(f"[{name}]" if action.nargs in ("?", "*") else f"{name} ..." if many else name)
+        return f"usage: {' '.join([self._prog, *words])}\n\n"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Examples stay as they are."""
+        parts = text.split("\n\n")
+        return "\n\n".join(part if part.startswith("examples:") else textwrap.fill(part, width) for part in parts)
+
+    def _metavar(self, action: argparse.Action) -> str:
+        if isinstance(action, argparse._SubParsersAction):
+            return "COMMAND ..."
+        name = action.metavar or action.dest.upper()
+        return name if isinstance(name, str) else " ".join(name)
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        """The first long name alone: further ones are those of before."""
+        if not action.option_strings:
+            return self._metavar(action)
+        short = [name for name in action.option_strings if not name.startswith("--")]
+        names = ", ".join([*short, *[n for n in action.option_strings if n.startswith("--")][:1]])
+        return names if action.nargs == 0 else f"{names} {self._value(action)}"
+
+    def _value(self, action: argparse.Action) -> str:
+        if isinstance(action.type, Quantity):
+            name: str | tuple[str, ...] = action.metavar or f"{action.type.kind}[{action.type.unit}]"
+            name = name if isinstance(name, str) else f"{' '.join(name)} [{action.type.unit}]"
+        elif action.choices:
+            name = action.metavar or "{" + ",".join(map(str, action.choices)) + "}"
+        elif action.type in (int, float):
+            name = action.metavar or ("N" if action.type is int else "NUMBER")
+        else:
+            name = action.metavar or action.dest.upper()
+        return name if isinstance(name, str) else " ".join(name)
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        unit = action.type.unit if isinstance(action.type, Quantity) else ""
+        usual, more = action.default, ["required"] if action.required and action.option_strings else []
+        if usual not in (None, False, "", argparse.SUPPRESS) and usual != [] and usual != ():
+            parts = usual if isinstance(usual, (list, tuple)) else [usual]
+            more.append("default: " + " ".join(f"{f'{p:g}' if isinstance(p, float) else p}{unit}" for p in parts))
+        said = (action.help or "").replace("%", "%%")
+        return f"{said} ({'; '.join(more)})".lstrip() if more and "(default" not in said else said
+
+
+class Parser(argparse.ArgumentParser):
+    """One form of --help, which ends with examples; a mistyped option is named with the nearest one. `error` is for
+    those below to define."""
+
+    def __init__(self, *, examples: Sequence[str] = (), **more: Any):
+        more.setdefault("formatter_class", _Help)
+        if examples:
+            more["epilog"] = "\n  ".join(["examples:", *examples])
+        super().__init__(allow_abbrev=False, **more)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # -0.5mm is a value
+        self._positionals.title, self._optionals.title = "arguments", "options"
+
+    def add_commands(self, **more: Any) -> argparse._SubParsersAction:
+        return self.add_subparsers(
+            title="commands", metavar="COMMAND", dest="command", required=True, prog=self.prog, **more
+        )
+
+    def format_help(self) -> str:
+        had = self.epilog
+        if any(isinstance(action.type, Quantity) for action in self._actions):
+            self.epilog = f"{UNITS}\n\n{had}" if had else UNITS
+        text = super().format_help()
+        self.epilog = had
+        return text
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """An option that there is not is told before what is missing."""
+        known = {name: action for action in self._actions for name in action.option_strings}
+        commands = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
+        for word in args or ():
+            name = word.partition("=")[0]
+            if word == "--" or (commands and not word.startswith("-")):
+                break
+            if name in known and known[name].nargs == argparse.REMAINDER:
+                break
+            if name.startswith("--") and name not in known:
+                self.error(f"{name}: no such option; nearest: {nearest(name, [n for n in known if n[:2] == '--'])}")
+        if commands and (words := [w for w in args or () if not w.startswith("-")][:1]):
+            if words[0] not in commands[0].choices:
+                self.error(f"{words[0]}: no such command; nearest: {nearest(words[0], list(commands[0].choices))}")
+        return super().parse_known_args(args, namespace)
+
+
+def said(message: str) -> str:
+    """An error of argparse, its option named as in --help: "argument -o/--output: …" is "--output: …"."""
+    found = re.match(r"argument ([-\w/]+): ", message)
+    if not found:
+        return message
+    names = found[1].split("/")
+    return f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
+
+
+def add_talk(parser: argparse._ActionsContainer) -> None:
+    """--quiet and --verbose, for what shows its progress."""
+    talk = parser.add_mutually_exclusive_group()
+    talk.add_argument("--quiet", action="store_true", help="no progress")
+    talk.add_argument("--verbose", action="store_true", help="a line for every step of the progress")
+
+
+def nearest(word: str, names: Sequence[str]) -> str:
+    return min(names, key=lambda name: _edits(word, name))
+
+
+def _edits(a: str, b: str) -> int:
+    """Levenshtein's distance."""
+    row = list(range(len(b) + 1))
+    for i, letter in enumerate(a):
+        diagonal, row[0] = row[0], i + 1
+        for k, other in enumerate(b):
+            diagonal, row[k + 1] = row[k + 1], min(diagonal + (letter != other), row[k] + 1, row[k + 1] + 1)
+    return row[-1]
