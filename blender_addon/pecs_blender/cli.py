@@ -96,6 +96,7 @@ def _add_run(commands) -> None:
         metavar="…",
         help="all that follows goes to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise",
     )
+    command.set_defaults(time="adaptive")
 
 
 def _add_job(command) -> None:

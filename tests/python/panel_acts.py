@@ -160,7 +160,7 @@ def line(folder):
     sensor.format = "npz"
     assert paths.events(scene) == folder / "scene.npz"
     # other settings: refused, then beside it
-    scene.pecs.samples = 2
+    scene.pecs.samples = 8
     bpy.ops.wm.save_mainfile()
     bpy.ops.pecs.render()
     message, is_error = ended()

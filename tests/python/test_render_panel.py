@@ -31,12 +31,13 @@ bpy.ops.wm.open_mainfile(filepath=blend)
 scene = bpy.context.scene
 args = vars(_parser().parse_args(["render", "-o", "x", *settings.arguments(scene)]))
 options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_fields__})
-assert options == Options(lens="none"), options  # the panel's defaults are the command line's
+assert options == Options(lens="none", time="adaptive"), options  # the panel's defaults are those of `pecs run`
 p = scene.pecs
 p.lens, p.focus_m = "pecs_lab_15mm", 150.0
 arguments = settings.arguments(scene)
 assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
 p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
+p.time = "uniform"
 bpy.ops.wm.save_mainfile()
 assert bpy.ops.pecs.render() == {"FINISHED"}
 job = background.state.job
@@ -48,7 +49,7 @@ bpy.ops.pecs.stop()
 message, is_error = ended()
 assert message.startswith("Stopped at") and not is_error, message
 bpy.ops.wm.open_mainfile(filepath=blend)
-bpy.context.scene.pecs.frames = 2
+bpy.context.scene.pecs.frames, bpy.context.scene.pecs.time = 2, "uniform"
 bpy.ops.wm.save_mainfile()
 bpy.ops.pecs.render()
 message, is_error = ended()

@@ -45,6 +45,7 @@ for curve in thing.animation_data.action.layers[0].strips[0].channelbags[0].fcur
         point.interpolation = "LINEAR"
 scene.frame_set(3, subframe=0.25)
 assert remarks() == []  # at 1000 instants per second
+s.time = "uniform"
 s.fps = 25
 words = only("Things move up to ")
 moved = float(words.split()[4])

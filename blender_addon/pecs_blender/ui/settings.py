@@ -51,7 +51,7 @@ SHOWN = {
     "device": ("Device", {}),
     "threads": ("Threads", {}),
     "fps": ("Instants per second", {}),
-    "time": ("Steps", {}),
+    "time": ("Steps", {"default": "adaptive"}),  # few see the frames
     "step_px": ("Most motion (px)", {}),
 }
 _CHOICES = {
@@ -66,10 +66,10 @@ _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Opt
 
 def _property(name: str):
     label, more = SHOWN[name]
-    rule, default, kind = RULES[name], DEFAULTS[name], _KINDS[name]
+    rule, default, kind = RULES[name], more.get("default", DEFAULTS[name]), _KINDS[name]
     own_text = more.get("description")
     text = own_text or rule.help[0].upper() + rule.help[1:]
-    more = {key: value for key, value in more.items() if key != "description"}
+    more = {key: value for key, value in more.items() if key not in ("default", "description")}
     if name == "fnumber":
         more["update"] = _not_wider
     if rule.choices:
