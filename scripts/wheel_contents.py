@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 # Linked into the program or the library, so that no file of a wheel names them: headers, and build/wheel-libraries.
-HEADERS = ["libeigen3-dev", "libcli11-dev", "libnanoflann-dev", "libflatbuffers-dev", "nlohmann-json3-dev"]
+HEADERS = ["libeigen3-dev", "libcli11-dev", "libflatbuffers-dev", "nlohmann-json3-dev"]
 STATIC = ["opencv", "ceres-solver", "hdf5"]
 SHARED = {r"lib(av|sw)[a-z]+\.so": "ffmpeg", r"libtiff\.so": "tiff"}
 

@@ -8,22 +8,20 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
-#include <nanoflann.hpp>
 #include <numeric>
 #include <vector>
 
+#include "neighbours.h"
 #include "pecs/error.h"
 
 namespace pecs::metrics {
 namespace {
 
 using events::Event;
-using Point = std::array<float, 3>;  // x, y, t; the polarity's coordinate is the same for all points of a Group
 
 constexpr double kSpaceUnits = 100, kPolarityUnits = 100, kTimeUnits = 1000;  // alpha of Eq. 16
 constexpr double kEpsilon = 1e-6;                                             // epsilon of Eq. 16
-constexpr std::size_t kLeafSize = 12, kChunk = 4096;
+constexpr std::size_t kChunk = 256;                                           // groups of points
 
 struct Limits {
   std::int64_t low = std::numeric_limits<std::int64_t>::max(), high = std::numeric_limits<std::int64_t>::min();
@@ -53,67 +51,8 @@ float truncated(std::int64_t value, const Limits& limits, int units) {
   return static_cast<float>(std::trunc(static_cast<double>(product) / limits.span()));
 }
 
-// The points of one polarity, and their KD-tree. Points lie in the tree's order, so that a leaf is one run of memory.
-class Group {
- public:
-  void add(const Point& point) { points_.push_back(point); }
-  bool empty() const { return points_.empty(); }
-  const std::vector<Point>& points() const { return points_; }
-
-  void build() {
-    if (empty()) return;
-    tree_ = std::make_unique<Tree>(3, *this, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize));
-    std::vector<Point> ordered(points_.size());
-    for (std::size_t i = 0; i < ordered.size(); ++i) ordered[i] = points_[tree_->vAcc[i]];
-    points_ = std::move(ordered);
-    std::iota(tree_->vAcc.begin(), tree_->vAcc.end(), 0U);
-  }
-
-  // The squared distance to the nearest point, if it is below `bound`, else `bound`. `hint` is the index of a point
-  // that may be near, and becomes that of the point found.
-  float nearest(const Point& query, float bound, std::uint32_t& hint) const {
-    Nearest best{bound, hint};
-    best.addPoint(squared(query, points_[hint]), hint);
-    if (best.d2 > 0) tree_->findNeighbors(best, query.data(), nanoflann::SearchParams());
-    hint = best.index;
-    return best.d2;
-  }
-
-  // nanoflann's view of the points
-  std::size_t kdtree_get_point_count() const { return points_.size(); }
-  float kdtree_get_pt(std::size_t i, std::size_t dim) const { return points_[i][dim]; }
-  template <class Box>
-  bool kdtree_get_bbox(Box&) const {
-    return false;
-  }
-
- private:
-  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Group>, Group, 3, std::uint32_t>;
-
-  // nanoflann's result set: one neighbour, and an end to the search once the distance is zero.
-  struct Nearest {
-    float d2;
-    std::uint32_t index;
-    std::size_t size() const { return 1; }
-    bool full() const { return true; }
-    float worstDist() const { return d2; }
-    bool addPoint(float candidate, std::uint32_t i) {
-      if (candidate < d2) d2 = candidate, index = i;
-      return d2 > 0;
-    }
-  };
-
-  static float squared(const Point& a, const Point& b) {
-    const float dx = a[0] - b[0], dy = a[1] - b[1], dt = a[2] - b[2];
-    return dx * dx + dy * dy + dt * dt;
-  }
-
-  std::vector<Point> points_;
-  std::unique_ptr<Tree> tree_;
-};
-
 struct Cloud {
-  std::array<Group, 2> groups;             // OFF, ON
+  std::array<Neighbours, 2> groups;        // OFF, ON: x, y, t of the points
   std::array<float, 2> polarity = {0, 0};  // their coordinate
 };
 
@@ -149,27 +88,34 @@ void add(BlockSums& to, const BlockSums& more) {
 }
 
 // Sums of d (Eq. 13) and g(d) (Eq. 15) over the points of one polarity of `a`, each to its nearest point of `b`.
-BlockSums one_way(const Group& from, float polarity, const Cloud& b, double sigma) {
+BlockSums one_way(const Neighbours& from, float polarity, const Cloud& b, double sigma) {
   const auto gap2 = [&](int p) { return (polarity - b.polarity[p]) * (polarity - b.polarity[p]); };
   int first = gap2(0) <= gap2(1) ? 0 : 1;
   if (b.groups[first].empty()) first = 1 - first;
   const int second = 1 - first;
 
-  // Neighbouring points of `from` lie together (tree order), so the last neighbour is a good first guess for the next.
-  const auto& points = from.points();
-  std::vector<BlockSums> chunks((points.size() + kChunk - 1) / kChunk);
+  const auto groups = from.groups();
+  std::vector<BlockSums> chunks((groups.size() + kChunk - 1) / kChunk);
   tbb::parallel_for(std::size_t{0}, chunks.size(), [&](std::size_t chunk) {
-    std::array<std::uint32_t, 2> hint = {0, 0};
-    const std::size_t end = std::min(points.size(), (chunk + 1) * kChunk);
+    const std::size_t end = std::min(groups.size(), (chunk + 1) * kChunk);
     for (std::size_t i = chunk * kChunk; i < end; ++i) {
-      constexpr float kFar = std::numeric_limits<float>::infinity();
-      float d2 = b.groups[first].nearest(points[i], kFar, hint[first]) + gap2(first);
-      if (d2 > gap2(second) && !b.groups[second].empty())
-        d2 = b.groups[second].nearest(points[i], d2 - gap2(second), hint[second]) + gap2(second);
-      const int block = std::clamp(static_cast<int>(points[i][2] / kTimeUnits * kTimeBlocks), 0, kTimeBlocks - 1);
-      chunks[chunk].distance[block] += std::sqrt(static_cast<double>(d2));
-      chunks[chunk].kernel[block] += -std::expm1(-static_cast<double>(d2) / sigma);
-      chunks[chunk].count[block] += 1;
+      std::array<float, kTogether> d2, rest;
+      d2.fill(std::numeric_limits<float>::infinity());
+      b.groups[first].nearest(groups[i], d2);
+      for (std::size_t k = 0; k < kTogether; ++k) rest[k] = (d2[k] += gap2(first)) - gap2(second);
+      if (!b.groups[second].empty() && std::ranges::any_of(rest, [](float r) { return r > 0; })) {
+        std::array<float, kTogether> found = rest;
+        b.groups[second].nearest(groups[i], found);
+        for (std::size_t k = 0; k < kTogether; ++k)
+          if (found[k] < rest[k]) d2[k] = found[k] + gap2(second);
+      }
+      for (std::size_t k = 0; k < groups[i].count; ++k) {
+        const double part = groups[i].at[2][k] / kTimeUnits;
+        const int block = std::clamp(static_cast<int>(part * kTimeBlocks), 0, kTimeBlocks - 1);
+        chunks[chunk].distance[block] += std::sqrt(static_cast<double>(d2[k]));
+        chunks[chunk].kernel[block] += -std::expm1(-static_cast<double>(d2[k]) / sigma);
+        chunks[chunk].count[block] += 1;
+      }
     }
   });
 
