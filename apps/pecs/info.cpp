@@ -74,6 +74,13 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
   return out;
 }
 
+// What the renderer was asked for: of a .blend on the median surface in view, of a scene folder on its target.
+std::optional<double> lux_of(const Json& stack) {
+  for (const char* place : {"/render/lux", "/scene/parameters/illuminance_lux"})
+    if (const Json::json_pointer key(place); stack.contains(key) && stack[key].is_number()) return stack[key];
+  return {};
+}
+
 void print_stack(const std::string& path, const Json& info) {
   fmt::print("{}: EXR stack of spectral {}, {}x{} pixels\n", path, info["quantity"].get<std::string>(),
              info["width"].get<int>(), info["height"].get<int>());
@@ -83,6 +90,7 @@ void print_stack(const std::string& path, const Json& info) {
   for (const char* key : {"lens", "scene"})
     if (info.contains(key) && info[key].is_object() && info[key].contains("name") && info[key]["name"].is_string())
       fmt::print("{:<12} {}\n", key, info[key]["name"].get<std::string>());
+  if (const auto lux = lux_of(info)) fmt::print("light        {:g} lux\n", *lux);
   for (const Json& layer : info["layers"])
     if (layer["name"] != sensor::kLight)
       fmt::print("layer        {}: {} [{}], per {}\n", layer["name"].get<std::string>(),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from .core import programs, stop, streams
-from .core.arguments import Parser, Quantity
+from .core.arguments import Parser, Quantity, add_talk
 from .core.brightness import light_words
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
 from .core.options import DEFAULTS, RULES, Options, add_argument, add_arguments
@@ -26,7 +26,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="pecs_blender",
         description="PECS: spectral renders through a real lens.\n\n"
-        f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset, reconstruct.",
+        f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset.",
         examples=["pecs_blender render FILE.blend -o out/stack", "pecs_blender run FILE.blend -o events.raw"],
     )
     commands = parser.add_commands()
@@ -43,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
         add_argument(bands, name, *(["-n"] if name == "bands" else []))
     bands.add_argument("--json", action="store_true", help="machine-readable output")
+    _add_reconstruct(commands)
     merge = commands.add_parser(
         "merge",
         help="join shards of a stack",
@@ -143,6 +144,24 @@ def _add_survey(commands) -> None:
         help="distance of neighbouring points; such that they are 200,000 if not given",
     )
     _add_scene(command)
+
+
+def _add_reconstruct(commands) -> None:
+    command = commands.add_parser(
+        "reconstruct",
+        help="video from an event file, by a filter",
+        description="Writes a video of the light that events tell, by the filter of `pecs reconstruct` "
+        "(docs/reference/reconstruct.md), which also takes networks.",
+        examples=["pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25"],
+    )
+    add = command.add_argument
+    add("events", type=Path, help="an event file of any format")
+    add("-o", "--output", type=Path, required=True, metavar="VIDEO.mp4", help="the video")
+    rate = Quantity("Hz", above=0, below=1e9)
+    add("--fps", type=rate, default=50.0, help="pictures per second of the recording")
+    add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="of the video (default: as --fps)")
+    add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
+    add_talk(command)
 
 
 def _add_light(commands) -> None:
@@ -273,6 +292,17 @@ def _light(args: dict) -> None:
     streams.say(json.dumps(found) + "\n" if as_json else light_words(found))
 
 
+def _reconstruct(args: dict) -> None:
+    import bpy  # noqa: F401 -- before pecs
+
+    args["playback_fps"] = args["playback_fps"] or min(args["fps"], 1000)
+    with _writing(args["output"]), _library_errors():
+        from .scene import filter_video
+
+        count = filter_video.write(**args)
+    streams.say(f"{args['output']}: {count} pictures, by filter\n")
+
+
 def _bands(args: dict) -> None:
     with _library_errors():
         import pecs
@@ -297,7 +327,15 @@ def _merge(args: dict) -> None:
         raise RenderError(BAD_OUTPUT, f"{e.filename}: cannot be written: {e.strerror}") from None
 
 
-COMMANDS = {"render": _render, "run": _run, "survey": _survey, "light": _light, "bands": _bands, "merge": _merge}
+COMMANDS = {
+    "render": _render,
+    "run": _run,
+    "survey": _survey,
+    "light": _light,
+    "bands": _bands,
+    "merge": _merge,
+    "reconstruct": _reconstruct,
+}
 
 
 def main(argv: list[str]) -> int:
@@ -305,7 +343,7 @@ def main(argv: list[str]) -> int:
         programs.pass_on(argv)
         args = vars(_parser().parse_args(argv))
         command = args.pop("command")
-        if command in ("render", "run"):
+        if command in ("render", "run", "reconstruct"):
             stop.install()
         COMMANDS[command](args)
     except SystemExit as e:  # --help

@@ -143,6 +143,7 @@ def line(folder):
     assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
     event_operators.sequencer_scene = lambda context: context.scene  # as if one were open
     assert "channel 1" in pressed("view", kind="mp4", to_sequencer=True)
+    assert str(folder / "scene.light.mp4") in pressed("reconstruct")
     assert scene.sequence_editor.strips[0].frame_final_duration > 10
     pressed("report")
     assert (folder / "scene.report.html").stat().st_size > 1000

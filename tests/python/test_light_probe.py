@@ -49,6 +49,14 @@ scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sun")
 scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sky", 0.2)
 scene(("ShaderNodeBsdfGlossy", (0.8, 0.8, 0.8)), 5.0, "mirror", 0.2)
 
+# Balls hide parts of the sky from the floor: noise.
+scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 0.0, "noisy", 0.2)
+for x in range(-4, 5):
+    for y in range(-3, 4):
+        bpy.ops.mesh.primitive_uv_sphere_add(radius=0.3, location=(x / 2, y / 2, 0.4), segments=12, ring_count=8)
+        bpy.context.object.data.materials.append(bpy.data.materials["floor"])
+bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/noisy.blend")
+
 # A bright square slides over a dark floor: 2 units in 9 frames, seen from 5.
 scene(("ShaderNodeBsdfDiffuse", (0.1, 0.1, 0.1)), 5.0, "slide")
 bright = bpy.data.materials["floor"].copy()
@@ -133,16 +141,34 @@ def test_current_and_corner_are_those_of_a_render(scenes, tmp_path, lens):
     assert found["fnumber"] == pytest.approx(4 if lens == "none" else 4.15, abs=0.01)
 
 
-def test_lux_sets_the_light(scenes, tmp_path):
+def test_lux_sets_the_light(scenes, tmp_path, pecs_program):
     small = ("--width", 16, "--height", 12, "--samples", 1, "--frames", 1, "--bands", 3)
     pecs_blender("render", scenes / "sky.blend", "-o", tmp_path / "lux", "--lux", 300, *small)
     scale = json.loads((tmp_path / "lux/stack.json").read_text())["render"]["light_scale"]
+    assert "\nlight        300 lux\n" in pecs_program("info", tmp_path / "lux").stdout
     again = light(scenes / "sky.blend", "--light-scale", scale)
     assert again["lux"]["median"] == pytest.approx(300, rel=5e-3)
     pecs_blender("render", scenes / "sky.blend", "-o", tmp_path / "scale", "--light-scale", scale, *small)
     with pecs.StackReader(tmp_path / "lux") as one, pecs.StackReader(tmp_path / "scale") as two:
         np.testing.assert_array_equal(one.read_frame(0), two.read_frame(0))  # the meter leaves nothing behind
     pecs_blender("render", scenes / "sky.blend", "-o", tmp_path / "lux", "--lux", 300, *small)  # continued
+
+
+def test_noise_is_that_of_a_render(scenes, tmp_path):
+    """Of the median pixel, from renders with two seeds; it falls with the root of the samples."""
+    found = light(scenes / "noisy.blend", "--samples", 4)
+    small = ("--width", 32, "--height", 24, "--samples", 4, "--frames", 1, "--lens", "none", "--bands", 3)
+    chip, seen = pecs.Chip("imx636"), []
+    for seed in (5, 6):
+        pecs_blender("render", scenes / "noisy.blend", "-o", tmp_path / f"{seed}", *small, "--seed", seed, "--quiet")
+        seen.append(chip.photocurrent(tmp_path / f"{seed}", 0))
+    threshold = (chip.contrast_threshold_on + chip.contrast_threshold_off) / 2
+    lit = (seen[0] > 0) & (seen[1] > 0)
+    apart = float(np.median(np.abs(np.log(seen[0][lit] / seen[1][lit]))))
+    noise = apart / 0.6745 / 2**0.5 / threshold
+    assert found["noise_thresholds"] == pytest.approx(noise, rel=0.25) and found["samples"] == 4
+    finer = light(scenes / "noisy.blend", "--samples", 64)
+    assert finer["noise_thresholds"] == pytest.approx(found["noise_thresholds"] / 4, rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,15 @@ import math, sys
 import bpy
 from blend_parts import GREY, ball, floor, lamp, material, start
 from pecs_blender import ui
-from pecs_blender.ui import scene_checks
+from pecs_blender.ui import light, scene_checks
 
 ui.register()
 scene = start()
 scene.frame_end, scene.render.fps = 100, 25
 s = scene.pecs
 s.fps, s.whole_range = 1000, True
-light = lamp()
-light["pecs_spectrum"] = "d65"
+bulb = lamp()
+bulb["pecs_spectrum"] = "d65"
 thing = ball(material("grey", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))[0])
 floor(material("floor", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))[0])
 remarks = lambda: [one.text for one in scene_checks.look(scene, bpy.context.view_layer)]
@@ -31,9 +31,9 @@ def only(start):
     return found[0]
 
 # A lamp without a spectrum; with a temperature it has one.
-del light["pecs_spectrum"]
+del bulb["pecs_spectrum"]
 assert only("Lamps without a spectrum, lit as d65: lamp")
-light["pecs_spectrum"] = "d65"
+bulb["pecs_spectrum"] = "d65"
 
 # Motion: 2 units in 4 frames of 40 ms at about 4.5 units: 48 px wide, 50 mm on 36 mm.
 thing.location.x = -1
@@ -86,6 +86,21 @@ thing.data.materials[0] = glass
 assert only("Approximated: soap: Principled BSDF: thin film")
 tree.nodes["Principled BSDF"].inputs["Thin Film Thickness"].default_value = 0
 assert remarks() == []
+
+# Noise: denoised, and by a probe's word.
+s.denoise = True
+assert only("Denoising flickers")
+bpy.ops.pecs.no_denoise()
+assert not s.denoise and remarks() == []
+light.state.found[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
+s.samples = 4
+assert "Take 12 samples or more" in only("Noise of about 0.5 contrast thresholds")
+s.samples = 16
+assert remarks() == []
+s.samples = 4
+bpy.ops.pecs.take_noise_target()
+assert abs(s.noise_target - 0.1) < 1e-6 and remarks() == []
+light.state.found.clear()
 
 # Files and scripts.
 image = bpy.data.images.new("gone", 4, 4)

@@ -24,6 +24,9 @@ def light_rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str
         else:
             missing = "no surface in view scatters any" if name == "lux" else "the camera has no f-number: --fnumber"
             rows.append((what, missing))
+    if found["noise_thresholds"] is not None:
+        noise = f"{_number(found['noise_thresholds'])} contrast thresholds with {found['samples']} samples"
+        rows.append(("noise of the light", noise))
     if found["events_per_s"] is not None and scale == 1:
         rows.append(("events expected", f"{_number(found['events_per_s'])} per second, without noise"))
     return rows

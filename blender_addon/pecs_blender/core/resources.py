@@ -37,8 +37,17 @@ def readable(size_bytes: float) -> str:
 
 def resident_mb() -> float:
     """This process's resident memory; 0 where /proc is not."""
+    return _memory_mb("VmRSS")
+
+
+def peak_mb() -> float:
+    """The most that it has been."""
+    return _memory_mb("VmHWM")
+
+
+def _memory_mb(name: str) -> float:
     try:
         text = Path("/proc/self/status").read_text()
     except OSError:
         return 0.0
-    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmRSS")), 0.0)
+    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith(name)), 0.0)

@@ -33,13 +33,16 @@ WIDTH, SAMPLES = 32, 16
 METER_NM = np.array([430.0, 480.0, 530.0, 580.0, 630.0, 680.0])  # between them light per emitter is smooth
 DIFFUSE = 1e-3  # of a colour: below it a surface is no light meter
 EVENT_WIDTH, EVENT_LOOKS, EVENT_S = 96, 12, 0.1  # pixels; pictures over so much of the range, at most
+MEDIAN_OF_NORMAL = 0.6745  # of its absolute value, in standard deviations
 PERCENT = {"p5": 5, "median": 50, "p95": 95}
 
 
 def probe(source: Source, options: Options) -> dict[str, Any]:
     """lux (None where nothing in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None of a camera
-    without f-number), each {p5, median, p95} over the pixels; `light_scale`, with which they were found; `fnumber`."""
-    profile = load_chip(options.chip).profile
+    without f-number), each {p5, median, p95} over the pixels; `light_scale`, with which they were found; `fnumber`;
+    `noise_thresholds` of the light with `samples`."""
+    chip = load_chip(options.chip)
+    profile = chip.profile
     cycles.device_names(options.device)
     sampling = cycles.Sampling(SAMPLES, options.seed, source.bounces, options.threads, options.device)
     cycles.configure(source.scene, *_size(source), sampling)
@@ -54,14 +57,19 @@ def probe(source: Source, options: Options) -> dict[str, Any]:
     bands = pecs.bands(options.chip, 3, options.placement, lamps, options.min_nm, options.max_nm)
     lambda_nm = np.array([band["lambda_nm"] for band in bands])
     amperes, fnumber = _amperes(source, options, profile, bands)
-    current = rate = None
+    current = rate = noise = None
     if amperes is not None:
         weights = amperes * spectral.emitters.norm(lambda_nm) * scale
         current = _current(source.scene, spectral, lambda_nm, weights)
+        with cycles.changed(((source.scene.cycles, {"seed": options.seed + 1}),)):
+            noise = _noise(current, _current(source.scene, spectral, lambda_nm, weights))
         rate = _event_rate(source, options, lambda: _current(source.scene, spectral, lambda_nm, weights), spectral)
     found["photocurrent_a"] = _spread(current)
     corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
     found |= {"corner_hz": _spread(corner), "events_per_s": rate}
+    if noise is not None:
+        noise = float(f"{noise * math.sqrt(SAMPLES / options.samples) / chip.contrast_threshold:.3g}")
+    found |= {"noise_thresholds": noise, "samples": options.samples}
     return found | {"fnumber": fnumber, "light_scale": options.light_scale}
 
 
@@ -87,6 +95,14 @@ def _current(scene, spectral: SpectralScene, lambda_nm: np.ndarray, weights: np.
     """[height, width] photocurrent [A] of what is seen now; weights: A per rendered 1 in each band."""
     spectral.set_pass(lambda_nm)
     return np.tensordot(weights, cycles.Film(scene).render().astype(float), 1)
+
+
+def _noise(one: np.ndarray, other: np.ndarray) -> float | None:
+    """Standard deviation of ln(light) in the median pixel, from pictures of two seeds."""
+    lit = (one > 0) & (other > 0)
+    if not lit.any():
+        return None
+    return float(np.median(np.abs(np.log(one[lit] / other[lit])))) / (MEDIAN_OF_NORMAL * math.sqrt(2))
 
 
 def _event_rate(source: Source, options: Options, look, spectral: SpectralScene) -> float | None:

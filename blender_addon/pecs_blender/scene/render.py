@@ -21,7 +21,7 @@ from ..core.options import Options
 from ..core.output import Output
 from ..core.plan import Timeline, passes, timeline
 from ..core.progress import Progress
-from ..core.resources import Restart, check_disk, resident_mb
+from ..core.resources import BYTES_PER_VALUE, Restart, check_disk, peak_mb, readable, resident_mb
 from ..core.spectra import spectrum
 from . import adaptive, cycles, layers, lens, noise
 from .job import Job
@@ -76,7 +76,10 @@ def render(source: Source, folder: Path, options: Options, exists: str = "contin
         beside = [layers.KINDS[name](look) for name in options.layers]
         if plan_only:
             each_s = _layers_s(job, plan, beside) if options.no_light else _light_s(job, plan)
-            print(f"render: {_estimate(plan, grid, each_s, values)}", file=sys.stderr)
+            pictures = 2 * options.share + 8 if keys else 4  # that are held at a time
+            memory_mb = peak_mb() + pictures * channels * width * height * BYTES_PER_VALUE * 1e-6
+            words = f"{_estimate(plan, grid, each_s, values)}, about {readable(memory_mb * 1e6)} of memory"
+            print(f"render: {words}", file=sys.stderr)
             return folder
         settings = _settings(options, source, scale, spectral)
         settings |= {"samples": sampling.samples * options.subpixels**2, "device": ", ".join(devices)}
@@ -241,6 +244,7 @@ def _settings(options: Options, source: Source, scale: float, spectral: Spectral
     """What decides the picture."""
     return {
         **options.recorded(),
+        **({"lux": options.lux} if options.lux else {}),
         **({"camera_path_sha256": source.path.sha256} if source.path else {}),
         **({"placed": source.placed.record} if source.placed else {}),
         "emitters": [s.name for s in spectral.emitters.spectra],

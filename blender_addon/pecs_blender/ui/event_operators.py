@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, StringProperty
 
 from ..core.errors import RenderError
 from ..core.programs import pecs as program
-from . import background, checks, library, operators, paths, sensor_settings
+from . import background, checks, library, operators, paths, sensor_settings, settings
 from .preferences import preferences
 
 KINDS = {  # what `pecs view` makes
@@ -18,6 +18,7 @@ KINDS = {  # what `pecs view` makes
     "mp4": ("Video", "A video in slow motion, in the system's player"),
     "html": ("3-D page", "The events in space and time, in the browser"),
 }
+VIDEO_S, PLAYBACK_FPS = 10, 25  # of a video of the light, if nothing else is wanted
 
 
 def _command(*words: object) -> list[str]:
@@ -124,6 +125,25 @@ def _add_strip(job: background.Job) -> str:
     channel = 1 + max((strip.channel for strip in strips), default=0)
     strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start)
     return f"{strip.name}: in channel {channel} of the sequencer"
+
+
+class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
+    """A video of the light that the simulated events tell, by a filter, in the system's player"""
+
+    bl_idname = "pecs.reconstruct"
+    bl_label = "Video of the light"
+
+    to_sequencer: bpy.props.BoolProperty(name="Into the sequencer", options={"SKIP_SAVE"})
+
+    def job(self, context) -> background.Job:
+        scene, events = context.scene, paths.events(context.scene)
+        s, output = scene.pecs, events.with_suffix(".light.mp4")
+        slower = s.sensor.slow_motion or VIDEO_S * s.fps / settings.instants(scene)
+        rates = ["--fps", f"{PLAYBACK_FPS * max(1, slower):.6g}", "--playback-fps", str(PLAYBACK_FPS)]
+        words = ["-o", output, *rates, "--cutoff", f"{s.sensor.cutoff_hz:.6g}"]
+        command = [*operators.program("reconstruct"), str(events), *map(str, words)]
+        done = _add_strip if self.to_sequencer else _open
+        return background.Job("Video of the light", command, output, done)
 
 
 class PECS_OT_report(_OnEvents, bpy.types.Operator):
@@ -235,6 +255,7 @@ class PECS_OT_open_folder(bpy.types.Operator):
 CLASSES = (
     PECS_OT_sense,
     PECS_OT_view,
+    PECS_OT_reconstruct,
     PECS_OT_report,
     PECS_OT_compare,
     PECS_OT_close_scores,

@@ -21,7 +21,7 @@ class PECS_MT_render(bpy.types.Menu):
         layout.separator()
         for kind, (label, _) in event_operators.KINDS.items():
             layout.operator("pecs.view", text=f"View events: {label}").kind = kind
-        for name in ("report", "compare", "open_folder"):
+        for name in ("reconstruct", "report", "compare", "open_folder"):
             layout.operator(f"pecs.{name}")
         layout.separator()
         for name in ("chip_resolution", "pick_lens", "wide_open", "match_lens", "draw_lens", "override_add"):

@@ -65,11 +65,16 @@ class Renders(InBackground):
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """The command of a verb of cli.py that renders; without output, it answers."""
-    command = [sys.executable, "-m", "pecs_blender", verb, bpy.data.filepath]  # the wheel has no program
-    if bpy.app.binary_path:
-        ours = ["--addons", ROOT]  # also where the preferences are not saved yet
-        command = [bpy.app.binary_path, "--background", bpy.data.filepath, *ours, "--command", "pecs", verb]
+    command = program(verb, bpy.data.filepath)
     return [*command, *(["-o", str(output)] if output else []), *settings.arguments(scene), *words]
+
+
+def program(verb: str, *blend: str) -> list[str]:
+    """cli.py in a process of its own."""
+    if not bpy.app.binary_path:
+        return [sys.executable, "-m", "pecs_blender", verb, *blend]  # the wheel has no program
+    ours = ["--addons", ROOT]  # also where the preferences are not saved yet
+    return [bpy.app.binary_path, "--background", *blend, *ours, "--command", "pecs", verb]
 
 
 def frame_words(scene) -> list[str]:

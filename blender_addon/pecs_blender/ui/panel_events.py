@@ -37,6 +37,11 @@ class PECS_PT_view(Sub, bpy.types.Panel):
         if event_operators.sequencer_scene(bpy.context):
             strip = layout.operator("pecs.view", text="Video into the sequencer", icon="SEQUENCE")
             strip.kind, strip.to_sequencer = "mp4", True
+        layout.prop(s.sensor, "cutoff_hz")
+        row = layout.row(align=True)
+        row.operator("pecs.reconstruct", icon="RENDER_ANIMATION")
+        if event_operators.sequencer_scene(bpy.context):
+            row.operator("pecs.reconstruct", text="", icon="SEQUENCE").to_sequencer = True
         row = layout.row(align=True)
         row.operator("pecs.report", icon="TEXT")
         row.operator("pecs.open_folder", icon="FILE_FOLDER", text="Folder")

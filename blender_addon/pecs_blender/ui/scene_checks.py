@@ -13,13 +13,14 @@ from mathutils import Matrix, Vector
 
 from ..scene.needs import missing_files, python_drivers
 from ..scene.spectral import beyond_reach
-from . import settings
+from . import light, settings
 from .checks import Problem
 from .panel import Sub
 from .words import problem, wrapped
 
 LOOKS = 8  # over the rendered range, at how far things move
 MOST_PX = 1.0  # from instant to instant: beyond it light jumps between pictures
+MOST_NOISE, NOISE_TARGET = 0.3, 0.1  # contrast thresholds: one that is seen in the events, one that is not
 GRID = 32, 24  # rays
 SHOWN = 5  # of a list
 
@@ -33,7 +34,7 @@ state = _State()
 
 def look(scene, view_layer) -> list[Problem]:
     """Half a second and more; the scene's frame is then as before."""
-    parts = _files(scene), _lamps(scene), _nodes(), _clip(scene, view_layer), _motion(scene, view_layer)
+    parts = _files(scene), _lamps(scene), _nodes(), _noise(scene), _clip(scene, view_layer), _motion(scene, view_layer)
     return [one for part in parts for one in part]
 
 
@@ -61,6 +62,23 @@ def _nodes() -> Iterator[Problem]:
     found = [words for name, tree in trees for node in tree.nodes for words in beyond_reach(node, name)]
     if found:
         yield Problem(_list("Approximated", found), is_error=False)
+
+
+def _noise(scene) -> Iterator[Problem]:
+    """Samples are the same from picture to picture, so noise flickers where something moves; denoised, everywhere."""
+    s = scene.pecs
+    if s.denoise:
+        text = "Denoising flickers from picture to picture, also in pixels that see nothing move, and makes events"
+        yield Problem(text, is_error=False, mend="pecs.no_denoise")
+    found = light.state.found.get(scene.name)
+    if s.noise_target or not found or found["noise_thresholds"] is None:
+        return
+    noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
+    if noise > MOST_NOISE:
+        wanted = math.ceil(s.samples * (noise / MOST_NOISE) ** 2)
+        text = f"Noise of about {noise:.2g} contrast thresholds flickers where something moves, and makes events. Take "
+        text += f"{wanted} samples or more, or a noise target of {NOISE_TARGET:g}"
+        yield Problem(text, is_error=False, mend="pecs.take_noise_target")
 
 
 def _clip(scene, view_layer) -> Iterator[Problem]:
@@ -144,7 +162,7 @@ def _list(what: str, names: list[str]) -> str:
 
 class PECS_OT_check_scene(bpy.types.Operator):
     """Look through the scene for what would spoil the events: fast motion, missing files, lamps without a spectrum,
-    the camera's clip range, materials that have no spectrum"""
+    noise, the camera's clip range, materials that have no spectrum"""
 
     bl_idname = "pecs.check_scene"
     bl_label = "Check the scene"
@@ -188,6 +206,26 @@ class PECS_OT_allow_scripts(_Mends, bpy.types.Operator):
         scene.pecs.allow_scripts = True
 
 
+class PECS_OT_no_denoise(_Mends, bpy.types.Operator):
+    """Render without denoising"""
+
+    bl_idname = "pecs.no_denoise"
+    bl_label = "Do not denoise"
+
+    def mend(self, scene, _view_layer) -> None:
+        scene.pecs.denoise = False
+
+
+class PECS_OT_take_noise_target(_Mends, bpy.types.Operator):
+    """Let the render choose as many samples as a noise of a tenth of the contrast threshold takes"""
+
+    bl_idname = "pecs.take_noise_target"
+    bl_label = "Take a noise target"
+
+    def mend(self, scene, _view_layer) -> None:
+        scene.pecs.noise_target = NOISE_TARGET
+
+
 class PECS_OT_clip_far(_Mends, bpy.types.Operator):
     """Let the camera see as far as things reach"""
 
@@ -212,7 +250,15 @@ class PECS_PT_checks(Sub, bpy.types.Panel):
             problem(layout, one)
 
 
-CLASSES = (PECS_OT_check_scene, PECS_OT_take_adaptive, PECS_OT_allow_scripts, PECS_OT_clip_far, PECS_PT_checks)
+CLASSES = (
+    PECS_OT_check_scene,
+    PECS_OT_take_adaptive,
+    PECS_OT_allow_scripts,
+    PECS_OT_no_denoise,
+    PECS_OT_take_noise_target,
+    PECS_OT_clip_far,
+    PECS_PT_checks,
+)
 
 
 @bpy.app.handlers.persistent

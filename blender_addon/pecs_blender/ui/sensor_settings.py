@@ -67,6 +67,13 @@ class PecsSensor(bpy.types.PropertyGroup):
     slow_motion: FloatProperty(
         name="Slow motion", min=0, max=1e7, description="How many times slower a video is; 0: about 10 s of video"
     )
+    cutoff_hz: FloatProperty(
+        name="Filter (Hz)",
+        default=1.0,
+        min=0.01,
+        max=1e6,
+        description="Video of the light: how fast the sum of a pixel's events is forgotten",
+    )
     recording: StringProperty(
         name="Recording",
         subtype="FILE_PATH",

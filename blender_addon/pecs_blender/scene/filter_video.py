@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Video from events by the filter of `pecs reconstruct`, written by Blender, whose Python has no OpenCV."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy  # before pecs: both carry libtbb.so.12
+import numpy as np
+import pecs
+from pecs.learning.reconstruct import Filter, windows
+
+from ..core import stop
+from ..core.errors import USAGE, RenderError, bad_input
+from ..core.progress import Progress
+from .cycles import quiet as no_words
+
+MOST_PICTURES = 100_000
+
+
+def write(
+    events: Path, output: Path, *, fps: float, playback_fps: float, cutoff_hz: float, quiet: bool, verbose: bool
+) -> int:
+    """An .mp4 with `fps` pictures per second of the recording; the number of pictures. Odd sizes lose a row or column:
+    H.264 has none. Throws RenderError, PecsError."""
+    if output.suffix.lower() != ".mp4":
+        raise RenderError(USAGE, f"-o {output}: got no .mp4, wanted VIDEO.mp4")
+    with pecs.EventReader(events) as reader:
+        ends_us = [(int(block["t"][0]), int(block["t"][-1])) for block in reader]
+        size = reader.info["width"], reader.info["height"]
+    if not ends_us or not all(size):
+        raise bad_input(events, "", "no events" if all(size) else "no size in pixels", "events of a known size")
+    count = int((ends_us[-1][1] - ends_us[0][0]) * fps * 1e-6) + 1
+    if count > MOST_PICTURES:
+        raise RenderError(USAGE, f"--fps: got {count} pictures, wanted at most {MOST_PICTURES}")
+    progress = Progress("reconstruct", count, quiet=quiet, verbose=verbose)
+    with tempfile.TemporaryDirectory(prefix="pecs_", dir=output.absolute().parent) as scratch:
+        stop.remove_at_exit(Path(scratch))
+        method, image = Filter(*size, cutoff_hz), bpy.data.images.new("picture", *size)
+        image.file_format = "PNG"
+        with pecs.EventReader(events) as reader:
+            for number, window in enumerate(windows(reader, 1e6 / fps), 1):
+                rgba = np.ones((size[1], size[0], 4), np.float32)
+                rgba[..., :3] = method(window)[::-1, :, None]  # Blender's row 0 is at the bottom
+                image.pixels.foreach_set(rgba.ravel())
+                image.filepath_raw = f"{scratch}/{number:06d}.png"
+                image.save()
+                progress.at(min(number, count))
+                stop.check()
+        pictures = sorted(path.name for path in Path(scratch).iterdir())
+        _encode(Path(scratch), pictures, size, playback_fps).replace(output)
+    return len(pictures)
+
+
+def _encode(folder: Path, pictures: list[str], size: tuple[int, int], fps: float) -> Path:
+    """An .mp4 beside the pictures."""
+    scene = bpy.data.scenes.new("video")
+    strip = scene.sequence_editor_create().strips.new_image(
+        name="pictures", filepath=str(folder / pictures[0]), channel=1, frame_start=1, fit_method="ORIGINAL"
+    )
+    for name in pictures[1:]:
+        strip.elements.append(name)
+    scene.frame_start, scene.frame_end = 1, len(pictures)
+    render = scene.render
+    render.resolution_x, render.resolution_y = (max(2, n // 2 * 2) for n in size)
+    render.resolution_percentage = 100
+    render.fps, render.fps_base = 1000, 1000 / fps
+    scene.view_settings.view_transform = "Standard"  # the picture's own values
+    if hasattr(render.image_settings, "media_type"):  # Blender 5
+        render.image_settings.media_type = "VIDEO"
+    render.image_settings.file_format = "FFMPEG"
+    render.ffmpeg.format, render.ffmpeg.codec, render.ffmpeg.constant_rate_factor = "MPEG4", "H264", "HIGH"
+    render.use_file_extension = False
+    render.filepath = str(folder / "video.mp4")
+    with no_words():
+        bpy.ops.render.render(animation=True, scene=scene.name)
+    return folder / "video.mp4"
