@@ -137,6 +137,7 @@ def line(folder):
     sensor.seed = 2
     pressed("sense")
     assert events.read_bytes() != first
+    _saves_first(scene)
     assert "in the image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
     pressed("view", kind="html")
     assert (folder / "scene.html").stat().st_size > 1000
@@ -171,6 +172,17 @@ def line(folder):
     assert paths.rendered(scene) == folder / "scene_002.stack"
     pressed("sense")
     assert "scene_002.stack" in json.dumps(json.loads((folder / "scene.npz.run.json").read_text()))
+
+
+def _saves_first(scene):
+    """A change is not rendered before it is saved; by the preference, the button saves it."""
+    saved, wants = operators.is_saved, operators.preferences
+    operators.is_saved = lambda: False
+    assert "Save the file first" in refused("plan")
+    operators.preferences = lambda: SimpleNamespace(save_first=True)
+    scene.pecs.samples, before = 2, Path(bpy.data.filepath).stat().st_mtime_ns
+    assert "of memory" in pressed("plan") and Path(bpy.data.filepath).stat().st_mtime_ns > before
+    operators.is_saved, operators.preferences = saved, wants
 
 
 def wrong(folder):
@@ -313,12 +325,15 @@ def registered(_folder):
             found |= {f"{kind.__name__}.{name}" for name in kind.bl_rna.properties.keys()}
         for kind in (bpy.types.TOPBAR_MT_render, bpy.types.STATUSBAR_HT_header):
             found |= {f"{kind.__name__} draws {f!r}" for f in kind._dyn_ui_initialize()}
+        for keymap in bpy.context.window_manager.keyconfigs.addon.keymaps:
+            found |= {f"{keymap.name}: {item.type}" for item in keymap.keymap_items if item.idname.startswith("pecs.")}
         return found | {f"manual {f!r}" for f in bpy.utils._manual_map} | {*bpy.utils.preset_paths("pecs")}
 
     with_us = there()
     ui.unregister()
     before = there()
     assert len(with_us - before) > 40  # there was something to leave
+    assert "Property Editor: ESC" in with_us
     for _ in range(100):
         ui.register()
         ui.unregister()

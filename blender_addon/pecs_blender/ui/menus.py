@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where else the buttons are: the Render menu, and so F3; the progress in the status bar; the manual."""
+"""Where else the buttons are: the Render menu, and so F3; the progress in the status bar, and Esc; the manual."""
 
 from __future__ import annotations
 
@@ -46,13 +46,22 @@ def _in_status_bar(self, _context) -> None:
 CLASSES = (PECS_MT_render,)
 
 
+_keys: list[tuple] = []  # of ours
+
+
 def register() -> None:
+    if ours := bpy.context.window_manager.keyconfigs.addon:
+        properties = ours.keymaps.new("Property Editor", space_type="PROPERTIES")
+        _keys.append((properties, properties.keymap_items.new("pecs.stop", "ESC", "PRESS")))
     bpy.types.TOPBAR_MT_render.append(_in_render_menu)
     bpy.types.STATUSBAR_HT_header.append(_in_status_bar)
     bpy.utils.register_manual_map(manual.pages)
 
 
 def unregister() -> None:
+    for keymap, item in _keys:
+        keymap.keymap_items.remove(item)
+    _keys.clear()
     bpy.utils.unregister_manual_map(manual.pages)
     bpy.types.STATUSBAR_HT_header.remove(_in_status_bar)
     bpy.types.TOPBAR_MT_render.remove(_in_render_menu)

@@ -12,7 +12,7 @@ import bpy
 
 from ..core.colour import linear_rgb
 from . import background, checks, paths, sensor_settings, settings
-from .preferences import ROOT
+from .preferences import ROOT, preferences
 
 PREVIEW_WIDTH = 320
 # For the eye.
@@ -54,13 +54,22 @@ class Renders(InBackground):
     def poll(cls, context) -> bool:
         if not super().poll(context):
             return False
-        if not is_saved():
+        if not is_saved() and not (bpy.data.filepath and preferences().save_first):
             cls.poll_message_set("Save the file first: it is rendered as saved")
             return False
         wrong = [one.text for one in checks.problems(context.scene) if one.is_error]
         if wrong:
             cls.poll_message_set(wrong[0])
         return not wrong
+
+    def execute(self, context):
+        if not is_saved():  # as wanted
+            try:
+                bpy.ops.wm.save_mainfile()
+            except RuntimeError as e:
+                self.report({"ERROR"}, str(e))
+                return {"CANCELLED"}
+        return super().execute(context)
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
@@ -186,7 +195,7 @@ def show_image(image: bpy.types.Image) -> str:
 
 
 class PECS_OT_stop(bpy.types.Operator):
-    """Stop the job; finished instants are kept. A second time: at once"""
+    """Stop the job; finished instants are kept. A second time: at once. Esc does it over the properties"""
 
     bl_idname = "pecs.stop"
     bl_label = "Stop"

@@ -46,6 +46,7 @@ class PECS_PT_render(bpy.types.Panel):
                 words.wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
         if not operators.is_saved():
             words.wrapped(layout, "Save the file: it is rendered as saved", "INFO")
+            layout.operator("wm.save_mainfile", text="Save", icon="FILE_TICK")
         for one in checks.problems(context.scene):
             words.problem(layout, one)
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+from bpy.props import BoolProperty, IntProperty, StringProperty
 
 ROOT = __package__.rpartition(".")[0]
-_DEFAULTS = {"threads": 0, "output_folder": "//", "lens_folder": "", "chip_folder": ""}
+_DEFAULTS = {"threads": 0, "output_folder": "//", "lens_folder": "", "chip_folder": "", "save_first": False}
 
 
 class PecsPreferences(bpy.types.AddonPreferences):
@@ -33,6 +33,10 @@ class PecsPreferences(bpy.types.AddonPreferences):
     )
     chip_folder: StringProperty(
         name="Own chips", subtype="DIR_PATH", description="A folder of chip profiles (.json) to choose from"
+    )
+    save_first: BoolProperty(
+        name="Save before a render",
+        description="Renders are of the file as saved: save it first. Otherwise their buttons wait until it is",
     )
 
     def draw(self, _context) -> None:
