@@ -116,6 +116,26 @@ def test_every_scene_renders(root, tmp_path):
         assert 0.2 < (first == second).mean() < 1, scene  # something moves, most does not
 
 
+def test_a_light_tree_takes_the_lamps_that_matter(root, tmp_path):
+    """The same light with less noise, by two seeds each."""
+    import numpy as np
+    import pecs
+
+    noise, mean = [], []
+    for more in ((), ("--light-tree",)):
+        pair = []
+        for seed in (1, 7):
+            folder = tmp_path / f"{seed}{len(more)}"
+            run(*command(root, "room", folder, *SMALL, "--samples", 4, "--frames", 1, "--seed", seed, *more))
+            with pecs.StackReader(folder) as stack:
+                pair.append(stack.read_frame(0)[:2].astype(float))
+        a, b = pair
+        noise.append(np.median(np.abs(a - b) / (a + b)))
+        mean.append(np.mean(pair))
+    assert noise[1] < 0.75 * noise[0], noise
+    assert mean[1] == pytest.approx(mean[0], rel=0.05)
+
+
 @pytest.mark.parametrize("target", [0.3, 0.1])
 def test_the_noise_target_is_met(root, tmp_path, target):
     """Two renders with other seeds differ by the noise that was asked for, or up to half of it (powers of two)."""

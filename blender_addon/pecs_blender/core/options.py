@@ -159,6 +159,9 @@ class Options:
         None, "choose --samples: noise of ln(light), in contrast thresholds of the chip", above=0
     )
     denoise: bool = option(False, "OpenImageDenoise with albedo and normals")
+    light_tree: bool = option(
+        False, "less noise with several lamps; where a lamp moves, noise changes in the whole picture"
+    )
     device: str = option("CPU", "what Cycles computes on; a lens needs CPU or OPTIX", choices=DEVICES)
     seed: int = option(1, "of the sampling", low=0, high=2**31 - 1)
     lens: str | None = option(

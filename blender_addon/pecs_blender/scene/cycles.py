@@ -28,7 +28,6 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "caustics_refractive": True,
     "blur_glossy": 0.0,
     "light_sampling_threshold": 0.0,  # else dim light samples are thinned out at random: tenfold noise
-    "use_light_tree": False,  # it is rebuilt when anything moves, and still pixels would get other samples
     "use_auto_tile": False,
     "use_fast_gi": False,
     "film_exposure": 1.0,
@@ -65,7 +64,8 @@ def white_furnace() -> bpy.types.Scene:
 @dataclass(frozen=True)
 class Sampling:
     """samples: per pixel. device: CPU, or a compute device type of Cycles. denoise: OpenImageDenoise with albedo and
-    normals. threads 0: all. bounces: Cycles settings."""
+    normals. threads 0: all. bounces: Cycles settings. light_tree: where a lamp moves, pixels that it does not light get
+    other samples, too."""
 
     samples: int
     seed: int
@@ -73,6 +73,7 @@ class Sampling:
     threads: int = 0
     device: str = "CPU"
     denoise: bool = False
+    light_tree: bool = False
 
 
 def device_names(device: str) -> list[str]:
@@ -98,6 +99,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
         setattr(scene.cycles, key, value)
     scene.cycles.device = "CPU" if sampling.device == "CPU" else "GPU"
     scene.cycles.samples = sampling.samples
+    scene.cycles.use_light_tree = sampling.light_tree
     for layer in scene.view_layers:
         layer.samples = 0  # else its own
     scene.cycles.seed = sampling.seed

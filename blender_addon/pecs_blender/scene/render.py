@@ -46,7 +46,9 @@ def render(source: Source, folder: Path, options: Options, exists: str = "contin
     illuminant = spectrum(options.illuminant, source.folder)
     devices = cycles.device_names(options.device)
     rays = -(-options.samples // options.subpixels**2)
-    sampling = cycles.Sampling(rays, options.seed, source.bounces, options.threads, options.device, options.denoise)
+    sampling = cycles.Sampling(
+        rays, options.seed, source.bounces, options.threads, options.device, options.denoise, options.light_tree
+    )
     cycles.configure(source.scene, width, height, sampling)
     spectral = SpectralScene(illuminant, source.folder, source.unit_m)
     lamps = spectral.emitters.mean_pairs()

@@ -51,7 +51,7 @@ class PECS_PT_light_more(Sub, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        for name in ("min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "seed", "threads"):
+        for name in ("min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "light_tree", "seed", "threads"):
             layout.prop(s, name)
         if settings.has_lens(s):
             layout.prop(s, "film_shift_mm")

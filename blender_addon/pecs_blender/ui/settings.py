@@ -47,6 +47,7 @@ SHOWN = {
     "samples": ("Samples", {}),
     "noise_target": ("Noise target", {"precision": 3}),
     "denoise": ("Denoise", {}),
+    "light_tree": ("Light tree", {}),
     "seed": ("Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
