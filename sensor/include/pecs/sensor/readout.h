@@ -4,7 +4,6 @@
 // sending its events take time. A pixel that fires again while it waits has no second event: it is dropped and
 // counted. Times are rounded down to the time base and may jitter, row by row; they never go back.
 #include <cstdint>
-#include <deque>
 #include <span>
 #include <vector>
 
@@ -39,15 +38,17 @@ class Readout {
     int row;
     double t_us;
   };
+  bool has_request() const { return first_ < queue_.size(); }
   void serve(LabelledEvents& out);
 
   double row_us_, event_us_, step_us_, jitter_us_;
   std::uint64_t seed_;
   std::size_t width_;
   std::vector<std::vector<Waiting>> rows_;
-  std::vector<bool> waits_;    // by pixel
-  std::deque<Request> queue_;  // rows that wait, in the order of their first event
-  double free_us_ = 0;         // end of the row being sent
+  std::vector<bool> waits_;     // by pixel
+  std::vector<Request> queue_;  // rows that wait, in the order of their first event
+  std::size_t first_ = 0;       // of the queue: those before are served
+  double free_us_ = 0;          // end of the row being sent
   std::int64_t served_ = 0, last_us_ = 0, dropped_ = 0;
   bool causes_ = false;
 };

@@ -57,7 +57,7 @@ class PixelBlock {
     }
     if (a_.last && interval < a_.intervals.size()) {
       const IntervalTimes& t = a_.intervals[interval];
-      moving_count_ = 0;
+      moving_count_ = quiet_count_ = 0;
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
         moving_[moving_count_++] = p;
         // No frame follows: the chord is the slope at the end.
@@ -99,7 +99,7 @@ class PixelBlock {
       for (int k = 0; k < 2; ++k) follow_light(k, p);
       if constexpr (kReceptor) follow_w(0, p);
     }
-    std::fill_n(kept_, kPixels, false);
+    std::ranges::fill(still_for_, std::uint8_t{0});
     kept_h_us_ = 0;
     random_of_ = -1;
   }
@@ -190,23 +190,30 @@ class PixelBlock {
     return random_[step & 3];
   }
 
-  // Vectors in which something moves; in the others the photoreceptor ends as it began.
+  // Vectors in which something moves, and quiet ones: there the light stays, the photoreceptor ends as it began, and
+  // what follows from both is kept.
   void list_moving(const IntervalTimes& t) {
     const F f;
-    moving_count_ = 0;
+    moving_count_ = quiet_count_ = 0;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-      const std::size_t vector = p / lanes();
+      std::uint8_t& still_for = still_for_[p / lanes()];  // intervals, up to 2: then both rows of a pair are alike
       bool still = !planes_.moves(p);
-      if constexpr (kReceptor) still = still && hn::AllTrue(f, hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p)));
-      moving_[moving_count_] = p;
-      moving_count_ += !(still && kept_[vector] && kept_h_us_ == t.h_us);
-      kept_[vector] = still;
-      put(at(rows_.m[0], p), rows_.m[1], p);
-      if constexpr (kReceptor) {
-        put(at(rows_.w[0], p), rows_.w[1], p);
-        put(at(rows_.v[0], p), rows_.v[1], p);
-        put(at(rows_.u[0], p), rows_.u[1], p);
+      if constexpr (kReceptor)
+        still = still && (still_for == 2 || hn::AllTrue(f, hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p))));
+      const bool is_kept = still_for > 0;
+      if (!(still && still_for == 2)) {
+        still_for = still ? still_for + 1 : 0;
+        put(at(rows_.m[0], p), rows_.m[1], p);
+        if constexpr (kReceptor) {
+          put(at(rows_.w[0], p), rows_.w[1], p);
+          put(at(rows_.v[0], p), rows_.v[1], p);
+          put(at(rows_.u[0], p), rows_.u[1], p);
+        }
       }
+      const bool is_quiet = still && is_kept && kept_h_us_ == t.h_us;
+      moving_[moving_count_] = quiet_[quiet_count_] = p;
+      moving_count_ += !is_quiet;
+      quiet_count_ += is_quiet;
     }
     kept_h_us_ = t.h_us;
   }
@@ -231,29 +238,47 @@ class PixelBlock {
     const float* v1_row = kReceptor ? rows_.v[1] : rows_.l[1];
     const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, leak_of(a_, t));
     std::size_t jobs = 0;
-    for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-      const V n0 = at(rows_.noise[0], p), reference = at(rows_.reference, p);
+    const auto list = [&](M active, std::uint32_t p) {
+      active = hn::Or(active, hn::Gt(at(rows_.blind_us, p), hn::Zero(f)));
+      const Compress compress(hn::And(active, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
+      compress.store(iota(p), active_.jobs() + jobs);
+      jobs += compress.count();
+    };
+    const auto crosses = [&](V low, V high, std::uint32_t p) {
+      return hn::Or(hn::Ge(high, at(rows_.on, p)), hn::Le(low, hn::Neg(at(rows_.off, p))));
+    };
+    const auto noise_after = [&](std::uint32_t p, V n0) {
       const V n1 = random ? hn::MulAdd(at(sigma_, p), at(random, p), hn::Mul(at(rho_, p), n0)) : n0;
       put(n1, rows_.noise[1], p);
+      return n1;
+    };
+    for (std::size_t k = 0; k < moving_count_; ++k) {
+      const std::uint32_t p = moving_[k];
+      const V n0 = at(rows_.noise[0], p), n1 = noise_after(p, n0), reference = at(rows_.reference, p);
       const V drift = hn::Add(hn::Sub(n1, n0), leaks);
       const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), reference);
       const V d1 = hn::Add(hn::Sub(hn::Add(at(v1_row, p), n0), reference), drift);
       V high = hn::Max(d0, d1), low = hn::Min(d0, d1);
-      M active = hn::Gt(at(rows_.blind_us, p), hn::Zero(f));
+      M active = hn::Lt(high, low);  // none
       if constexpr (kReceptor) {
         const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p);
         widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), drift, low, high);
         // Fast light needs shorter steps than two.
         const V dl = hn::Sub(at(rows_.l[1], p), at(rows_.l[0], p));
         const V x = hn::Min(hn::Set(f, 1.0f), hn::Mul(hn::Mul(rate, hn::Set(f, 0.5f)), hn::Add(i0, i1)));
-        active = hn::Or(active, hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f)));
+        active = hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f));
       }
-      active = hn::Or(active, hn::Or(hn::Ge(high, at(rows_.on, p)), hn::Le(low, hn::Neg(at(rows_.off, p)))));
-      const Compress compress(hn::And(active, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
-      compress.store(iota(p), active_.jobs() + jobs);
-      jobs += compress.count();
+      list(hn::Or(active, crosses(low, high, p)), p);
+    }
+    for (std::size_t k = 0; k < quiet_count_; ++k) {
+      const std::uint32_t p = quiet_[k];
+      const V n0 = at(rows_.noise[0], p), n1 = noise_after(p, n0);
+      const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), at(rows_.reference, p));
+      const V d1 = hn::Add(d0, hn::Add(hn::Sub(n1, n0), leaks));
+      list(crosses(hn::Min(d0, d1), hn::Max(d0, d1), p), p);
     }
     active_.work(t, jobs);
+    for (std::size_t k = 0; k < active_.worked(); ++k) still_for_[active_.jobs()[k] / lanes()] = 0;
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes())
         put(hn::Sub(at(rows_.reference, p), leaks), rows_.reference, p);
@@ -267,10 +292,10 @@ class PixelBlock {
   std::uint32_t vectors_end_ = 0;
   std::int64_t random_of_ = -1;
   float kept_h_us_ = 0;
-  std::size_t moving_count_ = 0;
+  std::size_t moving_count_ = 0, quiet_count_ = 0;
   HWY_ALIGN float rho_[kPixels], sigma_[kPixels], random_[4][kPixels];
-  bool kept_[kPixels];  // of a vector: rho_ and sigma_ are of this light
-  std::uint32_t moving_[kPixels + 1];
+  std::uint8_t still_for_[kPixels];  // of a vector: since it has been still, rho_ and sigma_ are of this light
+  std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1];
 };
 
 template <bool kReceptor>
