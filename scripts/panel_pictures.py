@@ -44,7 +44,7 @@ def picture(name: str, crop: str = "") -> None:
     words = ["-crop", crop, "+repage"] if crop else []
     words += ["-define", "png:compression-level=9", str(path)]
     subprocess.run(["import", "-window", "root", *words], check=True)
-    assert path.stat().st_size < 150_000, path
+    assert path.stat().st_size < 200_000, path
 
 
 def scene() -> None:

@@ -9,6 +9,8 @@ import pecs
 import pytest
 from conftest import load_script
 from pecs._arguments import Quantity
+from pecs._command import Line
+from pecs_blender.core.progress import Progress
 
 
 def events_of_a_bar():
@@ -172,6 +174,20 @@ def test_quiet_and_verbose(pecs_program, tmp_path):
     assert "convert: format: npz\n" in said and f"convert: input: {convert[1]}\n" in said
     assert re.search(rf"^convert: {re.escape(str(convert[2]))} after [\d.]+ s$", said, re.MULTILINE)
     assert pecs_program(*convert, "--quiet", "--verbose").returncode == 2
+
+
+@pytest.mark.parametrize(("talk", "lines"), [({}, 5), ({"quiet": True}, 0), ({"verbose": True}, 100)], ids=str)
+def test_progress_of_commands_in_python(talk, lines, capsys):
+    """Not on a terminal: a line of every twentieth, of none, of each."""
+    said = Line(20, **talk)
+    for step in range(1, 101):
+        said(f"step {step}", step)
+    said.end()
+    assert capsys.readouterr().err.count("\n") == lines
+    progress = Progress("render", 100, **talk)
+    for step in range(1, 101):
+        progress.at(step)
+    assert capsys.readouterr().err.count("\n") == {5: 21}.get(lines, lines)
 
 
 def test_nothing_is_coloured_in_a_pipe(helps, pecs_program):
