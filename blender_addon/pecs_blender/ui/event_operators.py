@@ -123,6 +123,8 @@ def _add_strip(job: background.Job) -> str:
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = editor.strips
     channel = 1 + max((strip.channel for strip in strips), default=0)
+    if not getattr(bpy.context.workspace, "sequencer_scene", scene):  # Blender 5: else the sequencer shows nothing
+        bpy.context.workspace.sequencer_scene = scene
     strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start)
     return f"{strip.name}: in channel {channel} of the sequencer"
 
