@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Damaged files through the program, as a user would meet them: each run must end within 20 s of CPU time and 2 GiB,
 with a result or with one line and the exit code of an input (docs/reference/exit_codes.md).
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Checks that every link inside a built site leads to a file that is there, and to a place in it that is there. Links
 to other sites are not followed: the check needs no network.
 

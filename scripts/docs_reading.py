@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Checks that docs/start/ and docs/concepts/ can be read by somebody who is new and whose first language is another.
 
 For each page: Flesch reading ease of at least 45, no sentence above 35 words, and no undefined term: every word is

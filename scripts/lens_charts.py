@@ -1,3 +1,4 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """docs/reference/lenses.md and the charts in docs/reference/lenses/, of every lens in lens_data/lenses.
 
 .venv/bin/python scripts/lens_charts.py    (needs build/release/bin/pecs, or build/dev/bin/pecs)

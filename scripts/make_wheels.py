@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Builds what is published, in dist/: the pecs wheel with the program and every library it needs (manylinux), the
 pecs-blender wheel, the Blender extension from both, the source package of pecs.
 

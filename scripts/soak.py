@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """A long run: very many events through every command that takes them, with the memory each one needs. Memory that grows
 with the recording shows as a peak that grows with --events.
 

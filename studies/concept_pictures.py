@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """The pictures of docs/concepts/, and docs/render_and_events.png, from renders of the lab's disk and docs/studies/.
 
 size="--bands 6 --width 320 --height 180 --colour-tolerance-px 0.2"

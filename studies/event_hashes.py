@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Hashes of the events that a build makes, over chips, models, formats, sources and options. Two builds whose tables
 are equal make the same events.
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Table 1 of the paper: five pixel models on the same rendered frames of each sequence, against the recording where
 there is one, else against `pecs`. Stacks come from tools/sequences.py.
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """docs/reference/trajectories.png: paths from above, and what an IMU on them reads.
 
 .venv/bin/python studies/trajectories_picture.py -o docs/reference/trajectories.png

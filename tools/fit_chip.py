@@ -1,6 +1,7 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Fits a chip profile to a recording of a turning disk with black and white sectors, or checks how a profile does.
 
-    python tools/fit_chip.py RECORDING [--chip imx636] [--fit] [--write PROFILE.json] [--simulation OUT.raw]
+    tools/fit_chip.py RECORDING [--chip imx636] [--fit] [--write PROFILE.json] [--simulation OUT.raw]
 
 The disk is computed, not rendered: centre, speed and phase come from `pecs align detect`; its light is a map over 24 x
 4 regions, each region's light chosen so that the number of its events comes out right. Without --fit nothing but this

@@ -1,6 +1,7 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Where the lab's lamp hangs, from a recording of the turning disk: parameters of scenes/rotating_disk.
 
-    python tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
+    tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
 
 The photoreceptor's corner follows the light, so fit_chip.py's map of corners over the disk is one of illuminance. A
 lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before and h below

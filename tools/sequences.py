@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Renders the lab's sequences (R_360_H, R_360_L, R_60_H, T_1_H, T_1_L, T_0.6_H) and simulates their events:
 OUT/NAME/stack and OUT/NAME/events.raw. Stopped, it continues where it was when run again.
 

@@ -191,6 +191,22 @@ def test_every_page_is_in_the_navigation():
     assert sorted(entries) == sorted([*there, "reference/commands.md"])
 
 
+def test_scripts_that_pages_call_find_their_python(tmp_path):
+    """That of this tree, whatever `python3` is and wherever one stands."""
+    called = {
+        name for page in pages() for name in re.findall(r"(?:^ *|`)(tools/\w+\.py) \S", text_of(page), re.MULTILINE)
+    }
+    scripts = [path for folder in ("scripts", "tools", "studies", "bench") for path in (ROOT / folder).glob("*.py")]
+    scripts = [path for path in scripts if path.read_text().startswith("#!") or f"tools/{path.name}" in called]
+    assert len(called) > 1 and len(scripts) > 10
+    for path in scripts:
+        assert ".venv/bin/python" in path.read_text().split("\n")[0] and os.access(path, os.X_OK), path
+    bare = {"PATH": "/usr/bin:/bin"}
+    for name in called:
+        done = subprocess.run([ROOT / name, "--help"], cwd=tmp_path, env=bare, capture_output=True, text=True)
+        assert done.returncode == 0 and done.stdout.startswith("usage: "), (name, done.stderr)
+
+
 def test_workflows_run_what_people_run():
     """Scripts of this tree, and nothing that only a code host knows."""
     for workflow in (ROOT / ".github/workflows").glob("*.yml"):
