@@ -40,7 +40,7 @@ Next:
   what a file holds     pecs info {folder}/pecs.raw
   another pixel         pecs sense {folder}/stack -o mine.raw --set contrast_threshold_on=0.4
   your own video        pecs sense VIDEO.mp4 -o mine.raw --photocurrent 1pA
-  another format        pecs convert {folder}/pecs.raw -o mine.h5
+  another format        pecs convert {folder}/pecs.raw mine.h5
   a lens                pecs lens draw pecs_lab_15mm -o lens.svg
   a scene of Blender    {blender}
   Python                python -c 'import pecs; print(pecs.read("{folder}/pecs.raw"))'"""

@@ -8,6 +8,7 @@ import numpy as np
 import pecs
 import pytest
 from conftest import load_script
+from pecs import demo
 from pecs._arguments import Quantity
 from pecs._command import Line
 from pecs_blender.core.progress import Progress
@@ -139,6 +140,15 @@ def test_every_help_ends_with_examples_of_its_own(helps):
             ), f"{name}: {line}"
             for option in re.findall(r" (--?[a-z][\w-]*)", line.split("#")[0].split("--sense")[0]):
                 assert re.search(rf"{option}(?![\w-])", helps[command]), f"{name}: {line}: no {option}"
+
+
+def test_what_the_demo_says_comes_next_is_there(helps):
+    lines = re.findall(r" (pecs [^\n]+)|(python -m pecs_blender [^\n]+)", demo.NEXT + " " + demo.BLENDER_NEXT)
+    assert len(lines) > 5
+    for line in map("".join, lines):
+        command = max((c for c in helps if f"{line} ".removeprefix("python -m ").startswith(f"{c} ")), key=len)
+        for option in re.findall(r" (--?[a-z][\w-]*)", line.removeprefix("python -m")):
+            assert re.search(rf"{option}(?![\w-])", helps[command]), f"{line}: no {option}"
 
 
 def test_help_is_in_one_case(helps):
