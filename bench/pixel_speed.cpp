@@ -1,11 +1,12 @@
-// bench_pixel_speed SEQUENCE [--chip NAME] [--threads N] [--passes N] [--dump FILE]: frames in memory to sorted events,
-// by the wall's clock and by CPU time of all threads, beside this machine's copy bandwidth. JSON: medians of the
-// passes, and the first one of the process (cold). Rates are of CPU time.
+// bench_pixel_speed SEQUENCE [--chip NAME] [--threads N] [--passes N] [--instructions avx512|avx2|sse4] [--dump FILE]:
+// frames in memory to sorted events, by the wall's clock and by CPU time of all threads, beside this machine's copy
+// bandwidth. JSON: medians of the passes, and the first one of the process (cold). Rates are of CPU time.
 //   disk    346x260, 500 frames at 1 kHz: a turning disk of sectors
 //   board   1280x720, 100 frames at 1 kHz: a moving checkerboard
 //   static  1280x720, 100 frames
 // --dump writes the frames (float32 [T][H][W], linear light) for other programs.
 #include <fmt/format.h>
+#include <hwy/targets.h>
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -107,6 +108,13 @@ std::size_t sense(const Sequence& s, const sensor::Chip& chip) {
   return count;
 }
 
+// Leaves out what is better than these instructions.
+void use_instructions(const std::string& name) {
+  for (const auto& [known, target] :
+       {std::pair{"avx512", std::int64_t{HWY_AVX3}}, {"avx2", HWY_AVX2}, {"sse4", HWY_SSE4}})
+    if (name == known) hwy::DisableTargets(target - 1);
+}
+
 int run(const std::vector<std::string>& args) {
   const Sequence s = make(args.at(0));
   if (const std::string dump = option(args, "--dump", ""); !dump.empty()) {
@@ -114,6 +122,7 @@ int run(const std::vector<std::string>& args) {
     file.write(reinterpret_cast<const char*>(s.values.data()),
                static_cast<std::streamsize>(s.values.size() * sizeof(float)));
   }
+  use_instructions(option(args, "--instructions", ""));
   const int threads = option(args, "--threads", 1), passes = option(args, "--passes", 5);
   const sensor::Chip chip = sensor::load_chip(option(args, "--chip", "ideal"));
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
@@ -146,7 +155,8 @@ int main(int argc, char** argv) {
   const std::vector<std::string> args(argv + 1, argv + argc);
   if (args.empty() || (args[0] != "disk" && args[0] != "board" && args[0] != "static")) {
     fmt::print(stderr,
-               "usage: bench_pixel_speed disk|board|static [--chip NAME] [--threads N] [--passes N] [--dump FILE]\n");
+               "usage: bench_pixel_speed disk|board|static [--chip NAME] [--threads N] [--passes N] "
+               "[--instructions avx512|avx2|sse4] [--dump FILE]\n");
     return 2;
   }
   return run(args);

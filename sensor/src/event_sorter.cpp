@@ -127,7 +127,7 @@ void EventSorter::append_sorted(std::size_t first_slot, std::size_t end_slot, La
     for (std::size_t i = 0; i < slots; ++i) ends[i + 1] += part.count(first_slot + i);
   std::partial_sum(ends.begin(), ends.end(), ends.begin());
 
-  std::vector<events::Event>& out = labelled.events;
+  auto& out = labelled.events;
   const std::size_t before = out.size();
   if (out.capacity() < before + ends[slots]) {
     out.reserve(std::max(before + ends[slots], 2 * out.capacity()));

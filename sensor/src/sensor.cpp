@@ -14,19 +14,23 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr std::uint32_t kTile = 8192;  // pixels
-static_assert(kTile % PixelModel::kBlock == 0);
+constexpr std::uint32_t kMostTile = 8192;  // pixels
+constexpr std::size_t kTilesPerThread = 16, kPartsPerThread = 4;
 
 // work(tile, events) for the tiles of a region in parallel; tiles that follow each other share a part of the sorter.
 template <class Work>
 void for_tiles(PixelRange region, EventSorter& sorter, const Work& work) {
-  const std::size_t first = region.first / kTile, tiles = (region.end + kTile - 1) / kTile - first;
-  const std::size_t parts = std::min(tiles, 4 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()));
+  constexpr std::uint32_t kBlock = PixelModel::kBlock;
+  const auto threads = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
+  const auto wanted = static_cast<std::uint32_t>(region.size() / (kTilesPerThread * threads));
+  const std::uint32_t tile = std::clamp(wanted / kBlock * kBlock, kBlock, kMostTile);
+  const std::size_t first = region.first / tile, tiles = (region.end + tile - 1) / tile - first;
+  const std::size_t parts = std::min(tiles, kPartsPerThread * threads);
   sorter.part(parts - 1);
   tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
     for (std::size_t i = first + part * tiles / parts; i < first + (part + 1) * tiles / parts; ++i) {
-      const auto begin = static_cast<std::uint32_t>(i) * kTile;
-      work({std::max(region.first, begin), std::min(region.end, begin + kTile)}, sorter.part(part));
+      const auto begin = static_cast<std::uint32_t>(i) * tile;
+      work({std::max(region.first, begin), std::min(region.end, begin + tile)}, sorter.part(part));
     }
   });
 }

@@ -122,7 +122,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
       const double t_us[] = {i * 1000.0};
       sensor.push(planes, t_us, i == 160, out);
     }
-    return events::recording_of({{320, 180, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
+    return events::recording_of({{320, 180, ""}, {out.events.begin(), out.events.end()}}, "x.raw", 0, INT64_MAX);
   };
   const events::Recording recording = recorded(60, 0.8, 12, 1500);
   const TargetEstimate real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");

@@ -67,7 +67,7 @@ struct Scene {
       const double t_us[] = {i * step_s * 1e6};
       sensor.push(planes, t_us, i + 1 == frames, out);
     }
-    return events::recording_of({{kWidth, kHeight, ""}, std::move(out.events)}, "x.raw", 0, INT64_MAX);
+    return events::recording_of({{kWidth, kHeight, ""}, {out.events.begin(), out.events.end()}}, "x.raw", 0, INT64_MAX);
   }
 
   double rms_px(const BoardView& view) const {

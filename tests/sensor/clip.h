@@ -42,7 +42,7 @@ inline std::vector<events::Event> run_clip(Sensor& sensor, const Clip& clip, std
       sensor.push(planes, std::span(clip.t_us).subspan(i, end - i), end == clip.frames.size(), found);
     }
   });
-  return found.events;
+  return {found.events.begin(), found.events.end()};
 }
 
 }  // namespace pecs::sensor

@@ -4,7 +4,9 @@
 // sending its events take time. A pixel that fires again while it waits has no second event: it is dropped and
 // counted. Times are rounded down to the time base and may jitter, row by row; they never go back.
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "pecs/events/event.h"
@@ -13,8 +15,26 @@
 
 namespace pecs::sensor {
 
+// Lets a vector grow by elements that are written at once, and by the threads that fill them.
+template <class T>
+struct GrowUnwritten : std::allocator<T> {
+  GrowUnwritten() = default;
+  template <class U>
+  explicit GrowUnwritten(const GrowUnwritten<U>&) {}
+  template <class U>
+  struct rebind {
+    using other = GrowUnwritten<U>;
+  };
+  template <class U>
+  void construct(U*) noexcept {}
+  template <class U, class... Arguments>
+  void construct(U* at, Arguments&&... arguments) {
+    std::construct_at(at, std::forward<Arguments>(arguments)...);
+  }
+};
+
 struct LabelledEvents {
-  std::vector<events::Event> events;
+  std::vector<events::Event, GrowUnwritten<events::Event>> events;
   std::vector<Cause> causes;  // as many, or none
 };
 
