@@ -56,8 +56,9 @@ std::string wanted(const Kind& kind, const std::string& own) {
 // `text` becomes a plain number; returns what is wrong.
 std::string convert(std::string& text, const Kind& kind, const Unit& own) {
   double value = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  const char *begin = text.data() + (text.starts_with('+') && !text.starts_with("+-")),
+             *end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(begin, end, value);
   std::string_view rest(stop, end);
   while (rest.starts_with(' ')) rest.remove_prefix(1);
   const Unit* unit = rest.empty() ? &own : find(kind, rest);

@@ -82,8 +82,8 @@ def test_a_mistyped_option_is_named_with_the_nearest(pecs_program, command, line
     assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
 
 
-VALUES = ["20", "20us", "20ms", "0.02 s", "20µs", "1.1ms", "1e3us", "-3ms"]
-WRONG = ["20min", "20mm", "ms", "", "1e", "0x10us", "nanms", "20 m s"]
+VALUES = ["20", "+20", "20us", "+1.5ms", "20ms", "0.02 s", "20µs", "1.1ms", "1e3us", "-3ms"]
+WRONG = ["20min", "+-20ms", "20mm", "ms", "", "1e", "0x10us", "nanms", "20 m s"]
 
 
 def test_the_program_and_python_read_units_alike(pecs_program, tmp_path):
