@@ -3,10 +3,11 @@ the sensor differs. What is compared, and how, is fixed in reconstruction.json.
 
     pecs dataset examples/recipes/reconstruction.toml -o out/reconstruction/light
     .venv-datasets/bin/python studies/reconstruction.py out/reconstruction [--only SIMULATOR,...] [--seeds 1,2,3]
-        [--real R_360_L.hdf5] [--footage FOLDER ...] [--lpips-weights FILE]
+        [--real R_360_L.hdf5] [--footage FOLDER ...] [--lpips-weights FILE] [--ship python/pecs/learning/firenet]
 
 Needs PyTorch, onnxruntime, and piq (with torchvision); --real renders the disk with .venv. Each step whose result is
 there is left out, so that it can be stopped and run again. Writes results.json and prints tables.
+--ship trains the network that ships alone: NAME.onnx, and NAME.json with its record and scores.
 --footage: sequences in the layout of EVREAL or HS-ERGB. --lpips-weights: LPIPS as a TorchScript of two pictures
 [1, 3, H, W] in -1 ... 1, as `torch.jit.trace` makes of the package lpips.
 """
@@ -14,6 +15,7 @@ there is left out, so that it can be stopped and run again. Writes results.json 
 import argparse
 import json
 import math
+import shutil
 import sys
 from functools import cache
 from itertools import product
@@ -117,29 +119,64 @@ def seen_by(root: Path, name: str, split: str) -> list[Recording]:
 
 def network_of(root: Path, name: str, seed: int) -> Path:
     """Trained on one simulator's events: its network.onnx."""
-    run, how = root / "runs" / f"{name}_{seed}", PLAN["training"]
-    path = run / "network.onnx"
-    if not path.exists():
-        config = TrainConfig(
-            NetworkConfig(how["network"], channels=how["channels"]),
-            ClipConfig(how["windows"], how["crop"]),
-            how["steps"],
-            how["batch"],
-            how["learning_rate"],
-            seed=seed,
-        )
-
-        def say(step: int, loss: float) -> None:
-            if step % 50 == 0:
-                print(f"{name}, seed {seed}: {step}/{how['steps']}, loss {loss:.4f}", file=sys.stderr, flush=True)
-
-        train(seen_by(root, name, "train"), run, config, progress=say)
-        export(run, path)
-    return path
+    run = root / "runs" / f"{name}_{seed}"
+    if not (run / "network.onnx").exists():
+        learnt(run, seen_by(root, name, "train"), PLAN["training"], seed)
+    return run / "network.onnx"
 
 
-def method_of(root: Path, name: str, seed: int, size: tuple[int, int]) -> Filter | Network:
-    return Filter(*size, 1.0) if name == FILTER else Network(network_of(root, name, seed), *size, threads=1)
+def learnt(run: Path, sources: list[Recording], how: dict, seed: int) -> None:
+    config = TrainConfig(
+        NetworkConfig(how["network"], channels=how["channels"]),
+        ClipConfig(how["windows"], how["crop"]),
+        how["steps"],
+        how["batch"],
+        how["learning_rate"],
+        seed=seed,
+    )
+
+    def say(step: int, loss: float) -> None:
+        if step % 50 == 0:
+            print(f"{run.name}: {step}/{how['steps']}, loss {loss:.4f}", file=sys.stderr, flush=True)
+
+    train(sources, run, config, progress=say)
+    export(run, run / "network.onnx")
+
+
+def shipped(root: Path, name: Path, real: Path | None) -> None:
+    """The network of the plan's "shipped": NAME.onnx, NAME.json."""
+    how = PLAN["shipped"]
+    sources = []
+    for sequence, recording in light_of(root, "train"):
+        for draw in range(how["draws"]):
+            rng = np.random.Generator(np.random.Philox(key=[how["seed"], 1000 * int(sequence.name) + draw]))
+            share = math.exp(rng.uniform(*map(math.log, how["light"])))
+            overrides = {f"contrast_threshold_{p}": rng.uniform(*how["threshold"]) for p in ("on", "off")}
+            path = root / "events" / "shipped" / f"{sequence.name}_{draw}.h5"
+            if not path.exists():
+                sensed(sequence, path, {"model": OURS, "overrides": overrides}, None, share)
+            sources.append(recording.with_events(read(path, "dsec")))
+    run = root / "runs" / "shipped"
+    learnt(run, sources, how["training"], how["seed"])
+    shutil.copy(run / "network.onnx", name.with_suffix(".onnx"))
+    found = {}
+    for who, weights in (("network", run / "network.onnx"), (FILTER, None)):
+        rows = [scores(method_of(weights, f.size), f, None) for f in footage_of(root, OURS)]
+        found[who] = {"held_out": mean_scores(rows)}
+        if real:
+            footage, disk = real_disk.load(real, root / "real", PLAN["real"])
+            method = method_of(weights, footage.size)
+            found[who][footage.name] = real_disk.scores(method, footage, disk, PLAN["real"])
+    record = {"plan": PLAN, "run": json.loads((run / "config.json").read_text()), "scores": found}
+    write_json(name.with_suffix(".json"), record)
+
+
+def method_of(weights: Path | None, size: tuple[int, int]) -> Filter | Network:
+    return Network(weights, *size, threads=1) if weights else Filter(*size, 1.0)
+
+
+def weights_of(root: Path, name: str, seed: int) -> Path | None:
+    return None if name == FILTER else network_of(root, name, seed)
 
 
 def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
@@ -162,31 +199,26 @@ def kept(path: Path, make) -> dict[str, float]:
     return json.loads(path.read_text())
 
 
-def on_set(root: Path, name: str, seed: int, on: str, lpips: Path | None) -> dict[str, float]:
-    """The network of one simulator on the test set of another."""
+def footage_of(root: Path, on: str) -> list[Footage]:
+    """A simulator's test set."""
+    found = seen_by(root, on, PLAN["test"]["split"])
+    return [Footage(r.camera.name, r.events, r.times_us, r.pictures) for r in found]
+
+
+def tested(root: Path, name: str, seed: int, on: str, some: list[Footage], lpips: Path | None) -> dict[str, float]:
+    """The network of one simulator: means over pictures, then over footage."""
 
     def make() -> dict[str, float]:
-        rows = []
-        for r in seen_by(root, on, PLAN["test"]["split"]):
-            footage = Footage(r.camera.name, r.events, r.times_us, r.pictures)
-            rows.append(scores(method_of(root, name, seed, footage.size), footage, lpips))
-        return mean_scores(rows)
+        weights = weights_of(root, name, seed)
+        return mean_scores([scores(method_of(weights, footage.size), footage, lpips) for footage in some])
 
     return kept(root / "scores" / f"{name}_{seed}_on_{on}.json", make)
-
-
-def on_footage(root: Path, name: str, seed: int, folder: Path, lpips: Path | None) -> dict[str, float]:
-    def make() -> dict[str, float]:
-        footage = read_footage(folder)
-        return scores(method_of(root, name, seed, footage.size), footage, lpips)
-
-    return kept(root / "scores" / f"{name}_{seed}_on_{folder.name}.json", make)
 
 
 def on_disk(root: Path, name: str, seed: int, real: Path) -> dict[str, float]:
     def make() -> dict[str, float]:
         footage, disk = real_disk.load(real, root / "real", PLAN["real"])
-        return real_disk.scores(method_of(root, name, seed, footage.size), footage, disk, PLAN["real"])
+        return real_disk.scores(method_of(weights_of(root, name, seed), footage.size), footage, disk, PLAN["real"])
 
     return kept(root / "scores" / f"{name}_{seed}_on_{PLAN['real']['sequence']}.json", make)
 
@@ -221,24 +253,29 @@ def main() -> None:
     parser.add_argument("--real", type=Path, help="the recording R_360_L")
     parser.add_argument("--footage", type=Path, nargs="*", default=[], help="folders of other sequences")
     parser.add_argument("--lpips-weights", type=Path)
+    parser.add_argument("--ship", type=Path, help="NAME of the two files")
     args = parser.parse_args()
     names = args.only.split(",") if args.only else list(PLAN["simulators"])
     seeds = [int(s) for s in args.seeds.split(",")] if args.seeds else PLAN["seeds"]
     torch.set_num_threads(1)
 
+    if args.ship:
+        shipped(args.root, args.ship, args.real)
+        return
     for seed, name in product(seeds, names):  # whole comparisons first
         network_of(args.root, name, seed)
+    others = {on: footage_of(args.root, on) for on in names} | {f.name: [read_footage(f)] for f in args.footage}
     results: dict[str, dict[str, list[dict[str, float]]]] = {}
     for name in [*names, FILTER]:
         of = [0] if name == FILTER else seeds
-        results[name] = {on: [on_set(args.root, name, s, on, args.lpips_weights) for s in of] for on in names}
-        for folder in args.footage:
-            results[name][folder.name] = [on_footage(args.root, name, s, folder, args.lpips_weights) for s in of]
+        results[name] = {}
+        for on, some in others.items():
+            results[name][on] = [tested(args.root, name, s, on, some, args.lpips_weights) for s in of]
         if args.real:
             results[name][PLAN["real"]["sequence"]] = [on_disk(args.root, name, s, args.real) for s in of]
     write_json(args.root / "results.json", {"plan": PLAN, "results": results})
     for metric in PLAN["test"]["metrics"] + (["lpips"] if args.lpips_weights else []):
-        print(table(results, [(on, metric) for on in [*names, *(f.name for f in args.footage)]]) + "\n")
+        print(table(results, [(on, metric) for on in others]) + "\n")
     if args.real:
         on = PLAN["real"]["sequence"]
         print(table(results, [(on, metric) for metric in results[FILTER][on][0]]))
