@@ -4,6 +4,7 @@ the sensor differs. What is compared, and how, is fixed in reconstruction.json.
     pecs dataset examples/recipes/reconstruction.toml -o out/reconstruction/light
     .venv-datasets/bin/python studies/reconstruction.py out/reconstruction [--only SIMULATOR,...] [--seeds 1,2,3]
         [--real R_360_L.hdf5] [--footage FOLDER ...] [--lpips-weights FILE] [--ship python/pecs/learning/firenet]
+        [--picture docs/studies/reconstruction.png [--beside python/pecs/learning/firenet.onnx]]
 
 Needs PyTorch, onnxruntime, and piq (with torchvision); --real renders the disk with .venv. Each step whose result is
 there is left out, so that it can be stopped and run again. Writes results.json and prints tables.
@@ -21,6 +22,7 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from pecs import Chip, Light, read, sense
@@ -37,6 +39,7 @@ from pecs_lab.video_scores import picture_scores
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
 OURS, FILTER = "pecs", "filter"
+WIDE_PX = 1280  # of the picture
 
 
 # Events: the same light, another sensor.
@@ -245,6 +248,26 @@ def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tupl
     return "\n".join(lines)
 
 
+def picture(root: Path, path: Path, names: list[str], seed: int, real: Path | None, more: Path | None) -> None:
+    """One row for each of our test set, and the recording: the last picture, by the filter and each network, and truth.
+    more: a network beside them."""
+    rows = footage_of(root, OURS)
+    if real:
+        rows = [*rows[:2], real_disk.load(real, root / "real", PLAN["real"])[0]]
+    methods = [weights_of(root, name, seed) for name in [FILTER, *names]] + ([more] if more else [])
+    lines = []
+    for footage in rows:
+        shown = []
+        for weights in methods:
+            method = method_of(weights, footage.size)
+            shown.append([method(window) for window in footage.windows][-1] * 255)
+        line = np.hstack([*shown, footage.pictures[-1]])
+        lines.append(
+            cv2.resize(line, None, fx=(scale := WIDE_PX / line.shape[1]), fy=scale, interpolation=cv2.INTER_AREA)
+        )
+    cv2.imwrite(str(path), np.vstack(lines).round().astype(np.uint8))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path, help="folder with the set `light`, and of the results")
@@ -254,6 +277,8 @@ def main() -> None:
     parser.add_argument("--footage", type=Path, nargs="*", default=[], help="folders of other sequences")
     parser.add_argument("--lpips-weights", type=Path)
     parser.add_argument("--ship", type=Path, help="NAME of the two files")
+    parser.add_argument("--picture", type=Path, help="PNG: filter, networks of the first seed, --beside, truth")
+    parser.add_argument("--beside", type=Path, help="another network for the picture")
     args = parser.parse_args()
     names = args.only.split(",") if args.only else list(PLAN["simulators"])
     seeds = [int(s) for s in args.seeds.split(",")] if args.seeds else PLAN["seeds"]
@@ -273,6 +298,8 @@ def main() -> None:
             results[name][on] = [tested(args.root, name, s, on, some, args.lpips_weights) for s in of]
         if args.real:
             results[name][PLAN["real"]["sequence"]] = [on_disk(args.root, name, s, args.real) for s in of]
+    if args.picture:
+        picture(args.root, args.picture, names, seeds[0], args.real, args.beside)
     write_json(args.root / "results.json", {"plan": PLAN, "results": results})
     for metric in PLAN["test"]["metrics"] + (["lpips"] if args.lpips_weights else []):
         print(table(results, [(on, metric) for on in others]) + "\n")
