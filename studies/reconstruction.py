@@ -70,10 +70,8 @@ def sensed(sequence: Sequence, output: Path, how: dict, threshold: float | None,
             values = stack.at(camera.truth.times_us[::10])
         given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
     output.parent.mkdir(parents=True, exist_ok=True)
-    partial = output.with_name(f"partial_{output.name}")
     more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
-    report = sense(camera.folder / "stack", partial, seed=1 + int(sequence.name), **given, **more)
-    partial.replace(output)
+    report = sense(camera.folder / "stack", output, seed=1 + int(sequence.name), **given, **more)
     return int(report["results"]["events"])
 
 

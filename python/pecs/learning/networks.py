@@ -28,13 +28,18 @@ class NetworkConfig:
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
-    return nn.Conv2d(inside, outside, size, stride, size // 2)
+    """Starts as He et al. (ICCV 2015): with PyTorch's own, smaller weights most of few channels are dead behind ReLU."""
+    conv = nn.Conv2d(inside, outside, size, stride, size // 2)
+    nn.init.kaiming_normal_(conv.weight, nonlinearity="relu")
+    nn.init.zeros_(conv.bias)
+    return conv
 
 
 class _Residual(nn.Module):
     def __init__(self, channels: int):
         super().__init__()
         self.first, self.second = _conv(channels, channels), _conv(channels, channels)
+        nn.init.zeros_(self.second.weight)  # starts as the identity
 
     def forward(self, x: Tensor) -> Tensor:
         return torch.relu(x + self.second(torch.relu(self.first(x))))
