@@ -133,6 +133,7 @@ def learnt(run: Path, sources: list[Recording], how: dict, seed: int) -> None:
         how["steps"],
         how["batch"],
         how["learning_rate"],
+        how.get("decay_steps", 0),
         seed=seed,
     )
 

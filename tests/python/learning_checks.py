@@ -4,6 +4,7 @@ python learning_checks.py SET SCRATCH    SET: of test_learning.py's fixture
 """
 
 import dataclasses
+import json
 import math
 import sys
 import traceback
@@ -18,12 +19,13 @@ from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
 from pecs.learning.export import export
 from pecs.learning.losses import C1, C2, ms_ssim, temporal, warped
 from pecs.learning.networks import NetworkConfig, network, start_states
-from pecs.learning.reconstruct import Network, Window
+from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
 from pecs.learning.train import TrainConfig, train, trained
 from pecs.representations import voxel_grid
 
 PLAIN = ClipConfig(windows=5, crop=48, augmentation=None)
-SHORT = TrainConfig(NetworkConfig(channels=4), dataclasses.replace(PLAIN, crop=32), steps=4, batch=2, save_every=2)
+SMALL = dataclasses.replace(PLAIN, crop=32)
+SHORT = TrainConfig(NetworkConfig(channels=4), SMALL, steps=4, batch=2, decay_steps=2, save_every=2)
 E2VID = NetworkConfig("e2vid", channels=4, levels=2)
 
 
@@ -47,6 +49,17 @@ def check_states_carry(_set, _scratch):
             second, _ = net(grid, after)
         assert first.shape == (2, 1, 16, 24) and torch.equal(first, again) and not torch.allclose(first, second)
         assert [a.shape for a in after] == [s.shape for s in states]
+
+
+def check_small_networks_start_alive(_set, _scratch):
+    """Whatever the seed: the first picture shows the events, so that training can begin."""
+    grid = torch.randn(1, 5, 32, 32) * (torch.rand(1, 5, 32, 32) < 0.2)
+    for seed in range(8):
+        torch.manual_seed(seed)
+        net = network(NetworkConfig(channels=8))
+        with torch.no_grad():
+            picture, _ = net(grid, start_states(net, 1, 32, 32))
+        assert float(picture.std()) > 0.003, (seed, float(picture.std()))
 
 
 def check_ssim(_set, _scratch):
@@ -123,6 +136,8 @@ def check_augmentation(set_, _scratch):
 
 def check_training_continues(set_, scratch):
     """Stopped and continued: the same network as of an unbroken run; the loss falls on one clip."""
+    rates = [SHORT.rate(step) / SHORT.learning_rate for step in range(4)]
+    assert np.allclose(rates, [1, 1, 2 / 3, 1 / 3]), rates
     found = recordings(sequences(set_))
     whole = train(found, scratch / "whole", SHORT)
     try:
@@ -195,6 +210,24 @@ def check_onnx_is_the_network(set_, scratch):
         raise AssertionError("not a network")
     except PecsInputError as e:
         assert "other.onnx" in str(e) and "\n" not in str(e)
+
+
+def check_the_network_that_ships(set_, _scratch):
+    """Small, with its record, and better than the filter on a scene that it never saw."""
+    assert WEIGHTS.stat().st_size < 200_000
+    record = json.loads(WEIGHTS.with_suffix(".json").read_text())
+    errors = []
+    for recording in recordings(sequences(set_)):
+        size = recording.camera.width, recording.camera.height
+        methods = Network(WEIGHTS, *size), Filter(*size, 1.0)
+        assert methods[0].record["config"] == record["run"]["config"]
+        for k in range(recording.windows):
+            window = Window(*map(float, recording.times_us[k : k + 2]), np.asarray(recording.window(k)))
+            shown = [method(window) for method in methods]
+            if k >= 3:
+                errors.append([((picture - recording.pictures[k + 1] / 255) ** 2).mean() for picture in shown])
+    ours, theirs = np.mean(errors, 0)
+    assert ours < 0.8 * theirs, (ours, theirs)
 
 
 def main(set_, scratch):

@@ -103,6 +103,8 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
         ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
+        ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
+        ((path, "-o", tmp_path / "x.mp4", "--method", "e2vid"), 2, "none ships"),
     ):
         result = learning("reconstruct", *words, check=False)
         said = result.stderr.strip().splitlines()
@@ -235,5 +237,8 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     assert "2 steps" in run("train", trainable, "-o", tmp_path / "run", *small)
     network = tmp_path / "run/network.onnx"
     assert "pictures" in run("reconstruct", recording[0], "-o", tmp_path / "v.mp4", "--weights", network)
+    assert ", by firenet" in run("reconstruct", recording[0], "-o", tmp_path / "s.mp4", "--method", "firenet")
+    other = ("reconstruct", recording[0], "-o", tmp_path / "w.mp4", "--weights", network, "--method", "e2vid")
+    assert "got 'firenet', wanted e2vid" in run(*other, code=4)
     assert "no sequences of split 'test'" in run("train", trainable, "-o", tmp_path / "r2", "--split", "test", code=3)
     assert "smaller" in run("train", trainable, "-o", tmp_path / "r3", "--crop", 80, code=4)

@@ -14,7 +14,13 @@ def test_tag_and_contents(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert [n for n in names if "libpecs" in n] == ["pecs/_lib/libpecs.so"]  # a zip has no links
     data = "pecs/_lib/share/pecs"
-    for name in ("pecs/py.typed", f"{data}/sensor/chips/imx636.json", f"{data}/lens_data/lenses/pecs_lab_15mm.json"):
+    weights = "pecs/learning/firenet.onnx", "pecs/learning/firenet.json"
+    for name in (
+        *weights,
+        "pecs/py.typed",
+        f"{data}/sensor/chips/imx636.json",
+        f"{data}/lens_data/lenses/pecs_lab_15mm.json",
+    ):
         assert name in names
     assert not [n for n in names if n.startswith(("tests/", "include/", "share/"))]
 

@@ -10,10 +10,12 @@ from .._arguments import Quantity, add_talk
 from .._command import Line, Parser, answer
 from .._library import PecsNotFoundError
 from ..datasets._check import library
+from .reconstruct import METHODS
 
 NETWORK = "network.onnx"
 RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by a filter",
+    "pecs reconstruct recording.raw -o video.mp4 --method firenet        # by the network that ships",
     "pecs reconstruct recording.raw -o slow.mp4 --fps 1kHz --playback-fps 25 --cutoff 5Hz",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
@@ -50,7 +52,9 @@ def _parser() -> Parser:
     one = commands.add_parser("reconstruct", help=about, description=about, examples=RECONSTRUCT)
     one.add_argument("events", type=Path, help="an event file of any format")
     one.add_argument("-o", "--output", type=Path, required=True, help=".mp4, or a folder for PNG")
-    one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`; without: a high-pass filter")
+    about = "filter: high-pass; firenet: the network that ships (default: filter, or what --weights holds)"
+    one.add_argument("--method", choices=METHODS, help=about)
+    one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`")
     one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
     one.add_argument("--cutoff", "--cutoff-hz", type=rate, default=1.0, help="cutoff frequency of the filter")
@@ -71,6 +75,7 @@ def _parser() -> Parser:
     one.add_argument("--windows", type=_count, default=10, help="windows of a clip")
     one.add_argument("--crop", type=_count, default=64, help="width and height of a clip, in pixels")
     one.add_argument("--learning-rate", type=_positive, default=1e-3, help="of Adam")
+    one.add_argument("--decay-steps", type=int, default=0, help="last steps, in which the learning rate falls to 0")
     one.add_argument("--seed", type=int, default=1, help="seed of clips and first weights")
     one.add_argument("--workers", type=int, default=0, help="processes that read clips; 0: this one")
     one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
@@ -95,6 +100,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
     done = reconstruct(
         args.events,
         args.output,
+        method=args.method,
         weights=args.weights,
         fps=args.fps,
         playback_fps=args.playback_fps,
@@ -124,6 +130,7 @@ def _train(args: argparse.Namespace) -> None:
         args.steps,
         args.batch,
         args.learning_rate,
+        args.decay_steps,
         seed=args.seed,
     )
     found = sequences(args.set, args.split)

@@ -28,7 +28,7 @@ class NetworkConfig:
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
-    """Starts as He et al. (ICCV 2015): with PyTorch's own, smaller weights most of few channels are dead behind ReLU."""
+    """Starts as He et al. (ICCV 2015): of few channels, most were dead behind ReLU with PyTorch's own."""
     conv = nn.Conv2d(inside, outside, size, stride, size // 2)
     nn.init.kaiming_normal_(conv.weight, nonlinearity="relu")
     nn.init.zeros_(conv.bias)

@@ -21,6 +21,8 @@ from .video import Range, VideoWriter
 
 NETWORK_FORMAT = "1"
 STATE = "state"  # how the names of a network's states begin
+METHODS = ("filter", "firenet", "e2vid")
+WEIGHTS = Path(__file__).with_name("firenet.onnx")  # what ships; firenet.json says how it was trained
 
 
 @dataclass(frozen=True)
@@ -53,11 +55,15 @@ def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
 class Method(Protocol):
     """A window's picture at its end: [H, W], 0 … 1."""
 
+    kind: str
+
     def __call__(self, window: Window) -> NDArray[np.float64]: ...
 
 
 class Filter:
     """`HighPass`, shown by `Range`."""
+
+    kind = "filter"
 
     def __init__(self, width: int, height: int, cutoff_hz: float):
         self._filter, self._range = HighPass(width, height, cutoff_hz), Range()
@@ -75,6 +81,7 @@ class Network:
         runtime = library("onnxruntime", "onnxruntime", "a network", "learning")
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # it takes time from other work
         try:
             self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as e:  # of many kinds
@@ -84,6 +91,7 @@ class Network:
             fault(path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`")
         self.record: dict[str, Any] = json.loads(said["record"])
         config = self.record["network"]
+        self.kind = str(config["kind"])
         self._bins, self._size = int(config["bins"]), (height, width)
         step = 2 ** int(config["levels"])
         self._pad = -height % step, -width % step
@@ -108,6 +116,7 @@ def reconstruct(
     source: str | PathLike[str],
     output: str | PathLike[str],
     *,
+    method: str | None = None,
     weights: str | PathLike[str] | None = None,
     fps: float = 50.0,
     cutoff_hz: float = 1.0,
@@ -118,7 +127,8 @@ def reconstruct(
 ) -> dict[str, Any]:
     """A video of an event file, `fps` pictures per second of the recording, shown at `playback_fps` (fps if None).
 
-    weights: a network (.onnx); None: the filter, with its `cutoff_hz`. size: width and height, for a file that does not
+    method: one of `METHODS`; None: the network of `weights`, without them the filter, with its `cutoff_hz`. weights: a
+    network (.onnx); None: for "firenet" the one that ships. size: width and height, for a file that does not
     say. progress: called with the number of pictures so far. Returns what was done.
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
@@ -127,27 +137,43 @@ def reconstruct(
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
             raise PecsInputError(f"{source}: size: got nothing that says it, wanted --size WxH", 2)
-        method: Method
-        method = Filter(width, height, cutoff_hz) if weights is None else Network(Path(weights), width, height, threads)
+        chosen = _weights(method, weights)
+        make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
+        if isinstance(make, Network) and method not in (None, make.kind):
+            fault(chosen or source, "network", make.kind, f"{method}, as --method says")
         events = 0
         with VideoWriter(output, width, height, playback_fps or fps) as video:
             for window in windows(reader, 1e6 / fps):
                 _inside(source, window.events, width, height)
                 events += len(window.events)
-                video.write(np.round(255 * method(window)).astype(np.uint8))
+                video.write(np.round(255 * make(window)).astype(np.uint8))
                 if progress:
                     progress(video.count)
             if not events:
                 raise PecsInputError(f"{source}: events: got none, wanted some", 4)
             return {
                 "source": str(source),
-                "method": "filter" if isinstance(method, Filter) else str(weights),
+                "method": make.kind,
+                "weights": str(chosen) if chosen else None,
                 "pictures": video.count,
                 "events": events,
                 "width": width,
                 "height": height,
                 "fps": fps,
             }
+
+
+def _weights(method: str | None, weights: str | PathLike[str] | None) -> Path | None:
+    """None: the filter."""
+    if method not in (None, *METHODS):
+        raise PecsInputError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}", 2)
+    if method == "filter" and weights is not None:
+        raise PecsInputError(f"--weights: got {weights}, wanted none: the filter has no weights", 2)
+    if method == "e2vid" and weights is None:
+        raise PecsInputError("--weights: got none, wanted a network of `pecs train --network e2vid`: none ships", 2)
+    if weights is not None:
+        return Path(weights)
+    return WEIGHTS if method == "firenet" else None
 
 
 def _inside(source: Path, events: NDArray[np.void], width: int, height: int) -> None:

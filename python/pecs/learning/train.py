@@ -31,10 +31,15 @@ class TrainConfig:
     steps: int = 500
     batch: int = 4
     learning_rate: float = 1e-3
+    decay_steps: int = 0  # the last ones, in which the learning rate falls to 0
     ssim_weight: float = 1.0  # of 1 - MS-SSIM, beside L1
     temporal_weight: float = 1.0
     save_every: int = 50
     seed: int = 1
+
+    def rate(self, step: int) -> float:
+        """The learning rate of a step, counted from 0."""
+        return self.learning_rate * min(1.0, (self.steps - step) / (self.decay_steps + 1))
 
     @staticmethod
     def of(values: dict[str, Any]) -> TrainConfig:
@@ -105,6 +110,7 @@ def train(
     loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
     log = _Log(run, step)
     for item in loader:
+        optimiser.param_groups[0]["lr"] = config.rate(step)
         losses = learn(net, optimiser, {name: value.to(device) for name, value in item.items()}, config)
         if not math.isfinite(float(losses.loss)):
             kept = f"; {run / CHECKPOINT} is of step {step - step % config.save_every}" if step else ""
@@ -122,10 +128,10 @@ def train(
 def _claim(run: Path, config: TrainConfig) -> None:
     wanted = json.loads(json.dumps(asdict(config)))
     if (run / CONFIG).exists():
-        there = json.loads((run / CONFIG).read_text())["config"]
+        there = asdict(TrainConfig.of(json.loads((run / CONFIG).read_text())["config"]))
         for key in wanted:
-            if there.get(key) != wanted[key]:
-                got = f"{key}: got {there.get(key)!r}, wanted {wanted[key]!r}"
+            if there[key] != wanted[key]:
+                got = f"{key}: got {there[key]!r}, wanted {wanted[key]!r}"
                 raise PecsOutputError(f"{run / CONFIG}: {got}, or another folder", 5)
         return
     write_json(run / CONFIG, {"config": wanted, "versions": {"pecs": version(), "torch": torch.__version__}})
