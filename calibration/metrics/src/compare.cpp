@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <random>
@@ -93,6 +95,20 @@ std::array<std::vector<double>, 2> maps_of(const std::vector<Event>& events, int
   return maps;
 }
 
+// Digit by digit: floats that are not negative are ordered as their bits are.
+void sort_not_negative(std::vector<float>& values) {
+  constexpr int kDigit = 11, kDigits = 3;
+  std::vector<float> sorted(values.size());
+  for (int digit = 0; digit < kDigits; ++digit) {
+    const auto of = [&](float v) { return std::bit_cast<std::uint32_t>(v) >> (digit * kDigit) & ((1U << kDigit) - 1); };
+    std::array<std::size_t, 1 << kDigit> next{};
+    for (const float v : values) ++next[of(v)];
+    std::exclusive_scan(next.begin(), next.end(), next.begin(), std::size_t{0});
+    for (const float v : values) sorted[next[of(v)]++] = v;
+    values.swap(sorted);
+  }
+}
+
 // log10 of the times between consecutive events of a pixel (at least 1 us), sorted. Events in any order are sorted
 // first.
 std::vector<float> log_intervals(std::vector<Event>& events, int width, int height) {
@@ -105,7 +121,7 @@ std::vector<float> log_intervals(std::vector<Event>& events, int width, int heig
     if (before >= 0) intervals.push_back(std::log10(static_cast<float>(std::max<std::int64_t>(1, e.t_us - before))));
     before = e.t_us;
   }
-  std::sort(intervals.begin(), intervals.end());
+  sort_not_negative(intervals);
   return intervals;
 }
 
