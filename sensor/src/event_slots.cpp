@@ -7,7 +7,7 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr std::size_t kLeastSlab = 8 * 1024, kMostSlab = 2048 * 1024;  // keys
+constexpr std::size_t kLeastSlab = std::size_t{8} << 10, kMostSlab = std::size_t{2} << 20;  // keys
 
 }  // namespace
 

@@ -1,6 +1,7 @@
 #include "pecs/sensor/readout.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "pecs/sensor/random.h"
 
@@ -57,7 +58,7 @@ void Readout::serve(LabelledEvents& out) {
   if (jitter_us_ > 0) stamp_us += jitter_us_ * gaussian(random4(seed_, 0, served_, Purpose::readout)[0]);
   // Rounded down; a time before the start counts as the start.
   const auto ticks = static_cast<double>(static_cast<std::int64_t>(stamp_us / step_us_));
-  last_us_ = std::max(last_us_, static_cast<std::int64_t>(ticks * step_us_ + 0.5));
+  last_us_ = std::max(last_us_, static_cast<std::int64_t>(std::llround(ticks * step_us_)));
   for (const Waiting& w : row) {
     out.events.push_back({last_us_, w.x, static_cast<std::uint16_t>(request.row), w.p});
     if (causes_) out.causes.push_back(w.cause);

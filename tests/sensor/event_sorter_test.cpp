@@ -34,7 +34,7 @@ TEST(EventSorter, AnyOrderLeavesSorted) {
   std::vector<EventKey> all;
   for (std::int64_t begin_us = 0; begin_us < 40000; begin_us += 10000) {
     std::vector<double> t_us;
-    for (int i = 0; i < 10; ++i) t_us.push_back(static_cast<double>(begin_us + 1000 * i));
+    for (int i = 0; i < 10; ++i) t_us.push_back(static_cast<double>(begin_us) + 1000.0 * i);
     sorter.begin(t_us);
     sorter.part(2);
     for (std::size_t part = 0; part < 3; ++part) {
