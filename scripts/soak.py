@@ -72,7 +72,7 @@ def main() -> None:
     loop_us = FRAMES * FRAME_US
 
     def sense(duration_us: int, output: Path) -> list:
-        options = ["--chip", "ideal", "--duration-us", duration_us, "--quiet"]
+        options = ["--chip", "ideal", "--duration", duration_us, "--quiet"]
         return [pecs_program, "sense", folder / "stack", "-o", output, *options]
 
     subprocess.run(list(map(str, sense(loop_us, folder / "loop.raw"))), check=True, capture_output=True)

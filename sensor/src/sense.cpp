@@ -99,12 +99,12 @@ void refuse_unused(const SenseOptions& options, const FrameSource& source) {
     throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
   };
   if (light.gain && light.fnumber) refuse("--fnumber", "--gain beside it", "one of them");
-  if (light.gain && light.photocurrent_a) refuse("--photocurrent-a", "--gain beside it", "one of them");
+  if (light.gain && light.photocurrent_a) refuse("--photocurrent", "--gain beside it", "one of them");
   if (light.fnumber && source.info().quantity != Quantity::radiance) refuse("--fnumber", quantity, "radiance");
   if (light.photocurrent_a && source.info().quantity != Quantity::relative)
-    refuse("--photocurrent-a", quantity, "relative light, or --gain");
+    refuse("--photocurrent", quantity, "relative light, or --gain");
   if (options.model.white_fa > 0 && model_traits(options.model.name).takes_light)
-    refuse("--white-a", "model " + options.model.name, "a model that takes pictures");
+    refuse("--white", "model " + options.model.name, "a model that takes pictures");
   if (!options.motion && !source.has_motion()) refuse("--no-motion", "no layer motion", "a stack that has one");
 }
 
@@ -114,7 +114,7 @@ double white_fa(const FrameSource& source, const std::vector<double>& amperes) {
   std::vector<float> first(static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height));
   PhotocurrentReader(source, amperes).read(0, 0, info.height, first.data());
   const double white = quantile_fa(first, 0.995);
-  if (!(white > 0)) throw bad_input(source.name(), "first frame", "no light", "--white-a");
+  if (!(white > 0)) throw bad_input(source.name(), "first frame", "no light", "--white");
   return white;
 }
 

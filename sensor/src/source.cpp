@@ -64,7 +64,7 @@ std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string&
   } else if (fps) {
     for (std::int64_t i = 0; i < frames; ++i) times.push_back(std::llround(static_cast<double>(i) * 1e9 / *fps));
   } else {
-    throw bad_input(source, "times", "none", "--fps or --times-us");
+    throw bad_input(source, "times", "none", "--fps or --times");
   }
   return times;
 }

@@ -36,9 +36,9 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
   steps_ = std::min(source.frames(), *steps_ + 2);
   const double end_us = t_us(source.frames() - 1);
   if (static_cast<double>(from_us_) > end_us)
-    throw bad_input(source.name(), "--start-us", fmt::format("{} us", from_us_), fmt::format("at most {} us", end_us));
+    throw bad_input(source.name(), "--start", fmt::format("{} us", from_us_), fmt::format("at most {} us", end_us));
   if (window.duration_us && static_cast<double>(to_us_) > end_us)
-    warnings_.push_back(fmt::format("{}: --duration-us: got {}, the last frame is {} us after the window's start",
+    warnings_.push_back(fmt::format("{}: --duration: got {}, the last frame is {} us after the window's start",
                                     source.name(), *window.duration_us, end_us - static_cast<double>(from_us_)));
 }
 

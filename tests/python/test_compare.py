@@ -95,7 +95,7 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
 @pytest.mark.parametrize(
     "arguments, code, line",
     [
-        (["--window", "100"], 2, "--window"),
+        (["--window", "100px"], 2, "--window"),
         (["--window", "0ms"], 2, "--window"),
         (["--normalisation", "float"], 2, "--normalisation"),
         (["--origin", "middle"], 2, "--origin"),

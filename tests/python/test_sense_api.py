@@ -55,8 +55,22 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     """`pecs sense --help` and `pecs.sense` name the same things; what is only for pictures and cameras stays out."""
     found = re.findall("--([a-z][a-z-]+)", pecs_program("sense", "--help").stdout)
     options = {option.replace("-", "_") for option in found}
-    options -= {"help", "output", "colorspace", "ocio", "source", "view", "seconds", "picture_us", "json", "quiet"}
+    options -= {
+        "help",
+        "output",
+        "colorspace",
+        "ocio",
+        "source",
+        "view",
+        "run_time",
+        "window",
+        "json",
+        "quiet",
+        "verbose",
+    }
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
+    renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}
+    renamed |= {"times": "times_us"}
     arguments = set(inspect.signature(pecs.sense).parameters) - {"stack", "output", "progress"}
     assert {renamed.get(o, o) for o in options} == arguments
 
@@ -71,7 +85,7 @@ def test_what_is_odd_is_said(tmp_path):
     with pytest.warns(UserWarning, match="values that no light has: 1 not finite, 4 negative"):
         pecs.sense(tmp_path / "s", tmp_path / "e.raw")
     write(tmp_path / "t")
-    with pytest.warns(UserWarning, match="duration-us: got 10000000, the last frame is 23000 us"):
+    with pytest.warns(UserWarning, match="duration: got 10000000, the last frame is 23000 us"):
         pecs.sense(tmp_path / "t", tmp_path / "e.raw", duration_us=10_000_000)
 
 

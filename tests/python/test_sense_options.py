@@ -72,7 +72,7 @@ def test_an_option_without_effect_is_refused(option, plain, pecs_program):
     assert len(done.stderr.strip().splitlines()) == 1 and not (plain / "refused.npz").exists()
 
 
-@pytest.mark.parametrize("args", [["--white-a", "1e-12"], ["--gain", "1e-15", "--photocurrent-a", "1e-12"]])
+@pytest.mark.parametrize("args", [["--white", "1e-12"], ["--gain", "1e-15", "--photocurrent", "1e-12"]])
 def test_options_that_exclude_each_other(args, plain, pecs_program):
     done = pecs_program("sense", plain / "s", "-o", plain / "refused.npz", "--quiet", *args)
     assert done.returncode == 2 and args[-2] in done.stderr, done.stderr

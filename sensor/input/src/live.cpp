@@ -169,8 +169,8 @@ sensor::SenseReport sense_live(const LiveOptions& live, sensor::SenseOptions sen
   const bool shows = display_answers();
   if (live.camera && !shows && !live.seconds)
     throw Error(ExitCode::usage,
-                fmt::format("camera {}: got no display to stop it at, wanted --seconds", *live.camera));
-  if (pictures.times.file_us) throw Error(ExitCode::usage, "--times-us: got --view, wanted a file's frames");
+                fmt::format("camera {}: got no display to stop it at, wanted --run-time", *live.camera));
+  if (pictures.times.file_us) throw Error(ExitCode::usage, "--times: got --view, wanted a file's frames");
   if (live.camera && pictures.times.fps)
     throw Error(ExitCode::usage, "--fps: got a camera, whose frames have the times of their arrival, wanted a video");
   const auto source = std::make_shared<Live>(live, pictures);

@@ -167,7 +167,7 @@ std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const Pic
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
     if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
-    if (has_json && options.times.file_us) refuse("--times-us", "frames without times of their own");
+    if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
   }
   return open_pictures(path, options);
