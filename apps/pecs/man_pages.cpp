@@ -78,7 +78,7 @@ void write(const std::filesystem::path& path, const std::string& text) {
 
 void write_man_pages(const CLI::App& app, const std::string& folder) {
   std::filesystem::create_directories(folder);
-  std::string commands = ".SH COMMANDS\n", see = ".SH SEE ALSO\n";
+  std::string commands = ".SH COMMANDS\n";
   for (const CLI::App* command : commands_of(app)) {
     const std::string name = "pecs-" + command->get_name();
     commands += fmt::format(".TP\n\\fB{}\\fR(1)\n{}\n", roff(name), roff(sentence(command->get_description())));
