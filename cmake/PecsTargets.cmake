@@ -24,6 +24,16 @@ function(pecs_add_library name)
   target_link_libraries(${name} PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE})
 endfunction()
 
+# pecs_vector_sources(<file>... [OPTIONS ...]): sources with Highway's kernels, and further compile options. Its lowest
+# target on x86 is scalar code without vectors; every x86-64 since 2006 has SSSE3.
+function(pecs_vector_sources)
+  cmake_parse_arguments(ARG "" "" "OPTIONS" ${ARGN})
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    list(APPEND ARG_OPTIONS -mssse3)
+  endif()
+  set_source_files_properties(${ARG_UNPARSED_ARGUMENTS} PROPERTIES COMPILE_OPTIONS "${ARG_OPTIONS}")
+endfunction()
+
 # pecs_add_program(<name> SOURCES ... LIBS ...)
 function(pecs_add_program name)
   cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})

@@ -25,7 +25,8 @@ std::string roff(const std::string& text) {
 
 std::string entry(const CLI::Option& option) {
   const std::string value = option.get_positional() ? "" : value_of(option);
-  const std::string names = heading_of(option).substr(0, heading_of(option).size() - value.size());
+  std::string names = heading_of(option);
+  names.resize(names.size() - value.size());
   return fmt::format(".TP\n\\fB{}\\fR{}\n{}\n", roff(names), roff(value), roff(sentence(said_of(option))));
 }
 

@@ -70,7 +70,7 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     }
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}
-    renamed |= {"times": "times_us"}
+    renamed["times"] = "times_us"
     arguments = set(inspect.signature(pecs.sense).parameters) - {"stack", "output", "progress"}
     assert {renamed.get(o, o) for o in options} == arguments
 
