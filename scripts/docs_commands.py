@@ -20,6 +20,9 @@ This page is made from what each command answers to `--help`. Every command ends
 [exit code](exit_codes.md) and, on an error, with one line on standard error. Values may carry their unit, such as
 `20ms`, `0.5m`, `10kHz` or `2pA`; a plain number is in the unit in brackets.
 
+With `--quiet`, a command says nothing but errors (on standard error) and results (on standard output): no progress, no
+warnings. With `--verbose` it also says what it used and how long it took, and each step of progress that has steps.
+
 """
 
 

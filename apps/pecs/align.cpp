@@ -25,12 +25,10 @@ namespace {
 
 using namespace calibration;
 
-void warn(const std::string& line) { fmt::print(stderr, "pecs: warning: {}\n", line); }
-
-events::Recording read_recording(const std::string& path) {
+events::Recording read_recording(const std::string& path, const Talk& talk) {
   std::string note;
   auto stream = with_steady_clock(events::read_all(path), path, note);
-  if (!note.empty()) warn(path + ": " + note);
+  if (!note.empty()) talk.warn(path + ": " + note);
   return events::recording_of(std::move(stream), path, 0, INT64_MAX);
 }
 
@@ -75,7 +73,6 @@ struct DetectArguments {
   std::string events, output;
   BoardArguments board{.target = "disk"};
   bool json = false;
-  Talk talk;
 };
 
 void say(const Disk& disk) {
@@ -100,19 +97,19 @@ void say(const BoardSearch& search, const BoardShape& shape) {
                v.points[0].y, v.deviation_px, v.motion, v.speed_px_s);
 }
 
-void detect(const DetectArguments& a) {
+void detect(const DetectArguments& a, Talk& talk) {
   const bool is_disk = a.board.target == "disk";
   if (is_disk && (a.board.columns || a.board.rows || a.board.blinking))
     throw Error(ExitCode::usage, "--target disk: takes no --columns, --rows and --blinking");
   if (!is_disk) shape_of(a.board);  // wrong usage before long reading
-  const events::Recording recording = read_recording(a.events);
+  const events::Recording recording = read_recording(a.events, talk);
   Json json;
   cv::Mat picture;
   if (is_disk) {
     const Disk disk = find_disk(recording, a.events);
     json = to_json(disk);
     picture = disk_picture(recording, disk, view::kLight);
-    for (const auto& warning : disk.warnings) warn(warning);
+    for (const auto& warning : disk.warnings) talk.warn(warning);
     if (!a.json) say(disk);
   } else {
     const BoardShape shape = shape_of(a.board);
@@ -121,13 +118,13 @@ void detect(const DetectArguments& a) {
     json = to_json(search, shape);
     if (a.board.blinking) json["frequency_hz"] = blinking.frequency_hz;
     picture = board_picture(search, shape);
-    for (const auto& line : search.missed) warn("no board at " + line);
+    for (const auto& line : search.missed) talk.warn("no board at " + line);
     if (!a.json) say(search, shape);
     if (!a.json && a.board.blinking) fmt::print("blinks at {:.2f} Hz\n", blinking.frequency_hz);
   }
   if (!a.output.empty()) {
     write_png(a.output, picture);
-    a.talk.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
+    talk.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
   }
   if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
@@ -141,7 +138,6 @@ struct IntrinsicsArguments {
   IntrinsicsOptions options;
   LensSetting lens;
   bool json = false;
-  Talk talk;
 };
 
 bool is_picture(const std::string& path) {
@@ -156,7 +152,7 @@ struct Gathered {
   std::vector<std::string> missed;
 };
 
-Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
+Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Talk& talk) {
   Gathered g;
   const auto one_size = [&](cv::Size size, const std::string& file) {
     if (!g.size.empty() && g.size != size)
@@ -177,7 +173,7 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
         g.views.push_back(std::move(points));
       continue;
     }
-    const events::Recording recording = read_recording(input);
+    const events::Recording recording = read_recording(input, talk);
     one_size({recording.width, recording.height}, input);
     Blinking blinking;
     try {
@@ -192,14 +188,14 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape) {
   return g;
 }
 
-void intrinsics(IntrinsicsArguments& a) {
+void intrinsics(IntrinsicsArguments& a, Talk& talk) {
   const BoardShape shape = shape_of(a.board);
   a.options.fisheye = a.model == "fisheye";
-  const Gathered g = gather(a, shape);
-  for (const auto& line : g.missed) warn("no board in " + line);
+  const Gathered g = gather(a, shape, talk);
+  for (const auto& line : g.missed) talk.warn("no board in " + line);
   const std::string file = a.inputs.size() == 1 ? a.inputs[0] : fmt::format("{} inputs", a.inputs.size());
   const Intrinsics in = intrinsics_of(g.views, shape, g.size, a.options, file);
-  for (const auto& line : in.warnings) warn(line);
+  for (const auto& line : in.warnings) talk.warn(line);
   Json json = to_json(in);
   std::vector<CurveRow> curve;
   if (!a.lens.lens.empty()) {
@@ -225,7 +221,7 @@ void intrinsics(IntrinsicsArguments& a) {
     AtomicFile out(a.output);
     out.write(text_of(json, 2) + "\n");
     out.commit();
-    a.talk.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
+    talk.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(json, 2));
@@ -257,7 +253,6 @@ struct AlignArguments {
   std::optional<double> pixel_pitch_um;
   Search search;
   bool json = false;
-  Talk talk;
 };
 
 Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size) {
@@ -278,7 +273,7 @@ Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size)
   return optics_of(lens, size);
 }
 
-void align_recording(const AlignArguments& a) {
+void align_recording(const AlignArguments& a, Talk& talk) {
   if (a.real.empty() || a.scene.empty())
     throw Error(ExitCode::usage,
                 "align: got no REAL and --scene, wanted a recording and a scene folder, or a subcommand");
@@ -287,7 +282,7 @@ void align_recording(const AlignArguments& a) {
   const LabScene original = load_lab_scene(a.scene);
   LabScene scene = original;
   if (!a.sim_of.empty()) apply_aligned(scene, a.sim_of);
-  const events::Recording real = read_recording(a.real);
+  const events::Recording real = read_recording(a.real, talk);
   const Optics optics = optics_for(a, scene, {real.width, real.height});
   const TargetEstimate found = find_in_recording(real, scene, optics, a.search, a.real);
   const Clock clock = a.clock == "file" ? Clock::file : a.clock == "offset" ? Clock::offset : Clock::offset_and_rate;
@@ -296,7 +291,7 @@ void align_recording(const AlignArguments& a) {
   if (a.sim.empty()) {
     aligned = align_scene(scene, found, clock);
   } else {
-    sim = read_recording(a.sim);
+    sim = read_recording(a.sim, talk);
     if (sim->width != real.width || sim->height != real.height)
       throw bad_input(a.sim, "size", fmt::format("{} x {} pixels", sim->width, sim->height),
                       fmt::format("{} x {}, as {}", real.width, real.height, a.real));
@@ -306,7 +301,7 @@ void align_recording(const AlignArguments& a) {
     aligned.json["simulation"] = {
         {"right_mm", apart[0]}, {"up_mm", apart[1]}, {"distance_mm", apart[2]}, {"residual", in_sim.residual}};
   }
-  for (const auto& line : aligned.json["warnings"]) warn(line.get<std::string>());
+  for (const auto& line : aligned.json["warnings"]) talk.warn(line.get<std::string>());
   if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
@@ -314,7 +309,7 @@ void align_recording(const AlignArguments& a) {
     out.commit();
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
-    a.talk.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
+    talk.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(aligned.json, 2));
@@ -331,7 +326,7 @@ void align_recording(const AlignArguments& a) {
 
 }  // namespace
 
-void add_align(CLI::App& app) {
+void add_align(CLI::App& app, Talk& talk) {
   auto* align = app.add_subcommand("align", "measure the scene in a recording (docs/reference/align.md)");
   align->require_subcommand(0, 1);
 
@@ -359,11 +354,10 @@ void add_align(CLI::App& app) {
       ->check(CLI::IsMember({"file", "offset", "both"}))
       ->capture_default_str();
   align->add_flag("--json", a->json, "machine-readable output");
-  a->talk.add_verbose_to(*align);
   add_examples(*align, {"pecs align recording.raw --scene scenes/rotating_disk -o aligned.json --picture aligned.png",
                         "pecs align detect recording.raw"});
-  align->callback([align, a] {
-    if (align->get_subcommands().empty()) align_recording(*a);
+  align->callback([align, a, &talk] {
+    if (align->get_subcommands().empty()) align_recording(*a, talk);
   });
 
   auto d = std::make_shared<DetectArguments>();
@@ -375,10 +369,9 @@ void add_align(CLI::App& app) {
   add_board_options(*command, d->board);
   command->add_option("-o,--output", d->output, "picture of what was found (PNG)");
   command->add_flag("--json", d->json, "machine-readable output");
-  d->talk.add_verbose_to(*command);
   add_examples(*command, {"pecs align detect recording.raw -o found.png",
                           "pecs align detect recording.raw --target checkerboard --columns 8 --rows 5"});
-  command->callback([d] { detect(*d); });
+  command->callback([d, &talk] { detect(*d, talk); });
 
   auto i = std::make_shared<IntrinsicsArguments>();
   command = align->add_subcommand("intrinsics", "the camera, from views of a board in recordings or pictures");
@@ -404,10 +397,9 @@ void add_align(CLI::App& app) {
   command->add_option("-o,--output", i->output, "the camera, a JSON file");
   command->add_option("--picture", i->picture, "coverage map (PNG)");
   command->add_flag("--json", i->json, "machine-readable output");
-  i->talk.add_verbose_to(*command);
   add_examples(*command, {"pecs align intrinsics recording.raw --columns 8 --rows 5 -o camera.json",
                           "pecs align intrinsics *.png --columns 8 --rows 5 --lens pecs_lab_15mm --focus 0.5m"});
-  command->callback([i] { intrinsics(*i); });
+  command->callback([i, &talk] { intrinsics(*i, talk); });
 }
 
 }  // namespace pecs::app

@@ -8,8 +8,8 @@
 #include "help.h"
 #include "pecs/calibration/board_drawing.h"
 #include "pecs/error.h"
-#include "pecs/run_record.h"
 #include "picture_file.h"
+#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -32,7 +32,7 @@ Grid parse_grid(const std::string& option, const std::string& text) {
 
 }  // namespace
 
-void add_board(CLI::App& app) {
+void add_board(CLI::App& app, Talk& talk) {
   struct Options {
     std::string squares, circles, output;
     double square_mm = 25, spacing_mm = 25, diameter_mm = 0;
@@ -66,7 +66,7 @@ void add_board(CLI::App& app) {
   add_examples(*sub, {"pecs board --squares 9x6 --square 25mm -o board.pdf",
                       "pecs board --circles 11x4 --asymmetric -o circles.svg",
                       "pecs board --disk 80mm --sectors 4 -o disk.svg"});
-  sub->callback([o] {
+  sub->callback([o, &talk] {
     if (!o->squares.empty() + !o->circles.empty() + (o->diameter_mm > 0) != 1)
       throw Error(ExitCode::usage, "board: wanted one of --squares, --circles and --disk");
     if (o->sectors % 2)
@@ -83,17 +83,17 @@ void add_board(CLI::App& app) {
                             : !o->circles.empty() ? circles()
                                                   : calibration::draw_disk(o->sectors, o->diameter_mm);
     write_picture(o->output, svg, o->width_px);
-    write_run_record(o->output, {.command = "board",
-                                 .arguments = arguments(),
-                                 .config = {{"squares", o->squares},
-                                            {"square_mm", o->square_mm},
-                                            {"circles", o->circles},
-                                            {"spacing_mm", o->spacing_mm},
-                                            {"asymmetric", o->asymmetric},
-                                            {"disk_mm", o->diameter_mm},
-                                            {"sectors", o->sectors}},
-                                 .inputs = {},
-                                 .results = Json::object()});
+    talk.record(o->output, {.command = "board",
+                            .arguments = arguments(),
+                            .config = {{"squares", o->squares},
+                                       {"square_mm", o->square_mm},
+                                       {"circles", o->circles},
+                                       {"spacing_mm", o->spacing_mm},
+                                       {"asymmetric", o->asymmetric},
+                                       {"disk_mm", o->diameter_mm},
+                                       {"sectors", o->sectors}},
+                            .inputs = {},
+                            .results = Json::object()});
     fmt::print("{}: print it at 100 %, and measure the line\n", o->output);
   });
 }

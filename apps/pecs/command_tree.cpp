@@ -35,6 +35,19 @@ std::vector<const CLI::App*> commands_of(const CLI::App& app) {
   return app.get_subcommands([](const CLI::App* command) { return !command->get_name().empty(); });
 }
 
+const CLI::App& chosen_below(const CLI::App& app) {
+  const CLI::App* at = &app;
+  for (auto chosen = at->get_subcommands(); !chosen.empty(); chosen = at->get_subcommands()) at = chosen.front();
+  return *at;
+}
+
+std::vector<std::string> path_of(const CLI::App& command) {
+  std::vector<std::string> path;
+  for (const CLI::App* at = &command; at->get_parent(); at = at->get_parent())
+    path.insert(path.begin(), at->get_name());
+  return path;
+}
+
 std::vector<std::string> names_of(const CLI::Option& option) {
   std::vector<std::string> names;
   for (const std::string& name : option.get_snames()) names.push_back("-" + name);

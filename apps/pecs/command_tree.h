@@ -9,6 +9,12 @@ namespace pecs::app {
 // Those with a name, in the order of --help.
 std::vector<const CLI::App*> commands_of(const CLI::App& app);
 
+// The command that the words chose, `app` itself where they chose none.
+const CLI::App& chosen_below(const CLI::App& app);
+
+// "lens", "info": from the program down to `command`.
+std::vector<std::string> path_of(const CLI::App& command);
+
 // "-o", "--output": as they are shown. Further long names are those of before, which are taken and not shown.
 std::vector<std::string> names_of(const CLI::Option& option);
 

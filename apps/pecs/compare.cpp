@@ -24,7 +24,6 @@ struct Arguments {
   std::string normalisation = "shared", origin = "first-event";
   std::uint64_t seed = 1;
   bool json = false;
-  Talk talk;
 };
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
@@ -86,7 +85,7 @@ metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real
   return metrics::turning_disk_from({detected, from == "find" ? file : from});
 }
 
-void run(const Arguments& a) {
+void run(const Arguments& a, Talk& talk) {
   metrics::CompareOptions options;
   options.normalisation = metrics::normalisation_from(a.normalisation);
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
@@ -99,10 +98,10 @@ void run(const Arguments& a) {
   events::Stream real = read(a.real, !a.disk.empty()), sim = read(a.sim, false);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
   const auto comparison = metrics::compare(std::move(real), a.real, std::move(sim), a.sim, options);
-  for (const auto& warning : comparison.warnings) fmt::print(stderr, "pecs: warning: {}\n", warning);
+  for (const auto& warning : comparison.warnings) talk.warn(warning);
   if (!a.picture.empty()) {
     write_picture(a.picture, view::compare_picture(comparison), 1520);
-    a.talk.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
+    talk.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
     fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
@@ -112,7 +111,7 @@ void run(const Arguments& a) {
 
 }  // namespace
 
-void add_compare(CLI::App& app) {
+void add_compare(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command =
       app.add_subcommand("compare", "score a simulation against a real recording (docs/reference/metrics.md)");
@@ -136,11 +135,10 @@ void add_compare(CLI::App& app) {
                       "detect REAL --json` was written to");
   command->add_option("-o,--picture", a->picture, "rates and delays drawn (SVG, PNG or PDF)");
   command->add_flag("--json", a->json, "machine-readable output");
-  a->talk.add_verbose_to(*command);
   add_examples(*command, {"pecs compare recording.raw events.raw",
                           "pecs compare recording.raw events.raw --window 100ms -o scores.svg",
                           "pecs compare recording.raw events.raw --disk find --json"});
-  command->callback([a] { run(*a); });
+  command->callback([a, &talk] { run(*a, talk); });
 }
 
 }  // namespace pecs::app

@@ -20,7 +20,6 @@ struct Options {
   std::vector<int> size;
   events::Selection selection;
   bool json = false;
-  Talk talk;
 };
 
 // A file may not say its size before it is read: then it is read once for that.
@@ -41,7 +40,7 @@ events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
 
 Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
 
-void convert(const Options& o) {
+void convert(const Options& o, Talk& talk) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
   events::Selector selector(o.selection);
@@ -50,7 +49,7 @@ void convert(const Options& o) {
   const auto writer = to.open_writer(o.out, info);
 
   events::Summary read, written;
-  Progress progress("events", 0, o.talk.quiet);
+  Progress progress("events", 0, talk.quiet());
   std::vector<events::Event> block;
   for (;;) {
     block.resize(1 << 16);
@@ -72,16 +71,16 @@ void convert(const Options& o) {
   results["height"] = info.height;
   results["format"] = to.name;
   const events::Selection& s = o.selection;
-  o.talk.record(o.out, {.command = "convert",
-                        .arguments = arguments(),
-                        .config = {{"input_format", from.name},
-                                   {"format", to.name},
-                                   {"t_start_us", optional_json(s.t_start_us)},
-                                   {"t_end_us", optional_json(s.t_end_us)},
-                                   {"rezero", s.rezero},
-                                   {"decimate", s.decimate}},
-                        .inputs = {o.in},
-                        .results = results});
+  talk.record(o.out, {.command = "convert",
+                      .arguments = arguments(),
+                      .config = {{"input_format", from.name},
+                                 {"format", to.name},
+                                 {"t_start_us", optional_json(s.t_start_us)},
+                                 {"t_end_us", optional_json(s.t_end_us)},
+                                 {"rezero", s.rezero},
+                                 {"decimate", s.decimate}},
+                      .inputs = {o.in},
+                      .results = results});
   if (o.json)
     fmt::print("{}\n", text_of(results));
   else
@@ -91,7 +90,7 @@ void convert(const Options& o) {
 
 }  // namespace
 
-void add_convert(CLI::App& app) {
+void add_convert(CLI::App& app, Talk& talk) {
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("convert", "an event file in another format, whole or in part");
   sub->add_option("IN", o->in, "event file")->required();
@@ -114,11 +113,10 @@ void add_convert(CLI::App& app) {
       ->expected(2)
       ->check(CLI::Range(1, 65536));
   sub->add_flag("--json", o->json, "machine-readable output");
-  o->talk.add_to(*sub);
   add_examples(*sub,
                {"pecs convert events.raw events.h5", "pecs convert events.raw part.csv --t-start 20ms --t-end 40ms",
                 "pecs convert events.txt events.npz --input-format e2vid"});
-  sub->callback([o] { convert(*o); });
+  sub->callback([o, &talk] { convert(*o, talk); });
 }
 
 }  // namespace pecs::app

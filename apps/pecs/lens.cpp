@@ -14,8 +14,8 @@
 #include "pecs/lens/exchange.h"
 #include "pecs/lens/report.h"
 #include "pecs/lens/trace_csv.h"
-#include "pecs/run_record.h"
 #include "picture_file.h"
+#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -140,7 +140,7 @@ void add_lens_info(CLI::App& parent) {
   });
 }
 
-void add_lens_pupil(CLI::App& parent) {
+void add_lens_pupil(CLI::App& parent, Talk& talk) {
   struct Options : LensArguments {
     lens::InfoOptions info;
     std::string output;
@@ -157,7 +157,7 @@ void add_lens_pupil(CLI::App& parent) {
   o->add_width_to(*command);
   command->add_flag("--json", o->json, "machine-readable output");
   add_examples(*command, {"pecs lens pupil pecs_lab_15mm --fnumber 4 -o pupils.svg"});
-  command->callback([o] {
+  command->callback([o, &talk] {
     o->info.focus_m = o->focus_m;
     o->info.stop = o->stop;
     const lens::Prescription prescription = lens::load_prescription(o->lens);
@@ -169,11 +169,11 @@ void add_lens_pupil(CLI::App& parent) {
                     o->width_px);
       Json results = report;
       results.erase("pupil");
-      write_run_record(o->output, {.command = "lens pupil",
-                                   .arguments = arguments(),
-                                   .config = results,
-                                   .inputs = {prescription.file},
-                                   .results = Json::object()});
+      talk.record(o->output, {.command = "lens pupil",
+                              .arguments = arguments(),
+                              .config = results,
+                              .inputs = {prescription.file},
+                              .results = Json::object()});
     }
     if (o->json) {
       fmt::print("{}\n", text_of(report, 2));
@@ -192,7 +192,7 @@ void add_lens_pupil(CLI::App& parent) {
   });
 }
 
-void add_lens_convert(CLI::App& parent) {
+void add_lens_convert(CLI::App& parent, Talk& talk) {
   struct Options : LensArguments {
     std::string output;
     double lambda_nm = lens::kLambdaD;
@@ -207,7 +207,7 @@ void add_lens_convert(CLI::App& parent) {
       ->transform(quantity("m"));
   add_examples(*command, {"pecs lens convert lens.zmx -o lens.json",
                           "pecs lens convert pecs_lab_15mm -o lens.dat --wavelength 550nm"});
-  command->callback([o] {
+  command->callback([o, &talk] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
     std::string text;
     if (o->output.ends_with(".json")) {
@@ -221,11 +221,11 @@ void add_lens_convert(CLI::App& parent) {
     AtomicFile file(o->output);
     file.write(text);
     file.commit();
-    write_run_record(o->output, {.command = "lens convert",
-                                 .arguments = arguments(),
-                                 .config = {{"lambda_nm", o->lambda_nm}},
-                                 .inputs = {prescription.file},
-                                 .results = Json::object()});
+    talk.record(o->output, {.command = "lens convert",
+                            .arguments = arguments(),
+                            .config = {{"lambda_nm", o->lambda_nm}},
+                            .inputs = {prescription.file},
+                            .results = Json::object()});
   });
 }
 
@@ -257,7 +257,7 @@ void add_lens_trace(CLI::App& parent) {
 }
 
 // draw: the section alone; chart: a sheet with all curves.
-void add_lens_picture(CLI::App& parent, const std::string& name, const std::string& help,
+void add_lens_picture(CLI::App& parent, Talk& talk, const std::string& name, const std::string& help,
                       std::string (*picture)(const lens::Prescription&, const lens::DrawOptions&)) {
   struct Options : LensArguments {
     lens::DrawOptions draw;
@@ -283,36 +283,36 @@ void add_lens_picture(CLI::App& parent, const std::string& name, const std::stri
   const std::string other =
       fmt::format("pecs lens {0} pecs_lab_15mm -o {0}.png --width 1200px --fnumber 5.6 --wavelength 450nm,550nm", name);
   add_examples(*command, {example.c_str(), other.c_str()});
-  command->callback([o, name, picture] {
+  command->callback([o, &talk, name, picture] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
     write_picture(o->output, picture(prescription, o->draw), o->width_px);
-    write_run_record(o->output, {.command = "lens " + name,
-                                 .arguments = arguments(),
-                                 .config = {{"lambda_nm", o->draw.bands_nm},
-                                            {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
-                                            {"stop_diameter_mm", o->draw.stop_diameter_mm},
-                                            {"fields", o->draw.fields},
-                                            {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
-                                            {"rays", o->draw.rays_per_fan}},
-                                 .inputs = {prescription.file},
-                                 .results = Json::object()});
+    talk.record(o->output, {.command = "lens " + name,
+                            .arguments = arguments(),
+                            .config = {{"lambda_nm", o->draw.bands_nm},
+                                       {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
+                                       {"stop_diameter_mm", o->draw.stop_diameter_mm},
+                                       {"fields", o->draw.fields},
+                                       {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
+                                       {"rays", o->draw.rays_per_fan}},
+                            .inputs = {prescription.file},
+                            .results = Json::object()});
   });
 }
 
 }  // namespace
 
-void add_lens(CLI::App& app) {
+void add_lens(CLI::App& app, Talk& talk) {
   CLI::App* command = app.add_subcommand("lens", "prescriptions: first-order data, ray tracing, drawings");
   command->require_subcommand(1);
   add_examples(*command, {"pecs lens info pecs_lab_15mm", "pecs lens draw pecs_lab_15mm -o lens.svg"});
   add_lens_info(*command);
   add_lens_trace(*command);
-  add_lens_pupil(*command);
-  add_lens_convert(*command);
-  add_lens_picture(*command, "draw", "the lens in section with its rays, as SVG or PNG", lens::draw_svg);
-  add_lens_picture(*command, "chart",
+  add_lens_pupil(*command, talk);
+  add_lens_convert(*command, talk);
+  add_lens_picture(*command, talk, "draw", "the lens in section with its rays, as SVG or PNG", lens::draw_svg);
+  add_lens_picture(*command, talk, "chart",
                    "section, spots, illumination, distortion, lateral colour and MTF on one sheet, SVG or PNG",
                    lens::chart_svg);
 }

@@ -10,6 +10,7 @@
 
 #include "commands.h"
 #include "pecs/error.h"
+#include "talk.h"
 
 namespace pecs::app {
 namespace {
@@ -31,17 +32,20 @@ struct Module {
 };
 
 // The module's process is told of this program.
-void add_module(CLI::App& app, const std::string& name, const Module& module, const std::string& about) {
+void add_module(CLI::App& app, const Talk& talk, const std::string& name, const Module& module,
+                const std::string& about) {
   CLI::App* sub = app.add_subcommand(name, about);
   sub->prefix_command();
   sub->set_help_flag();  // Python's
-  sub->callback([sub, name, module] {
+  sub->callback([sub, &talk, name, module] {
     std::error_code error;
     const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
     if (!error) setenv("PECS_PROGRAM", self.c_str(), 0);
     const std::string program = python(module.variable, self);
     std::vector<std::string> words = {program, "-m"};
     words.insert(words.end(), module.words.begin(), module.words.end());
+    if (talk.quiet()) words.emplace_back("--quiet");
+    if (talk.verbose()) words.emplace_back("--verbose");
     const std::vector<std::string> given = sub->remaining();
     words.insert(words.end(), given.begin(), given.end());
     std::vector<char*> pointers;
@@ -56,24 +60,25 @@ void add_module(CLI::App& app, const std::string& name, const Module& module, co
 
 }  // namespace
 
-void add_dataset(CLI::App& app) {
-  add_module(app, "dataset", {{"pecs.datasets"}},
+void add_dataset(CLI::App& app, Talk& talk) {
+  add_module(app, talk, "dataset", {{"pecs.datasets"}},
              "sequences with ground truth from a recipe, in the layouts of loaders (Python)");
 }
 
-void add_demo(CLI::App& app) {
-  add_module(app, "demo", {{"pecs.demo"}}, "a scene with a known truth as events, pictures, video and pages (Python)");
+void add_demo(CLI::App& app, Talk& talk) {
+  add_module(app, talk, "demo", {{"pecs.demo"}},
+             "a scene with a known truth as events, pictures, video and pages (Python)");
 }
 
-void add_learning(CLI::App& app) {
-  add_module(app, "train", {{"pecs.learning", "train"}},
+void add_learning(CLI::App& app, Talk& talk) {
+  add_module(app, talk, "train", {{"pecs.learning", "train"}},
              "a network that makes video of events, on a data set (Python)");
-  add_module(app, "reconstruct", {{"pecs.learning", "reconstruct"}},
+  add_module(app, talk, "reconstruct", {{"pecs.learning", "reconstruct"}},
              "video from events, by a network or a filter (Python)");
 }
 
-void add_run(CLI::App& app) {
-  add_module(app, "run", {{"pecs_blender", "run"}, "PECS_BLENDER_PYTHON"},
+void add_run(CLI::App& app, Talk& talk) {
+  add_module(app, talk, "run", {{"pecs_blender", "run"}, "PECS_BLENDER_PYTHON"},
              "a .blend or a scene folder to events: render, then sense (Python)");
 }
 

@@ -33,7 +33,6 @@ struct Arguments {
   std::optional<double> band_nm;
   input::DisplayOptions display;
   bool json = false;
-  Talk talk;
 };
 
 using Triple = std::array<double, 3>;
@@ -109,7 +108,7 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
 
-void run(const Arguments& a) {
+void run(const Arguments& a, Talk& talk) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4")
@@ -151,7 +150,7 @@ void run(const Arguments& a) {
                  a.fps, even.size());
     }
     if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (disk, FFmpeg?)");
-    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || a.talk.quiet);
+    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || talk.quiet());
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
       video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
       progress.at(static_cast<std::uint64_t>(i + 1));
@@ -168,11 +167,11 @@ void run(const Arguments& a) {
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
                        {"display", text_or_null(a.display.display)},
                        {"view", text_or_null(a.display.view)}};
-  a.talk.record(output, {.command = "render-preview",
-                         .arguments = arguments(),
-                         .config = config,
-                         .inputs = {a.stack},
-                         .results = result});
+  talk.record(output, {.command = "render-preview",
+                       .arguments = arguments(),
+                       .config = config,
+                       .inputs = {a.stack},
+                       .results = result});
   if (a.json)
     fmt::print("{}\n", text_of(result, 2));
   else
@@ -181,7 +180,7 @@ void run(const Arguments& a) {
 
 }  // namespace
 
-void add_render_preview(CLI::App& app) {
+void add_render_preview(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("render-preview", "a rendered stack as a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
@@ -213,11 +212,10 @@ void add_render_preview(CLI::App& app) {
       ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
   command->add_flag("--json", a->json, "machine-readable output");
-  a->talk.add_to(*command);
   add_examples(*command, {"pecs render-preview out/stack -o first.png --exposure 1EV",
                           "pecs render-preview out/stack -o stack.mp4 --fps 24",
                           "pecs render-preview out/stack -o blue.png --band 450nm"});
-  command->callback([a] { run(*a); });
+  command->callback([a, &talk] { run(*a, talk); });
 }
 
 }  // namespace pecs::app

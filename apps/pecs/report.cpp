@@ -17,10 +17,9 @@ struct Arguments {
   std::string real, sim, stack, lens_svg, output;
   double window_us = 0;
   bool json = false;
-  Talk talk;
 };
 
-void run(const Arguments& a) {
+void run(const Arguments& a, Talk& talk) {
   view::ReportInputs inputs;
   std::vector<std::filesystem::path> files;
   const auto take = [&](const std::string& text, std::optional<std::filesystem::path>& into) {
@@ -36,7 +35,7 @@ void run(const Arguments& a) {
 
   const Json summary = view::write_report(inputs, a.output);
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
-  a.talk.record(a.output, {"report", arguments(), config, files, summary});
+  talk.record(a.output, {"report", arguments(), config, files, summary});
   if (a.json)
     fmt::print("{}\n", text_of(summary, 2));
   else
@@ -45,7 +44,7 @@ void run(const Arguments& a) {
 
 }  // namespace
 
-void add_report(CLI::App& app) {
+void add_report(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("report", "one HTML page: render, lens, events beside a recording, scores");
   command->add_option("--real", a->real, "recording");
@@ -57,10 +56,9 @@ void add_report(CLI::App& app) {
       ->check(positive());
   command->add_option("-o,--output", a->output, "HTML file to write")->required();
   command->add_flag("--json", a->json, "machine-readable output");
-  a->talk.add_verbose_to(*command);
   add_examples(*command, {"pecs report --sim events.raw --stack out/stack -o report.html",
                           "pecs report --real recording.raw --sim events.raw --window 100ms -o report.html"});
-  command->callback([a] { run(*a); });
+  command->callback([a, &talk] { run(*a, talk); });
 }
 
 }  // namespace pecs::app

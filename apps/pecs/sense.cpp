@@ -30,7 +30,6 @@ std::pair<std::string, double> key_value(const std::string& text, const std::str
 
 struct Options : sensor::SenseOptions {
   bool json = false;
-  Talk talk;
   std::vector<std::string> parameters;
   std::string readout = "chip", bands = "all";
   std::optional<std::string> colour_space, live_source;
@@ -124,8 +123,8 @@ void add_live(CLI::App* sub, Options* o) {
 }
 
 // What the words say, in numbers; throws usage for those that do not go together.
-void resolve(Options& o) {
-  o.quiet = o.talk.quiet;
+void resolve(Options& o, const Talk& talk) {
+  o.quiet = talk.quiet();
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
   for (const std::string& text : o.parameters) o.model.parameters.insert(key_value(text, "--param"));
@@ -152,7 +151,7 @@ sensor::SenseReport run(Options& o) {
   return input::sense_live(o.live, o, pictures);
 }
 
-void say(const Options& o, const sensor::SenseReport& report) {
+void say(const Options& o, const sensor::SenseReport& report, const Talk& talk) {
   const Json& r = report.results;
   if (o.json) {
     fmt::print("{}\n", text_of(r));
@@ -161,19 +160,19 @@ void say(const Options& o, const sensor::SenseReport& report) {
   fmt::print("{}: {} events, {}x{}\n", o.output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
              r["height"].get<int>());
   if (const auto dropped = r["dropped"].get<std::int64_t>())
-    fmt::print(stderr, "pecs: {}: {} events dropped by the readout\n", o.output.string(), dropped);
-  for (const auto& warning : r["warnings"]) fmt::print(stderr, "pecs: {}\n", warning.get<std::string>());
+    talk.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
+  for (const auto& warning : r["warnings"]) talk.warn(warning.get<std::string>());
   if (o.view) {
     if (const auto video = report.config["view"].get<std::string>(); video != "window")
-      fmt::print(stderr, "pecs: no display: the events are shown in {}\n", video);
+      talk.warn("no display: the events are shown in " + video);
   }
   const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
-  if (bad) fmt::print(stderr, "pecs: {}: {} negative or not finite pixel values\n", o.stack.string(), bad);
+  if (bad) talk.warn(fmt::format("{}: {} negative or not finite pixel values", o.stack.string(), bad));
 }
 
 }  // namespace
 
-void add_sense(CLI::App& app) {
+void add_sense(CLI::App& app, Talk& talk) {
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
   sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
@@ -184,18 +183,17 @@ void add_sense(CLI::App& app) {
   add_window(sub, o.get());
   add_live(sub, o.get());
   sub->add_flag("--json", o->json, "machine-readable output");
-  o->talk.add_to(*sub);
   add_examples(*sub, {"pecs sense out/stack -o events.raw",
                       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
                       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
                       "pecs sense --source camera --view -o events.raw --run-time 10s"});
-  sub->callback([o] {
-    resolve(*o);
+  sub->callback([o, &talk] {
+    resolve(*o, talk);
     const sensor::SenseReport report = run(*o);
     std::vector<std::filesystem::path> inputs;
     if (!is_camera(*o)) inputs.push_back(o->stack);
-    o->talk.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
-    say(*o, report);
+    talk.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
+    say(*o, report, talk);
   });
 }
 

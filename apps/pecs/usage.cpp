@@ -78,16 +78,11 @@ void check_commands(const CLI::App& app, int argc, const char* const* argv) {
 }
 
 std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
-  std::vector<std::string> path;
-  const CLI::App* at = &app;
-  for (auto chosen = at->get_subcommands(); !chosen.empty(); chosen = at->get_subcommands()) {
-    at = chosen.front();
-    path.push_back(at->get_name());
-  }
-  const std::vector<std::string> names = names_of_commands(*at);
-  if (const std::string unknown = unknown_option(*at); !unknown.empty()) return prefix(path) + unknown;
+  const CLI::App& at = chosen_below(app);
+  const std::vector<std::string> path = path_of(at), names = names_of_commands(at);
+  if (const std::string unknown = unknown_option(at); !unknown.empty()) return prefix(path) + unknown;
   std::string text = error.what();
-  if (dynamic_cast<const CLI::RequiredError*>(&error) && at->get_require_subcommand_min() > 0 && !names.empty())
+  if (dynamic_cast<const CLI::RequiredError*>(&error) && at.get_require_subcommand_min() > 0 && !names.empty())
     text = fmt::format("got no command, wanted one of {}", fmt::join(names, ", "));
   std::replace(text.begin(), text.end(), '\n', ' ');
   return prefix(path) + text;

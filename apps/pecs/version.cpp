@@ -33,11 +33,9 @@ std::string data_place() {
 }  // namespace
 
 void add_version(CLI::App& app) {
-  const auto verbose = std::make_shared<bool>(false);
-  app.add_flag("--verbose", *verbose, "with --version: build, libraries, set of instructions");
-  const auto text = [verbose] {
+  const auto text = [&app] {
     std::string out = fmt::format("pecs {}", kVersion);
-    if (!*verbose) return out;
+    if (!app.count("--verbose")) return out;
     std::error_code error;
     const auto row = [&](const char* name, const std::string& value) { out += fmt::format("\n{:<14}{}", name, value); };
     row("build", kCompiler);
@@ -48,7 +46,8 @@ void add_version(CLI::App& app) {
     row("data", data_place());
     return out;
   };
-  app.set_version_flag("--version", text, "show the version and exit");
+  app.set_version_flag("--version", text,
+                       "show the version and exit; with --verbose also build, libraries, set of instructions");
 }
 
 }  // namespace pecs::app

@@ -23,7 +23,6 @@ struct Arguments {
   double slow_motion = 0, fps = 30;
   std::size_t limit = 500'000;
   bool json = false;
-  Talk talk;
 };
 
 // A slow motion that makes a video of about ten seconds: 1, 2, 5, 10, ….
@@ -34,7 +33,7 @@ double readable_slow_motion(std::int64_t span_us) {
   return wanted >= 5 * power ? 5 * power : wanted >= 2 * power ? 2 * power : power;
 }
 
-void run(const Arguments& a) {
+void run(const Arguments& a, Talk& talk) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4" && extension != ".html")
@@ -70,8 +69,8 @@ void run(const Arguments& a) {
   const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
                        {"theme", a.theme},     {"count", a.count},
                        {"fps", a.fps},         {"limit", a.limit}};
-  a.talk.record(
-      output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
+  talk.record(output,
+              {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
     fmt::print("{}\n", text_of(result, 2));
@@ -88,7 +87,7 @@ void run(const Arguments& a) {
 
 }  // namespace
 
-void add_view(CLI::App& app) {
+void add_view(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("view", "events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
@@ -113,11 +112,10 @@ void add_view(CLI::App& app) {
       ->check(CLI::IsMember({"light", "dark"}))
       ->capture_default_str();
   command->add_flag("--json", a->json, "machine-readable output");
-  a->talk.add_verbose_to(*command);
   add_examples(*command,
                {"pecs view events.raw -o sheet.png --window 5ms",
                 "pecs view events.raw -o slow.mp4 --from 20ms --to 40ms", "pecs view events.raw -o turn.html"});
-  command->callback([a] { run(*a); });
+  command->callback([a, &talk] { run(*a, talk); });
 }
 
 }  // namespace pecs::app

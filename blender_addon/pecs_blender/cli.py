@@ -7,11 +7,12 @@ import argparse
 import contextlib
 import json
 import sys
+import time
 from pathlib import Path
 from typing import NoReturn
 
 from .core import programs, stop, streams
-from .core.arguments import Parser, Quantity, add_talk
+from .core.arguments import Parser, Quantity, account
 from .core.brightness import light_words
 from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
 from .core.options import DEFAULTS, RULES, Options, add_argument, add_arguments
@@ -161,7 +162,6 @@ def _add_reconstruct(commands) -> None:
     add("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="of the video (default: as --fps)")
     add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
-    add_talk(command)
 
 
 def _add_light(commands) -> None:
@@ -220,6 +220,8 @@ def _run(args: dict) -> None:
     chip = args["chip"]
     folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
     words = ["--chip", chip, "--threads", str(args["threads"]), *sense]
+    if not {"--quiet", "--verbose"} & set(sense):
+        words += [f"--{name}" for name in ("quiet", "verbose") if args[name]]
     programs.become([pecs, "sense", str(folder), "-o", str(events), *words])
 
 
@@ -339,13 +341,16 @@ COMMANDS = {
 
 
 def main(argv: list[str]) -> int:
+    begin = time.monotonic()
     try:
         programs.pass_on(argv)
         args = vars(_parser().parse_args(argv))
-        command = args.pop("command")
+        used, command = dict(args), args.pop("command")
         if command in ("render", "run", "reconstruct"):
             stop.install()
         COMMANDS[command](args)
+        if used["verbose"]:
+            sys.stderr.write(account(command, used, time.monotonic() - begin))
     except SystemExit as e:  # --help
         return e.code or 0
     except RenderError as e:

@@ -8,7 +8,7 @@ import argparse
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,8 +115,8 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """One form of --help, which ends with examples; a mistyped option is named with the nearest one. `error` is for
-    those below to define."""
+    """One form of --help, which ends with examples; --quiet and --verbose of every command; a mistyped option is named
+    with the nearest one. `error` is for those below to define."""
 
     def __init__(self, *, examples: Sequence[str] = (), **more: Any):
         more.setdefault("formatter_class", _Help)
@@ -125,13 +125,23 @@ class Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **more)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # -0.5mm is a value
         self._positionals.title, self._optionals.title = "arguments", "options"
+        self._talks = False
 
     def add_commands(self, **more: Any) -> argparse._SubParsersAction:
         return self.add_subparsers(
             title="commands", metavar="COMMAND", dest="command", required=True, prog=self.prog, **more
         )
 
+    def _add_talk(self) -> None:
+        """--quiet and --verbose behind a command's own options; what has commands below has none."""
+        if not self._talks and not any(isinstance(a, argparse._SubParsersAction) for a in self._actions):
+            self._talks = True
+            talk = self.add_mutually_exclusive_group()
+            talk.add_argument("--quiet", action="store_true", help="nothing but errors and results")
+            talk.add_argument("--verbose", action="store_true", help="also what was used, and how long it took")
+
     def format_help(self) -> str:
+        self._add_talk()
         had = self.epilog
         if any(isinstance(action.type, Quantity) for action in self._actions):
             self.epilog = f"{UNITS}\n\n{had}" if had else UNITS
@@ -141,6 +151,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """An option that there is not is told before what is missing."""
+        self._add_talk()
         known = {name: action for action in self._actions for name in action.option_strings}
         commands = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
         for word in args or ():
@@ -166,11 +177,12 @@ def said(message: str) -> str:
     return f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
 
 
-def add_talk(parser: argparse._ActionsContainer) -> None:
-    """--quiet and --verbose, for what shows its progress."""
-    talk = parser.add_mutually_exclusive_group()
-    talk.add_argument("--quiet", action="store_true", help="no progress")
-    talk.add_argument("--verbose", action="store_true", help="a line for every step of the progress")
+def account(command: str, args: Mapping[str, Any], took_s: float) -> str:
+    """What --verbose says at the end: a line for each option that has a value, and the time."""
+    hidden = ("command", "verbose")
+    used = {k: v for k, v in args.items() if k not in hidden and not callable(v) and v not in (None, False, "", [], ())}
+    lines = [f"{command}: {name.replace('_', '-')}: {value}\n" for name, value in used.items()]
+    return "".join([*lines, f"{command}: done after {took_s:.3f} s\n"])
 
 
 def nearest(word: str, names: Sequence[str]) -> str:

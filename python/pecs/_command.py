@@ -3,8 +3,10 @@ is."""
 
 from __future__ import annotations
 
+import argparse
 import signal
 import sys
+import time
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -23,11 +25,16 @@ class Parser(_arguments.Parser):
         raise PecsError(f"{command}: {message}" if command else message, USAGE)
 
 
-def answer(run: Callable[[list[str]], None], argv: list[str]) -> int:
+def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
     """Runs a command; its exit code."""
     signal.signal(signal.SIGTERM, _terminated)
+    begin = time.monotonic()
     try:
-        run(argv)
+        args = parser.parse_args(argv)
+        run(args)
+        if args.verbose:
+            name = getattr(args, "command", parser.prog.removeprefix("pecs "))
+            sys.stderr.write(_arguments.account(name, vars(args), time.monotonic() - begin))
     except SystemExit as e:  # --help, SIGTERM
         return int(e.code or 0)
     except KeyboardInterrupt:
@@ -46,8 +53,8 @@ def _terminated(number: int, frame: object) -> NoReturn:
 
 
 class Line:
-    """One line that rewrites itself on a terminal; otherwise a line of each `every`th text. quiet: none. verbose: a
-    line of each text."""
+    """Progress: one line that rewrites itself on a terminal; otherwise a line of each `every`th text. quiet: none.
+    verbose: a line of each text."""
 
     def __init__(self, every: int = 1, *, quiet: bool = False, verbose: bool = False):
         self._every, self._quiet = 1 if verbose else every, quiet
@@ -60,6 +67,11 @@ class Line:
             print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
         elif number % self._every == 0:
             print(text, file=sys.stderr, flush=True)
+
+    def note(self, text: str) -> None:
+        """What is neither progress nor an error."""
+        if not self._quiet:
+            print(text, file=sys.stderr)
 
     def end(self) -> None:
         if self._terminal:

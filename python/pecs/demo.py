@@ -6,6 +6,7 @@ when each edge passes each pixel, and with how many events an ideal pixel answer
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import math
 import subprocess
@@ -124,21 +125,21 @@ def measured(events: NDArray[np.void]) -> tuple[float, float, float]:
     return per_edge[0], per_edge[1], 1e3 * float(np.median(past_deg)) / SPEED_DEG_S
 
 
-def run_program(*arguments: object) -> None:
-    command = [str(program()), *map(str, arguments)]
+def run_program(*arguments: object, talk: list[str]) -> None:
+    command = [str(program()), *map(str, arguments), *talk]
     done = subprocess.run(command, stdout=subprocess.DEVNULL)
     if done.returncode:
         raise PecsError(f"demo: {' '.join(command)} failed", done.returncode)
 
 
-def show(events: Path, stack: Path) -> None:
+def show(events: Path, stack: Path, talk: list[str]) -> None:
     """Contact sheet, video, 3-D page and report beside the events."""
     for ending in ("png", "mp4", "html"):
-        run_program("view", events, "-o", events.with_suffix(f".{ending}"))
-    run_program("report", "--sim", events, "--stack", stack, "-o", events.with_name("report.html"))
+        run_program("view", events, "-o", events.with_suffix(f".{ending}"), talk=talk)
+    run_program("report", "--sim", events, "--stack", stack, "-o", events.with_name("report.html"), talk=talk)
 
 
-def demo(folder: Path) -> None:
+def demo(folder: Path, talk: list[str]) -> None:
     print(f"A disk turns before a wall: {WIDTH} x {HEIGHT} pixels, {PERIOD_US / 1000:.0f} ms, in {folder}/stack")
     write_stack(folder / "stack")
     print(f"\n{'model':<12}{'events':>8}{'per ON edge':>13}{'per OFF edge':>14}{'ON at, ms':>11}")
@@ -155,7 +156,7 @@ def demo(folder: Path) -> None:
     edge_ms = 1e3 * EDGE_PX / (RADIUS_PX * math.radians(SPEED_DEG_S))
     print(f"An edge takes {edge_ms:.1f} ms at the rim; time counts from its middle.\n", flush=True)
     write(folder / "pecs.aedat4", read(events))
-    show(events, folder / "stack")
+    show(events, folder / "stack", talk)
 
 
 def blender_folder() -> Path | None:
@@ -167,37 +168,43 @@ def blender_folder() -> Path | None:
     return next((p for p in (package / "scenes", package.parents[1] / "scenes") if p.is_dir()), None)
 
 
-def blender_demo(folder: Path) -> None:
+def blender_demo(folder: Path, talk: list[str]) -> None:
     """The lab's rotating disk, rendered small through a real lens."""
     scenes = blender_folder()
     if scenes is None:
         raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", NOT_FOUND)
-    print(f"Rendering {scenes / 'rotating_disk'} through the lens pecs_lab_15mm", flush=True)
+    if "--quiet" not in talk:
+        print(f"Rendering {scenes / 'rotating_disk'} through the lens pecs_lab_15mm", flush=True)
     options = "--bands 3 --width 160 --height 90 --samples 4 --fps 2800 --frames period --time adaptive"
-    command = ["render", str(scenes / "rotating_disk"), "-o", str(folder / "stack"), *options.split()]
+    command = ["render", str(scenes / "rotating_disk"), "-o", str(folder / "stack"), *options.split(), *talk]
     done = subprocess.run([sys.executable, "-m", "pecs_blender", *command, "--set", "illuminance_lux=2000"])
     if done.returncode:
         raise PecsError("demo --blender: the render failed", done.returncode)
     events = folder / "pecs.raw"
     count = sense(folder / "stack", events, chip=CHIP, warmup_loops=2)["results"]["events"]
     print(f"{count} events")
-    show(events, folder / "stack")
+    show(events, folder / "stack", talk)
 
 
-def _run(argv: list[str]) -> None:
+def _parser() -> Parser:
     parser = Parser(prog="pecs demo", description=(__doc__ or "").removeprefix("`pecs demo`: "), examples=EXAMPLES)
     parser.add_argument("-o", "--output", type=Path, default=Path("pecs-demo"), help="folder")
     parser.add_argument("--blender", action="store_true", help="render a small scene instead (needs pecs_blender)")
-    args = parser.parse_args(argv)
+    return parser
+
+
+def _run(args: argparse.Namespace) -> None:
     begin = time.monotonic()
     args.output.mkdir(parents=True, exist_ok=True)
-    (blender_demo if args.blender else demo)(args.output)
-    print(f"Done in {time.monotonic() - begin:.0f} s.")
-    print(NEXT.format(folder=args.output, blender=BLENDER_NEXT if blender_folder() else BLENDER_MISSING))
+    talk = [f"--{name}" for name in ("quiet", "verbose") if getattr(args, name)]
+    (blender_demo if args.blender else demo)(args.output, talk)
+    if not args.quiet:
+        print(f"Done in {time.monotonic() - begin:.0f} s.")
+        print(NEXT.format(folder=args.output, blender=BLENDER_NEXT if blender_folder() else BLENDER_MISSING))
 
 
 def main(argv: list[str]) -> int:
-    return answer(_run, argv)
+    return answer(_parser(), _run, argv)
 
 
 if __name__ == "__main__":

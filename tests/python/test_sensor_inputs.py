@@ -185,7 +185,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
         done = pecs_program("sense", *live, env=env | display)
         assert done.returncode == 0, done.stderr
-        assert done.stderr.strip() == f"pecs: no display: the events are shown in {tmp_path}/live.csv.mp4"
+        assert done.stderr.strip() == f"pecs: warning: no display: the events are shown in {tmp_path}/live.csv.mp4"
         assert len(read_csv(tmp_path / "live.csv")) == result["events"]
         shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))
         assert shown.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(N * 2000 / 4000, abs=2)

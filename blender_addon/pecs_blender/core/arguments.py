@@ -26,7 +26,7 @@ def _rules() -> ModuleType:
 
 
 rules = _rules()
-Quantity, add_talk = rules.Quantity, rules.add_talk
+Quantity, account = rules.Quantity, rules.account
 
 
 class Parser(rules.Parser):

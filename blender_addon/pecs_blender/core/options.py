@@ -185,8 +185,8 @@ class Options:
         1000.0, "memory growth at which the process starts afresh", recorded=False, unit="MB"
     )
 
-    quiet: bool = option(False, "no progress", recorded=False)
-    verbose: bool = option(False, "a line for every step of the progress", recorded=False)
+    quiet: bool = False  # these two: as of every command, from the parser
+    verbose: bool = False
 
     def __post_init__(self):
         for name, rule in RULES.items():
@@ -204,7 +204,7 @@ class Options:
         return {name: getattr(self, name) for name, rule in RULES.items() if rule.recorded}
 
 
-RULES: dict[str, Rule] = {f.name: f.metadata["rule"] for f in dataclasses.fields(Options)}
+RULES: dict[str, Rule] = {f.name: f.metadata["rule"] for f in dataclasses.fields(Options) if f.metadata}
 DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Options)}
 _TYPES: dict[str, str] = {f.name: f.type for f in dataclasses.fields(Options)}
 
@@ -243,10 +243,7 @@ def add_argument(parser: argparse._ActionsContainer, name: str, *short: str) -> 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """All options; --stop-diameter and --fnumber exclude each other, as --quiet and --verbose do."""
-    pairs = {"stop_diameter_mm": "fnumber", "quiet": "verbose"}
-    groups: dict[str, argparse._ActionsContainer] = {}
+    """All options; --stop-diameter and --fnumber exclude each other."""
+    stop = parser.add_mutually_exclusive_group()
     for name in RULES:
-        if name in pairs:
-            groups[name] = groups[pairs[name]] = parser.add_mutually_exclusive_group()
-        add_argument(groups.get(name, parser), name)
+        add_argument(stop if name in ("stop_diameter_mm", "fnumber") else parser, name)

@@ -6,12 +6,10 @@ import argparse
 import dataclasses
 import math
 import shutil
-import sys
 import time
 from pathlib import Path
 from statistics import mean
 
-from .._arguments import add_talk
 from .._command import USAGE, Line, Parser, answer
 from .._library import PecsError
 from . import manifest, recipe, report, run, writers
@@ -45,17 +43,17 @@ def _parser() -> Parser:
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write a set that is there in another layout: {', '.join(writers.WRITERS)}")
     add("--threads", type=int, default=0, help="0: all cores; does not change the result")
-    add_talk(parser)
     return parser
 
 
 def main(argv: list[str]) -> int:
-    return answer(lambda words: _run(_parser().parse_args(words)), argv)
+    return answer(_parser(), _run, argv)
 
 
 def _run(args: argparse.Namespace) -> None:
+    line = Line(quiet=args.quiet, verbose=args.verbose)
     if args.export:
-        _export(args.recipe, args.export, args.output)
+        _export(args.recipe, args.export, args.output, line)
         return
     found = recipe.load(args.recipe)
     if args.sequences is not None:
@@ -70,9 +68,9 @@ def _run(args: argparse.Namespace) -> None:
     else:
         if args.repair:
             _move_aside(wanted, args.output)
-        _make(found, wanted, args.output, args.threads, Line(quiet=args.quiet, verbose=args.verbose))
+        _make(found, wanted, args.output, args.threads, line)
         if not args.only:
-            _finish(found, args.output)
+            _finish(found, args.output, line)
 
 
 def _wanted(only: str | None, count: int) -> list[int]:
@@ -114,28 +112,28 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
             report.write(Sequence(final))
     line.end()
     if busy:
-        print(f"dataset: left to other processes: {', '.join(map(str, busy))}", file=sys.stderr)
+        line.note(f"dataset: left to other processes: {', '.join(map(str, busy))}")
 
 
-def _finish(found: recipe.Recipe, output: Path) -> None:
+def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
     """The set's own files, when all sequences are there."""
     missing = manifest.missing(found, output)
     if missing:
-        print(f"dataset: {len(missing)} sequences are still being made elsewhere", file=sys.stderr)
+        line.note(f"dataset: {len(missing)} sequences are still being made elsewhere")
         return
     content = manifest.write(found, output)
     write_cards(found, content, output)
     report.write_index(output, content)
     for name in found.export:
         if not (output / "exports" / name).is_dir():  # it appears whole
-            _export(output, name, output / "exports" / name)
+            _export(output, name, output / "exports" / name, line)
     print(f"{output / 'index.html'}: {found.sequences} sequences")
 
 
-def _export(folder: Path, name: str, output: Path) -> None:
+def _export(folder: Path, name: str, output: Path, line: Line) -> None:
     report = writers.write(name, sequences(folder), output)
     for gone in report["left_out"]:
-        print(f"{name}: left out: {gone['what']}: {gone['why']}", file=sys.stderr)
+        line.note(f"{name}: left out: {gone['what']}: {gone['why']}")
     print(f"{output}: {name}")
 
 

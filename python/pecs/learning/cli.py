@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from .._arguments import Quantity, add_talk
+from .._arguments import Quantity
 from .._command import Line, Parser, answer
 from .._library import PecsNotFoundError
 from ..datasets._check import library
@@ -60,7 +60,6 @@ def _parser() -> Parser:
     one.add_argument("--cutoff", "--cutoff-hz", type=rate, default=1.0, help="cutoff frequency of the filter")
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not say")
     one.add_argument("--threads", type=int, default=0, help="0: all cores")
-    add_talk(one)
     one.set_defaults(run=_reconstruct)
 
     about = "a network that makes video of events, trained on a data set (needs PyTorch)"
@@ -79,18 +78,12 @@ def _parser() -> Parser:
     one.add_argument("--seed", type=int, default=1, help="seed of clips and first weights")
     one.add_argument("--workers", type=int, default=0, help="processes that read clips; 0: this one")
     one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
-    add_talk(one)
     one.set_defaults(run=_train)
     return parser
 
 
 def main(argv: list[str]) -> int:
-    return answer(_run, argv)
-
-
-def _run(argv: list[str]) -> None:
-    args = _parser().parse_args(argv)
-    args.run(args)
+    return answer(_parser(), lambda args: args.run(args), argv)
 
 
 def _reconstruct(args: argparse.Namespace) -> None:
