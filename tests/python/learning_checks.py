@@ -4,25 +4,33 @@ python learning_checks.py SET SCRATCH    SET: of test_learning.py's fixture
 """
 
 import dataclasses
+import importlib.util
 import json
 import math
+import re
 import sys
 import traceback
+import warnings
 from pathlib import Path
+from unittest import mock
 
 import cv2
+import lpips
 import numpy as np
+import onnx
 import torch
-from pecs import PecsError, PecsInputError, PecsOutputError
+from pecs import PecsError, PecsOutputError
 from pecs.datasets.sequence import sequences
 from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
 from pecs.learning.export import export
 from pecs.learning.losses import C1, C2, ms_ssim, temporal, warped
+from pecs.learning.lpips import Lpips
 from pecs.learning.networks import NetworkConfig, network, start_states
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
 from pecs.learning.train import TrainConfig, train, trained
 from pecs.representations import voxel_grid
 
+ROOT = Path(__file__).resolve().parents[2]
 PLAIN = ClipConfig(windows=5, crop=48, augmentation=None)
 SMALL = dataclasses.replace(PLAIN, crop=32)
 SHORT = TrainConfig(NetworkConfig(channels=4), SMALL, steps=4, batch=2, decay_steps=2, save_every=2)
@@ -170,13 +178,140 @@ def _stop_at(last):
 
 def check_nan_keeps_the_checkpoint(set_, scratch):
     found = recordings(sequences(set_))
-    config = dataclasses.replace(SHORT, learning_rate=math.inf)
+    calls = 0
+
+    def similar(a, b):
+        nonlocal calls
+        calls += 1
+        return ms_ssim(a, b) * (math.nan if calls > 3 * SHORT.clips.windows else 1)
+
+    with mock.patch("pecs.learning.train.ms_ssim", similar):
+        wrong("step 3: loss: got nan, wanted a number; ", train, found, scratch / "nan", SHORT)
+    there = torch.load(scratch / "nan/checkpoint.pt")
+    assert there["step"] == 2 and all(torch.isfinite(v).all() for v in there["network"].values())
+    train(found, scratch / "nan", SHORT)  # goes on from there
+    wild = dataclasses.replace(SHORT, learning_rate=math.inf, save_every=1)
+    wrong("step 1: weight head.weight: got", train, found, scratch / "wild", wild)
+    assert not (scratch / "wild/checkpoint.pt").exists()
+
+
+def wrong(words, call, *given):
+    """The one line that it stops with."""
     try:
-        train(found, scratch / "nan", dataclasses.replace(config, save_every=1))
-        raise AssertionError("a NaN")
+        call(*given)
     except PecsError as e:
-        assert "loss: got nan" in str(e) and "\n" not in str(e) and "checkpoint.pt is of step 1" in str(e), e
-    assert (scratch / "nan/checkpoint.pt").is_file()
+        assert words in str(e) and "\n" not in str(e), e
+    else:
+        raise AssertionError(f"no error, wanted {words}")
+
+
+def weights_of_lpips(scratch, trunk):
+    """Random ones of a trunk, the published linear layers; as the package writes them."""
+    path = scratch / f"{trunk}.pth"
+    if not path.exists():
+        torch.manual_seed(1)
+        warnings.simplefilter("ignore")  # of torchvision, about its old names
+        torch.save(lpips.LPIPS(net=trunk, pnet_rand=True, verbose=False).state_dict(), path)
+    return path
+
+
+def check_lpips_is_its_authors(_set, scratch):
+    """The package lpips gives the same distances, also where torchvision's names are in the file."""
+    for trunk, sizes in (("alex", ((64, 50), (31, 31))), ("vgg", ((48, 40),))):
+        path = weights_of_lpips(scratch, trunk)
+        theirs = lpips.LPIPS(net=trunk, pnet_rand=True, verbose=False)
+        theirs.load_state_dict(torch.load(path))
+        values = torch.load(path)
+        torch.save({re.sub(r"net\.slice\d\.", "features.", k): v for k, v in values.items()}, scratch / "named.pth")
+        for size in sizes:
+            a = torch.rand(2, 1, *size)
+            b = (a + 0.2 * torch.randn_like(a)).clamp(0, 1)
+            with torch.no_grad():
+                wanted = theirs(*((2 * x - 1).repeat(1, 3, 1, 1) for x in (a, b))).flatten()
+            assert float(wanted.min()) > 1e-3
+            for file in (path, scratch / "named.pth"):
+                assert torch.allclose(Lpips(file)(a, b), wanted, rtol=1e-5, atol=0)
+    black = torch.zeros(1, 1, 64, 64, requires_grad=True)
+    Lpips(weights_of_lpips(scratch, "alex"))(black, torch.zeros(1, 1, 64, 64)).sum().backward()
+    assert torch.isfinite(black.grad).all()
+
+
+def check_wrong_weights_of_lpips(set_, scratch):
+    values = torch.load(weights_of_lpips(scratch, "alex"))
+    for name, content, words in (
+        (
+            "no_linear",
+            {k: v for k, v in values.items() if not k.startswith("lin")},
+            "lin0: got 'nothing', wanted (1, 64",
+        ),
+        ("linear", {k: v for k, v in values.items() if k.startswith("lin")}, "features.0.weight: got 'nothing'"),
+        ("shape", values | {"net.slice2.3.weight": torch.zeros(192, 64, 3, 3)}, "3.weight: got (192, 64, 3, 3)"),
+        (
+            "nan",
+            values | {"lin2.model.1.weight": torch.full((1, 384, 1, 1), math.nan)},
+            "lin2: got 'values that are no numbers'",
+        ),
+        ("list", [1, 2], "got 'list', wanted a state dict"),
+    ):
+        torch.save(content, scratch / f"{name}.pth")
+        wrong(words, Lpips, scratch / f"{name}.pth")
+    wrong("file: got", Lpips, set_ / "other.onnx")
+    wrong("nothing.pth: no such file", Lpips, scratch / "nothing.pth")
+
+
+def check_training_by_lpips(set_, scratch):
+    """The loss is LPIPS and the temporal one, falls, and belongs to the run's configuration."""
+    found, weights = recordings(sequences(set_)), weights_of_lpips(scratch, "alex")
+    config = dataclasses.replace(SHORT, steps=8, learning_rate=1e-2, decay_steps=0)
+    train(found[:1], scratch / "by_lpips", config, lpips_weights=weights)
+    rows = np.genfromtxt(scratch / "by_lpips/log.csv", delimiter=",", names=True)
+    assert np.allclose(rows["loss"], rows["lpips"] + rows["temporal"], rtol=1e-4)
+    assert rows["lpips"][-3:].mean() < 0.95 * rows["lpips"][0], rows["lpips"]
+    assert trained(scratch / "by_lpips")[1]["config"]["lpips_sha256"] == Lpips(weights).sha256
+    wrong("lpips_sha256: got", train, found, scratch / "by_lpips", config)
+    tiny = dataclasses.replace(config, clips=dataclasses.replace(SMALL, crop=24))
+    wrong("got 24 px, wanted 31 or more", lambda: train(found, scratch / "tiny", tiny, lpips_weights=weights))
+
+
+def check_another_device_is_refused(set_, scratch):
+    """In one line, before anything is written."""
+    found = recordings(sequences(set_))
+    for device in ("nothing", *([] if torch.cuda.is_available() else ["cuda"])):
+        wrong(f"--device: got '{device}'", lambda device=device: train(found, scratch / "d", SHORT, device=device))
+    assert not (scratch / "d").exists()
+
+
+def check_the_study_in_small(set_, scratch):
+    """studies/reconstruction.py from light to scores, at its full size's kind of network; --only has all simulators."""
+    spec = importlib.util.spec_from_file_location("study", ROOT / "studies/reconstruction.py")
+    study = importlib.util.module_from_spec(spec)
+    sys.modules["study"] = study  # dataclasses look there
+    spec.loader.exec_module(study)
+    full = study.PLAN["full"]
+    assert NetworkConfig(full["network"], 5, full["channels"], full["levels"]) == NetworkConfig("e2vid", 5, 32, 3)
+    small = {"channels": 2, "levels": 1, "windows": 3, "crop": 32, "batch": 1, "steps": 1}
+    study.PLAN |= {"camera": "left", "matching": study.PLAN["matching"] | {"every": 1, "tolerance": 0.2}}
+    study.PLAN |= {"test": study.PLAN["test"] | {"split": "train"}, "full": full | small}
+    root = scratch / "study"
+    root.mkdir()
+    (root / "light").symlink_to(set_)
+    every = list(study.simulators())
+    assert {"v2e_as_published", "voltmeter", "icns"} <= set(every)
+    words = [root, "--full", "--seeds", 1, "--only", "pecs,v2e_as_published,voltmeter,icns"]
+    weights = weights_of_lpips(scratch, "alex")
+    study.main([*map(str, words), "--lpips-weights", str(weights)])
+    results = json.loads((root / "full/results.json").read_text())["results"]
+    assert set(results) == {"pecs", "v2e_as_published", "voltmeter", "icns", "filter"}
+    for row in results.values():
+        assert all(set(scores[0]) == {"psnr", "ssim", "ms_ssim", "haarpsi", "lpips"} for scores in row.values())
+    assert (root / "full/runs/icns_1/network.onnx").is_file() and not (root / "runs").exists()
+    matched = json.loads((root / "events/icns/threshold.json").read_text())
+    assert abs(matched["tried"][-1][1] / matched["wanted"] - 1) < 0.2
+    try:
+        study.main([str(root), "--only", "dvs"])
+        raise AssertionError("an unknown simulator")
+    except SystemExit as e:
+        assert e.code == 2
 
 
 def check_onnx_is_the_network(set_, scratch):
@@ -205,11 +340,25 @@ def check_onnx_is_the_network(set_, scratch):
                 picture, states = net(torch.from_numpy(grid)[None], states)
             error = np.abs(ours(window) - picture[0, 0, :height, :width].numpy().clip(0, 1)).max()
             assert error < 1e-4, (config.network.kind, k, error)
-    try:
-        Network(set_ / "other.onnx", 8, 8)
-        raise AssertionError("not a network")
-    except PecsInputError as e:
-        assert "other.onnx" in str(e) and "\n" not in str(e)
+    wrong("other.onnx", Network, set_ / "other.onnx", 8, 8)
+    theirs = onnx.load(str(scratch / "firenet.onnx"))
+    del theirs.metadata_props[:]
+    onnx.save(theirs, str(scratch / "theirs.onnx"))
+    wrong("pecs_network: got None, wanted 1: a network of `pecs train`", Network, scratch / "theirs.onnx", 8, 8)
+
+
+def check_a_checkpoint_of_another_network(set_, scratch):
+    """Is refused and kept, when training continues and when it is exported."""
+    found, run = recordings(sequences(set_)), scratch / "swapped"
+    train(found, scratch / "wider", dataclasses.replace(SHORT, network=NetworkConfig(channels=6), steps=1))
+    train(found, run, dataclasses.replace(SHORT, steps=1))
+    content = (scratch / "wider/checkpoint.pt").read_bytes()
+    for there in (content, b"no checkpoint"):
+        (run / "checkpoint.pt").write_bytes(there)
+        words = "wanted a checkpoint of the firenet that config.json says"
+        wrong(words, train, found, run, dataclasses.replace(SHORT, steps=1))
+        wrong(words, export, run, scratch / "swapped.onnx")
+        assert (run / "checkpoint.pt").read_bytes() == there
 
 
 def check_the_network_that_ships(set_, _scratch):

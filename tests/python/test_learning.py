@@ -241,4 +241,7 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     other = ("reconstruct", recording[0], "-o", tmp_path / "w.mp4", "--weights", network, "--method", "e2vid")
     assert "got 'firenet', wanted e2vid" in run(*other, code=4)
     assert "no sequences of split 'test'" in run("train", trainable, "-o", tmp_path / "r2", "--split", "test", code=3)
+    assert "--device: got 'gpu'" in run("train", trainable, "-o", tmp_path / "r4", "--device", "gpu", code=2)
+    other = ("train", trainable, "-o", tmp_path / "r5", "--lpips-weights", tmp_path / "no.pth")
+    assert "no.pth: no such file or folder, wanted weights of LPIPS" in run(*other, code=3)
     assert "smaller" in run("train", trainable, "-o", tmp_path / "r3", "--crop", 80, code=4)

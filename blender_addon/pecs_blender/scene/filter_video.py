@@ -26,7 +26,7 @@ def write(
     H.264 has none. Throws RenderError, PecsError."""
     if output.suffix.lower() != ".mp4":
         raise RenderError(USAGE, f"-o {output}: got no .mp4, wanted VIDEO.mp4")
-    with pecs.EventReader(events) as reader:
+    with pecs.EventReader(events) as reader:  # all of it: a file may not say its size, and progress has an end
         ends_us = [(int(block["t"][0]), int(block["t"][-1])) for block in reader]
         size = reader.info["width"], reader.info["height"]
     if not ends_us or not all(size):

@@ -75,6 +75,8 @@ def _parser() -> Parser:
     one.add_argument("--crop", type=_count, default=64, help="width and height of a clip, in pixels")
     one.add_argument("--learning-rate", type=_positive, default=1e-3, help="of Adam")
     one.add_argument("--decay-steps", type=int, default=0, help="last steps, in which the learning rate falls to 0")
+    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and MS-SSIM"
+    one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
     one.add_argument("--seed", type=int, default=1, help="seed of clips and first weights")
     one.add_argument("--workers", type=int, default=0, help="processes that read clips; 0: this one")
     one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
@@ -134,6 +136,7 @@ def _train(args: argparse.Namespace) -> None:
         recordings(found),
         args.output,
         config,
+        lpips_weights=args.lpips_weights,
         workers=args.workers,
         device=args.device,
         progress=lambda step, loss: line(f"train: {step}/{args.steps}, loss {loss:.4f}", step),

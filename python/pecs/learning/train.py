@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,10 @@ from .._library import PecsError, PecsInputError, PecsOutputError, version
 from ..datasets.files import write_json, write_text, write_whole
 from .clips import Augmentation, ClipConfig, Clips, Recording
 from .losses import ms_ssim, temporal
+from .lpips import Lpips
 from .networks import NetworkConfig, network, start_states
 
 CONFIG, CHECKPOINT, LOG = "config.json", "checkpoint.pt", "log.csv"
-COLUMNS = ("step", "loss", "l1", "ms_ssim", "temporal")
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class TrainConfig:
     learning_rate: float = 1e-3
     decay_steps: int = 0  # the last ones, in which the learning rate falls to 0
     ssim_weight: float = 1.0  # of 1 - MS-SSIM, beside L1
+    lpips_sha256: str | None = None  # of LPIPS' weights: the loss is LPIPS in place of L1 and MS-SSIM
     temporal_weight: float = 1.0
     save_every: int = 50
     seed: int = 1
@@ -53,38 +54,45 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class Losses:
+    """parts: l1, ms_ssim, temporal, and lpips where it is in use."""
+
     loss: Tensor
-    l1: float
-    ms_ssim: float
-    temporal: float
+    parts: dict[str, float]
 
 
-def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig) -> Losses:
+def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
     """Mean over a clip's windows, the network starting from nothing."""
     grid, truth = item["grid"], item["picture"]
     states = start_states(net, len(grid), *grid.shape[-2:])
-    l1, similar, moved = [], [], []
+    found: dict[str, list[Tensor]] = {"l1": [], "ms_ssim": [], "temporal": []} | ({"lpips": []} if lpips else {})
     before, truth_before = None, item["before"]
     for k in range(grid.shape[1]):
         picture, states = net(grid[:, k], states)
-        l1.append((picture - truth[:, k]).abs().mean())
-        similar.append(ms_ssim(picture, truth[:, k]))
+        found["l1"].append((picture - truth[:, k]).abs().mean())
+        found["ms_ssim"].append(ms_ssim(picture, truth[:, k]))
+        if lpips:
+            found["lpips"].append(lpips(picture, truth[:, k]).mean())
         if before is not None and config.temporal_weight:
-            moved.append(temporal(picture, before, truth[:, k], truth_before, item["flow_back"][:, k]))
+            moved = temporal(picture, before, truth[:, k], truth_before, item["flow_back"][:, k])
+            found["temporal"].append(moved)
         before, truth_before = picture, truth[:, k]
-    parts = [torch.stack(values).mean() if values else grid.new_zeros(()) for values in (l1, similar, moved)]
-    loss = parts[0] + config.ssim_weight * (1 - parts[1]) + config.temporal_weight * parts[2]
-    return Losses(loss, *(float(p.detach()) for p in parts))
+    parts = {name: torch.stack(values).mean() if values else grid.new_zeros(()) for name, values in found.items()}
+    look = parts["lpips"] if lpips else parts["l1"] + config.ssim_weight * (1 - parts["ms_ssim"])
+    loss = look + config.temporal_weight * parts["temporal"]
+    return Losses(loss, {name: float(value.detach()) for name, value in parts.items()})
 
 
-def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig) -> Losses:
-    """One step, if its loss is a number."""
-    losses = clip_losses(net, item, config)
-    if math.isfinite(float(losses.loss)):
-        optimiser.zero_grad()
-        losses.loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimiser.step()
+def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
+    """One step. Raises FloatingPointError where the loss or its gradient is no number; the network is as before."""
+    losses = clip_losses(net, item, config, lpips)
+    if not math.isfinite(float(losses.loss)):
+        raise FloatingPointError(f"loss: got {float(losses.loss)}")
+    optimiser.zero_grad()
+    losses.loss.backward()
+    norm = float(torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0))
+    if not math.isfinite(norm):
+        raise FloatingPointError(f"gradient of the loss: got {norm}")
+    optimiser.step()
     return losses
 
 
@@ -93,12 +101,20 @@ def train(
     run: Path,
     config: TrainConfig,
     *,
+    lpips_weights: Path | None = None,
     workers: int = 0,
     device: str = "cpu",
     progress: Callable[[int, float], None] | None = None,
 ) -> Any:
     """Trains in folder `run` (config.json, checkpoint.pt, log.csv; TensorBoard's events where it is installed); returns
-    the network. A run that is there continues; one of another config is refused. progress: step, loss."""
+    the network. A run that is there continues; one of another config is refused. lpips_weights: as `Lpips` reads them;
+    with them the loss is LPIPS. device: of PyTorch. progress: step, loss."""
+    _check_device(device)
+    lpips = Lpips(lpips_weights, device) if lpips_weights else None
+    if lpips and config.clips.crop < lpips.least_px:
+        wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.trunk.name}"
+        raise PecsInputError(f"clips: got {config.clips.crop} px, wanted {wanted}", 2)
+    config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
     _claim(run, config)
     torch.manual_seed(config.seed)
     net = network(config.network).to(device)
@@ -108,21 +124,40 @@ def train(
     clips = Clips(sources, config.clips, config.seed, config.steps * config.batch)
     left = torch.utils.data.Subset(clips, range(step * config.batch, len(clips)))
     loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
-    log = _Log(run, step)
+    log, saved = _Log(run, step), step
     for item in loader:
         optimiser.param_groups[0]["lr"] = config.rate(step)
-        losses = learn(net, optimiser, {name: value.to(device) for name, value in item.items()}, config)
-        if not math.isfinite(float(losses.loss)):
-            kept = f"; {run / CHECKPOINT} is of step {step - step % config.save_every}" if step else ""
-            raise PecsError(f"{run}: step {step}: loss: got {float(losses.loss)}, wanted a number{kept}", 1)
-        step += 1
-        log.add(step, losses)
-        if step % config.save_every == 0 or step == config.steps:
-            log.flush()
-            _save(run, net, optimiser, step)
+        item = {name: value.to(device) for name, value in item.items()}
+        try:
+            losses = learn(net, optimiser, item, config, lpips)
+            step += 1
+            log.add(step, losses)
+            if step % config.save_every == 0 or step == config.steps:
+                _check_weights(net)
+                log.flush()
+                _save(run, net, optimiser, step)
+                saved = step
+        except FloatingPointError as e:
+            kept = f"; {run / CHECKPOINT} is of step {saved}" if saved else ""
+            raise PecsError(f"{run}: step {step}: {e}, wanted a number{kept}", 1) from None
         if progress:
             progress(step, float(losses.loss))
     return net
+
+
+def _check_weights(net: Any) -> None:
+    for name, values in net.named_parameters():
+        bad = values[~torch.isfinite(values)]
+        if len(bad):
+            raise FloatingPointError(f"weight {name}: got {float(bad[0])}")
+
+
+def _check_device(name: str) -> None:
+    try:
+        torch.empty(1, device=name)
+    except Exception as e:  # of many kinds
+        why = str(e).splitlines()[0]
+        raise PecsInputError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}", 2) from None
 
 
 def _claim(run: Path, config: TrainConfig) -> None:
@@ -140,21 +175,24 @@ def _claim(run: Path, config: TrainConfig) -> None:
 def _resume(run: Path, net: Any, optimiser: Any, device: str) -> int:
     if not (run / CHECKPOINT).exists():
         return 0
-    found = _load(run / CHECKPOINT, device)
-    net.load_state_dict(found["network"])
+    found = _load(run / CHECKPOINT, device, net)
     optimiser.load_state_dict(found["optimiser"])
     step: int = found["step"]
     return step
 
 
-def _load(path: Path, device: str) -> dict[str, Any]:
+def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
+    """What a checkpoint holds; its weights are in the network afterwards."""
     try:
         found: dict[str, Any] = torch.load(path, map_location=device)
-        return found
+        net.load_state_dict(found["network"])
     except FileNotFoundError:
         raise PecsInputError(f"{path}: no such file, wanted a checkpoint of training", 3) from None
     except Exception as e:  # of many kinds
-        raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a checkpoint of training", 4) from None
+        why = " ".join(str(e).split())
+        kind = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
+        raise PecsInputError(f"{path}: {why if len(why) < 160 else why[:157] + '...'}, wanted {kind}", 4) from None
+    return found
 
 
 def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
@@ -170,8 +208,8 @@ def trained(run: Path) -> tuple[Any, dict[str, Any]]:
     except OSError:
         raise PecsInputError(f"{run / CONFIG}: no such file, wanted a folder of training", 3) from None
     config = TrainConfig.of(record["config"])
-    net, found = network(config.network), _load(run / CHECKPOINT, "cpu")
-    net.load_state_dict(found["network"])
+    net = network(config.network)
+    found = _load(run / CHECKPOINT, "cpu", net)
     return net.eval(), record | {"step": found["step"]}
 
 
@@ -180,6 +218,7 @@ class _Log:
 
     def __init__(self, run: Path, step: int):
         self._path, self._rows = run / LOG, []
+        self._columns: tuple[str, ...] = ()
         if step and self._path.exists():
             with self._path.open(newline="") as file:
                 self._rows = [row for row in list(csv.reader(file))[1:] if int(row[0]) <= step]
@@ -191,13 +230,14 @@ class _Log:
             self._board = SummaryWriter(str(run / "tensorboard"), purge_step=step + 1)
 
     def add(self, step: int, losses: Losses) -> None:
-        values = (float(losses.loss), losses.l1, losses.ms_ssim, losses.temporal)
-        self._rows.append([str(step), *(f"{v:.6g}" for v in values)])
+        values = {"loss": float(losses.loss)} | losses.parts
+        self._columns = ("step", *values)
+        self._rows.append([str(step), *(f"{v:.6g}" for v in values.values())])
         if self._board:
-            for name, value in zip(COLUMNS[1:], values, strict=True):
+            for name, value in values.items():
                 self._board.add_scalar(name, value, step)
 
     def flush(self) -> None:
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *self._rows])
+        csv.writer(text, lineterminator="\n").writerows([self._columns, *self._rows])
         write_text(self._path, text.getvalue())
