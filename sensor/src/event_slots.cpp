@@ -35,11 +35,8 @@ void EventSlots::grow(Slot& slot) {
   spare_.pop_back();
 }
 
-EventKey* EventSlots::room(std::size_t count, EventKey lowest, EventKey highest) {
-  while (lowest < edges_[at_]) --at_;
-  while (lowest >= edges_[at_ + 1]) ++at_;
-  if (highest >= edges_[at_ + 1]) return nullptr;
-  Slot& slot = slots_[at_];
+EventKey* EventSlots::room(std::size_t count, EventKey key) {
+  Slot& slot = slot_of(key);
   if (static_cast<std::size_t>(slot.end - slot.next) < count) grow(slot);
   EventKey* const room = slot.next;
   slot.next += count;

@@ -4,14 +4,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 #include <numeric>
 
 #include "huge_pages.h"
+#include "unpack_kernel.h"
 
 namespace pecs::sensor {
 
@@ -33,86 +31,57 @@ EventSlots& EventSorter::part(std::size_t index) {
 
 namespace {
 
-// Events of keys. A copy of it in a loop stays in registers.
-class Unpack {
- public:
-  explicit Unpack(int width) : width_(static_cast<std::uint32_t>(width)), per_width_((kOne + width_ - 1) / width_) {}
-  void operator()(EventKey key, events::Event& to) const {
-    const std::uint32_t pixel = key_pixel(key);
-    const auto y = static_cast<std::uint32_t>(pixel * per_width_ >> kShift);
-    static_assert(std::endian::native == std::endian::little && offsetof(events::Event, x) == 8 &&
-                  offsetof(events::Event, y) == 10 && offsetof(events::Event, p) == 12);
-    const std::uint64_t place = std::uint64_t{key_on(key)} << 32 | y << 16 | (pixel - y * width_);
-    const std::array words{static_cast<std::uint64_t>(key_time_us(key)), place};
-    std::memcpy(static_cast<void*>(&to), words.data(),
-                sizeof words);  // member by member it takes several times as long
+// Runs of about as many us as there are keys of a time. A copy of it in a loop stays in registers.
+struct Runs {
+  Runs(std::size_t keys, std::int64_t begin_us, std::int64_t end_us) : begin(event_key(begin_us, 0, false)) {
+    const std::int64_t most = std::clamp<std::int64_t>(2 * static_cast<std::int64_t>(keys), 1, 1 << 14);
+    int us_shift = 0;
+    while ((end_us - begin_us) >> us_shift >= most) ++us_shift;
+    shift = us_shift + kKeyTimeShift;
+    last = static_cast<std::uint64_t>((end_us - begin_us) >> us_shift);
   }
+  std::size_t of(EventKey key) const { return std::min((std::max(key, begin) - begin) >> shift, last); }
 
- private:
-  // pixel / width = pixel * per_width >> 40 is exact for pixel * width < 2^40.
-  static constexpr int kShift = 40;
-  static constexpr std::uint64_t kOne = std::uint64_t{1} << kShift;
-  std::uint32_t width_;
-  std::uint64_t per_width_;
+  EventKey begin;
+  std::uint64_t last;
+  int shift;
 };
 
-// Sorts keys of a time: into runs of about as many us as there are keys, and those by insertion. What a thread needs
-// for it is used again from slot to slot.
+// Sorts keys of a time: into runs, and those by insertion. What a thread needs for it is used again from slot to slot.
 class KeySorter {
  public:
-  // Keys that lie in parts; calls place(i, key) for each, the last call for an index being the right one.
-  template <class Place>
-  std::span<const EventKey> sort(std::span<const std::span<const EventKey>> parts, std::size_t count,
-                                 std::int64_t begin_us, std::int64_t end_us, const Place& place) {
-    sorted_.resize(std::max(sorted_.size(), count));
-    const std::span<EventKey> sorted(sorted_.data(), count);
-    into_runs(parts, begin_us, end_us, sorted);
-    std::size_t moves = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      const EventKey key = sorted[i];
-      if (i == 0 || sorted[i - 1] <= key) {
-        place(i, key);
-        continue;
-      }
-      std::size_t to = i;
-      for (; to > 0 && sorted[to - 1] > key; --to) sorted[to] = sorted[to - 1];
-      sorted[to] = key;
-      moves += i - to;
-      if (moves > 16 * count) {  // not nearly in order
-        std::ranges::sort(sorted);
-        to = 0, i = count - 1;
-      }
-      for (; to <= i; ++to) place(to, sorted[to]);
-    }
-    return sorted;
-  }
-
- private:
-  void into_runs(std::span<const std::span<const EventKey>> parts, std::int64_t begin_us, std::int64_t end_us,
-                 std::span<EventKey> sorted) {
-    const std::int64_t most_runs = std::clamp<std::int64_t>(2 * std::ssize(sorted), 1, 1 << 14);
-    int shift = kKeyTimeShift;
-    while ((end_us - begin_us) >> (shift - kKeyTimeShift) >= most_runs) ++shift;
-    const auto last = static_cast<std::uint64_t>((end_us - begin_us) >> (shift - kKeyTimeShift));
-    const EventKey begin = event_key(begin_us, 0, false);
-    const auto run_of = [&](EventKey key) {
-      return key < begin ? 0 : static_cast<std::size_t>(std::min((key - begin) >> shift, last));
-    };
-    run_.assign(last + 2, 0);
+  // Keys that lie in parts.
+  std::span<const EventKey> sort(std::span<const std::span<const EventKey>> parts, std::size_t count, const Runs runs) {
+    run_.assign(runs.last + 2, 0);
     std::uint32_t* const run = run_.data();
     for (std::size_t part = 0; part < parts.size(); ++part) {
       const std::span<const EventKey> keys = parts[part];
       const EventKey* const next = part + 1 < parts.size() ? parts[part + 1].data() : keys.data();
       for (std::size_t i = 0; i < keys.size(); ++i) {
         if (i % 8 == 0) __builtin_prefetch(next + i);  // chunks lie here and there
-        ++run[run_of(keys[i]) + 1];
+        ++run[runs.of(keys[i]) + 1];
       }
     }
     std::partial_sum(run_.begin(), run_.end(), run_.begin());
+
+    // Keys come nearly by pixel, so few have to go back within their run. What is not written yet is 0, as is what lies
+    // before: that ends an insertion.
+    sorted_.resize(std::max(sorted_.size(), count + 1));
+    std::fill_n(sorted_.begin(), count + 1, EventKey{0});
+    EventKey* const sorted = sorted_.data() + 1;
+    const std::size_t most_moves = 16 * count;
+    std::size_t moves = 0;
     for (const auto keys : parts)
-      for (const EventKey key : keys) sorted[run[run_of(key)]++] = key;
+      for (const EventKey key : keys) {
+        EventKey* to = sorted + run[runs.of(key)]++;
+        for (; to[-1] > key && moves <= most_moves; --to, ++moves) *to = to[-1];
+        *to = key;
+      }
+    if (moves > most_moves) std::sort(sorted, sorted + count);  // not nearly in order
+    return {sorted, count};
   }
 
+ private:
   std::vector<EventKey> sorted_;
   std::vector<std::uint32_t> run_;  // where it begins, then where the next of its keys goes
 };
@@ -143,9 +112,8 @@ void EventSorter::append_sorted(std::size_t first_slot, std::size_t end_slot, La
     const std::int64_t end_us = slot + 1 < edges_.size() ? key_time_us(edges_[slot + 1]) : begin_us + 1000;
     std::vector<std::span<const EventKey>> keys;
     for (const EventSlots& part : parts_) part.find(slot, keys);
-    const auto sorted = sorters.local().sort(keys, count, begin_us, end_us,
-                                             [to = out.data() + before + ends[i], unpack = Unpack(width_)](
-                                                 std::size_t at, EventKey key) { unpack(key, to[at]); });
+    const auto sorted = sorters.local().sort(keys, count, {count, begin_us, end_us});
+    unpack_events(sorted, width_, out.data() + before + ends[i]);
     if (with_causes_)
       std::ranges::transform(sorted, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + ends[i]),
                              key_cause);

@@ -51,6 +51,27 @@ TEST(EventSorter, AnyOrderLeavesSorted) {
   for (std::size_t i = 0; i < all.size(); ++i) EXPECT_EQ(found.events[i], event_of(all[i])) << i;
 }
 
+TEST(EventSorter, PixelsOfEveryWidth) {
+  std::mt19937 random(3);
+  for (const std::uint32_t width : {1u, 2u, 3u, 346u, 1280u, 8191u, 8192u}) {
+    EventSorter sorter(static_cast<int>(width));
+    sorter.begin(std::vector{0.0});
+    std::vector<EventKey> keys{0, event_key(1, width * 8192 - 1, true), event_key(1, width * 8191, false)};
+    for (int i = 0; i < 1000; ++i)
+      keys.push_back(event_key(random() % 900, static_cast<std::uint32_t>(random()) % (width * 8192), random() % 2));
+    for (const EventKey key : keys) sorter.part(0).add(key);
+    LabelledEvents found;
+    sorter.take(1 << 20, found);
+    std::ranges::sort(keys);
+    for (std::size_t i = 0; i < keys.size(); ++i) {
+      const std::uint32_t pixel = key_pixel(keys[i]);
+      const events::Event wanted{key_time_us(keys[i]), static_cast<std::uint16_t>(pixel % width),
+                                 static_cast<std::uint16_t>(pixel / width), static_cast<std::uint8_t>(key_on(keys[i]))};
+      ASSERT_EQ(found.events[i], wanted) << width;
+    }
+  }
+}
+
 // More than a chunk holds, in pieces that leave its end free.
 TEST(EventSlots, RoomIsWithinASlot) {
   EventSlots slots;
@@ -58,11 +79,12 @@ TEST(EventSlots, RoomIsWithinASlot) {
   std::mt19937 random(2);
   for (int batch = 0; batch < 3; ++batch) {
     slots.begin(edges);
-    EXPECT_EQ(slots.room(4, event_key(900, 0, false), event_key(1000, 0, false)), nullptr);
+    EXPECT_EQ(slots.end_of_slot(edges[1] - 1), edges[1]);
+    EXPECT_EQ(slots.end_of_slot(edges[1]), edges[2]);
     std::vector<EventKey> all;
     for (int piece = 0; piece < 9; ++piece) {
       std::vector<EventKey> keys = random_keys(random, 700, 1000, 1999);
-      std::ranges::copy(keys, slots.room(keys.size(), event_key(1000, 0, false), event_key(2000, 0, false) - 1));
+      std::ranges::copy(keys, slots.room(keys.size(), event_key(1500, 0, false)));
       all.insert(all.end(), keys.begin(), keys.end());
     }
     EXPECT_EQ(slots.count(0), 0u);

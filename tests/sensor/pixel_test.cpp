@@ -44,6 +44,20 @@ TEST(Pixel, EventsStandOneThresholdApartOnALogRamp) {
   for (const Event& e : run(ideal, down)) EXPECT_EQ(e.p, 0);
 }
 
+// More than are solved together, of each pixel.
+TEST(Pixel, ThousandEventsInAnInterval) {
+  const Chip chip = load_chip("ideal", {"contrast_threshold_on=0.01", "contrast_threshold_off=0.01"});
+  const double rate = 1e-4;
+  const Clip up = make_clip(40, 3, 3, 100000, [&](int, int, double t) { return std::exp(rate * t); });
+  std::map<int, int> seen;
+  for (const Event& e : run(chip, up)) {
+    const int k = ++seen[e.y * 40 + e.x];
+    EXPECT_NEAR(static_cast<double>(e.t_us), k * 0.01 / rate, 2) << k;  // ln I is a float of up to 20
+  }
+  ASSERT_EQ(seen.size(), 120u);
+  for (const auto& [pixel, count] : seen) EXPECT_NEAR(count, 2000, 1) << pixel;
+}
+
 TEST(Pixel, SlowDriftIsNotForgotten) {  // esim_py skips steps below 1e-6 and then sticks
   const Clip drift = make_clip(2, 1, 3001, 1000, [](int, int, double t) { return std::exp(1e-10 * t * 1000); });
   const auto events = run(load_chip("ideal"), drift);

@@ -21,15 +21,17 @@ class EventSlots {
 
   // Fast for events that come nearly by time.
   void add(EventKey key) {
-    while (key < edges_[at_]) --at_;
-    while (key >= edges_[at_ + 1]) ++at_;
-    Slot& slot = slots_[at_];
+    Slot& slot = slot_of(key);
     if (slot.next == slot.end) grow(slot);
     *slot.next++ = key;
   }
-  // Room for no more than kChunk keys of [lowest, highest], to be filled before anything else; null where they may lie
-  // in several slots.
-  EventKey* room(std::size_t count, EventKey lowest, EventKey highest);
+  // Where the slot ends in which a key lies.
+  EventKey end_of_slot(EventKey key) {
+    slot_of(key);
+    return edges_[at_ + 1];
+  }
+  // Room for no more than kChunk keys of the slot in which `key` lies; they count at once.
+  EventKey* room(std::size_t count, EventKey key);
 
   std::size_t count(std::size_t slot) const;
   // Appends where a slot's keys lie, in the order in which they came.
@@ -48,6 +50,11 @@ class EventSlots {
     EventKey *next = nullptr, *end = nullptr;  // in the last chunk
   };
   static std::size_t count(const Slot& slot, const Chunk& chunk);
+  Slot& slot_of(EventKey key) {
+    while (key < edges_[at_]) --at_;
+    while (key >= edges_[at_ + 1]) ++at_;
+    return slots_[at_];
+  }
   void grow(Slot& slot);
 
   std::vector<EventKey> edges_;

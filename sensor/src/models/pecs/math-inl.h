@@ -223,10 +223,23 @@ class Clock {
       last = std::max(last, us[i]);
     }
     const auto at = [this](std::int32_t t) { return base_ + (static_cast<EventKey>(t) << kKeyTimeShift); };
-    if (EventKey* const keys = events.room(count, at(first), at(last + 1) - 1))
+    const EventKey next = events.end_of_slot(at(first)), end = at(last + 1);
+    if (end <= next) {
+      EventKey* const keys = events.room(count, at(first));
       for (std::size_t i = 0; i < count; ++i) keys[i] = at(us[i]) + place[i];
-    else
+    } else if (end <= events.end_of_slot(next)) {  // what comes at an interval's end may count as the next one's
+      const auto next_us = static_cast<std::int32_t>((next - base_) >> kKeyTimeShift);
+      const auto late = static_cast<std::size_t>(std::count_if(us, us + count, [&](auto t) { return t >= next_us; }));
+      EventKey *now = events.room(count - late, at(first)), *then = events.room(late, next);
+      for (std::size_t i = 0; i < count; ++i) {
+        const bool is_late = us[i] >= next_us;
+        *(is_late ? then : now) = at(us[i]) + place[i];
+        then += is_late;
+        now += !is_late;
+      }
+    } else {
       for (std::size_t i = 0; i < count; ++i) events.add(at(us[i]) + place[i]);
+    }
   }
 
  private:

@@ -16,68 +16,103 @@
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
 
-// Crossings of many pixels in one interval, solved together.
+// Crossings of many pixels in one interval, solved together. A pixel's follow each other, as pixels do: the sorter is
+// fast then.
 class Crossings {
  public:
+  // Of a vector of pixels: how many crossings, that of number k = 1, 2, … being where c1 s + c2 s^2 + c3 s^3 rises to
+  // start + k each for s in [0, 1]; `rise`: the cubic's value at 1.
+  struct Pixels {
+    V count, start, each, rise, c1, c2, c3;
+    VU place;
+  };
+
   explicit Crossings(EventSlots& events) : events_(events) {}
 
   // solve() before the next interval.
   void begin(const IntervalTimes& t) { clock_ = Clock(t); }
 
-  // Where `which`: rising c1 s + c2 s^2 + c3 s^3 = level for s in [0, 1], `rise` being the cubic's value at 1.
-  HWY_INLINE void add(M which, V level, V rise, V c1, V c2, V c3, VU place) {
-    if (HWY_UNLIKELY(waiting_ > kRoom)) solve();
-    const Compress compress(which);
-    compress.store(level, level_ + waiting_);
-    compress.store(rise, rise_ + waiting_);
-    compress.store(c1, c1_ + waiting_);
-    compress.store(c2, c2_ + waiting_);
-    compress.store(c3, c3_ + waiting_);
-    compress.store(place, place_ + waiting_);
-    waiting_ += compress.count();
+  // No more pixels than lanes, each with a crossing.
+  HWY_INLINE void add(const Pixels& v, std::size_t pixels) {
+    const F f;
+    if (HWY_UNLIKELY(pixels_ + pixels > kMostPixels)) solve();
+    const V values[kRows] = {v.start, v.each, v.rise, v.c1, v.c2, v.c3};
+    for (std::size_t row = 0; row < kRows; ++row) hn::StoreU(values[row], f, rows_[row] + pixels_);
+    hn::StoreU(v.place, U32(), place_of_ + pixels_);
+    hn::StoreU(hn::ConvertTo(I32(), v.count), I32(), count_ + pixels_);
+    pixels_ += pixels;
   }
 
   void solve() {
-    const F f;
-    for (std::size_t k = 0; k < kTogether; ++k) {  // lanes to spare are done at once
-      const std::size_t at = waiting_ + k * hn::Lanes(f);
-      for (float* row : {level_, rise_, c1_}) hn::StoreU(hn::Set(f, 1.0f), f, row + at);
-      for (float* row : {c2_, c3_}) hn::StoreU(hn::Zero(f), f, row + at);
+    const hn::FixedTag<std::uint32_t, 4> four;
+    for (std::size_t j = 0; j < pixels_; ++j) {
+      // Written without a look at how many there are; few have more.
+      const auto count = static_cast<std::uint32_t>(count_[j]);
+      const std::uint32_t none = static_cast<std::uint32_t>(j) << kNumberBits;
+      hn::StoreU(hn::Add(hn::Iota(four, 1), hn::Set(four, none)), four, list_ + listed_);
+      listed_ += std::min(count, 4u);
+      for (std::uint32_t k = 5; k <= count; ++k) {
+        if (HWY_UNLIKELY(listed_ > kRoom)) solve_listed();
+        list_[listed_++] = none + k;
+      }
+      if (HWY_UNLIKELY(listed_ > kRoom)) solve_listed();
     }
-    for (std::size_t i = 0; i < waiting_; i += kTogether * hn::Lanes(f)) {
+    solve_listed();
+    pixels_ = 0;
+  }
+
+ private:
+  enum Row : std::size_t { kStart, kEach, kRise, kC1, kC2, kC3, kRows };
+  static constexpr std::size_t kMostPixels = 512;
+  static constexpr int kNumberBits = 22;       // of a crossing within its pixel
+  static constexpr std::size_t kTogether = 4;  // the steps of one wait for each other
+  static constexpr std::size_t kPlaces = kRoom + 4 + kTogether * kLanes;
+
+  void solve_listed() {
+    if (listed_ == 0) return;
+    const F f;
+    const U32 u;
+    const std::size_t lanes = hn::Lanes(f);
+    std::fill_n(list_ + listed_, kTogether * lanes, list_[listed_ - 1]);  // lanes to spare are done at once
+    for (std::size_t i = 0; i < listed_; i += kTogether * lanes) {
       Halley vectors[kTogether];
       for (std::size_t k = 0; k < kTogether; ++k) {
-        const std::size_t at = i + k * hn::Lanes(f);
-        const V level = hn::Load(f, level_ + at);
-        vectors[k] = Halley(hn::Div(level, hn::Load(f, rise_ + at)), level, hn::Load(f, c1_ + at),
-                            hn::Load(f, c2_ + at), hn::Load(f, c3_ + at), hn::Zero(f), hn::Set(f, 1.0f));
+        // So many crossings are of no more pixels, which follow each other.
+        const std::size_t at = i + k * lanes;
+        const std::uint32_t first = list_[at] >> kNumberBits;
+        const VU listed = hn::LoadU(u, list_ + at);
+        const auto pixels = hn::IndicesFromVec(f, hn::Sub(hn::ShiftRight<kNumberBits>(listed), hn::Set(u, first)));
+        const auto number = hn::And(listed, hn::Set(u, (1u << kNumberBits) - 1));
+        const auto of = [&](Row row) { return hn::TableLookupLanes(hn::LoadU(f, rows_[row] + first), pixels); };
+        const V level = hn::MulAdd(hn::ConvertTo(f, hn::BitCast(I32(), number)), of(kEach), of(kStart));
+        vectors[k] = Halley(hn::Div(level, of(kRise)), level, of(kC1), of(kC2), of(kC3), hn::Zero(f), hn::Set(f, 1.0f));
+        const V place = hn::TableLookupLanes(hn::BitCast(f, hn::LoadU(u, place_of_ + first)), pixels);
+        hn::StoreU(hn::BitCast(u, place), u, place_ + at);
       }
       for (int n = 0; n < 8; ++n) {
         for (Halley& v : vectors) v.step();
         if (n > 0 && std::ranges::all_of(vectors, [&](const Halley& v) { return hn::AllTrue(f, v.done); })) break;
       }
-      for (std::size_t k = 0; k < kTogether; ++k) hn::Store(clock_.us(vectors[k].s), I32(), us_ + i + k * hn::Lanes(f));
+      for (std::size_t k = 0; k < kTogether; ++k) hn::StoreU(clock_.us(vectors[k].s), I32(), us_ + i + k * lanes);
     }
-    clock_.add(us_, place_, waiting_, events_);
-    waiting_ = 0;
+    clock_.add(us_, place_, listed_, events_);
+    listed_ = 0;
   }
-
- private:
-  static constexpr std::size_t kTogether = 4;  // the steps of one wait for each other
-  static constexpr std::size_t kPlaces = kRoom + (1 + kTogether) * kLanes;
 
   EventSlots& events_;
   Clock clock_;
-  std::size_t waiting_ = 0;
-  HWY_ALIGN float level_[kPlaces], rise_[kPlaces], c1_[kPlaces], c2_[kPlaces], c3_[kPlaces];
-  HWY_ALIGN std::uint32_t place_[kPlaces];
-  HWY_ALIGN std::int32_t us_[kPlaces];
+  std::size_t pixels_ = 0, listed_ = 0;
+  HWY_ALIGN float rows_[kRows][kMostPixels + kLanes];
+  std::uint32_t place_of_[kMostPixels + kLanes];
+  std::int32_t count_[kMostPixels + kLanes];
+  std::uint32_t list_[kPlaces], place_[kPlaces];
+  std::int32_t us_[kPlaces];
 };
 
 // A block of pixels, frame by frame: what a pixel needs of the last frames stays in the first cache.
 class ThresholdBlock {
  public:
-  static constexpr std::uint32_t kPixels = 1024;
+  static constexpr std::uint32_t kPixels = 4096;
 
   explicit ThresholdBlock(const KernelArguments& a) : a_(a), planes_(a), crossings_(*a.events) {}
 
@@ -246,11 +281,7 @@ class ThresholdBlock {
     const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
     const VU place = hn::Or(hn::ShiftLeft<kKeyPixelShift>(hn::Add(numbers, hn::Set(u, first_))),
                             hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
-    V k = hn::Set(f, 1.0f);
-    for (M which = hn::Ge(count, k); !hn::AllFalse(f, which); which = hn::Ge(count, k)) {
-      crossings_.add(which, hn::MulAdd(k, each, start), rise, c1, c2, c3, place);
-      k = hn::Add(k, hn::Set(f, 1.0f));
-    }
+    crossings_.add({count, start, each, rise, c1, c2, c3, place}, active.size());
     HWY_ALIGN float after[kLanes];
     hn::Store(hn::MulAdd(count, threshold, reference), f, after);
     for (std::size_t lane = 0; lane < active.size(); ++lane) a_.reference[first_ + active[lane]] = after[lane];
