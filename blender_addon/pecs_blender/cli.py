@@ -136,12 +136,12 @@ def _add_survey(commands) -> None:
     add("scene", type=Path, help="FILE.blend, or a scene folder")
     add("-o", "--output", type=Path, required=True, metavar="FILE.npz", help="where the points go")
     add("--frames", help=f"{RULES['frames'].help}; the period or the range if not given")
-    add("--fps", type=Quantity("Hz"), default=10.0, help="instants per second")
+    add("--fps", type=Quantity("Hz", above=0, below=1e9), default=10.0, help="instants per second")
     add(
         "--spacing",
         "--spacing-m",
         dest="spacing_m",
-        type=Quantity("m"),
+        type=Quantity("m", above=0, below=1e9),
         help="distance of neighbouring points; such that they are 200,000 if not given",
     )
     _add_scene(command)
@@ -273,9 +273,6 @@ def _survey(args: dict) -> None:
     output = args["output"]
     if output.suffix != ".npz":
         raise RenderError(USAGE, f"-o {output}: got no .npz, wanted FILE.npz")
-    for name in ("fps", "spacing_m"):
-        if args[name] is not None and not 0 < args[name] <= 1e9:
-            raise RenderError(USAGE, f"--{name.removesuffix('_m')}: got {args[name]}, wanted a number above 0")
     with _writing(output):
         source = _source(*_where(args), DEFAULTS["illuminant"])
         from .scene.survey import survey

@@ -108,7 +108,7 @@ def test_a_scene_folder_covers_its_period(root, tmp_path):
     [
         ("things.blend", "s.txt", (), 2, "wanted FILE.npz"),
         ("things.blend", "no/s.npz", (), 2, "got no such folder"),
-        ("things.blend", "s.npz", ("--spacing-m", 0), 2, "--spacing: got 0.0"),
+        ("things.blend", "s.npz", ("--spacing-m", 0), 2, "--spacing: got 0, wanted a finite number"),
         ("things.blend", "s.npz", ("--spacing-m", 1e-6), 2, "wanted at most"),
         ("things.blend", "s.npz", ("--fps", "nan"), 2, "--fps: got 'nan'"),
         ("things.blend", "s.npz", ("--frames", "x"), 2, "--frames"),
