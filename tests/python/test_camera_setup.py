@@ -23,7 +23,7 @@ def test_the_field_is_that_of_the_lens():
     assert found.fnumber == found.widest == pytest.approx(4.15, abs=0.01)
     corner = found.border[0]
     assert corner[0] < 0 and corner[1] < 0  # the upper left pixel sees up and left, y is down
-    assert found.words() == "15.02 mm f/4.15, 23.5 x 13.3 degrees"
+    assert found.words() == "15.02 mm f/4.15, 23.5° x 13.3°"
 
 
 def test_a_stop_that_the_lens_has_not_is_refused_in_words():

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What scene/probe.py has found, in words."""
+"""What scene/probe.py has found, in words. `say` translates a text, and puts values into its {names}."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+Say = Callable[..., str]
 
 _LINES = (
     ("lux", "light on what is in view", "lux", 1.0),
@@ -13,22 +16,29 @@ _LINES = (
 )
 
 
-def light_rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
+def _plain(text: str, **values: Any) -> str:
+    return text.format(**values)
+
+
+def light_rows(found: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
     """(what, "MEDIAN UNIT (P5 to P95)"). scale: how much brighter all is now; the corner goes with it, but for dark
     current."""
     rows = []
     for name, what, unit, factor in _LINES:
         if spread := found[name]:
             middle, low, high = (_number(spread[key] * factor * scale) for key in ("median", "p5", "p95"))
-            rows.append((what, f"{middle} {unit} ({low} to {high})"))
+            text = "{middle} {unit} ({low} to {high})"
+            rows.append((say(what), say(text, middle=middle, unit=unit, low=low, high=high)))
         else:
             missing = "no surface in view scatters any" if name == "lux" else "the camera has no f-number: --fnumber"
-            rows.append((what, missing))
+            rows.append((say(what), say(missing)))
     if found["noise_thresholds"] is not None:
-        noise = f"{_number(found['noise_thresholds'])} contrast thresholds with {found['samples']} samples"
-        rows.append(("noise of the light", noise))
+        text = "{noise} contrast thresholds with {samples} samples"
+        noise = say(text, noise=_number(found["noise_thresholds"]), samples=found["samples"])
+        rows.append((say("noise of the light"), noise))
     if found["events_per_s"] is not None and scale == 1:
-        rows.append(("events expected", f"{_number(found['events_per_s'])} per second, without noise"))
+        rate = say("{events} per second, without noise", events=_number(found["events_per_s"]))
+        rows.append((say("events expected"), rate))
     return rows
 
 

@@ -45,7 +45,7 @@ class Field:
 
     def words(self) -> str:
         across, down = self.angles_deg
-        return f"{self.efl_mm:.4g} mm f/{self.fnumber:.3g}, {across:.3g} x {down:.3g} degrees"
+        return f"{self.efl_mm:.4g} mm f/{self.fnumber:.3g}, {across:.3g}° x {down:.3g}°"
 
 
 def around(width: int, height: int) -> np.ndarray:

@@ -9,6 +9,7 @@ from . import (
     camera_setup,
     chip_lens,
     event_operators,
+    languages,
     light,
     live,
     manual,
@@ -27,6 +28,7 @@ from . import (
 )
 
 _MODULES = (
+    languages,
     preferences,
     sensor_settings,
     settings,

@@ -17,8 +17,11 @@ from pathlib import Path
 
 import bpy
 
+from .words import say
+
 POLL_S, STATUS_S = 0.2, 1.0  # between looks, and redraws of the status bar
 STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal, before it was ready for one
+PHASES = {"render": "Render", "sense": "Simulate", "reconstruct": "Video"}  # by what a program calls its work
 READ_S = 2.0  # for the last words of a process that has ended
 MAX_LINES = 10_000  # of a program's answer
 PR_SET_PDEATHSIG = 1
@@ -87,12 +90,12 @@ class Job:
         """How far it is: "Render 25 %, 0:12 left, 0:04 so far"."""
         now = time.monotonic()
         if self._stopping:
-            return f"{self.label}: stopping"
-        begun = f"{self._phase.capitalize()} {self.progress:.0%}"
-        parts = [begun if self._phase else f"{self.label}: starting"]
+            return say("{job}: stopping", job=say(self.label))
+        begun = f"{say(PHASES.get(self._phase, self.label))} {self.progress:.0%}"
+        parts = [begun if self._phase else say("{job}: starting", job=say(self.label))]
         if self._left_s is not None and self.progress < 1:
-            parts.append(f"{clock(self._left_s - (now - self._left_at))} left")
-        return ", ".join([*parts, f"{clock(now - self._start)} so far"])
+            parts.append(say("{time} left", time=clock(self._left_s - (now - self._left_at))))
+        return ", ".join([*parts, say("{time} so far", time=clock(now - self._start))])
 
     def returncode(self) -> int | None:
         """None while it runs."""
@@ -136,7 +139,7 @@ def poll() -> float | None:
     try:
         state.message = _ending(job, code)
     except Exception as e:  # what it made cannot be shown: the panel must be free again
-        state.message, state.is_error = f"{job.label}: {e}", True
+        state.message, state.is_error = f"{say(job.label)}: {e}", True
     if state.is_error:
         _pop_up(state.message)
     return None
@@ -146,8 +149,9 @@ def _ending(job: Job, code: int) -> str:
     if code == 0:
         return job.done(job)
     if code in STOPPED:
-        return f"Stopped at {job.progress:.0%}" + (f"; {job.label} continues" if job.continues else "")
-    return job.last_line or f"{job.label} ended with code {code}"
+        text = "Stopped at {share:.0%}; {job} continues" if job.continues else "Stopped at {share:.0%}"
+        return say(text, share=job.progress, job=say(job.label))
+    return job.last_line or say("{job} ended with code {code}", job=say(job.label), code=code)
 
 
 @bpy.app.handlers.persistent

@@ -14,7 +14,7 @@ from mathutils import Matrix, Vector
 from ..core import field
 from . import frustum, library, settings
 from .panel import Sub
-from .words import wrapped
+from .words import CONTEXT, say, wrapped
 
 BEFORE = "pecs_before"  # custom property of the camera: what it was
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -22,6 +22,7 @@ OF_DOF = ("use_dof", "focus_distance", "aperture_fstop")
 OF_RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y")
 OF_PECS = ("lens", "chip", "focus_m", "fnumber", "film_width_mm")
 NO_CHIP_SIZE = (346, 260)
+NO_LENS = "{camera}: {width} x {height} pixels, no lens chosen"
 
 
 def _camera(scene):
@@ -148,13 +149,18 @@ class _SetUp:
                 setattr(scene.pecs, name, value)
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
-        size = f"{scene.render.resolution_x} x {scene.render.resolution_y} pixels"
-        self.report({"INFO"}, f"{thing.name}: {size}" + (f", {found.words()}" if found else ", no lens chosen"))
+        text = "{camera}: {width} x {height} pixels, {lens}" if found else NO_LENS
+        size = {"width": scene.render.resolution_x, "height": scene.render.resolution_y}
+        self.report({"INFO"}, say(text, camera=thing.name, **size, lens=found and found.words()))
         return {"FINISHED"}
 
 
 _CHOICES = {
-    "lens": StringProperty(name="Lens", search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")])),
+    "lens": StringProperty(
+        name="Lens",
+        translation_context=CONTEXT,
+        search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")]),
+    ),
     "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
     "fnumber": FloatProperty(name="f-number", min=0, description="0: wide open"),
     "focus": FloatProperty(name="Focus", min=0, subtype="DISTANCE", unit="LENGTH", description="0: not given"),
@@ -170,7 +176,7 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
-        cls.poll_message_set("The scene has no camera: Add > Camera > Event Camera makes one")
+        cls.poll_message_set(say("The scene has no camera: Add > Camera > Event Camera makes one"))
         return _camera(context.scene) is not None
 
     def execute(self, context):
@@ -240,7 +246,7 @@ class PECS_PT_camera(Sub, bpy.types.Panel):
         if wrong:
             wrapped(layout, wrong, "ERROR", alert=True)
         elif found:
-            layout.label(text=f"{found.words()}; widest f/{found.widest:.3g}")
+            layout.label(text=say("{lens}; widest f/{number:.3g}", lens=found.words(), number=found.widest))
 
 
 class PECS_GGT_focus(bpy.types.GizmoGroup):

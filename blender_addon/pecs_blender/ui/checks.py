@@ -18,11 +18,14 @@ from ..core.plan import MAX_INSTANTS
 from ..core.resources import BYTES_PER_VALUE, readable
 from ..core.spectra import spectrum
 from . import library, paths, sensor_settings, settings
+from .words import say
+
+NO_FOLDER = "{path}: a file, wanted a folder"
 
 
 @dataclass(frozen=True)
 class Problem:
-    """is_error: the job would fail. mend: an operator."""
+    """text: translated. is_error: the job would fail. mend: an operator."""
 
     text: str
     is_error: bool = True
@@ -46,13 +49,14 @@ def sensor_problems(scene) -> list[Problem]:
 
 def _of_scene(scene) -> Iterator[Problem]:
     if not scene.camera:
-        yield Problem("The scene has no camera")
+        yield Problem(say("The scene has no camera"))
     elif scene.camera.type != "CAMERA":
-        yield Problem(f"{scene.camera.name} is no camera")
+        yield Problem(say("{name} is no camera", name=scene.camera.name))
     if scene.frame_end < scene.frame_start:
-        yield Problem("The scene's frame range ends before it begins")
+        yield Problem(say("The scene's frame range ends before it begins"))
     if settings.instants(scene) > MAX_INSTANTS:
-        yield Problem(f"{settings.instants(scene):,} instants; at most {MAX_INSTANTS:,}: take a shorter range")
+        text = "{count:,} instants; at most {most:,}: take a shorter range"
+        yield Problem(say(text, count=settings.instants(scene), most=MAX_INSTANTS))
 
 
 def _chip(scene):
@@ -66,12 +70,13 @@ def _of_chip(scene) -> Iterator[Problem]:
     try:
         chip = library.chip(scene.pecs.chip).profile
     except RuntimeError as e:
-        yield Problem(f"Chip: {e}")
+        yield Problem(say("Chip: {error}", error=e))
         return
     width, height = settings.size(scene)
     if (chip.width and width > chip.width) or (chip.height and height > chip.height):
-        text = f"{width} x {height} pixels are more than the chip's {chip.width} x {chip.height}"
-        yield Problem(text, mend="pecs.chip_resolution")
+        text = "{width} x {height} pixels are more than the chip's {most_width} x {most_height}"
+        sizes = {"width": width, "height": height, "most_width": chip.width, "most_height": chip.height}
+        yield Problem(say(text, **sizes), mend="pecs.chip_resolution")
 
 
 def _of_lens(scene) -> Iterator[Problem]:
@@ -82,11 +87,11 @@ def _of_lens(scene) -> Iterator[Problem]:
         settings.lens_now(scene)
     except RuntimeError as e:
         too_wide = str(e).startswith("f-number")
-        yield Problem(f"Lens: {e}", mend="pecs.wide_open" if too_wide else "")
+        yield Problem(say("Lens: {error}", error=e), mend="pecs.wide_open" if too_wide else "")
     if not bpy.app.build_options.cycles_osl:
-        yield Problem("No lens: this Blender has no OSL (that of blender.org has)")
+        yield Problem(say("No lens: this Blender has no OSL (that of blender.org has)"))
     if s.device not in ("CPU", "OPTIX"):
-        yield Problem(f"A lens needs the device CPU or OPTIX, not {s.device}")
+        yield Problem(say("A lens needs the device CPU or OPTIX, not {device}", device=s.device))
 
 
 def spare_gpu(scene) -> str:
@@ -99,7 +104,8 @@ def spare_gpu(scene) -> str:
 
 def _of_device(scene) -> Iterator[Problem]:
     if device := spare_gpu(scene):
-        yield Problem(f"Cycles has {device} in the preferences; this renders on the CPU", False, "pecs.use_gpu")
+        text = say("Cycles has {device} in the preferences; this renders on the CPU", device=device)
+        yield Problem(text, False, "pecs.use_gpu")
 
 
 def _of_light(scene) -> Iterator[Problem]:
@@ -107,22 +113,22 @@ def _of_light(scene) -> Iterator[Problem]:
     try:
         spectrum(s.illuminant, Path(bpy.data.filepath or ".").absolute().parent)
     except RenderError as e:
-        yield Problem(f"Lamps' spectrum: {e}")
+        yield Problem(say("Lamps' spectrum: {error}", error=e))
     if s.min_nm and s.max_nm and s.min_nm >= s.max_nm:
-        yield Problem("The shortest wavelength is not below the longest")
+        yield Problem(say("The shortest wavelength is not below the longest"))
 
 
 def _of_output(scene) -> Iterator[Problem]:
     folder = paths.stack(scene)
     if folder.exists() and not folder.is_dir():
-        yield Problem(f"{folder}: a file, wanted a folder")
+        yield Problem(say(NO_FOLDER, path=folder))
         return
     yield from _of_place(folder)
     width, height = settings.size(scene)
     wanted = settings.instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
     disk = shutil.disk_usage(_there(folder))
     if disk.total and wanted > disk.free:  # /proc has none
-        text = f"Up to {readable(wanted)}, and {readable(disk.free)} are free"
+        text = say("Up to {wanted}, and {free} are free", wanted=readable(wanted), free=readable(disk.free))
         yield Problem(text, is_error=scene.pecs.time == "uniform")
 
 
@@ -134,6 +140,6 @@ def _there(folder: Path) -> Path:
 def _of_place(folder: Path) -> Iterator[Problem]:
     place = _there(folder)
     if not place.is_dir():
-        yield Problem(f"{place}: a file, wanted a folder")
+        yield Problem(say(NO_FOLDER, path=place))
     elif not os.access(place, os.W_OK | os.X_OK):
-        yield Problem(f"{place}: cannot be written")
+        yield Problem(say("{path}: cannot be written", path=place))

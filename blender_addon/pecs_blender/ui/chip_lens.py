@@ -2,14 +2,14 @@
 """Buttons that set the scene by the chip and the lens."""
 
 import math
-import webbrowser
 from pathlib import Path
 
 import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ..core.errors import RenderError
-from . import checks, library, sensor_settings, settings
+from . import checks, library, paths, sensor_settings, settings
+from .words import say
 
 
 class PECS_OT_chip_resolution(bpy.types.Operator):
@@ -27,7 +27,7 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
             cls.poll_message_set(str(e))
             return False
         if not (chip.width and chip.height):
-            cls.poll_message_set("This chip has any resolution")
+            cls.poll_message_set(say("This chip has any resolution"))
         return bool(chip.width and chip.height)
 
     def execute(self, context):
@@ -57,7 +57,7 @@ class _OnLens:
     @classmethod
     def poll(cls, context) -> bool:
         if not settings.has_lens(context.scene.pecs):
-            cls.poll_message_set("Choose a lens first")
+            cls.poll_message_set(say("Choose a lens first"))
         return settings.has_lens(context.scene.pecs)
 
 
@@ -84,7 +84,7 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
     def poll(cls, context) -> bool:
         camera = context.scene.camera
         if not camera or camera.type != "CAMERA":
-            cls.poll_message_set("The scene has no camera")
+            cls.poll_message_set(say("The scene has no camera"))
             return False
         return super().poll(context)
 
@@ -127,8 +127,7 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
         except (pecs.PecsError, RenderError, OSError) as e:
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
-        shown = webbrowser.open(path.as_uri())
-        self.report({"INFO"}, f"{path}{'' if shown else ': no browser to show it'}")
+        self.report({"INFO"}, paths.open_outside(path))
         return {"FINISHED"}
 
 
@@ -180,7 +179,7 @@ class PECS_OT_override_add(bpy.types.Operator):
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
         if self.name not in known:
-            self.report({"ERROR"}, f"{self.name or 'nothing'}: no parameter of this chip or pixel")
+            self.report({"ERROR"}, say(sensor_settings.UNKNOWN, name=self.name or "?"))
             return {"CANCELLED"}
         if self.name not in sensor.overrides:
             one = sensor.overrides.add()

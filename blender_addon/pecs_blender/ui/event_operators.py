@@ -2,7 +2,6 @@
 """Buttons that run the program: simulate events, look at them, compare them."""
 
 import json
-import webbrowser
 from pathlib import Path
 
 import bpy
@@ -12,6 +11,7 @@ from ..core.errors import RenderError
 from ..core.programs import pecs as program
 from . import background, checks, library, operators, paths, sensor_settings, settings
 from .preferences import preferences
+from .words import say
 
 KINDS = {  # what `pecs view` makes
     "png": ("Sheet", "Pictures of the events, in the image editor"),
@@ -28,15 +28,6 @@ def _command(*words: object) -> list[str]:
         raise RuntimeError(e) from None
 
 
-def open_outside(path: Path) -> str:
-    """A page or a video, in what the system opens it with."""
-    try:
-        opened = webbrowser.open(path.as_uri())
-    except (OSError, webbrowser.Error):
-        opened = False
-    return f"{path}{'' if opened else ': nothing here opens it'}"
-
-
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
     """Simulate the events of the rendered stack"""
 
@@ -49,7 +40,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
             return False
         stack = paths.rendered(context.scene)
         if not (stack / "stack.json").is_file():
-            cls.poll_message_set(f"{stack}: no stack; render it first")
+            cls.poll_message_set(say("{path}: no stack; render it first", path=stack))
             return False
         wrong = checks.sensor_problems(context.scene)
         if wrong:
@@ -72,7 +63,7 @@ class _OnEvents(operators.InBackground):
             return False
         events = paths.events(context.scene)
         if not events.is_file():
-            cls.poll_message_set(f"{events}: no events; simulate them first")
+            cls.poll_message_set(say("{path}: no events; simulate them first", path=events))
         return events.is_file()
 
 
@@ -87,7 +78,7 @@ class PECS_OT_view(_OnEvents, bpy.types.Operator):
 
     @classmethod
     def description(cls, _context, properties) -> str:
-        return "A strip in the sequencer" if properties.to_sequencer else KINDS[properties.kind][1]
+        return say("A strip in the sequencer" if properties.to_sequencer else KINDS[properties.kind][1])
 
     def job(self, context) -> background.Job:
         sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
@@ -99,7 +90,7 @@ class PECS_OT_view(_OnEvents, bpy.types.Operator):
 
 
 def _open(job: background.Job) -> str:
-    return open_outside(job.output)
+    return paths.open_outside(job.output)
 
 
 def _show_sheet(job: background.Job) -> str:
@@ -119,14 +110,16 @@ def sequencer_scene(context) -> bpy.types.Scene | None:
 def _add_strip(job: background.Job) -> str:
     scene = sequencer_scene(bpy.context)
     if not scene:
-        return f"{job.output}: no sequencer is open"
+        return say("{path}: no sequencer is open", path=job.output)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = editor.strips
+    if not strips:
+        scene.render.use_sequencer = False  # else Blender renders the strip, not the camera
     channel = 1 + max((strip.channel for strip in strips), default=0)
     if not getattr(bpy.context.workspace, "sequencer_scene", scene):  # Blender 5: else the sequencer shows nothing
         bpy.context.workspace.sequencer_scene = scene
-    strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start)
-    return f"{strip.name}: in channel {channel} of the sequencer"
+    strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start, fit_method="FIT")
+    return say("{strip}: in channel {channel} of the sequencer", strip=strip.name, channel=channel)
 
 
 class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
@@ -187,7 +180,7 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
         if self.filepath:
             sensor.recording = self.filepath
         if not sensor.recording:
-            raise RuntimeError("Recording: got none, wanted an event file")
+            raise RuntimeError(say("Choose a recording: an event file"))
         window = sensor.compare_ms
         words = ["--window", f"{window:.6g}ms"] if window else []
         command = _command("compare", *_recording(context.scene), events, *words, "--json")
@@ -196,7 +189,8 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
 
 def _keep_scores(job: background.Job) -> str:
     scores = json.loads("\n".join(job.answer))
-    title = f"{Path(job.command[2]).name} and {job.output.name}, {scores['window_us'] / 1e3:.4g} ms"
+    names, ms = (Path(job.command[2]).name, job.output.name), scores["window_us"] / 1e3
+    title = say("{recording} and {events}, {ms:.4g} ms", recording=names[0], events=names[1], ms=ms)
     background.state.scores = title, score_rows(scores)
     return "; ".join(scores["warnings"])
 
@@ -205,10 +199,12 @@ def score_rows(scores: dict) -> list[tuple[str, str]]:
     """What `pecs compare` says, short: the recording's value first."""
 
     def both(key: str, spec: str) -> str:
-        return " and ".join(_said(scores[which][key], spec) for which in ("real", "sim"))
+        real, sim = (_said(scores[which][key], spec) for which in ("real", "sim"))
+        return say("{real} and {simulated}", real=real, simulated=sim)
 
     def beside_halves(key: str) -> str:
-        return f"{_said(scores[key], '.4g')}, its halves {_said(scores['split_half'][key], '.4g')}"
+        score, halves = (_said(of[key], ".4g") for of in (scores, scores["split_half"]))
+        return say("{score}, its halves {halves}", score=score, halves=halves)
 
     return [
         ("Chamfer", beside_halves("chamfer")),
@@ -224,7 +220,7 @@ def score_rows(scores: dict) -> list[tuple[str, str]]:
 
 def _said(value: float | None, spec: str) -> str:
     """What too few events do not tell is null."""
-    return "none" if value is None else format(value, spec)
+    return say("none") if value is None else format(value, spec)
 
 
 class PECS_OT_close_scores(bpy.types.Operator):
@@ -250,7 +246,7 @@ class PECS_OT_open_folder(bpy.types.Operator):
         return paths.events(context.scene).parent.is_dir()
 
     def execute(self, context):
-        self.report({"INFO"}, open_outside(paths.events(context.scene).parent))
+        self.report({"INFO"}, paths.open_outside(paths.events(context.scene).parent))
         return {"FINISHED"}
 
 

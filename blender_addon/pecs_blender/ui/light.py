@@ -13,7 +13,7 @@ from bpy.props import FloatProperty
 from ..core.brightness import light_rows
 from . import background, operators, paths
 from .panel import Sub
-from .words import wrapped
+from .words import say, wrapped
 
 DIM_HZ = 100.0  # a corner below it smears what moves
 
@@ -51,11 +51,14 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         def done(job: background.Job) -> str:
             found = json.loads(next(line for line in job.answer if line.startswith("{")))  # Blender speaks, too
             state.found[name] = found
-            what, value = light_rows(found)[0]
-            return f"{what[0].upper()}{what[1:]}: {value}"
+            return _rows(found)[0]
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
         return background.Job("Probe light", command, paths.stack(scene), done, for_file=True)
+
+
+def _rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
+    return [f"{what[0].upper()}{what[1:]}: {value}" for what, value in light_rows(found, scale, say)]
 
 
 class PECS_OT_set_lux(bpy.types.Operator):
@@ -68,7 +71,7 @@ class PECS_OT_set_lux(bpy.types.Operator):
     @classmethod
     def poll(cls, context) -> bool:
         found = state.found.get(context.scene.name)
-        cls.poll_message_set("Probe the light first" if not found else "The probe found no lit surface in view")
+        cls.poll_message_set(say("Probe the light first" if not found else "The probe found no lit surface in view"))
         return bool(found and found["lux"] and found["lux"]["median"] > 0)
 
     def execute(self, context):
@@ -87,11 +90,11 @@ class PECS_PT_probe(Sub, bpy.types.Panel):
         if found := state.found.get(scene.name):
             scale = s.light_scale / found["light_scale"]
             column = layout.column(align=True)
-            for what, value in light_rows(found, scale):
-                wrapped(column, f"{what[0].upper()}{what[1:]}: {value}")
+            for row in _rows(found, scale):
+                wrapped(column, row)
             corner = found["corner_hz"]
             if corner and 0 < corner["median"] * scale < DIM_HZ:
-                wrapped(layout, "Dim: the photoreceptor is slow, and smears what moves", "INFO")
+                wrapped(layout, say("Dim: the photoreceptor is slow, and smears what moves"), "INFO")
         row = layout.row(align=True)
         row.prop(scene.pecs_light, "wanted_lux")
         row.operator("pecs.set_lux", text="", icon="CHECKMARK")

@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from . import live_view
 from .live_view import state
+from .words import say, wrapped
 
 
 def _restart(_self, context) -> None:
@@ -18,7 +19,7 @@ def _restart(_self, context) -> None:
     try:
         state.view.settings(context.scene)
     except Exception as e:  # a chip that is not one, a disk that is full
-        live_view.end(state.view, f"Stopped: {e}")
+        live_view.end(state.view, say(live_view.STOPPED, reason=e))
 
 
 class PecsLive(bpy.types.PropertyGroup):
@@ -107,9 +108,10 @@ class PECS_OT_live_record(bpy.types.Operator):
         try:
             if recording := sensor.recording:
                 count = sensor.stop_recording()
-                self.report({"INFO"}, f"{recording.path}: {count:,} events")
+                self.report({"INFO"}, say("{path}: {count:,} events", path=recording.path, count=count))
             elif name.startswith("//") and not bpy.data.filepath:
-                raise ValueError(f"{name}: the file is not saved yet: choose a full path, or save it first")
+                text = "{name}: the file is not saved yet: choose a full path, or save it first"
+                raise ValueError(say(text, name=name))
             else:
                 live_view.record(state.view, Path(bpy.path.abspath(name)))
         except Exception as e:
@@ -132,9 +134,8 @@ class PECS_PT_live(bpy.types.Panel):
         recording = view and view.sensor.recording
         row.operator("pecs.live_record", text="Stop recording" if recording else "Record", icon="REC")
         if state.message:
-            layout.label(text=state.message, icon="ERROR")
-        layout.label(text="A preview: relative light,", icon="INFO")
-        layout.label(text="without spectrum and lens", icon="BLANK1")
+            wrapped(layout, state.message, "ERROR")
+        wrapped(layout, say("A preview: relative light, without spectrum and lens"), "INFO")
 
         column = layout.column(align=True)
         column.prop(s, "source")

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..core import live
 from . import library, live_draw
+from .words import say
 
 BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
 FADED = 4  # decay times after which nothing is left to see
@@ -26,6 +27,7 @@ MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
 DRAWS_OFFSCREEN = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
 MOST_FRAMES = 4  # of a step that sub-instants may divide
 WORDS = "PECS live preview: relative light, no spectrum, no lens"
+STOPPED = "Stopped: {reason}"
 WHITE, RED = (0.9, 0.92, 0.93, 1), (1, 0.35, 0.3, 1)
 
 
@@ -113,11 +115,11 @@ class LiveView:
         try:
             found = self._find()
             if not found:
-                end(self, "Stopped: its viewport is gone")
+                end(self, say(STOPPED, reason=say("its viewport is gone")))
                 return None
             return self._step(*found)
         except Exception as e:
-            end(self, f"Stopped: {e}")
+            end(self, say(STOPPED, reason=e))
             raise
 
     def _step(self, window, area, region, space) -> float:
@@ -268,14 +270,15 @@ class LiveView:
 
     def _lines(self) -> list[tuple[str, tuple]]:
         height, width = self.sensor.last_s.shape
-        spent = ", ".join(f"{name} {ms:.1f}" for name, ms in self.cost.ms.items())
-        lines = [
-            (WORDS, WHITE),
-            (f"{width} x {height}, {rate_text(self.sensor.rate_hz)}, instants per frame: {self._instants}", WHITE),
-            (f"{self.pictures_per_s():.0f} pictures/s, dropped frames: {self.clock.dropped}, ms: {spent}", WHITE),
-        ]
+        spent = ", ".join(f"{say(name)} {ms:.1f}" for name, ms in self.cost.ms.items())
+        size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
+        speed = {"pictures": self.pictures_per_s(), "dropped": self.clock.dropped, "spent": spent}
+        instants = say("{width} x {height}, {rate}, instants per frame: {count}", **size, count=self._instants)
+        cost = say("{pictures:.0f} pictures/s, dropped frames: {dropped}, ms: {spent}", **speed)
+        lines = [(say(WORDS), WHITE), (instants, WHITE), (cost, WHITE)]
         if recording := self.sensor.recording:
-            lines.append((f"REC {recording.path.name}: {recording.count:,} events", RED))
+            text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)
+            lines.append((text, RED))
         return lines
 
     def pictures_per_s(self) -> float:
@@ -309,7 +312,9 @@ def draws_offscreen(scene, space) -> bool:
 
 
 def rate_text(rate_hz: float) -> str:
-    return f"{rate_hz / 1e6:.2f} Mevents/s" if rate_hz >= 1e6 else f"{rate_hz / 1e3:.1f} kevents/s"
+    if rate_hz >= 1e6:
+        return say("{rate:.2f} Mevents/s", rate=rate_hz / 1e6)
+    return say("{rate:.1f} kevents/s", rate=rate_hz / 1e3)
 
 
 def _clock(scene, playing: bool) -> tuple:

@@ -2,10 +2,11 @@
 """The manual's page, for the button and for Blender's own *Online Manual* in the menu of every field: a file, so that
 it is of this very version."""
 
-import webbrowser
 from pathlib import Path
 
 import bpy
+
+from . import paths
 
 _TRIED = (
     Path(__file__).parents[1] / "manual/panel.html",
@@ -13,14 +14,14 @@ _TRIED = (
 )  # zip; checkout
 
 
-def _page() -> str:
-    return next((path for path in _TRIED if path.is_file()), _TRIED[0]).as_uri()
+def _page() -> Path:
+    return next((path for path in _TRIED if path.is_file()), _TRIED[0])
 
 
 def pages() -> tuple[str, tuple[tuple[str, str], ...]]:
     """As bpy.utils.register_manual_map wants it."""
     ours = ("bpy.ops.pecs.*", "bpy.types.pecs*", "bpy.types.scene.pecs*")
-    return _page(), tuple((pattern, "") for pattern in ours)
+    return _page().as_uri(), tuple((pattern, "") for pattern in ours)
 
 
 class PECS_OT_manual(bpy.types.Operator):
@@ -30,8 +31,7 @@ class PECS_OT_manual(bpy.types.Operator):
     bl_label = "Manual"
 
     def execute(self, _context):
-        shown = webbrowser.open(_page())
-        self.report({"INFO"}, f"{_page()}{'' if shown else ': no browser to show it'}")
+        self.report({"INFO"}, paths.open_outside(_page()))
         return {"FINISHED"}
 
 

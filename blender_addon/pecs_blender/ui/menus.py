@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from . import background, event_operators, manual
+from .words import say
 
 
 class PECS_MT_render(bpy.types.Menu):
@@ -20,7 +21,7 @@ class PECS_MT_render(bpy.types.Menu):
             layout.operator(f"pecs.{name}")
         layout.separator()
         for kind, (label, _) in event_operators.KINDS.items():
-            layout.operator("pecs.view", text=f"View events: {label}").kind = kind
+            layout.operator("pecs.view", text=say("View events: {kind}", kind=say(label))).kind = kind
         for name in ("reconstruct", "report", "compare", "open_folder"):
             layout.operator(f"pecs.{name}")
         layout.separator()

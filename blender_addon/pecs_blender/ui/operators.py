@@ -13,12 +13,14 @@ import bpy
 from ..core.colour import linear_rgb
 from . import background, checks, paths, sensor_settings, settings
 from .preferences import ROOT, preferences
+from .words import say
 
 PREVIEW_WIDTH = 320
 # For the eye.
 PREVIEW_BANDS = "--bands 12 --placement uniform --min-wavelength 400nm --max-wavelength 700nm".split()
 AT_ONCE = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
+BUSY = "A job is running: wait, or stop it"
 
 
 class InBackground:
@@ -29,13 +31,13 @@ class InBackground:
     @classmethod
     def poll(cls, context) -> bool:
         if background.state.job:
-            cls.poll_message_set("A job is running: wait, or stop it")
+            cls.poll_message_set(say(BUSY))
             return False
         return True
 
     def execute(self, context):
         if background.state.job:
-            self.report({"ERROR"}, "A job is running: wait, or stop it")
+            self.report({"ERROR"}, say(BUSY))
             return {"CANCELLED"}
         try:
             background.start(self.job(context))
@@ -49,13 +51,18 @@ def is_saved() -> bool:
     return bool(bpy.data.filepath) and not bpy.data.is_dirty
 
 
+def wants_saving() -> bool:
+    """By the user: a file that has a name is saved by the button, where that is preferred."""
+    return not is_saved() and not (bpy.data.filepath and preferences().save_first)
+
+
 class Renders(InBackground):
     @classmethod
     def poll(cls, context) -> bool:
         if not super().poll(context):
             return False
-        if not is_saved() and not (bpy.data.filepath and preferences().save_first):
-            cls.poll_message_set("Save the file first: it is rendered as saved")
+        if wants_saving():
+            cls.poll_message_set(say("Save the file first: it is rendered as saved"))
             return False
         wrong = [one.text for one in checks.problems(context.scene) if one.is_error]
         if wrong:
@@ -110,7 +117,7 @@ class PECS_OT_render(Renders, bpy.types.Operator):
 
         def done(job: background.Job) -> str:
             remember_stack(name, job.folder)
-            return f"{job.folder}: rendered"
+            return say("{path}: rendered", path=job.folder)
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
         return background.Job("Render stack", command, output, done, continues=True)
@@ -129,7 +136,7 @@ class PECS_OT_run(Renders, bpy.types.Operator):
 
         def done(job: background.Job) -> str:
             remember_stack(name, job.folder if job.folder != events else stack)
-            return job.answer[-1] if job.answer else f"{events}: simulated"
+            return job.answer[-1] if job.answer else say("{path}: simulated", path=events)
 
         words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
         command = blender(scene, "run", events, *words, "--sense", *sensor_settings.arguments(scene))
@@ -191,7 +198,8 @@ def show_image(image: bpy.types.Image) -> str:
     editors = [area for area in areas if area.type == "IMAGE_EDITOR"]
     for area in editors:
         area.spaces.active.image = image
-    return f"{image.name}: in the image editor" + ("" if editors else " (open one)")
+    text = "{image}: in the image editor" if editors else "{image}: in the image editor (open one)"
+    return say(text, image=image.name)
 
 
 class PECS_OT_stop(bpy.types.Operator):

@@ -9,7 +9,7 @@ from . import event_operators, paths
 from .background import state
 from .checks import sensor_problems
 from .panel import Sub
-from .words import problem
+from .words import CONTEXT, problem, say
 
 
 class PECS_PT_events(Sub, bpy.types.Panel):
@@ -20,12 +20,13 @@ class PECS_PT_events(Sub, bpy.types.Panel):
         layout.prop(s.sensor, "format")
         for one in sensor_problems(scene):
             problem(layout, one)
-        layout.label(text=f"From {paths.rendered(scene).name}")
+        layout.label(text=say("From {name}", name=paths.rendered(scene).name))
         layout.operator("pecs.sense", icon="PARTICLES")
 
 
 class PECS_PT_view(Sub, bpy.types.Panel):
     bl_label = "Look"
+    bl_translation_context = CONTEXT
     bl_parent_id = "PECS_PT_events"
 
     def fill(self, layout, scene, s) -> None:
@@ -64,7 +65,7 @@ class PECS_PT_compare(Sub, bpy.types.Panel):
             for label, value in rows:
                 split = box.split(factor=0.4)
                 split.scale_y = 0.6
-                split.label(text=label)
+                split.label(text=say(label))
                 split.label(text=value)
 
 

@@ -8,10 +8,12 @@ import bpy
 from ..core.resources import BYTES_PER_VALUE, readable
 from . import paths, settings
 from .panel import Sub
+from .words import CONTEXT, say
 
 
 class PECS_PT_lens(Sub, bpy.types.Panel):
     bl_label = "Lens"
+    bl_translation_context = CONTEXT
 
     def fill(self, layout, scene, s) -> None:
         row = layout.row(align=True)
@@ -20,7 +22,7 @@ class PECS_PT_lens(Sub, bpy.types.Panel):
         if not settings.has_lens(s):
             camera = scene.camera
             if camera and camera.type == "CAMERA":
-                layout.label(text=f"The scene's camera, f/{camera.data.dof.aperture_fstop:.3g}")
+                layout.label(text=say("The scene's camera, f/{number:.3g}", number=camera.data.dof.aperture_fstop))
             return
         column = layout.column(align=True)
         for name in ("focus_m", "fnumber", "film_width_mm"):
@@ -31,7 +33,7 @@ class PECS_PT_lens(Sub, bpy.types.Panel):
             return
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
-        column.label(text=f"Sees {info['hfov_deg']:.1f}° x {info['vfov_deg']:.1f}°")
+        column.label(text=say("Sees {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"]))
         row = layout.row(align=True)
         row.operator("pecs.match_lens", text="Match the camera", icon="CAMERA_DATA")
         row.operator("pecs.draw_lens", icon="VIEW_ORTHO")
@@ -70,8 +72,9 @@ class PECS_PT_time(Sub, bpy.types.Panel):
         if not s.whole_range:
             layout.prop(s, "frames")
         count, passes = settings.instants(scene), s.pass_count
-        each = "1 pass" if passes == 1 else f"{passes} passes"
-        layout.label(text=f"{count:,} instants, {count / s.fps * 1e3:.4g} ms, {each} each")
+        text = "{count:,} instants, {ms:.4g} ms, {passes} passes each"
+        text = text if passes > 1 else "{count:,} instants, {ms:.4g} ms, 1 pass each"
+        layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
 
 
 class PECS_PT_stack(Sub, bpy.types.Panel):
@@ -83,7 +86,8 @@ class PECS_PT_stack(Sub, bpy.types.Panel):
         layout.prop(s, "layers")
         width, height = settings.size(scene)
         size_bytes = settings.instants(scene) * s.channels * width * height * BYTES_PER_VALUE
-        layout.label(text=f"{width} x {height} pixels, up to {readable(size_bytes)}")
+        text = "{width} x {height} pixels, up to {size}"
+        layout.label(text=say(text, width=width, height=height, size=readable(size_bytes)))
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")

@@ -7,6 +7,7 @@ import bpy
 
 from . import library, sensor_settings, settings
 from .panel import Sub
+from .words import say
 
 
 class PECS_PT_sensor(Sub, bpy.types.Panel):
@@ -18,8 +19,8 @@ class PECS_PT_sensor(Sub, bpy.types.Panel):
             chip = library.chip(s.chip).profile
         except RuntimeError:  # checks.py says it above
             return
-        size = f"{chip.width} x {chip.height}" if chip.width else "any number of"
-        layout.label(text=f"{size} pixels of {chip.pixel_pitch_m * 1e6:.4g} µm")
+        text = "{width} x {height} pixels of {pitch:.4g} µm" if chip.width else "Any number of pixels of {pitch:.4g} µm"
+        layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
         width, height = settings.size(scene)
         if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
             layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
@@ -49,7 +50,7 @@ class PECS_PT_parameters(Sub, bpy.types.Panel):
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             row = column.row()
             row.alignment = "RIGHT"
-            row.label(text=f"{low:g} to {high:g}{unit}")
+            row.label(text=say("{low:g} to {high:g}{unit}", low=low, high=high, unit=unit))
         layout.operator("pecs.override_add", icon="ADD")
 
 

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where stacks, events and what is made of them lie."""
+"""Where stacks, events and what is made of them lie; and what shows them outside."""
 
 from __future__ import annotations
 
+import webbrowser
 from pathlib import Path
 
 import bpy
 
 from .preferences import preferences
+from .words import say
 
 
 def _beside(text: str, ending: str) -> Path:
@@ -34,6 +36,15 @@ def rendered(scene) -> Path:
 
 def events(scene) -> Path:
     return _beside(scene.pecs.sensor.output, ending(scene.pecs.sensor.format))
+
+
+def open_outside(path: Path) -> str:
+    """A page, a picture or a video, in what the system opens it with; what to say of it."""
+    try:
+        opened = webbrowser.open(path.as_uri())
+    except (OSError, webbrowser.Error):
+        opened = False
+    return str(path) if opened else say("{path}: nothing here opens it", path=path)
 
 
 def ending(event_format: str) -> str:

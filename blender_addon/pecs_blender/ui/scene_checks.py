@@ -16,7 +16,7 @@ from ..scene.spectral import beyond_reach
 from . import light, settings
 from .checks import Problem
 from .panel import Sub
-from .words import problem, wrapped
+from .words import problem, say, wrapped
 
 LOOKS = 8  # over the rendered range, at how far things move
 MOST_PX = 1.0  # from instant to instant: beyond it light jumps between pictures
@@ -40,15 +40,18 @@ def look(scene, view_layer) -> list[Problem]:
 
 def _files(scene) -> Iterator[Problem]:
     if missing := list(missing_files()):
-        yield Problem(_list("Missing", missing), mend="file.find_missing_files")
+        yield Problem(_list(say("Missing"), missing), mend="file.find_missing_files")
     if not scene.pecs.allow_scripts and (drivers := list(python_drivers())):
-        yield Problem(_list("Python to run", drivers), mend="pecs.allow_scripts")
+        yield Problem(_list(say("Python to run"), drivers), mend="pecs.allow_scripts")
 
 
 def _lamps(scene) -> Iterator[Problem]:
     lamps = sorted({o.data.name for o in scene.objects if o.type == "LIGHT" and not o.hide_render and _bare(o.data)})
     if lamps:
-        yield Problem(_list(f"Lamps without a spectrum, lit as {scene.pecs.illuminant}", lamps), is_error=False)
+        yield Problem(
+            _list(say("Lamps without a spectrum, lit as {spectrum}", spectrum=scene.pecs.illuminant), lamps),
+            is_error=False,
+        )
 
 
 def _bare(light) -> bool:
@@ -61,7 +64,7 @@ def _nodes() -> Iterator[Problem]:
     trees += [(group.name, group) for group in bpy.data.node_groups if group.users]
     found = [words for name, tree in trees for node in tree.nodes for words in beyond_reach(node, name)]
     if found:
-        yield Problem(_list("Approximated", found), is_error=False)
+        yield Problem(_list(say("Approximated"), found), is_error=False)
 
 
 def _noise(scene) -> Iterator[Problem]:
@@ -69,15 +72,18 @@ def _noise(scene) -> Iterator[Problem]:
     s = scene.pecs
     if s.denoise:
         text = "Denoising flickers from picture to picture, also in pixels that see nothing move, and makes events"
-        yield Problem(text, is_error=False, mend="pecs.no_denoise")
+        yield Problem(say(text), is_error=False, mend="pecs.no_denoise")
     found = light.state.found.get(scene.name)
     if s.noise_target or not found or found["noise_thresholds"] is None:
         return
     noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
     if noise > MOST_NOISE:
         wanted = math.ceil(s.samples * (noise / MOST_NOISE) ** 2)
-        text = f"Noise of about {noise:.2g} contrast thresholds flickers where something moves, and makes events. Take "
-        text += f"{wanted} samples or more, or a noise target of {NOISE_TARGET:g}"
+        text = (
+            "Noise of about {noise:.2g} contrast thresholds flickers where something moves, and makes events. Take "
+            "{samples} samples or more, or a noise target of {target:g}"
+        )
+        text = say(text, noise=noise, samples=wanted, target=NOISE_TARGET)
         yield Problem(text, is_error=False, mend="pecs.take_noise_target")
 
 
@@ -88,7 +94,8 @@ def _clip(scene, view_layer) -> Iterator[Problem]:
         return
     ahead = -(np.array(camera.matrix_world.normalized().inverted()) @ _corners(view_layer))[2]
     if ahead.size and ahead.max() > camera.data.clip_end:
-        text = f"The camera sees nothing beyond {camera.data.clip_end:g}, and things reach {ahead.max():.4g} units far"
+        text = "The camera sees nothing beyond {end:g}, and things reach {far:.4g} units far"
+        text = say(text, end=camera.data.clip_end, far=ahead.max())
         yield Problem(text, is_error=False, mend="pecs.clip_far")
 
 
@@ -115,10 +122,11 @@ def _motion(scene, view_layer) -> Iterator[Problem]:
     finally:
         scene.frame_set(frame, subframe=subframe)
     if fastest > MOST_PX:
-        text = f"Things move up to {fastest:.3g} pixels from instant to instant, so their light jumps. Render "
-        text += "keyframes and the motion between them (Steps: adaptive), or "
-        text += f"{math.ceil(fastest)} times as many instants per second"
-        yield Problem(text, is_error=False, mend="pecs.take_adaptive")
+        text = (
+            "Things move up to {pixels:.3g} pixels from instant to instant, so their light jumps. Render keyframes and "
+            "the motion between them (Steps: adaptive), or {times} times as many instants per second"
+        )
+        yield Problem(say(text, pixels=fastest, times=math.ceil(fastest)), is_error=False, mend="pecs.take_adaptive")
 
 
 def _motion_px(scene, view_layer, from_s: float, to_s: float) -> float:
@@ -156,13 +164,12 @@ def _divided(point: Vector) -> Vector:
 
 
 def _list(what: str, names: list[str]) -> str:
-    more = f", and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return f"{what}: {', '.join(names[:SHOWN])}{more}"
+    text = f"{what}: {', '.join(names[:SHOWN])}"
+    return text if len(names) <= SHOWN else say("{names}, and {count} more", names=text, count=len(names) - SHOWN)
 
 
 class PECS_OT_check_scene(bpy.types.Operator):
-    """Look through the scene for what would spoil the events: fast motion, missing files, lamps without a spectrum,
-    noise, the camera's clip range, materials that have no spectrum"""
+    """Look for what would spoil the events: fast motion, missing files, lamps without a spectrum, noise, and more"""
 
     bl_idname = "pecs.check_scene"
     bl_label = "Check the scene"
@@ -170,7 +177,7 @@ class PECS_OT_check_scene(bpy.types.Operator):
     def execute(self, context):
         scene = context.scene
         state.found[scene.name] = found = look(scene, context.view_layer)
-        self.report({"INFO"}, f"{len(found)} remarks" if found else "Nothing found")
+        self.report({"INFO"}, say("{count} remarks", count=len(found)) if found else say("Nothing found"))
         return {"FINISHED"}
 
 
@@ -245,7 +252,7 @@ class PECS_PT_checks(Sub, bpy.types.Panel):
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
         found = state.found.get(scene.name)
         if found == []:
-            wrapped(layout, "Nothing found", "CHECKMARK")
+            wrapped(layout, say("Nothing found"), "CHECKMARK")
         for one in found or ():
             problem(layout, one)
 

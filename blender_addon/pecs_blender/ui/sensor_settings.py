@@ -8,8 +8,10 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from . import library
+from .words import say
 
 CHIPS_OWN = "pecs"  # the pixel model whose parameters are the chip's
+UNKNOWN = "{name}: no parameter of this chip or pixel"
 
 
 @cache  # Blender wants the very same texts each time
@@ -101,13 +103,14 @@ def parameters(settings) -> dict[str, dict]:
 def wrong(override, known: dict[str, dict]) -> str:
     """What is wrong with an override; nothing if it is well."""
     if override.name not in known:
-        return f"{override.name}: no parameter of this chip or pixel"
+        return say(UNKNOWN, name=override.name)
     low, high = known[override.name]["range"]
     try:
         well = low <= float(override.value) <= high
     except ValueError:
         well = False
-    return "" if well else f"{override.name}: got {override.value!r}, wanted a number in [{low:g}, {high:g}]"
+    text = "{name}: got {value!r}, wanted a number in [{low:g}, {high:g}]"
+    return "" if well else say(text, name=override.name, value=override.value, low=low, high=high)
 
 
 def arguments(scene: bpy.types.Scene) -> list[str]:

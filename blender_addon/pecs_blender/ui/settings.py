@@ -20,6 +20,7 @@ from ..core.plan import passes
 from . import library
 from .preferences import preferences
 from .sensor_settings import PecsSensor
+from .words import CONTEXT
 
 # Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
 SHOWN = {
@@ -45,7 +46,13 @@ SHOWN = {
     ),
     "light_scale": ("Light scale", {}),
     "samples": ("Samples", {}),
-    "noise_target": ("Noise target", {"precision": 3}),
+    "noise_target": (
+        "Noise target",
+        {
+            "precision": 3,
+            "description": "Chooses the samples: noise of the log of light, in the chip's contrast thresholds; 0: off",
+        },
+    ),
     "denoise": ("Denoise", {}),
     "light_tree": ("Light tree", {}),
     "seed": ("Seed", {}),
@@ -128,6 +135,7 @@ class PecsSettings(bpy.types.PropertyGroup):
     )
     lens: StringProperty(
         name="Lens",
+        translation_context=CONTEXT,
         default=library.SCENES_CAMERA,
         search=library.search(lambda: [(library.SCENES_CAMERA, "The scene's camera"), *library.names("lens")]),
         search_options={"SORT", "SUGGESTION"},

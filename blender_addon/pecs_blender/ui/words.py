@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts in panels, which Blender does not wrap."""
+"""Texts in the language of Blender's interface, and labels that wrap, which Blender's do not."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ import textwrap
 
 import bpy
 
+CONTEXT = "PECS"  # of the texts of languages/*.json that Blender has, too, and means otherwise
 PIXELS_PER_LETTER = 6.0  # of Blender's own font, about
 
 
+def say(text: str, **values) -> str:
+    """A text of languages/*.json; {names} in it are `values`. Blender itself translates what has none of them: labels,
+    properties, tooltips."""
+    return bpy.app.translations.pgettext_iface(text, CONTEXT).format(**values)
+
+
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
-    """As many labels as the panel's width asks for."""
+    """As many labels as the panel's width asks for, of a text that is translated already."""
     region = bpy.context.region
     width_px = (region.width if region else 400) / (bpy.context.preferences.system.ui_scale or 1) - 60
     column = layout.column(align=True)
