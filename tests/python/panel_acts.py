@@ -15,7 +15,6 @@ from pecs_blender.ui import (
     background,
     checks,
     event_operators,
-    library,
     operators,
     panel,
     paths,
@@ -224,8 +223,8 @@ def wrong(folder):
     s.lens = str(own)
     assert not checks.problems(scene)
     assert any("15.02 mm, f/4.15" in text for text in drawn())
-    found = library.search(lambda: library.names("lens"))(s, bpy.context, "Double Gauss")
-    assert len(found) >= 2 and all(name and "double" in text.lower() for name, text in found), found
+    found = settings.lenses(s, bpy.context, "Double Gauss")
+    assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
     own.unlink()
     said(str(own))
     s.lens, s.fnumber = "pecs_lab_15mm", 4.0
@@ -235,7 +234,12 @@ def wrong(folder):
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
     said("Lamps' spectrum: moonlight: no such spectrum")
-    s.illuminant = "d65"
+    s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
+    said("Moving part: got 5, wanted X0:Y0:X1:Y1")
+    s.moving_px = "0:0:8:8"
+    assert not checks.problems(scene) and settings.arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
+    s.time = "adaptive"
+    assert "--moving-px" not in settings.arguments(scene)
     (folder / "file").write_text("")
     s.output = str(folder / "file")
     said("a file, wanted a folder")

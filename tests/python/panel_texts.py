@@ -5,7 +5,7 @@ import json
 import re
 from pathlib import Path
 
-# Names of data, of a keymap, in Python and in a shader, which nobody reads in the panel.
+# Names of data, of a keymap, in Python and in a shader, and parts of what programs say: nobody reads them in the panel.
 NAMES = {
     "PECS preview",
     "Property Editor",
@@ -13,6 +13,7 @@ NAMES = {
     "ModelViewProjectionMatrix",
     "Sequence[float]",
     "render: into (.*)",
+    "exists and differs",
 }
 SENTENCE = r"[A-Z][a-z]|.*[a-z},:;] [a-z{]"
 WORDS, UNITS = r"[a-z]{2,}[,:;]? |[,:;]? [a-z]{2,}", r"\b(mm|ms)\b"

@@ -151,7 +151,8 @@ def _ending(job: Job, code: int) -> str:
     if code in STOPPED:
         text = "Stopped at {share:.0%}; {job} continues" if job.continues else "Stopped at {share:.0%}"
         return say(text, share=job.progress, job=say(job.label))
-    return job.last_line or say("{job} ended with code {code}", job=say(job.label), code=code)
+    line = job.last_line.partition("; --")[0]  # options of a command line, for which the panel has fields
+    return line or say("{job} ended with code {code}", job=say(job.label), code=code)
 
 
 @bpy.app.handlers.persistent

@@ -159,7 +159,7 @@ _CHOICES = {
     "lens": StringProperty(
         name="Lens",
         translation_context=CONTEXT,
-        search=library.search(lambda: [library.SCENES_CAMERA, *library.names("lens")]),
+        search=settings.lenses,
     ),
     "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
     "fnumber": FloatProperty(name="f-number", min=0, description="0: wide open"),

@@ -4,6 +4,7 @@ ask at every redraw."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import RenderError
-from ..core.options import DEVICES
+from ..core.options import DEVICES, RULES
 from ..core.plan import MAX_INSTANTS
 from ..core.resources import BYTES_PER_VALUE, readable
 from ..core.spectra import spectrum
@@ -116,6 +117,11 @@ def _of_light(scene) -> Iterator[Problem]:
         yield Problem(say("Lamps' spectrum: {error}", error=e))
     if s.min_nm and s.max_nm and s.min_nm >= s.max_nm:
         yield Problem(say("The shortest wavelength is not below the longest"))
+    if s.moving_px and s.time == "uniform":
+        try:
+            RULES["moving_px"].parse(s.moving_px)
+        except argparse.ArgumentTypeError as e:
+            yield Problem(say("Moving part: {error}", error=e))
 
 
 def _of_output(scene) -> Iterator[Problem]:

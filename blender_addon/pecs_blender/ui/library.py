@@ -54,6 +54,21 @@ def glasses() -> list[str]:
     return sorted(name.rpartition("/")[2] for name in _stems("lens_data/glasses", "*/*.json"))
 
 
+def lenses(film_mm: tuple[float, float] | None) -> list[tuple[str, str]]:
+    """`names`, with the field of view on a film of that width and height. The first time takes half a second."""
+    return [(name, ", ".join(filter(None, (said, _field(name, film_mm))))) for name, said in names("lens")]
+
+
+def _field(name: str, film_mm: tuple[float, float] | None) -> str:
+    if not film_mm:
+        return ""
+    try:
+        info = lens_info(name, film_width_mm=film_mm[0], film_height_mm=film_mm[1], field_rows=2)
+    except RuntimeError:  # chosen, checks.py says what is wrong with it
+        return ""
+    return f"{info['hfov_deg']:.3g}° x {info['vfov_deg']:.3g}°"
+
+
 def search(names_of: Callable[[], Iterable[str | tuple[str, str]]]) -> Callable[..., list]:
     """Of a StringProperty: names, or names with a text beside them, which is looked through, too."""
 
@@ -76,7 +91,7 @@ def chip(name: str) -> Chip:
     return _chip(*version("chip", name))
 
 
-def lens_info(name: str, **setting: float | None) -> dict[str, Any]:
+def lens_info(name: str, **setting: float | int | None) -> dict[str, Any]:
     """As pecs.Lens.info; raises pecs.PecsError."""
     return _lens_info(*version("lens", name), tuple(sorted(setting.items())))
 

@@ -50,11 +50,11 @@ class PecsLive(bpy.types.PropertyGroup):
         description="Contrast threshold of the quick pixel, ON and OFF, in natural log",
     )
     instants: IntProperty(
-        name="Instants per frame",
+        name="Instants",
         default=8,
         min=1,
         max=64,
-        description="While the animation plays: at most as many pictures between two frames, fewer where time lacks. "
+        description="While the animation plays: at most as many pictures per frame, fewer where time lacks. "
         "With 1 the light fades from one frame to the next",
     )
     decay_ms: FloatProperty(

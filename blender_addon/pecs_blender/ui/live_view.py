@@ -9,6 +9,7 @@ which its framebuffer still holds, in linear light, when the next redraw begins.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from pathlib import Path
@@ -241,9 +242,10 @@ class LiveView:
             return
         framebuffer = gpu.state.active_framebuffer_get()
         corner = gpu.state.viewport_get()[:2]
-        read = framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT")
+        shared, read = _shared(top - low, right - left, 4)
+        framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT", data=shared)
         seen = np.zeros((high, wide), np.float32)  # dark where the viewport does not reach
-        seen[low - y : top - y, left - x : right - x] = self.sensor.light(np.asarray(read))
+        seen[low - y : top - y, left - x : right - x] = self.sensor.light(read)
         light = live.shrink(seen, *self.sensor.last_s.shape)
         self.cost.ms.pop("draw", None)  # by the viewport itself
         self.cost.add("read", start_s)
@@ -286,15 +288,20 @@ class LiveView:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
+def _shared(*shape: int) -> tuple[gpu.types.Buffer, np.ndarray]:
+    """A buffer and an array over its memory. Of one dimension: of more, Blender up to 5.0 says their order wrongly."""
+    buffer = gpu.types.Buffer("FLOAT", math.prod(shape))
+    return buffer, np.asarray(buffer).reshape(shape)
+
+
 class _Gpu:
     """What lives on the GPU, and the memory that it shares with NumPy."""
 
     def __init__(self, last_s: np.ndarray) -> None:
         height, width = last_s.shape
         self.offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA16F")
-        self.rgba = gpu.types.Buffer("FLOAT", (height, width, 4))
-        self.rgba_array = np.asarray(self.rgba)
-        self._last_s = gpu.types.Buffer("FLOAT", (height, width), last_s)
+        self.rgba, self.rgba_array = _shared(height, width, 4)
+        self._last_s = gpu.types.Buffer("FLOAT", last_s.size, last_s.reshape(-1))
         self._size = width, height
         self._shader = live_draw.EventShader()
         self.texture = None  # of last_s; None: to be made

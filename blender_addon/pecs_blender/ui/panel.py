@@ -44,6 +44,8 @@ class PECS_PT_render(bpy.types.Panel):
             row.operator("pecs.run", icon="RENDER_ANIMATION")
             if state.message:
                 words.wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
+            if state.is_error and "exists and differs" in state.message:
+                layout.prop(context.scene.pecs, "exists")
         if operators.wants_saving():
             words.wrapped(layout, words.say("Save the file: it is rendered as saved"), "INFO")
             layout.operator("wm.save_mainfile", text="Save", icon="FILE_TICK")

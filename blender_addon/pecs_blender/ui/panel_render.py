@@ -65,8 +65,7 @@ class PECS_PT_time(Sub, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "time")
-        if s.time == "adaptive":
-            layout.prop(s, "step_px")
+        layout.prop(s, "step_px" if s.time == "adaptive" else "moving_px")
         layout.prop(s, "fps")
         layout.prop(s, "whole_range")
         if not s.whole_range:

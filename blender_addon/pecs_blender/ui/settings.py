@@ -20,7 +20,7 @@ from ..core.plan import passes
 from . import library
 from .preferences import preferences
 from .sensor_settings import PecsSensor
-from .words import CONTEXT
+from .words import CONTEXT, say
 
 # Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
 SHOWN = {
@@ -61,6 +61,10 @@ SHOWN = {
     "fps": ("Instants per second", {}),
     "time": ("Steps", {"default": "adaptive"}),  # few see the frames
     "step_px": ("Most motion (px)", {}),
+    "moving_px": (
+        "Moving part (px)",
+        {"description": "X0:Y0:X1:Y1 from the top left: only this changes, the rest is rendered once; if empty, all"},
+    ),
 }
 _CHOICES = {
     "gauss": "Quadrature nodes for the chip's response under all lamps together",
@@ -85,10 +89,10 @@ def _property(name: str):
             (str(c), str(c).capitalize() if str(c).islower() else str(c), _CHOICES.get(c, "")) for c in rule.choices
         ]
         return EnumProperty(name=label, items=items, default=str(default), description=text)
-    if kind in ("str", "bool"):
-        return {"str": StringProperty, "bool": BoolProperty}[kind](
-            name=label, default=default, description=text, **more
-        )
+    if kind == "bool":
+        return BoolProperty(name=label, default=default, description=text, **more)
+    if kind == "str" or rule.parse:
+        return StringProperty(name=label, default=default or "", description=text, **more)
     low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
     bounds = {"min": low} if low > -math.inf else {}
     bounds |= {"max": rule.high} if rule.high < math.inf else {}
@@ -105,6 +109,16 @@ def _not_wider(self, _context) -> None:
         return
     if 0 < self.fnumber < widest:
         self.fnumber = 0
+
+
+def lenses(self, context, text: str) -> list:
+    """To choose from, by a part of the name or of what it is."""
+    try:
+        film = film_mm(context.scene)
+    except RuntimeError:  # an unknown chip
+        film = None
+    every = [(library.SCENES_CAMERA, say("The scene's camera")), *library.lenses(film)]
+    return library.search(lambda: every)(self, context, text)
 
 
 def _forget_version(self, _context) -> None:
@@ -137,7 +151,7 @@ class PecsSettings(bpy.types.PropertyGroup):
         name="Lens",
         translation_context=CONTEXT,
         default=library.SCENES_CAMERA,
-        search=library.search(lambda: [(library.SCENES_CAMERA, "The scene's camera"), *library.names("lens")]),
+        search=lenses,
         search_options={"SORT", "SUGGESTION"},
         update=_not_wider,
         description="A lens by its name, a prescription's file (.json), or none: the scene's camera as Blender has it. "
@@ -219,7 +233,7 @@ def _words(scene: bpy.types.Scene, name: str) -> list[str]:
     value = focus_m(scene) if name == "focus_m" else getattr(s, name)
     if name == "threads":
         value = value or preferences().threads
-    if not value or name in _OF_LENS and not has_lens(s):
+    if not value or name in _OF_LENS and not has_lens(s) or name == "moving_px" and s.time != "uniform":
         return []
     kind = _KINDS[name]
     if kind == "bool":
