@@ -40,6 +40,12 @@ SCENES = [Scene(name, 1000, 0.063) for name in BLENDS]
 SCENES += [Scene("rotating_disk", 875, 0.0731, PINHOLE), Scene("board", 150, 0.4266, PINHOLE)]
 
 
+def make_scenes(folder: Path) -> Path:
+    if not folder.is_dir():
+        subprocess.run([sys.executable, ROOT / "bench/motion_scenes.py", folder], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
 def render(scene: Scene, folder: Path, scenes: Path, fps: float, *options) -> float | None:
     """CPU seconds; None if it was there."""
     seconds_file = folder.parent / f"{folder.name}.seconds"
@@ -95,9 +101,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=4)
     parser.add_argument("--variants", nargs="+", default=["uniform", "adaptive"])
     args = parser.parse_args()
-    made = args.output / "scenes"
-    if not made.is_dir():
-        subprocess.run([sys.executable, ROOT / "bench/motion_scenes.py", made], check=True, stdout=subprocess.DEVNULL)
+    made = make_scenes(args.output / "scenes")
     results = {"samples": args.samples, "load": os.getloadavg()[0], "date": time.strftime("%F"), "scenes": {}}
     for scene in SCENES:
         if scene.name not in args.scenes:
