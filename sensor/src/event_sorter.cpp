@@ -34,7 +34,7 @@ namespace {
 // Runs of about as many us as there are keys of a time. A copy of it in a loop stays in registers.
 struct Runs {
   Runs(std::size_t keys, std::int64_t begin_us, std::int64_t end_us) : begin(event_key(begin_us, 0, false)) {
-    const std::int64_t most = std::clamp<std::int64_t>(2 * static_cast<std::int64_t>(keys), 1, 1 << 14);
+    const std::int64_t most = std::clamp<std::int64_t>(static_cast<std::int64_t>(keys), 1, 1 << 16);
     int us_shift = 0;
     while ((end_us - begin_us) >> us_shift >= most) ++us_shift;
     shift = us_shift + kKeyTimeShift;

@@ -96,17 +96,34 @@ class PixelBlock {
       for (float* row : rows_.noise) std::fill_n(row, kPixels, 0.0f);
     }
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-      for (int k = 0; k < 2; ++k) follow_light(k, p);
+      prefetch_state(rows_.first + BlockRows::kPixels + p);
+      follow_light(0, p);
+      follow_light_since(0, 1, p);
       if constexpr (kReceptor) follow_w(0, p);
     }
     std::ranges::fill(still_for_, std::uint8_t{0});
     kept_h_us_ = 0;
     random_of_ = -1;
   }
+  // What load() takes of pixels from p on, and does not have to wait for then.
+  void prefetch_state(std::uint32_t p) const {
+    if (p >= a_.first + a_.count) return;
+    for (const float* row : {a_.light0, a_.light1, a_.m0, a_.reference, a_.blind_us}) hwy::Prefetch(row + p);
+    if (!a_.equal_thresholds)
+      for (const float* row : {a_.threshold_on, a_.threshold_off}) hwy::Prefetch(row + p);
+    if constexpr (kReceptor)
+      for (const float* row : {a_.w, a_.noise}) hwy::Prefetch(row + p);
+  }
   void follow_light(int k, std::uint32_t p) {
     const V i = at(rows_.i[k], p);
     put(ln(i), rows_.l[k], p);
     put(inverse(i), rows_.g[k], p);
+  }
+  // The same where it is often that of another frame.
+  void follow_light_since(int before, int k, std::uint32_t p) {
+    if (!hn::AllTrue(F(), hn::Eq(at(rows_.i[before], p), at(rows_.i[k], p)))) return follow_light(k, p);
+    put(at(rows_.l[before], p), rows_.l[k], p);
+    put(at(rows_.g[before], p), rows_.g[k], p);
   }
   void follow_w(int k, std::uint32_t p) {
     const V w = at(rows_.w[k], p);
@@ -114,7 +131,17 @@ class PixelBlock {
     put(inverse(w), rows_.u[k], p);
   }
   void store() {
-    const auto give = [&](const float* row, float* to) { std::copy_n(row, rows_.count, to + rows_.first); };
+    // Only what is new: most of it lies far away, and reading is cheaper than writing.
+    const I32 i;
+    const auto give = [&](const float* row, float* to) {
+      to += rows_.first;
+      std::uint32_t p = 0;
+      for (; p + lanes() <= rows_.count; p += lanes()) {
+        const auto now = hn::BitCast(i, at(row, p));
+        if (!hn::AllTrue(i, hn::Eq(now, hn::BitCast(i, hn::LoadU(F(), to + p))))) hn::StoreU(at(row, p), F(), to + p);
+      }
+      std::copy(row + p, row + rows_.count, to + p);
+    };
     give(rows_.i[0], a_.light0);
     give(rows_.i[1], a_.light1);
     give(rows_.m[0], a_.m0);
@@ -140,7 +167,7 @@ class PixelBlock {
         V current;
         const M lit = current_of(a_, hn::LoadU(f, now + p), current);
         put(hn::IfThenElse(lit, current, first ? hn::Set(f, kFloor_fa) : at(rows_.i[1], p)), rows_.i[2], p);
-        follow_light(2, p);
+        follow_light_since(1, 2, p);
       });
     }
   }
@@ -167,7 +194,7 @@ class PixelBlock {
 
   struct Four {
     VU r[4];
-    VU operator[](int k) const { return r[k]; }
+    VU operator[](std::int64_t k) const { return r[k]; }
   };
   // Four steps share one call of Philox.
   Four draw(std::uint32_t p, std::int64_t four, Purpose purpose) const {
@@ -182,9 +209,11 @@ class PixelBlock {
   const float* draws(std::int64_t step) {
     if (step >> 2 != random_of_) {
       random_of_ = step >> 2;
+      const auto last =
+          std::min<std::int64_t>(3, a_.intervals.back().step - 4 * random_of_);  // asked for in this batch
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
         const Four four = draw(p, random_of_, Purpose::noise);
-        for (int k = 0; k < 4; ++k) put(gaussian(four[k]), random_[k], p);
+        for (std::int64_t k = step & 3; k <= last; ++k) put(gaussian(four[k]), random_[k], p);
       }
     }
     return random_[step & 3];
@@ -219,6 +248,15 @@ class PixelBlock {
   }
 
   HWY_INLINE void respond(const IntervalTimes& t, std::uint32_t p) {
+    const V i0 = at(rows_.i[0], p), w0 = at(rows_.w[0], p);
+    if (hn::AllTrue(F(), hn::And(hn::Eq(i0, at(rows_.i[1], p)), hn::Eq(w0, at(rows_.g[0], p))))) {
+      // The light stays, and the photoreceptor has settled.
+      for (float** row : {rows_.w, rows_.v, rows_.u}) put(at(row[0], p), row[1], p);
+      const V correlation = settled_correlation(i0, a_h_of(a_, t));
+      put(correlation, rho_, p);
+      put(noise_deviation(a_.noise_std, correlation), sigma_, p);
+      return;
+    }
     const Response r = two_half_steps({at(rows_.l[0], p), at(rows_.l[1], p), at(rows_.m[0], p), at(rows_.m[1], p),
                                        at(rows_.i[0], p), at(rows_.i[1], p), at(rows_.g[0], p), at(rows_.g[1], p)},
                                       at(rows_.w[0], p), t.h_us, a_h_of(a_, t));
