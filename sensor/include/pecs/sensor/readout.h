@@ -3,6 +3,7 @@
 // has waited longest; all its waiting pixels are read at once and get the time of that moment. Selecting a row and
 // sending its events take time. A pixel that fires again while it waits has no second event: it is dropped and
 // counted. Times are rounded down to the time base and may jitter, row by row; they never go back.
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -44,7 +45,8 @@ bool is_ideal_readout(const Chip& chip);
 class Readout {
  public:
   Readout(const Chip& chip, int width, int height, std::uint64_t seed);
-  // `in` by time, from call to call; appends what has left the chip. `last`: all that waits leaves too.
+  // `in` in the stream's order (time, then pixel), from call to call; appends what has left the chip. `last`: all that
+  // waits leaves too.
   void push(const LabelledEvents& in, bool last, LabelledEvents& out);
   std::int64_t dropped() const { return dropped_; }
 
@@ -55,11 +57,20 @@ class Readout {
     Cause cause;
   };
   struct Request {
-    int row;
+    std::uint16_t row;
     double t_us;
   };
   bool has_request() const { return first_ < queue_.size(); }
+  double starts_us(double request_us) const { return std::max(free_us_, request_us); }
+  void wait(const events::Event& e, Cause cause);
+  // When nobody waits: the rows of the events of one time, as far as they are served before the next event comes.
+  // Returns the first event that is not served.
+  std::size_t serve_at_once(const LabelledEvents& in, std::size_t first, LabelledEvents& out);
   void serve(LabelledEvents& out);
+  // Of a row: the time that its events get; an event; the end of its service.
+  void stamp(double request_us);
+  void send(events::Event e, Cause cause, LabelledEvents& out) const;
+  void finish(double request_us, std::size_t sent);
 
   double row_us_, event_us_, step_us_, jitter_us_;
   std::uint64_t seed_;
