@@ -129,11 +129,16 @@ class ActivePixels {
     }
     while (left > 0) {
       const std::span<ActiveLanes* const> work(at_work_, left);
+      // Most that fired look on within their step.
+      std::size_t ready = 0;
+      for (ActiveLanes* g : work)
+        if (!hn::AllFalse(F(), holds(g->ready))) to_step_[ready++] = g;
+      const std::span<ActiveLanes* const> steps(to_step_, ready);
       if constexpr (kReceptor) {
-        for (ActiveLanes* g : work) choose_step(t, *g);
-        for (ActiveLanes* g : work) take_step(t, *g);
+        for (ActiveLanes* g : steps) choose_step(t, *g);
+        for (ActiveLanes* g : steps) take_step(t, *g);
       }
-      for (ActiveLanes* g : work) end_step(t, *g);
+      for (ActiveLanes* g : steps) end_step(t, *g);
       for (ActiveLanes* g : work) find_crossing(*g);
       left = 0;
       for (ActiveLanes* g : work)
@@ -385,7 +390,7 @@ class ActivePixels {
   std::int32_t us_[kRoom + 2 * kLanes];
   std::uint32_t place_[kRoom + 2 * kLanes];
   ActiveLanes groups_[BlockRows::kPixels / kLanes + 1];
-  ActiveLanes* at_work_[BlockRows::kPixels / kLanes + 1];
+  ActiveLanes *at_work_[BlockRows::kPixels / kLanes + 1], *to_step_[BlockRows::kPixels / kLanes + 1];
 };
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

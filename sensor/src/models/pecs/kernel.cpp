@@ -248,20 +248,21 @@ class PixelBlock {
   }
 
   HWY_INLINE void respond(const IntervalTimes& t, std::uint32_t p) {
-    const V i0 = at(rows_.i[0], p), w0 = at(rows_.w[0], p);
-    if (hn::AllTrue(F(), hn::And(hn::Eq(i0, at(rows_.i[1], p)), hn::Eq(w0, at(rows_.g[0], p))))) {
-      // The light stays, and the photoreceptor has settled.
-      for (float** row : {rows_.w, rows_.v, rows_.u}) put(at(row[0], p), row[1], p);
-      const V correlation = settled_correlation(i0, a_h_of(a_, t));
-      put(correlation, rho_, p);
-      put(noise_deviation(a_.noise_std, correlation), sigma_, p);
-      return;
-    }
-    const Response r = two_half_steps({at(rows_.l[0], p), at(rows_.l[1], p), at(rows_.m[0], p), at(rows_.m[1], p),
-                                       at(rows_.i[0], p), at(rows_.i[1], p), at(rows_.g[0], p), at(rows_.g[1], p)},
-                                      at(rows_.w[0], p), t.h_us, a_h_of(a_, t));
+    const F f;
+    const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p), g0 = at(rows_.g[0], p), w0 = at(rows_.w[0], p);
+    const float a_h = a_h_of(a_, t);
+    const bool is_still = hn::AllTrue(f, hn::Eq(i0, i1));
+    const Response r = is_still ? still_half_steps(i0, g0, w0, a_h)
+                                : two_half_steps({at(rows_.l[0], p), at(rows_.l[1], p), at(rows_.m[0], p),
+                                                  at(rows_.m[1], p), i0, i1, g0, at(rows_.g[1], p)},
+                                                 w0, t.h_us, a_h);
     put(r.w, rows_.w[1], p);
-    follow_w(1, p);
+    if (is_still && hn::AllTrue(f, hn::Eq(w0, g0))) {  // and so stays the photoreceptor
+      put(at(rows_.v[0], p), rows_.v[1], p);
+      put(at(rows_.u[0], p), rows_.u[1], p);
+    } else {
+      follow_w(1, p);
+    }
     put(r.correlation, rho_, p);
     put(noise_deviation(a_.noise_std, r.correlation), sigma_, p);
   }

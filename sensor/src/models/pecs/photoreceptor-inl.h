@@ -166,13 +166,14 @@ HWY_INLINE Response two_half_steps(const IntervalLight& light, V w0, float h_us,
   // the correlation over the step is e^-X u1/u0.
   return {w1, hn::Min(one, hn::Mul(hn::Mul(e0, e1), hn::Div(w0, w1)))};
 }
-// The correlation where light I stays and w = 1/I: bit by bit the one above.
-HWY_INLINE V settled_correlation(V i, float a_h) {
+// The same in light I that stays, bit by bit: what is 0 or 1 there is left out. g: 1/I.
+HWY_INLINE Response still_half_steps(V i, V g, V w0, float a_h) {
   const F f;
   const V one = hn::Set(f, 1.0f), i8 = hn::Mul(hn::Set(f, 8.0f), i);
   const V x = hn::Max(hn::Zero(f), hn::Mul(hn::Set(f, a_h / 24), hn::Sub(hn::MulAdd(hn::Set(f, 5.0f), i, i8), i)));
   const V e = hn::NegMulAdd(x, phi1(x), one);
-  return hn::Min(one, hn::Mul(e, e));
+  const V wm = hn::MulAdd(e, hn::Sub(w0, g), g), w1 = hn::MulAdd(e, hn::Sub(wm, g), g);
+  return {w1, hn::Min(one, hn::Mul(hn::Mul(e, e), hn::Div(w0, w1)))};
 }
 // Of what is new in the noise at the end.
 HWY_INLINE V noise_deviation(float noise_std, V correlation) {
