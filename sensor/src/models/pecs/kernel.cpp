@@ -276,13 +276,13 @@ class PixelBlock {
     const float* v0_row = kReceptor ? rows_.v[0] : rows_.l[0];
     const float* v1_row = kReceptor ? rows_.v[1] : rows_.l[1];
     const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, leak_of(a_, t));
-    std::size_t jobs = 0;
-    const auto list = [&](M active, std::uint32_t p) {
-      active = hn::Or(active, hn::Gt(at(rows_.blind_us, p), hn::Zero(f)));
-      const Compress compress(hn::And(active, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
-      compress.store(iota(p), active_.jobs() + jobs);
-      jobs += compress.count();
+    std::size_t jobs = 0, fast_jobs = 0;
+    const auto list = [&](M which, std::uint32_t p, std::uint32_t* to, std::size_t& count) {
+      const Compress compress(hn::And(which, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
+      compress.store(iota(p), to + count);
+      count += compress.count();
     };
+    const auto is_blind = [&](std::uint32_t p) { return hn::Gt(at(rows_.blind_us, p), hn::Zero(f)); };
     const auto crosses = [&](V low, V high, std::uint32_t p) {
       return hn::Or(hn::Ge(high, at(rows_.on, p)), hn::Le(low, hn::Neg(at(rows_.off, p))));
     };
@@ -298,25 +298,28 @@ class PixelBlock {
       const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), reference);
       const V d1 = hn::Add(hn::Sub(hn::Add(at(v1_row, p), n0), reference), drift);
       V high = hn::Max(d0, d1), low = hn::Min(d0, d1);
-      M active = hn::Lt(high, low);  // none
+      M fast = hn::Lt(high, low);  // none
       if constexpr (kReceptor) {
         const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p);
         widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), drift, low, high);
         // Fast light needs shorter steps than two.
         const V dl = hn::Sub(at(rows_.l[1], p), at(rows_.l[0], p));
         const V x = hn::Min(hn::Set(f, 1.0f), hn::Mul(hn::Mul(rate, hn::Set(f, 0.5f)), hn::Add(i0, i1)));
-        active = hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f));
+        fast = hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f));
       }
-      list(hn::Or(active, crosses(low, high, p)), p);
+      if (!hn::AllFalse(f, fast)) list(fast, p, fast_, fast_jobs);
+      list(hn::AndNot(fast, hn::Or(is_blind(p), crosses(low, high, p))), p, active_.jobs(), jobs);
     }
     for (std::size_t k = 0; k < quiet_count_; ++k) {
       const std::uint32_t p = quiet_[k];
       const V n0 = at(rows_.noise[0], p), n1 = noise_after(p, n0);
       const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), at(rows_.reference, p));
       const V d1 = hn::Add(d0, hn::Add(hn::Sub(n1, n0), leaks));
-      list(crosses(hn::Min(d0, d1), hn::Max(d0, d1), p), p);
+      list(hn::Or(is_blind(p), crosses(hn::Min(d0, d1), hn::Max(d0, d1), p)), p, active_.jobs(), jobs);
     }
-    active_.work(t, jobs);
+    // They take several steps, so they keep to themselves.
+    std::copy_n(fast_, fast_jobs, active_.jobs() + jobs);
+    active_.work(t, jobs + fast_jobs);
     for (std::size_t k = 0; k < active_.worked(); ++k) still_for_[active_.jobs()[k] / lanes()] = 0;
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes())
@@ -334,7 +337,7 @@ class PixelBlock {
   std::size_t moving_count_ = 0, quiet_count_ = 0;
   HWY_ALIGN float rho_[kPixels], sigma_[kPixels], random_[4][kPixels];
   std::uint8_t still_for_[kPixels];  // of a vector: since it has been still, rho_ and sigma_ are of this light
-  std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1];
+  std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1], fast_[kPixels + kLanes];
 };
 
 template <bool kReceptor>
