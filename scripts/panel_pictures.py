@@ -1,9 +1,11 @@
 """docs/start/panel_*.png: from the zip to events, in Blender's own window, by the buttons.
 
-    blender --factory-startup --python scripts/panel_pictures.py -- ZIP FOLDER     (X, ImageMagick's `import`)
+    blender --factory-startup --enable-event-simulate --python scripts/panel_pictures.py -- ZIP FOLDER
+                                                                                    (X, ImageMagick's `import`)
 
-It installs the zip by Blender's own operator, works in FOLDER, waits for every job, and ends Blender. What it does not
-find as it should be is an error on stderr, and exit code 1.
+It installs the zip by Blender's own operator, works in FOLDER, waits for every job, and ends Blender. On its way it
+tries what only a window has: the live view's pictures, Esc, a strip in the sequencer. What it does not find as it
+should be is an error on stderr, and exit code 1.
 """
 
 import math
@@ -14,6 +16,7 @@ import traceback
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
 PANEL_PX = 480  # width of the properties editor
@@ -76,10 +79,18 @@ def arrange() -> None:
         bpy.ops.view3d.view_camera()
 
 
-def state():
+def state(module: str = "background"):
     """The extension's, wherever it is installed."""
-    (module,) = (m for name, m in sys.modules.items() if name.endswith("pecs_blender.ui.background"))
-    return module.state
+    (found,) = (m for name, m in sys.modules.items() if name.endswith(f"pecs_blender.ui.{module}"))
+    return found.state
+
+
+def esc() -> None:
+    """Over the properties editor."""
+    one = area("PROPERTIES")
+    at = {"x": one.x + one.width // 2, "y": one.y + one.height // 2}
+    for kind, value in (("MOUSEMOVE", "NOTHING"), ("ESC", "PRESS"), ("ESC", "RELEASE")):
+        window().event_simulate(type=kind, value=value, **at)
 
 
 def job_ended():
@@ -127,6 +138,8 @@ def steps():
     bpy.context.scene.pecs_live.decay_ms = 200
     yield 10
     picture("live", "716x912+0+24")
+    light = state("live_view").view._light
+    assert np.abs(np.diff(light)).mean() < 0.05 * np.ptp(light)  # a picture, not its values in another order
     with over(area("VIEW_3D")):
         bpy.ops.screen.animation_play()
         bpy.ops.pecs.live()
@@ -138,8 +151,22 @@ def steps():
     yield 2
     assert state().job, state().message
     picture("4_running")
+    esc()
+    yield job_ended
+    assert state().message.startswith("Stopped at "), state().message
+    preferences = bpy.context.preferences.addons["bl_ext.user_default.pecs_blender"].preferences
+    preferences.save_first = True
+    file = Path(bpy.data.filepath)
+    saved_ns = file.stat().st_mtime_ns
+    bpy.ops.ed.undo_push(message="a change")
+    press("run")  # goes on
+    assert file.stat().st_mtime_ns > saved_ns
     yield job_ended
     view = area("VIEW_3D")
+    view.type = "SEQUENCE_EDITOR"
+    press("view", kind="mp4", to_sequencer=True)
+    yield job_ended
+    assert "in channel 1 of the sequencer" in state().message, state().message
     view.type = "IMAGE_EDITOR"
     press("view", kind="png")
     yield job_ended

@@ -140,5 +140,6 @@ def encode() -> None:
         picture.unlink()
 
 
+FOLDER.mkdir(parents=True, exist_ok=True)
 bpy.context.preferences.view.show_splash = bpy.context.preferences.view.show_playback_fps = False
 bpy.app.timers.register(start, first_interval=2)

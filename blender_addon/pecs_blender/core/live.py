@@ -82,11 +82,19 @@ class LiveSensor:
     """Pictures [height, width] or [height, width, 4] (RGBA), one after the other, into events.
 
     last_s [height, width] float32, row 0 at the bottom: when (in s, from 1 on) each pixel last fired, negative for OFF,
-    0 for never. Events come one picture late, so these times reach to `known_s`, light to `now_s`. One thread: the
-    other cores draw. Raises pecs.PecsError as pecs.Sensor does.
+    0 for never. Events come one picture late, so these times reach to `known_s`, light to `now_s`. Raises
+    pecs.PecsError as pecs.Sensor does.
     """
 
-    def __init__(self, width: int, height: int, chip: str = QUICK, threshold: float | None = None, seed: int = 1):
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        chip: str = QUICK,
+        threshold: float | None = None,
+        seed: int = 1,
+        threads: int = 1,
+    ):
         import pecs
 
         overrides = {"dark_current_a": DARK_A} if chip == QUICK else {}
@@ -94,7 +102,7 @@ class LiveSensor:
             overrides |= {"contrast_threshold_on": threshold, "contrast_threshold_off": threshold}
         profile = pecs.Chip(chip, overrides=overrides)
         readout = "ideal" if chip == QUICK else "chip"
-        self._sensor = pecs.Sensor(width, height, profile, seed=seed, readout=readout, threads=1)
+        self._sensor = pecs.Sensor(width, height, profile, seed=seed, readout=readout, threads=threads)
         self._weights = rgba_weights(profile)
         self.now_s = self.known_s = 1.0
         self.last_s = np.zeros((height, width), np.float32)
@@ -103,7 +111,8 @@ class LiveSensor:
 
     def light(self, rgba: np.ndarray) -> np.ndarray:
         """[height, width] of linear RGBA [height, width, 4]; white is 1."""
-        return (rgba.reshape(-1, 4) @ self._weights).reshape(rgba.shape[:2])
+        light = np.empty(rgba.shape[:2], np.float32)[::-1]  # row 0 last in memory: `push` takes it without a copy
+        return np.matmul(rgba, self._weights, out=light)
 
     def push(self, light: np.ndarray, dt_s: float) -> np.ndarray:
         """`light` as it is `dt_s` after the last one (the first: when it begins). The new events, times in us.
