@@ -103,6 +103,13 @@ def job_ended():
 
 def steps():
     """Yields a test that must be true before it goes on, or seconds."""
+    yield from to_a_set_up_camera()
+    yield from live()
+    yield from to_events()
+    yield from look_and_compare()
+
+
+def to_a_set_up_camera():
     done = bpy.ops.extensions.package_install_files(
         repo="user_default", filepath=str(ZIP), enable_on_install=True, overwrite=True
     )
@@ -132,6 +139,9 @@ def steps():
     bpy.ops.wm.save_mainfile()
     yield 2
     picture("3_ready")
+
+
+def live():
     with over(area("VIEW_3D")):
         assert bpy.ops.pecs.live() == {"FINISHED"}
         bpy.ops.screen.animation_play()
@@ -146,6 +156,9 @@ def steps():
     bpy.context.scene.frame_set(3)
     bpy.ops.wm.save_mainfile()  # an animation that played is a change
     yield 1
+
+
+def to_events():
     press("run")
     yield lambda: state().job is None or state().job.progress > 0.3
     yield 2
@@ -162,6 +175,9 @@ def steps():
     press("run")  # goes on
     assert file.stat().st_mtime_ns > saved_ns
     yield job_ended
+
+
+def look_and_compare():
     view = area("VIEW_3D")
     view.type = "SEQUENCE_EDITOR"
     press("view", kind="mp4", to_sequencer=True)
@@ -176,7 +192,7 @@ def steps():
         bpy.ops.image.view_all(fit_view=True)
     yield 1
     picture("5_events")
-    s.sensor.recording = str(FOLDER / "cube.raw")
+    bpy.context.scene.pecs.sensor.recording = str(FOLDER / "cube.raw")
     press("compare")
     yield job_ended
     yield 1

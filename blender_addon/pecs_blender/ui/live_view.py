@@ -22,7 +22,7 @@ from ..core import live
 from . import library, live_draw
 from .words import say
 
-THREADS = 2  # Blender waits for the sensor; the other cores may draw
+MANY_PX = 640 * 480  # from here on the sensor, for which Blender waits, has two threads
 BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
 FADED = 4  # decay times after which nothing is left to see
 MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
@@ -78,7 +78,8 @@ class LiveView:
         chip, threshold = (
             (live.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
         )
-        sensor = live.LiveSensor(s.width, s.height, chip, threshold, threads=THREADS)
+        threads = 2 if s.width * s.height >= MANY_PX else 1
+        sensor = live.LiveSensor(s.width, s.height, chip, threshold, threads=threads)
         if self.sensor:
             self.sensor.close()
         self.sensor, self.clock, self._light = sensor, live.Clock(), None
