@@ -1,8 +1,12 @@
-// Events that noise makes in still light, against first passages of the same process in double precision.
+// Events that noise makes in still light, against first passages of the same process in double precision. With
+// PECS_LONG_TESTS in the environment, more of the rare ones.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
+#include <numeric>
 #include <random>
 #include <vector>
 
@@ -16,18 +20,53 @@ constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
 constexpr double kExposure = 0.2;  // of the photoreceptor from frame to frame: the noise's correlation is e^-0.2
 constexpr double kDeviation = 0.03;
 
-// By pixel. threshold: in standard deviations.
+bool long_tests() { return std::getenv("PECS_LONG_TESTS") != nullptr; }
+
+// thresholds: in standard deviations. exposure: of the photoreceptor from frame to frame.
+class StillSensor {
+ public:
+  StillSensor(int width, int height, double threshold, double exposure, std::uint64_t seed = 3)
+      : sensor_(chip(threshold), width, height, seed, 1.0) {
+    const double a_per_us = 2 * std::numbers::pi * chip(threshold).corner_hz_per_a * 1e-21;
+    plane_.assign(static_cast<std::size_t>(width * height), static_cast<float>(exposure / (a_per_us * kFrame_us)));
+  }
+  // Events of the next frames.
+  LabelledEvents run(int frames, bool last) {
+    LabelledEvents events;
+    tbb::task_arena arena(2);
+    arena.execute([&] {
+      for (int left = frames; left > 0;) {
+        const int now = std::min(left, 64);
+        const std::vector<const float*> planes(static_cast<std::size_t>(now), plane_.data());
+        std::vector<double> t_us;
+        for (int i = 0; i < now; ++i) t_us.push_back(kFrame_us * frame_++);
+        left -= now;
+        sensor_.push(planes, t_us, last && left == 0, events);
+      }
+    });
+    return events;
+  }
+  static constexpr double kFrame_us = 1000;
+
+ private:
+  static Chip chip(double threshold) {
+    Chip chip = without_noise(load_chip("imx636"));
+    chip.threshold_mismatch = chip.refractory_period_s = chip.dark_current_a = 0;
+    chip.noise_std = kDeviation;
+    chip.contrast_threshold_on = chip.contrast_threshold_off = threshold * kDeviation;
+    return chip;
+  }
+
+  Sensor sensor_;
+  std::vector<float> plane_;
+  double frame_ = 0;
+};
+
+// By pixel.
 std::vector<double> counts_of_sensor(double threshold) {
-  Chip chip = without_noise(load_chip("imx636"));
-  chip.threshold_mismatch = chip.refractory_period_s = chip.dark_current_a = 0;
-  chip.noise_std = kDeviation;
-  chip.contrast_threshold_on = chip.contrast_threshold_off = threshold * kDeviation;
-  const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21, h_us = 1000;
-  const Clip clip =
-      make_clip(kWidth, kHeight, kFrames, h_us, [&](int, int, double) { return kExposure / (a_per_us * h_us); });
-  Sensor sensor(chip, kWidth, kHeight, 3, 1.0);
   std::vector<double> counts(kPixels);
-  for (const events::Event& e : run_clip(sensor, clip, 64, 2)) ++counts[std::size_t{e.y} * kWidth + e.x];
+  for (const events::Event& e : StillSensor(kWidth, kHeight, threshold, kExposure).run(kFrames, true).events)
+    ++counts[std::size_t{e.y} * kWidth + e.x];
   return counts;
 }
 
@@ -48,6 +87,48 @@ std::vector<double> counts_of_first_passages(double threshold) {
   return counts;
 }
 
+// Expected events of a pixel from frame to frame, the sum over `frames` intervals: the density of noise and reference
+// is stepped on a grid. The threshold is a multiple of the grid's step, and noise lies at the middle of its cells, so
+// that a cell crosses as a whole; what is left is 1 % at 8 standard deviations.
+double expected_events(double threshold, int frames) {
+  constexpr double kStep = 0.1, kEnd = 8;
+  const auto cells = static_cast<int>(2 * kEnd / kStep), band = static_cast<int>(6 / kStep);
+  const auto jump = static_cast<int>(std::lround(threshold / kStep));
+  const double correlation = std::exp(-kExposure), variance = 1 - correlation * correlation;
+  const auto noise_of = [&](int cell) { return (cell + 0.5) * kStep - kEnd; };
+  const auto bell = [](double x, double v) { return std::exp(-0.5 * x * x / v) / std::sqrt(2 * std::numbers::pi * v); };
+  // References lie on the cells' edges; [reference][noise].
+  std::vector<std::vector<double>> density(static_cast<std::size_t>(cells + 1));
+  for (int r = 0; r <= cells; ++r)
+    for (int n = 0; n < cells; ++n) {
+      const double reference = r * kStep - kEnd;
+      density[static_cast<std::size_t>(r)].push_back(bell(reference, 1) * kStep *
+                                                     bell(noise_of(n) - correlation * reference, variance) * kStep);
+    }
+  std::vector<std::vector<double>> moved(static_cast<std::size_t>(cells));  // from a cell: to its band
+  for (int n = 0; n < cells; ++n)
+    for (int to = 0; to < cells; ++to)
+      moved[static_cast<std::size_t>(n)].push_back(bell(noise_of(to) - correlation * noise_of(n), variance) * kStep);
+  double events = 0;
+  for (int frame = 1;; ++frame) {
+    auto next = std::vector(density.size(), std::vector<double>(static_cast<std::size_t>(cells)));
+    for (int r = 0; r <= cells; ++r)
+      for (int n = 0; n < cells; ++n) {
+        const double here = density[static_cast<std::size_t>(r)][static_cast<std::size_t>(n)];
+        const int passed = n >= r ? (n - r) / jump : -((r - n - 1) / jump);
+        events += std::abs(passed) * here;
+        const int reference = std::clamp(r + passed * jump, 0, cells),
+                  middle = static_cast<int>(correlation * (n - cells / 2)) + cells / 2;
+        if (here < 1e-18) continue;
+        for (int to = std::max(0, middle - band); to < std::min(cells, middle + band); ++to)
+          next[static_cast<std::size_t>(reference)][static_cast<std::size_t>(to)] +=
+              here * moved[static_cast<std::size_t>(n)][static_cast<std::size_t>(to)];
+      }
+    if (frame == frames) return events;
+    density = std::move(next);
+  }
+}
+
 struct Moments {
   double mean, variance;
 };
@@ -65,6 +146,65 @@ TEST(Noise, EventRatesAgainstFirstPassages) {
     const Moments ours = moments(counts_of_sensor(threshold)), exact = moments(counts_of_first_passages(threshold));
     EXPECT_GT(exact.mean * kPixels, 5) << threshold;
     EXPECT_NEAR(ours.mean, exact.mean, 3 * std::sqrt((ours.variance + exact.variance) / kPixels)) << threshold;
+  }
+}
+
+// Too rare to be drawn: against the density of noise and reference.
+TEST(Noise, RareEventRatesAgainstTheDensity) {
+  for (const double threshold : {3.0, 5.0}) {  // the density's own check
+    const Moments drawn = moments(counts_of_first_passages(threshold));
+    EXPECT_NEAR(expected_events(threshold, kFrames - 1), drawn.mean, 3 * std::sqrt(drawn.variance / kPixels))
+        << threshold;
+  }
+  struct Run {
+    double threshold;
+    int side, frames;
+  };
+  std::vector<Run> runs{{7, 512, kFrames}};
+  if (long_tests()) runs = {{7, 1024, 961}, {8, 2048, 1921}};
+  for (const auto& [threshold, side, frames] : runs) {
+    const double pixels = double{1} * side * side, expected = pixels * expected_events(threshold, frames - 1);
+    const auto seen =
+        static_cast<double>(StillSensor(side, side, threshold, kExposure).run(frames, true).events.size());
+    EXPECT_GT(expected, 10);
+    EXPECT_NEAR(seen, expected, 3 * std::sqrt(expected) + 0.01 * expected) << threshold;
+    if (long_tests()) std::printf("%g deviations: %g events, %g expected\n", threshold, seen, expected);
+  }
+}
+
+// Fine thresholds tell V at every frame, less what it was at the start: D(j), the mean square of V(k + j) - V(k), is
+// 2 deviation^2 (1 - e^(-j exposure)).
+TEST(Noise, AutocorrelationIsThePhotoreceptors) {
+  constexpr int kSide = 48, kLength = 121;
+  constexpr double kThreshold = 0.02;  // standard deviations
+  for (const double exposure : {0.05, 0.3, 1.0}) {
+    const auto events = StillSensor(kSide, kSide, kThreshold, exposure).run(kLength, true).events;
+    std::vector<std::vector<double>> v(kSide * kSide, std::vector<double>(kLength));  // [pixel][frame]
+    auto last = v;
+    for (const events::Event& e : events) {
+      const std::size_t pixel = std::size_t{e.y} * kSide + e.x, frame = static_cast<std::size_t>((e.t_us + 999) / 1000);
+      last[pixel][frame] = e.p ? kThreshold : -kThreshold;
+      v[pixel][frame] += last[pixel][frame];
+    }
+    for (std::size_t pixel = 0; pixel < v.size(); ++pixel) {
+      std::partial_sum(v[pixel].begin(), v[pixel].end(), v[pixel].begin());
+      for (std::size_t k = 1; k < kLength; ++k) {
+        if (last[pixel][k] == 0) last[pixel][k] = last[pixel][k - 1];
+        v[pixel][k] += last[pixel][k] / 2;  // where V stopped behind its last threshold
+      }
+    }
+    for (const std::size_t apart : {1u, 2u, 5u, 20u, 60u}) {
+      std::vector<double> squares;  // of each pixel, which is independent of the others
+      for (const auto& of_pixel : v) {
+        double sum = 0;
+        for (std::size_t k = 0; k + apart < kLength; ++k) sum += std::pow(of_pixel[k + apart] - of_pixel[k], 2);
+        squares.push_back(sum / static_cast<double>(kLength - apart));
+      }
+      const Moments d = moments(squares);
+      EXPECT_NEAR(d.mean, 2 * (1 - std::exp(-exposure * static_cast<double>(apart))),
+                  3 * std::sqrt(d.variance / static_cast<double>(squares.size())) + 2 * kThreshold * kThreshold)
+          << exposure << " " << apart;
+    }
   }
 }
 

@@ -3,6 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
 namespace pecs::sensor {
 
 TEST(Random, PhiloxKnownAnswers) {  // kat_vectors of Random123
@@ -23,6 +28,44 @@ TEST(Random, GaussianMoments) {
   EXPECT_NEAR(sum / n, 0, 4 / std::sqrt(n));
   EXPECT_NEAR(square / n, 1, 4 * std::sqrt(2.0 / n));
   EXPECT_NEAR(fourth / n, 3, 4 * std::sqrt(96.0 / n));
+}
+
+// Pairs of deviates of the noise, of pixels near each other and of one pixel at different times, fill a square evenly:
+// chi-square with 255 degrees of freedom. Four steps share a call. With PECS_LONG_TESTS in the environment, 10^8 of
+// each.
+TEST(Random, PixelsAndTimesAreIndependent) {
+  constexpr std::uint32_t kSide = 16, kWidth = 1280, kWords = 4;
+  const std::uint32_t pixels = std::getenv("PECS_LONG_TESTS") ? 1000 * 25000 : 250000;
+  const auto words = [](std::uint32_t pixel, std::int64_t four) { return random4(1, pixel, four, Purpose::noise); };
+  struct Other {
+    const char* name;
+    std::uint32_t pixel;
+    std::int64_t step;
+  };
+  for (const auto& [name, pixel, step] : {Other{"next pixel", 1, 0},
+                                          {"pixel below", kWidth, 0},
+                                          {"next block", 4096, 0},
+                                          {"next step", 0, 1},
+                                          {"step after that", 0, 2},
+                                          {"next call", 0, 4},
+                                          {"next pixel, next step", 1, 1}}) {
+    std::vector<double> seen(std::size_t{kSide} * kSide);
+    for (std::uint32_t p = 0; p < pixels; ++p) {
+      const std::int64_t four = p / (1u << 16);
+      const Random4 a = words(p, four);
+      const Random4 same = pixel ? words(p + pixel, four) : a, next = step ? words(p + pixel, four + 1) : same;
+      for (std::uint32_t k = 0; k < kWords; ++k) {
+        const auto other = k + static_cast<std::uint32_t>(step);
+        const std::uint32_t b = other < kWords ? same[other] : next[other - kWords];
+        ++seen[std::size_t{a[k] >> 28} * kSide + (b >> 28)];
+      }
+    }
+    const double expected = double{kWords} * pixels / (kSide * kSide);
+    double chi2 = 0;
+    for (const double n : seen) chi2 += (n - expected) * (n - expected) / expected;
+    EXPECT_NEAR(chi2, 255, 4 * std::sqrt(2 * 255)) << name;
+    if (pixels > 1000000) std::printf("%s: chi-square %.1f of 255\n", name, chi2);
+  }
 }
 
 TEST(Random, GaussianIsTheInverseOfTheNormalDistribution) {
