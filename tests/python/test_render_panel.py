@@ -60,7 +60,8 @@ bpy.ops.pecs.render()
 assert ended() == (output + ": rendered", False), background.state.message
 bpy.ops.pecs.plan()
 message, is_error = ended()
-assert message.startswith("2 instants, ") and " GB" in message and not is_error, message
+assert message.startswith("2 instants, ") and not is_error, message
+assert " s each: " in message and "B on the disk, about " in message, message
 bpy.ops.pecs.preview()
 bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
 assert ended()[0].startswith("Stopped"), background.state.message

@@ -127,7 +127,15 @@ def _estimate(plan: Timeline, grid: Timeline, each_s: float, values: int) -> str
     count, all_of = len(plan.times_ns), len(grid.times_ns)
     what = f"{count} keyframes of {all_of} instants" if count < all_of else f"{count} instants"
     beside = ", and what lies between; what stands still costs nothing" if count < all_of else ""
-    return f"{what}, {each_s:.1f} s each: {count * each_s / 3600:.2f} h{beside}; up to {values * 4e-9:.1f} GB"
+    room = readable(values * BYTES_PER_VALUE)
+    return f"{what}, {_duration(each_s)} each: {_duration(count * each_s)}{beside}; up to {room} on the disk"
+
+
+def _duration(seconds: float) -> str:
+    """In the unit that one reads best."""
+    unit, factor = next(((u, f) for u, f in (("h", 3600), ("min", 60)) if seconds >= 2 * f), ("s", 1))
+    value = seconds / factor
+    return f"{value:.2g} {unit}" if value < 10 else f"{value:.0f} {unit}"
 
 
 def _resolved(options: Options) -> Options:
