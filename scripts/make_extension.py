@@ -17,30 +17,33 @@ from pathlib import Path
 
 import manual_page
 from wheel_build import ROOT, VERSION, built_wheel, epoch_s, self_contained
-from wheel_contents import write_entry
+from wheel_contents import with_own_version, write_entry
 
 ADD_ON = ROOT / "blender_addon" / "pecs_blender"
 
 
-def manifest(wheel: Path) -> str:
+def manifest(wheel_name: str) -> str:
     lines = (ADD_ON / "blender_manifest.toml").read_text().splitlines()
     lines = [f'version = "{VERSION}"' if line.startswith("version =") else line for line in lines]
     first_table = next(i for i, line in enumerate(lines) if line.startswith("["))
-    lines[first_table:first_table] = [f'wheels = ["./wheels/{wheel.name}"]', 'platforms = ["linux-x64"]', ""]
+    lines[first_table:first_table] = [f'wheels = ["./wheels/{wheel_name}"]', 'platforms = ["linux-x64"]', ""]
     return "\n".join(lines) + "\n"
 
 
 def extension(wheel: Path, folder: Path) -> Path:
     """The zip in `folder`, from a self-contained wheel."""
+    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+        own = with_own_version(wheel, Path(scratch), epoch_s())
+        wheel_name, wheel_data = own.name, own.read_bytes()
     target = folder / f"pecs_blender-{VERSION}-linux-x64.zip"
     files = {
         str(path.relative_to(ADD_ON)): path.read_bytes()
         for path in ADD_ON.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    files["blender_manifest.toml"] = manifest(wheel).encode()
+    files["blender_manifest.toml"] = manifest(wheel_name).encode()
     files["manual/panel.html"] = manual_page.html().encode()
-    files[f"wheels/{wheel.name}"] = wheel.read_bytes()
+    files[f"wheels/{wheel_name}"] = wheel_data
     unfinished = target.with_suffix(".partial")
     with zipfile.ZipFile(unfinished, "w") as archive:
         for name in sorted(files):

@@ -15,7 +15,7 @@ while [[ "${1:-}" == --* ]]; do
 done
 [ $# -gt 0 ] || set -- $([ -n "$BESIDE" ] && echo bookworm || echo bookworm trixie sid)
 [ "$(id -u)" = 0 ] || die "try_wheels.sh: needs root for chroot" 2
-[ -e dist/pecs-*.whl ] || die "try_wheels.sh: dist/pecs-*.whl is missing: scripts/make_wheels.py" 3
+compgen -G 'dist/pecs-*.whl' >/dev/null || die "try_wheels.sh: dist/pecs-*.whl is missing: scripts/make_wheels.py" 3
 debian_packages debootstrap
 
 # system SUITE: a bare Debian with python3-venv, made once.
@@ -44,13 +44,12 @@ inside() {
       PIP_CERT=/etc/ssl/certs/ca-certificates.crt PIP_DISABLE_PIP_VERSION_CHECK=1 bash -ec "$1"' "$SYSTEMS/$1" "$2"
 }
 
-# timed NAME SUITE COMMAND
+# timed NAME SUITE COMMAND: says the time on the clock, the CPU time, and how many processes wanted to run (load).
 timed() {
-  local begin end
-  begin=$(date +%s%N)
-  inside "$2" "$3" >"$SYSTEMS/$2.log" 2>&1 || { tail -20 "$SYSTEMS/$2.log"; die "try_wheels.sh: $2: $1 failed"; }
-  end=$(date +%s%N)
-  printf '%-10s %-28s %6.1f s\n' "$2" "$1" "$(((end - begin) / 1000000))e-3"
+  local TIMEFORMAT='%R %U %S' taken
+  taken=$({ time inside "$2" "$3" >"$SYSTEMS/$2.log" 2>&1; } 2>&1) || { tail -20 "$SYSTEMS/$2.log"; die "try_wheels.sh: $2: $1 failed"; }
+  awk -v suite="$2" -v name="$1" -v load="$(cut -d' ' -f1 /proc/loadavg)" \
+    '{ printf "%-10s %-22s %6.1f s, %6.1f s of CPU, load %s\n", suite, name, $1, $2 + $3, load }' <<<"$taken"
 }
 
 try() {
@@ -123,8 +122,10 @@ container() {
         system "$suite"
         rm -rf "$root" && cp -a "$SYSTEMS/$suite" "$root"
         ;;
-      # shellcheck disable=SC2086
-      COPY) cp ${rest% *} "$root${rest##* }" ;;
+      COPY)
+        # shellcheck disable=SC2086
+        cp ${rest% *} "$root${rest##* }"
+        ;;
       RUN) inside container "$rest" ;;
       ENV) setting+=("$rest") ;;
       WORKDIR) mkdir -p "$root$rest"; path=$rest ;;

@@ -59,5 +59,6 @@ def self_contained(wheel: Path, folder: Path) -> Path:
         more[f"{info}/sboms/pecs.spdx.json"] = wheel_contents.spdx("pecs", VERSION, parts, epoch_s()).encode()
         folder.mkdir(parents=True, exist_ok=True)
         target = folder / repaired.name
-        wheel_contents.rewritten(repaired, target, more, epoch_s())
+        files = wheel_contents.files_of(repaired) | {name: (data, 0o644) for name, data in more.items()}
+        wheel_contents.write_wheel(files, target, epoch_s())
     return target

@@ -119,12 +119,35 @@ def write_entry(archive: zipfile.ZipFile, name: str, data: bytes, mode: int, epo
     archive.writestr(info, data)
 
 
-def rewritten(wheel: Path, target: Path, more: dict[str, bytes], epoch_s: int) -> None:
-    """Writes the wheel again with `more` files, sorted, its RECORD anew, auditwheel's dated list left out."""
+Files = dict[str, tuple[bytes, int]]  # name in the archive: content, mode
+
+
+def files_of(wheel: Path) -> Files:
+    """All but RECORD, which `write_wheel` makes, and auditwheel's list, which is dated."""
     with zipfile.ZipFile(wheel) as archive:
         files = {i.filename: (archive.read(i), (i.external_attr >> 16) & 0o777) for i in archive.infolist()}
-    files = {n: f for n, f in files.items() if not n.endswith(("/", ".cdx.json", "/RECORD"))}
-    files |= {name: (data, 0o644) for name, data in more.items()}
+    return {n: f for n, f in files.items() if not n.endswith(("/", ".cdx.json", "/RECORD"))}
+
+
+def with_own_version(wheel: Path, folder: Path, epoch_s: int) -> Path:
+    """A copy of the wheel whose version says its content: 0.1.0+h1a2b3c4d. Blender keeps what it has installed of a
+    wheel under the same version, so a new build of one version would not arrive."""
+    name, version, tags = wheel.name.split("-", 2)
+    own = f"{version.partition('+')[0]}+h{hashlib.sha256(wheel.read_bytes()).hexdigest()[:8]}"
+    info, own_info = f"{name}-{version}.dist-info/", f"{name}-{own}.dist-info/"
+    files = {own_info + n.removeprefix(info) if n.startswith(info) else n: f for n, f in files_of(wheel).items()}
+    metadata, mode = files[f"{own_info}METADATA"]
+    line, own_line = f"\nVersion: {version}\n".encode(), f"\nVersion: {own}\n".encode()
+    if metadata.count(line) != 1:
+        raise RuntimeError(f"{wheel}: METADATA: got no line Version: {version}")
+    files[f"{own_info}METADATA"] = (metadata.replace(line, own_line), mode)
+    target = folder / f"{name}-{own}-{tags}"
+    write_wheel(files, target, epoch_s)
+    return target
+
+
+def write_wheel(files: Files, target: Path, epoch_s: int) -> None:
+    """Sorted, with its RECORD: the same files are the same bytes."""
     (info,) = {n.split("/")[0] for n in files if n.split("/")[0].endswith(".dist-info")}
     lines = []
     with zipfile.ZipFile(target, "w") as archive:

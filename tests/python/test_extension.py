@@ -41,6 +41,33 @@ def extension(root, wheel, tmp_path_factory):
     return path
 
 
+INSTALL = """
+import sys
+sys.path.append(sys.argv[1])
+import bpy
+for path in sys.argv[2:]:
+    assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=path) == {"FINISHED"}
+"""
+
+
+@pytest.fixture
+def blender(extension, tmp_path):
+    """Runs code in bpy, which has Blender's extension installer, with a user's folders in tmp_path and without this
+    checkout."""
+    bpy_folder = Path(pytest.importorskip("numpy").__file__).parents[1]
+    if not (bpy_folder / "bpy").is_dir():
+        pytest.skip("needs bpy")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"BLENDER_USER_RESOURCES": str(tmp_path)}
+
+    def run(code, *words):
+        command = [sys.executable, "-S", "-P", "-c", code, str(bpy_folder), *map(str, words)]
+        result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert result.returncode == 0, result.stderr
+        return result
+
+    return run
+
+
 def test_it_carries_its_libraries(root, extension):
     with zipfile.ZipFile(extension) as archive:
         names = archive.namelist()
@@ -62,21 +89,26 @@ def test_it_carries_its_libraries(root, extension):
     assert sorted(line.split(",")[0] for line in record.splitlines()) == sorted(held)
 
 
-def test_blender_installs_and_runs_it(extension, tmp_path):
-    """In bpy, which has Blender's extension installer; libpecs comes from the extension's wheel."""
-    bpy_folder = Path(pytest.importorskip("numpy").__file__).parents[1]
-    if not (bpy_folder / "bpy").is_dir():
-        pytest.skip("needs bpy")
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"BLENDER_USER_RESOURCES": str(tmp_path)}
-    command = [sys.executable, "-S", "-P", "-c", INSTALL_AND_RUN, bpy_folder, extension]
-    result = subprocess.run(
-        [*map(str, command), "bands", "-n", "4", "--illuminant", "a", "--json"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert result.returncode == 0, result.stderr
+def test_blender_installs_and_runs_it(blender, extension, tmp_path):
+    """libpecs comes from the extension's wheel."""
+    result = blender(INSTALL_AND_RUN, extension, "bands", "-n", "4", "--illuminant", "a", "--json")
     answer = next(line for line in result.stdout.splitlines() if line.startswith('{"bands"'))
     assert len(json.loads(answer)["bands"]) == 4
     assert str(tmp_path) in result.stderr.splitlines()[-1]
+
+
+def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, extension, tmp_path, monkeypatch):
+    """Blender keeps a wheel of the version that is there; so each build has its own."""
+    monkeypatch.syspath_prepend(root / "scripts")
+    from make_extension import extension as zip_of
+    from wheel_contents import files_of, write_wheel
+
+    with zipfile.ZipFile(extension) as archive:
+        (name,) = (n for n in archive.namelist() if n.startswith("wheels/"))
+        files = files_of(Path(archive.extract(name, tmp_path)))
+    again = tmp_path / name
+    write_wheel(files | {"pecs/new.txt": (b"a newer build", 0o644)}, again, 0)
+    blender(INSTALL, extension, zip_of(again, tmp_path))
+    (package,) = tmp_path.glob("extensions/.local/lib/python3*/site-packages/pecs")
+    assert (package / "new.txt").read_text() == "a newer build"
+    assert len(list(package.parent.glob("pecs-*.dist-info"))) == 1
