@@ -3,7 +3,7 @@
 # nothing else of ours, by pip. Then it runs `pecs demo` and the examples, and says how long each step took. Needs root and
 # debootstrap; the systems are kept in ~/.cache/pecs-systems.
 #   scripts/try_wheels.sh [SUITE...]           default: bookworm trixie sid
-#   scripts/try_wheels.sh --beside             in bookworm: every module beside torch, OpenCV, bpy and tonic in one process
+#   scripts/try_wheels.sh --beside             in a bookworm of its own: every module beside torch, OpenCV, bpy and tonic in one process
 #   scripts/try_wheels.sh --container          packaging/container/Containerfile, line by line in a chroot
 #   scripts/try_wheels.sh --blender [SUITE...] also pecs-blender with bpy, and `pecs demo --blender`
 source "$(dirname "$0")/lib.sh"
@@ -13,7 +13,7 @@ while [[ "${1:-}" == --* ]]; do
   case $1 in --beside) BESIDE=1 ;; --blender) BLENDER=1 ;; --container) CONTAINER=1 ;; *) die "try_wheels.sh: got $1" 2 ;; esac
   shift
 done
-[ $# -gt 0 ] || set -- $([ -n "$BESIDE" ] && echo bookworm || echo bookworm trixie sid)
+[ $# -gt 0 ] || set -- bookworm trixie sid
 [ "$(id -u)" = 0 ] || die "try_wheels.sh: needs root for chroot" 2
 compgen -G 'dist/pecs-*.whl' >/dev/null || die "try_wheels.sh: dist/pecs-*.whl is missing: scripts/make_wheels.py" 3
 debian_packages debootstrap
@@ -30,7 +30,12 @@ system() {
       { tail -5 "$SYSTEMS/$1.log"; die "try_wheels.sh: debootstrap failed"; }
     touch "$root/ready"
   fi
-  # How this machine reaches the network.
+  reach_network "$root"
+}
+
+# reach_network ROOT: as this machine does.
+reach_network() {
+  local root=$1
   cp /etc/resolv.conf "$root/etc/"
   cp /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
   cp -n /etc/apt/apt.conf.d/*proxy* "$root/etc/apt/apt.conf.d/" 2>/dev/null || true
@@ -88,9 +93,13 @@ print(len(names), "modules")
 
 # In one process, pecs first and pecs last: do the libraries of one get in the way of another?
 beside() {
-  local suite=$1 order
-  system "$suite"
-  say "$suite: beside torch, OpenCV, bpy, tonic"
+  local suite=beside order
+  if [ ! -e "$SYSTEMS/beside/ready" ]; then
+    system bookworm
+    rm -rf "$SYSTEMS/beside" && cp -a "$SYSTEMS/bookworm" "$SYSTEMS/beside"
+  fi
+  reach_network "$SYSTEMS/beside"
+  say "bookworm: beside torch, OpenCV, bpy, tonic"
   inside "$suite" 'apt-get update -qq; DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-torch \
     libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1 libglib2.0-0 >/dev/null'
   mkdir -p "$SYSTEMS/$suite/root/dist" && cp dist/*.whl "$SYSTEMS/$suite/root/dist/"
@@ -137,6 +146,5 @@ container() {
 }
 
 [ -z "$CONTAINER" ] || { container; exit 0; }
-for suite in "$@"; do
-  if [ -n "$BESIDE" ]; then beside "$suite"; else try "$suite"; fi
-done
+[ -z "$BESIDE" ] || { beside; exit 0; }
+for suite in "$@"; do try "$suite"; done

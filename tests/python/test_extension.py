@@ -107,7 +107,7 @@ def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, ext
         (name,) = (n for n in archive.namelist() if n.startswith("wheels/"))
         files = files_of(Path(archive.extract(name, tmp_path)))
     again = tmp_path / name
-    write_wheel(files | {"pecs/new.txt": (b"a newer build", 0o644)}, again, 0)
+    write_wheel(files | {"pecs/new.txt": (b"a newer build", 0o644)}, again, 10**9)
     blender(INSTALL, extension, zip_of(again, tmp_path))
     (package,) = tmp_path.glob("extensions/.local/lib/python3*/site-packages/pecs")
     assert (package / "new.txt").read_text() == "a newer build"
