@@ -31,7 +31,9 @@ EventSlots& EventSorter::part(std::size_t index) {
 
 namespace {
 
-// Runs of about as many us as there are keys of a time. A copy of it in a loop stays in registers.
+// Runs of about as many us as there are keys of a time. A copy of it in a loop stays in registers. kInside: no key is
+// of another time.
+template <bool kInside>
 struct Runs {
   Runs(std::size_t keys, std::int64_t begin_us, std::int64_t end_us) : begin(event_key(begin_us, 0, false)) {
     const std::int64_t most = std::clamp<std::int64_t>(static_cast<std::int64_t>(keys), 1, 1 << 16);
@@ -40,7 +42,9 @@ struct Runs {
     shift = us_shift + kKeyTimeShift;
     last = static_cast<std::uint64_t>((end_us - begin_us) >> us_shift);
   }
-  std::size_t of(EventKey key) const { return std::min((std::max(key, begin) - begin) >> shift, last); }
+  std::size_t of(EventKey key) const {
+    return kInside ? (key - begin) >> shift : std::min((std::max(key, begin) - begin) >> shift, last);
+  }
 
   EventKey begin;
   std::uint64_t last;
@@ -51,7 +55,9 @@ struct Runs {
 class KeySorter {
  public:
   // Keys that lie in parts.
-  std::span<const EventKey> sort(std::span<const std::span<const EventKey>> parts, std::size_t count, const Runs runs) {
+  template <bool kInside>
+  std::span<const EventKey> sort(std::span<const std::span<const EventKey>> parts, std::size_t count,
+                                 const Runs<kInside> runs) {
     run_.assign(runs.last + 2, 0);
     std::uint32_t* const run = run_.data();
     for (std::size_t part = 0; part < parts.size(); ++part) {
@@ -64,11 +70,11 @@ class KeySorter {
     }
     std::partial_sum(run_.begin(), run_.end(), run_.begin());
 
-    // Keys come nearly by pixel, so few have to go back within their run. What is not written yet is 0, as is what lies
-    // before: that ends an insertion.
+    // Keys come nearly by pixel, so few have to go back within their run. Before a run lies the end of another, a
+    // smaller key or still 0: that ends an insertion.
     sorted_.resize(std::max(sorted_.size(), count + 1));
-    std::fill_n(sorted_.begin(), count + 1, EventKey{0});
     EventKey* const sorted = sorted_.data() + 1;
+    for (const std::uint32_t begin : run_) sorted[std::ptrdiff_t{begin} - 1] = 0;
     const std::size_t most_moves = 16 * count;
     std::size_t moves = 0;
     for (const auto keys : parts)
@@ -112,7 +118,10 @@ void EventSorter::append_sorted(std::size_t first_slot, std::size_t end_slot, La
     const std::int64_t end_us = slot + 1 < edges_.size() ? key_time_us(edges_[slot + 1]) : begin_us + 1000;
     std::vector<std::span<const EventKey>> keys;
     for (const EventSlots& part : parts_) part.find(slot, keys);
-    const auto sorted = sorters.local().sort(keys, count, {count, begin_us, end_us});
+    KeySorter& sorter = sorters.local();
+    const bool inside = slot > 0 && slot + 1 < edges_.size();
+    const auto sorted = inside ? sorter.sort(keys, count, Runs<true>(count, begin_us, end_us))
+                               : sorter.sort(keys, count, Runs<false>(count, begin_us, end_us));
     unpack_events(sorted, width_, out.data() + before + ends[i]);
     if (with_causes_)
       std::ranges::transform(sorted, labelled.causes.begin() + static_cast<std::ptrdiff_t>(before + ends[i]),
