@@ -4,8 +4,8 @@
                                                                                     (X, ImageMagick's `import`)
 
 It installs the zip by Blender's own operator, works in FOLDER, waits for every job, and ends Blender. On its way it
-tries what only a window has: the live view's pictures, Esc, a strip in the sequencer. What it does not find as it
-should be is an error on stderr, and exit code 1.
+tries what only a window has: the live view's pictures, Esc, a strip in the sequencer, another language. What it does
+not find as it should be is an error on stderr, and exit code 1.
 """
 
 import math
@@ -19,6 +19,7 @@ import bpy
 import numpy as np
 
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
+MODULE = "bl_ext.user_default.pecs_blender"
 PANEL_PX = 480  # width of the properties editor
 
 
@@ -107,6 +108,7 @@ def steps():
     yield from live()
     yield from to_events()
     yield from look_and_compare()
+    in_german_and_gone()
 
 
 def to_a_set_up_camera():
@@ -116,7 +118,7 @@ def to_a_set_up_camera():
     assert done == {"FINISHED"} and hasattr(bpy.types.Scene, "pecs")
     bpy.context.window_manager.addon_search = "PECS"
     bpy.ops.screen.userpref_show(section="ADDONS")
-    bpy.ops.preferences.addon_expand(module="bl_ext.user_default.pecs_blender")
+    bpy.ops.preferences.addon_expand(module=MODULE)
     yield 2
     picture("1_install", "1000x560+100+20")
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
@@ -167,7 +169,7 @@ def to_events():
     esc()
     yield job_ended
     assert state().message.startswith("Stopped at "), state().message
-    preferences = bpy.context.preferences.addons["bl_ext.user_default.pecs_blender"].preferences
+    preferences = bpy.context.preferences.addons[MODULE].preferences
     preferences.save_first = True
     file = Path(bpy.data.filepath)
     saved_ns = file.stat().st_mtime_ns
@@ -199,6 +201,21 @@ def look_and_compare():
     scroll(100)
     yield 1
     picture("6_compare")
+
+
+def in_german_and_gone() -> None:
+    """Switched off and on a hundred times, the extension leaves nothing."""
+    bpy.context.preferences.view.language = "de_DE"
+    shown = lambda: bpy.app.translations.pgettext("Render and simulate", "Operator")  # noqa: E731
+    lists = [h for h in (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)) if isinstance(h, list)]
+    handlers = lambda: sum(map(len, lists))  # noqa: E731
+    with_us = handlers()
+    assert shown() == "Rendern und simulieren"
+    for _ in range(100):
+        bpy.ops.preferences.addon_disable(module=MODULE)
+        assert shown() == "Render and simulate" and not hasattr(bpy.types.Scene, "pecs") and handlers() < with_us
+        bpy.ops.preferences.addon_enable(module=MODULE)
+        assert shown() == "Rendern und simulieren" and handlers() == with_us
 
 
 def scroll(steps: int) -> None:

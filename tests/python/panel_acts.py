@@ -292,6 +292,8 @@ def busy(folder):
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
     assert any(text.startswith("Render ") and " left, " in text for text in drawn()), drawn()
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
+    assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()
     assert job.text == "Render stack: stopping"
     message, is_error = ended()
