@@ -22,7 +22,7 @@ HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + 
 // A block of pixels: rows of a value per pixel, whole vectors. Of frames: the interval's start and end and the frame
 // after it; of the others with two: start, end.
 struct BlockRows {
-  static constexpr std::uint32_t kPixels = 1024;
+  static constexpr std::uint32_t kPixels = 4096;
   std::uint32_t first = 0, count = 0;
   HWY_ALIGN float memory[19][kPixels];
   float* l[3] = {memory[0], memory[1], memory[2]};  // ln I
