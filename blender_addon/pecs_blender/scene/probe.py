@@ -61,14 +61,17 @@ def probe(source: Source, options: Options) -> dict[str, Any]:
     if amperes is not None:
         weights = amperes * spectral.emitters.norm(lambda_nm) * scale
         current = _current(source.scene, spectral, lambda_nm, weights)
-        with cycles.changed(((source.scene.cycles, {"seed": options.seed + 1}),)):
-            noise = _noise(current, _current(source.scene, spectral, lambda_nm, weights))
+        samples, pair = min(SAMPLES, options.samples), []  # few samples are noisier than the root of their number says
+        for seed in (options.seed, options.seed + 1):
+            with cycles.changed(((source.scene.cycles, {"samples": samples, "seed": seed}),)):
+                pair.append(_current(source.scene, spectral, lambda_nm, weights))
+        noise = _noise(*pair)
         rate = _event_rate(source, options, lambda: _current(source.scene, spectral, lambda_nm, weights), spectral)
     found["photocurrent_a"] = _spread(current)
     corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
     found |= {"corner_hz": _spread(corner), "events_per_s": rate}
     if noise is not None:
-        noise = float(f"{noise * math.sqrt(SAMPLES / options.samples) / chip.contrast_threshold:.3g}")
+        noise = float(f"{noise * math.sqrt(samples / options.samples) / chip.contrast_threshold:.3g}")
     found |= {"noise_thresholds": noise, "samples": options.samples}
     return found | {"fnumber": fnumber, "light_scale": options.light_scale}
 
