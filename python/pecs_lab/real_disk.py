@@ -41,13 +41,25 @@ def rendered(name: str, folder: Path, plan: dict) -> Path:
     return folder / "stack"
 
 
+def _box(sequence: sequences.Sequence, factor: int) -> tuple[int, ...]:
+    """left, top, right, bottom of the disk on the coarse grid."""
+    return tuple(v // factor for v in sequence.render["moving_px"])
+
+
+def photocurrent(folder: Path, plan: dict) -> np.ndarray:
+    """Of the disk's pixels at the plan's instants, A [n, H, W]."""
+    sequence = sequences.load(plan["sequence"])
+    left, top, right, bottom = _box(sequence, plan["coarser"])
+    stack = rendered(plan["sequence"], folder, plan)
+    with pecs.Chip(sequence.sense["chip"]) as chip:
+        return chip.photocurrent(stack, range(plan["frames"]))[:, top:bottom, left:right]
+
+
 def load(real: Path, folder: Path, plan: dict) -> tuple[Footage, Disk]:
     """plan: "real" of studies/reconstruction.json."""
     sequence, factor = sequences.load(plan["sequence"]), plan["coarser"]
-    left, top, right, bottom = (v // factor for v in sequence.render["moving_px"])
-    with pecs.Chip(sequence.sense["chip"]) as chip:
-        stack = rendered(plan["sequence"], folder, plan)
-        light = chip.photocurrent(stack, range(plan["frames"]))[:, top:bottom, left:right]
+    left, top, right, bottom = _box(sequence, factor)
+    light = photocurrent(folder, plan)
     pictures = srgb(light / np.percentile(light, WHITE_PERCENTILE))
     times_us = (plan["first_frame"] + np.arange(plan["frames"])) * 1e6 / plan["fps"]
 

@@ -29,6 +29,8 @@ from pecs.learning.networks import NetworkConfig, network, start_states
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
 from pecs.learning.train import TrainConfig, train, trained
 from pecs.representations import voxel_grid
+from pecs_lab.disk_edges import Disk, edges
+from pecs_lab.drawn_disk import Drawn, Turning, sensed
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAIN = ClipConfig(windows=5, crop=48, augmentation=None)
@@ -312,6 +314,36 @@ def check_the_study_in_small(set_, scratch):
         raise AssertionError("an unknown simulator")
     except SystemExit as e:
         assert e.code == 2
+
+
+def check_drawn_disks(_set, _scratch):
+    """Their edges are where the disk has them; slow pixels follow late, in light and in events; flow carries them."""
+    disk = Disk((30.2, 31.1), 30.0, -2000.0, 20.0, 4)
+    white = np.full((60, 60), 1e-15)
+    what, times = Drawn(disk, white, white / 12), 2000.0 * np.arange(20)
+    both = []
+    for fast in (True, False):
+        events, followed = sensed(what, times, "imx636", fast=fast, warm_up_us=300e3, step_us=250)
+        assert followed.shape == (20, 60, 60)
+        ahead = [edges(picture * 1e15, disk, t)[0] for picture, t in zip(followed, times, strict=True)]
+        right, up = events["x"] + 0.5 - disk.centre_px[0], disk.centre_px[1] - events["y"] - 0.5
+        at_deg = np.degrees(np.arctan2(up, right))
+        late_deg = np.mod(at_deg - 20 + 2000e-6 * events["t"], 180)[(events["p"] == 1) & (np.hypot(right, up) > 10)]
+        both.append((np.nanmedian(ahead), np.isfinite(ahead).mean(), np.median(late_deg)))
+    (sharp, found, soon), (behind, _, late) = both
+    assert abs(sharp) < 0.3 and found == 1 and soon < 5, both
+    assert behind < -3 and 30 < late < 85, both
+    ranges = {"sectors": [2, 4], "deg_per_window": [2, 9], "contrast": [5, 15], "corner_hz": [2, 12]}
+    how = ranges | {"side_px": 48, "windows": 6, "fps": 500, "warm_up_us": 100e3, "step_us": 500.0}
+    for seed in range(4):
+        source = Turning(how, "imx636", seed)
+        before, now = (torch.from_numpy(source.pictures[k] / 255)[None, None] for k in (3, 4))
+        flow = torch.from_numpy(source.flow_back(3).astype(np.float64))[None]
+        errors = [
+            float((came - now).abs()[known].mean()) for came, known in (warped(before, flow), warped(before, -flow))
+        ]
+        assert errors[0] < 0.5 * errors[1], errors
+        assert Clips([source], SMALL, 1, 1)[0]["grid"].shape == (5, 5, 32, 32) and len(source.events)
 
 
 def check_onnx_is_the_network(set_, scratch):
