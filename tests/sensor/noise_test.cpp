@@ -28,7 +28,8 @@ class StillSensor {
   StillSensor(int width, int height, double threshold, double exposure, std::uint64_t seed = 3)
       : sensor_(chip(threshold), width, height, seed, 1.0) {
     const double a_per_us = 2 * std::numbers::pi * chip(threshold).corner_hz_per_a * 1e-21;
-    plane_.assign(static_cast<std::size_t>(width * height), static_cast<float>(exposure / (a_per_us * kFrame_us)));
+    plane_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
+                  static_cast<float>(exposure / (a_per_us * kFrame_us)));
   }
   // Events of the next frames.
   LabelledEvents run(int frames, bool last) {
@@ -92,7 +93,7 @@ std::vector<double> counts_of_first_passages(double threshold) {
 // that a cell crosses as a whole; what is left is 1 % at 8 standard deviations.
 double expected_events(double threshold, int frames) {
   constexpr double kStep = 0.1, kEnd = 8;
-  const auto cells = static_cast<int>(2 * kEnd / kStep), band = static_cast<int>(6 / kStep);
+  const auto half = static_cast<int>(kEnd / kStep), cells = 2 * half, band = static_cast<int>(6 / kStep);
   const auto jump = static_cast<int>(std::lround(threshold / kStep));
   const double correlation = std::exp(-kExposure), variance = 1 - correlation * correlation;
   const auto noise_of = [&](int cell) { return (cell + 0.5) * kStep - kEnd; };
@@ -118,7 +119,7 @@ double expected_events(double threshold, int frames) {
         const int passed = n >= r ? (n - r) / jump : -((r - n - 1) / jump);
         events += std::abs(passed) * here;
         const int reference = std::clamp(r + passed * jump, 0, cells),
-                  middle = static_cast<int>(correlation * (n - cells / 2)) + cells / 2;
+                  middle = static_cast<int>(correlation * (n - half)) + half;
         if (here < 1e-18) continue;
         for (int to = std::max(0, middle - band); to < std::min(cells, middle + band); ++to)
           next[static_cast<std::size_t>(reference)][static_cast<std::size_t>(to)] +=
@@ -179,7 +180,7 @@ TEST(Noise, AutocorrelationIsThePhotoreceptors) {
   constexpr double kThreshold = 0.02;  // standard deviations
   for (const double exposure : {0.05, 0.3, 1.0}) {
     const auto events = StillSensor(kSide, kSide, kThreshold, exposure).run(kLength, true).events;
-    std::vector<std::vector<double>> v(kSide * kSide, std::vector<double>(kLength));  // [pixel][frame]
+    std::vector<std::vector<double>> v(std::size_t{kSide} * kSide, std::vector<double>(kLength));  // [pixel][frame]
     auto last = v;
     for (const events::Event& e : events) {
       const std::size_t pixel = std::size_t{e.y} * kSide + e.x, frame = static_cast<std::size_t>((e.t_us + 999) / 1000);
