@@ -43,7 +43,7 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
         print(f"pecs: {e}", file=sys.stderr)
         return e.code
     except OSError as e:
-        print(f"pecs: {e.filename}: {e.strerror}", file=sys.stderr)
+        print(f"pecs: {e.filename or 'standard output'}: {e.strerror}", file=sys.stderr)
         return BAD_OUTPUT
     return 0
 

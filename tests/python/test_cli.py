@@ -1,6 +1,7 @@
 """What every subcommand promises: --help, one-line errors, documented exit codes. Subcommands are found by listing."""
 
 import argparse
+import errno
 import json
 import re
 
@@ -8,7 +9,7 @@ import numpy as np
 import pecs
 import pytest
 from conftest import load_script
-from pecs import demo
+from pecs import _command, demo
 from pecs._arguments import Quantity
 from pecs._command import Line
 from pecs_blender.core.progress import Progress
@@ -218,6 +219,15 @@ def test_what_quiet_and_verbose_do_is_said_alike(helps):
         if name != "pecs_blender":  # its commands take them
             assert re.search(r"^  --quiet +nothing but errors and results$", text, re.MULTILINE), name
             assert re.search(r"^  --verbose +also what was used, and how long it took$", text, re.MULTILINE), name
+
+
+def test_a_reader_that_goes_away_is_named(monkeypatch, capsys):
+    def run(args):
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr(_command.signal, "signal", lambda *_: None)
+    assert _command.answer(_command.Parser(prog="pecs demo"), run, []) == 5
+    assert capsys.readouterr().err == "pecs: standard output: Broken pipe\n"
 
 
 @pytest.mark.parametrize(("talk", "lines"), [({}, 5), ({"quiet": True}, 0), ({"verbose": True}, 100)], ids=str)
