@@ -6,7 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <fstream>
+#include <map>
+#include <set>
+#include <string>
+#include <string_view>
 
 #include "pecs/error.h"
 
@@ -29,6 +34,59 @@ std::uint64_t most_packed(Imf::Compression compression) {
     default:
       return 1 << 16;
   }
+}
+
+// OpenEXR reads these as their types say, whatever length is declared: what follows is read from another place then.
+// https://openexr.com/en/latest/OpenEXRFileLayout.html#predefined-attribute-types
+const std::map<std::string_view, std::int32_t> kFixedBytes = {{"box2f", 16},
+                                                              {"box2i", 16},
+                                                              {"chromaticities", 32},
+                                                              {"compression", 1},
+                                                              {"deepImageState", 1},
+                                                              {"double", 8},
+                                                              {"envmap", 1},
+                                                              {"float", 4},
+                                                              {"int", 4},
+                                                              {"keycode", 28},
+                                                              {"lineOrder", 1},
+                                                              {"m33d", 72},
+                                                              {"m33f", 36},
+                                                              {"m44d", 128},
+                                                              {"m44f", 64},
+                                                              {"rational", 8},
+                                                              {"tiledesc", 9},
+                                                              {"timecode", 8},
+                                                              {"v2d", 16},
+                                                              {"v2f", 8},
+                                                              {"v2i", 8},
+                                                              {"v3d", 24},
+                                                              {"v3f", 12},
+                                                              {"v3i", 12}};
+const std::set<std::string_view> kParts = {"chlist", "preview", "stringvector"};
+
+std::uint32_t number_at(std::string_view value, std::size_t at) {
+  std::uint32_t number = 0;
+  std::memcpy(&number, value.data() + at, sizeof number);
+  return number;
+}
+
+// Whether what a value says of its own length is its length.
+bool ends_with_its_parts(std::string_view type, std::string_view value) {
+  if (type == "preview")
+    return value.size() >= 8 && (value.size() - 8) % 4 == 0 &&
+           std::uint64_t{number_at(value, 0)} * number_at(value, 4) == (value.size() - 8) / 4;
+  std::size_t at = 0;
+  if (type == "stringvector") {
+    while (at + 4 <= value.size() && number_at(value, at) <= value.size() - at - 4) at += 4 + number_at(value, at);
+    return at == value.size();
+  }
+  constexpr std::size_t kChannelBytes = 16;  // after its name
+  while (at < value.size() && value[at]) {
+    const std::size_t end = value.find('\0', at);
+    if (end == std::string_view::npos) return false;
+    at = end + 1 + kChannelBytes;
+  }
+  return at + 1 == value.size();
 }
 
 }  // namespace
@@ -58,11 +116,18 @@ void check_attributes(const std::filesystem::path& path) {
     std::int32_t length = 0;
     if (!file.read(reinterpret_cast<char*>(&length), sizeof length)) return;
     const std::uint64_t at = static_cast<std::uint64_t>(file.tellg());
-    if (length < 0 || static_cast<std::uint64_t>(length) > bytes - std::min(bytes, at))
+    const auto refuse = [&](const char* wanted) {
       throw bad_input(path.string(), fmt::format("byte {}", at - sizeof length),
-                      fmt::format("attribute {} of {} bytes", shortened(name.data(), 40), length),
-                      "what the file can hold");
-    file.seekg(length, std::ios::cur);
+                      fmt::format("attribute {} of {} bytes", shortened(name.data(), 40), length), wanted);
+    };
+    if (length < 0 || static_cast<std::uint64_t>(length) > bytes - std::min(bytes, at))
+      refuse("what the file can hold");
+    const auto fixed = kFixedBytes.find(type.data());
+    if (fixed != kFixedBytes.end() && fixed->second != length) refuse("its type's length");
+    std::string value(kParts.contains(type.data()) ? static_cast<std::size_t>(length) : 0, '\0');
+    file.read(value.data(), static_cast<std::streamsize>(value.size()));
+    if (!value.empty() && !ends_with_its_parts(type.data(), value)) refuse("parts of that length in all");
+    file.seekg(static_cast<std::streamoff>(at) + length);
   }
 }
 

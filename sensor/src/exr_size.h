@@ -9,7 +9,8 @@ namespace pecs::sensor {
 // anything of that size is allocated.
 void check_declared_size(const Imf::Header& header, const std::filesystem::path& path);
 
-// Throws bad_input for an attribute of the header that is longer than the file: OpenEXR would allocate it.
+// Throws bad_input for an attribute of the header that is longer than the file, which OpenEXR would allocate, or of
+// another length than its type has: OpenEXR would take its end for attributes of their own.
 void check_attributes(const std::filesystem::path& path);
 
 }  // namespace pecs::sensor

@@ -103,6 +103,21 @@ TEST_F(Stack, RefusesAnAttributeLongerThanTheFile) {  // OpenEXR allocates what 
   EXPECT_NE(refusal().find("got attribute channels of 1895825407 bytes"), std::string::npos) << refusal();
 }
 
+TEST_F(Stack, RefusesAnAttributeOfAnotherLengthThanItsTypes) {  // the rest would be read as attributes
+  write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
+  std::ifstream in(frame(), std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(in), {}};
+  for (const std::string type : {"box2i", "lineOrder", "float", "v2f", "chlist"}) {
+    std::string bytes = whole;
+    const std::size_t at =
+        bytes.find(type + '\0', bytes.find(type + '\0') + (type == "lineOrder" ? 10 : 0)) + type.size();
+    ++bytes[at + 1];
+    std::ofstream(frame(), std::ios::binary) << bytes;
+    EXPECT_NE(refusal().find(type == "chlist" ? "wanted parts of that" : "wanted its type's length"), std::string::npos)
+        << type << refusal();
+  }
+}
+
 TEST_F(Stack, RefusesPixelsThatTheFileCannotHold) {
   write_half(frame(), Imf::ZIP_COMPRESSION, 40, 75, "S0.550nm");
   std::ifstream in(frame(), std::ios::binary);
