@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <system_error>
 
 #include "pecs/data_dir.h"
 #include "pecs/strict_json.h"
@@ -106,7 +107,8 @@ double Glass::n(double lambda_nm) const {
 
 std::optional<Glass> catalog_glass(const std::string& catalog, const std::string& name) {
   const auto path = data_dir("lens_data/glasses") / lower(catalog) / (without_remark(name) + ".json");
-  if (!std::filesystem::is_regular_file(path)) return std::nullopt;
+  std::error_code no_name_of_a_file;  // as of one too long
+  if (!std::filesystem::is_regular_file(path, no_name_of_a_file)) return std::nullopt;
   return Glass::from_file(path);
 }
 
