@@ -8,8 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <map>
-#include <set>
+#include <iterator>
 #include <string>
 #include <string_view>
 
@@ -38,31 +37,35 @@ std::uint64_t most_packed(Imf::Compression compression) {
 
 // OpenEXR reads these as their types say, whatever length is declared: what follows is read from another place then.
 // https://openexr.com/en/latest/OpenEXRFileLayout.html#predefined-attribute-types
-const std::map<std::string_view, std::int32_t> kFixedBytes = {{"box2f", 16},
-                                                              {"box2i", 16},
-                                                              {"chromaticities", 32},
-                                                              {"compression", 1},
-                                                              {"deepImageState", 1},
-                                                              {"double", 8},
-                                                              {"envmap", 1},
-                                                              {"float", 4},
-                                                              {"int", 4},
-                                                              {"keycode", 28},
-                                                              {"lineOrder", 1},
-                                                              {"m33d", 72},
-                                                              {"m33f", 36},
-                                                              {"m44d", 128},
-                                                              {"m44f", 64},
-                                                              {"rational", 8},
-                                                              {"tiledesc", 9},
-                                                              {"timecode", 8},
-                                                              {"v2d", 16},
-                                                              {"v2f", 8},
-                                                              {"v2i", 8},
-                                                              {"v3d", 24},
-                                                              {"v3f", 12},
-                                                              {"v3i", 12}};
-const std::set<std::string_view> kParts = {"chlist", "preview", "stringvector"};
+struct FixedType {
+  std::string_view name;
+  std::int32_t bytes;
+};
+constexpr FixedType kFixedTypes[] = {{"box2f", 16},
+                                     {"box2i", 16},
+                                     {"chromaticities", 32},
+                                     {"compression", 1},
+                                     {"deepImageState", 1},
+                                     {"double", 8},
+                                     {"envmap", 1},
+                                     {"float", 4},
+                                     {"int", 4},
+                                     {"keycode", 28},
+                                     {"lineOrder", 1},
+                                     {"m33d", 72},
+                                     {"m33f", 36},
+                                     {"m44d", 128},
+                                     {"m44f", 64},
+                                     {"rational", 8},
+                                     {"tiledesc", 9},
+                                     {"timecode", 8},
+                                     {"v2d", 16},
+                                     {"v2f", 8},
+                                     {"v2i", 8},
+                                     {"v3d", 24},
+                                     {"v3f", 12},
+                                     {"v3i", 12}};
+constexpr std::string_view kParts[] = {"chlist", "preview", "stringvector"};
 
 std::uint32_t number_at(std::string_view value, std::size_t at) {
   std::uint32_t number = 0;
@@ -122,11 +125,12 @@ void check_attributes(const std::filesystem::path& path) {
     };
     if (length < 0 || static_cast<std::uint64_t>(length) > bytes - std::min(bytes, at))
       refuse("what the file can hold");
-    const auto fixed = kFixedBytes.find(type.data());
-    if (fixed != kFixedBytes.end() && fixed->second != length) refuse("its type's length");
-    std::string value(kParts.contains(type.data()) ? static_cast<std::size_t>(length) : 0, '\0');
+    const std::string_view kind = type.data();
+    const auto* const fixed = std::ranges::find(kFixedTypes, kind, &FixedType::name);
+    if (fixed != std::end(kFixedTypes) && fixed->bytes != length) refuse("its type's length");
+    std::string value(std::ranges::find(kParts, kind) != std::end(kParts) ? static_cast<std::size_t>(length) : 0, '\0');
     file.read(value.data(), static_cast<std::streamsize>(value.size()));
-    if (!value.empty() && !ends_with_its_parts(type.data(), value)) refuse("parts of that length in all");
+    if (!value.empty() && !ends_with_its_parts(kind, value)) refuse("parts of that length in all");
     file.seekg(static_cast<std::streamoff>(at) + length);
   }
 }
