@@ -68,6 +68,13 @@ def events(folder: Path, **options) -> np.ndarray:
     return pecs.read(out)
 
 
+def reference_events(scene: Scene, output: Path, scenes: Path, samples: int) -> np.ndarray:
+    """Of quarter-pixel steps, 16 times the samples and another seed."""
+    folder = output / "ref" / scene.name
+    render(scene, folder, scenes, 4 * scene.fps, "--samples", 16 * samples, "--seed", 77)
+    return events(folder)
+
+
 def score(reference: np.ndarray, found: np.ndarray, window_us: float) -> dict:
     """Events are paired that are nearest to each other, of one pixel and polarity, within the window."""
 
@@ -107,9 +114,7 @@ def main() -> None:
         if scene.name not in args.scenes:
             continue
         step_us = 1e6 / scene.fps
-        reference = args.output / "ref" / scene.name
-        render(scene, reference, made, 4 * scene.fps, "--samples", 16 * args.samples, "--seed", 77)
-        truth = events(reference)
+        truth = reference_events(scene, args.output, made, args.samples)
         rows = results["scenes"][scene.name] = {"step_us": step_us, "events": len(truth)}
         for variant in args.variants:
             folder = args.output / variant / scene.name

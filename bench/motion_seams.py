@@ -16,6 +16,7 @@ import pecs
 
 SCENES = ("room", "rotating_disk", "board")
 PHASES, PLACES, GROUPS = 8, 10, 32
+REFERENCE_SAMPLES = 4  # those that motion.py compares with, whatever --samples says
 
 
 def count(events: np.ndarray, begin_us: float, keyframes_us: np.ndarray) -> np.ndarray:
@@ -29,13 +30,10 @@ def count(events: np.ndarray, begin_us: float, keyframes_us: np.ndarray) -> np.n
     return np.bincount(group * PHASES + phase, minlength=GROUPS * PHASES).reshape(GROUPS, PHASES)
 
 
-def seams(scene: motion.Scene, output: Path, samples: int) -> dict:
-    made, step_us = output / "scenes", 1e6 / scene.fps
-    last = round(scene.seconds * scene.fps) + 1
+def seams(scene: motion.Scene, output: Path, made: Path, samples: int) -> dict:
+    step_us, last = 1e6 / scene.fps, round(scene.seconds * scene.fps) + 1
     options = ("--samples", samples, "--time", "adaptive", "--frames")
-    reference = output / "ref" / scene.name
-    motion.render(scene, reference, made, 4 * scene.fps, "--samples", 64, "--seed", 77)
-    truth = motion.events(reference)
+    truth = motion.reference_events(scene, output, made, REFERENCE_SAMPLES)
     found, expected = np.zeros((2, GROUPS, PHASES))
     interval, first = PLACES, 0
     while first < interval:
@@ -66,8 +64,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--samples", type=int, default=4)
     args = parser.parse_args()
-    motion.make_scenes(args.output / "scenes")
-    rows = {s.name: seams(s, args.output, args.samples) for s in motion.SCENES if s.name in SCENES}
+    made = motion.make_scenes(args.output / "scenes")
+    rows = {s.name: seams(s, args.output, made, args.samples) for s in motion.SCENES if s.name in SCENES}
     print(json.dumps({"samples": args.samples, "load": os.getloadavg()[0], "scenes": rows}, indent=1))
 
 

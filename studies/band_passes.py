@@ -20,22 +20,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PASSES, BANDS_PER_PASS = 4, 3
 
 
-def render(folder: Path, *options) -> np.ndarray:
-    """Times of the keyframes [us]."""
-    command = [
-        sys.executable,
-        "-m",
-        "pecs_blender",
-        "render",
-        ROOT / "scenes/colorchecker_disk",
-        "-o",
-        folder,
-        "--quiet",
-    ]
-    command += ["--lens", "none", "--focal", "25mm", "--width", 96, "--bands", PASSES * BANDS_PER_PASS, "--fps", "2kHz"]
-    command += ["--frames", 120, "--set", "lamp_spectrum=led_b3", "--time", "adaptive", *options]
+def render(folder: Path, *options) -> dict:
+    """What the stack says of itself."""
+    command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
+    command += ["--quiet", "--lens", "none", "--focal", "25mm", "--width", 96, "--bands", PASSES * BANDS_PER_PASS]
+    command += ["--fps", "2kHz", "--frames", 120, "--set", "lamp_spectrum=led_b3", "--time", "adaptive", *options]
     subprocess.run(list(map(str, command)), check=True)
-    return np.array(json.loads((folder / "stack.json").read_text())["times_ns"]) / 1e3
+    with pecs.StackReader(folder) as stack:
+        return stack.info
 
 
 def chip_of_pass(folder: Path, lambda_nm: np.ndarray, number: int) -> Path:
@@ -57,13 +49,12 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     folder = parser.parse_args().output
     folder.mkdir(parents=True, exist_ok=True)
-    t_us = render(folder / "every", "--samples", 4, "--step", 12)
-    far_us = render(folder / "second", "--samples", 4, "--step", 24)
+    near = render(folder / "every", "--samples", 4, "--step", 12)
+    far_ns = render(folder / "second", "--samples", 4, "--step", 24)["times_ns"]
     render(folder / "reference", "--samples", 128, "--step", 12, "--share", 0, "--seed", 77)
-    with pecs.StackReader(folder / "every") as stack:
-        lambda_nm = np.array([band["lambda_nm"] for band in stack.info["bands"]])
+    lambda_nm = np.array([band["lambda_nm"] for band in near["bands"]])
     chips = ["imx636", *(chip_of_pass(folder, lambda_nm, i) for i in range(PASSES))]
-    between_us = np.array([t for t in t_us[1:-1] if t not in far_us])
+    between_us = np.array([t for t in near["times_ns"][1:-1] if t not in far_ns]) / 1e3
 
     def light(name: str) -> np.ndarray:  # [times, whole and passes, height, width]
         with pecs.Light(folder / name, chips, fnumber=2.0) as source:
@@ -79,9 +70,8 @@ def main() -> None:
     print("| | RMS % | median % | p95 % |\n|---|---|---|---|")
     for name, estimate in rows.items():
         error = 100 * np.abs(np.log(estimate / truth[:, 0]))[:, moving]
-        print(
-            f"| {name} | {np.sqrt((error**2).mean()):.1f} | {np.median(error):.1f} | {np.percentile(error, 95):.1f} |"
-        )
+        found = (np.sqrt((error**2).mean()), np.median(error), np.percentile(error, 95))
+        print(f"| {name} | " + " | ".join(f"{value:.1f}" for value in found) + " |")
 
 
 if __name__ == "__main__":
