@@ -4,10 +4,10 @@ with a result or with one line and the exit code of an input (docs/reference/exi
 
     scripts/broken_files.py [--count 500] [--seed 2] [--only evt3,chip] [--exr openexr-images/Damaged]
 
-Without --exr: mutants of each event format, of each kind of JSON and lens file, and of EXR frames, the same ones for
-the same seed. With --exr: every file of a folder, alone and as a frame of a stack of ours; meant for the Damaged folder
-of https://github.com/AcademySoftwareFoundation/openexr-images. Prints JSON, a row per kind; files that did badly are
-kept in out/broken. Exit code 1 if any did.
+Without --exr: mutants of each event format, of each kind of JSON and lens file, of EXR frames, and of pictures and
+video, the same ones for the same seed. With --exr: every file of a folder, alone and as a frame of a stack of ours;
+meant for the Damaged folder of https://github.com/AcademySoftwareFoundation/openexr-images. Prints JSON, a row per
+kind; files that did badly are kept in out/broken. Exit code 1 if any did.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pecs
 from pecs_blender.core.errors import RenderError
@@ -40,6 +41,8 @@ EVENTS = {
     "evt3": "evt3.raw", "evt2": "evt2.raw", "evt21": "evt21.raw", "dat": "dat", "aedat4": "aedat4", "npz": "npz",
     "csv": "csv", "e2vid": "e2vid.txt", "v2e": "v2e.txt", "dsec": "h5", "metavision-hdf5": "hdf5",
 }  # fmt: skip
+# What libpng and libjpeg say before our line, which OpenCV gives no way to keep from them.
+DECODERS = ("libpng error", "libpng warning", "Corrupt JPEG", "Premature end of JPEG", "Warning: unknown JFIF")
 STRANGE = ["", "\0", "../..", "1e999", "NaN", "-1", "0", "null", "[]", "{}", '""', "true", "1e-300", "9" * 400, "1e308"]
 ZEMAX = """MODE SEQ
 NAME made
@@ -195,7 +198,8 @@ def in_program(kind: Kind, data: bytes) -> tuple[str, str]:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = code = os.waitstatus_to_exitcode(status)
         stderr.seek(0)
-        said = stderr.read().decode(errors="replace")
+        lines = stderr.read().decode(errors="replace").splitlines()
+        said = "\n".join(line for line in lines if not line.startswith(DECODERS))
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "hang", said
     if code < 0 or code in (134, 139):
@@ -269,6 +273,39 @@ def frames(own: Path, foreign: Path, output: Path) -> dict[str, Kind]:
     }
 
 
+def moving(folder: Path, output: Path) -> dict[str, Kind]:
+    """What lies beside the light of a stack: motion, and a picture between two frames."""
+    ends = ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")
+    channels = [f"{side}{name}" for side in ("", "back_") for name in ends]
+    layer = {"name": "motion", "files": "motion_%06d.exr", "channels": channels, "unit": "px, z in m", "at": "interval"}
+    rng = np.random.default_rng(3)
+    with pecs.StackWriter(folder, stack_json() | {"layers": [layer], "between": True}) as writer:
+        for i in range(2):
+            writer.write_frame(i, rng.random((2, 24, 32), np.float32))
+        writer.write_layer("motion", 0, 4 * rng.random((12, 24, 32), np.float32))
+        writer.write_between(0, 5, 400_000, rng.random((2, 24, 32), np.float32))
+    words = ("sense", folder, "-o", output / "o.raw", "--quiet")
+    return {name: Kind(next(folder.glob(f"{name}_*.exr")), *words) for name in ("motion", "between")}
+
+
+def pictures(folder: Path, output: Path) -> dict[str, Kind]:
+    kinds = {}
+    rows = np.random.default_rng(4).integers(256, size=(24, 32, 3), dtype=np.uint8)
+    words = ("-o", output / "o.raw", "--fps", "100", "--photocurrent", "1e-11", "--quiet")
+    for ending in ("png", "jpg", "tiff", "webp", "ppm", "bmp"):
+        good = folder / ending
+        good.mkdir(parents=True)
+        for name in "ab":
+            cv2.imwrite(str(good / f"{name}.{ending}"), rows)
+        kinds[ending] = Kind(good / f"a.{ending}", "sense", good, *words)
+    video = cv2.VideoWriter(str(folder / "a.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 100, (32, 24))
+    for i in range(4):
+        video.write(np.roll(rows, i, 0))
+    video.release()
+    kinds["mp4"] = Kind(folder / "a.mp4", "sense", folder / "a.mp4", *words)
+    return kinds
+
+
 def all_kinds(folder: Path) -> dict[str, Kind]:
     kinds, output = {}, folder / "to"
     output.mkdir()
@@ -278,7 +315,7 @@ def all_kinds(folder: Path) -> dict[str, Kind]:
         read = functools.partial(same_events if name == "npz" else pecs.read, file)
         kinds[name] = Kind(file, "convert", file, output / "o.csv", "--format", "csv", "--quiet", read=read)
     own, foreign = stacks(folder)
-    kinds |= frames(own, foreign, output)
+    kinds |= frames(own, foreign, output) | moving(folder / "moving", output) | pictures(folder / "pictures", output)
     kinds["stack.json"] = Kind(
         own / "stack.json", "sense", own, "-o", output / "o.raw", "--quiet", read=lambda: first_frame(own)
     )

@@ -50,6 +50,8 @@ int said(const char* name, const Error& e) {
 int run_program(const char* name, const std::function<int()>& body) noexcept {
   fill_descriptors();
   take_signals();
+  // OpenCV says there what it could not read, in lines beside ours.
+  std::cerr.setstate(std::ios::failbit);
   int code = 0;
   try {
     code = body();

@@ -3,12 +3,18 @@
 // reader comes to an end with a value or with one pecs::Error of one line that is not `internal`.
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
+#include <limits>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "pecs/error.h"
 
@@ -66,6 +72,46 @@ void try_to(Read&& read) {
     const std::string line = e.what();
     if (e.code() == ExitCode::internal || line.empty() || line != printable(line)) defect("error: " + printable(line));
   }
+}
+
+// Values taken from an input, front to back; zeros after its end.
+class Bytes {
+ public:
+  explicit Bytes(std::string_view bytes) : bytes_(bytes) {}
+  template <class T>
+  T take() {
+    T value{};
+    const std::size_t n = std::min(sizeof value, bytes_.size());
+    std::memcpy(&value, bytes_.data(), n);
+    bytes_.remove_prefix(n);
+    return value;
+  }
+  std::string_view rest() const { return bytes_; }
+
+ private:
+  std::string_view bytes_;
+};
+
+// So many floats of the input's next bytes, two for each, over and over: below 256 in size, often whole, or what no
+// renderer should write.
+inline std::vector<float> strange_floats(Bytes& in, std::size_t count) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  constexpr float kStrange[] = {NAN, kInfinity, -kInfinity, 3e38f, -3e38f, 1e-42f, 1e9f, -1e9f, 1e-12f, 0.5f};
+  std::vector<float> pattern;
+  for (auto left = 1 + in.take<std::uint8_t>(); left > 0 && !in.rest().empty(); --left) {
+    const auto bits = in.take<std::int16_t>();
+    const auto which = static_cast<std::size_t>(bits) % 64;
+    pattern.push_back(which < std::size(kStrange) ? kStrange[which] : static_cast<float>(bits / 64 * (bits % 4)) / 8);
+  }
+  if (pattern.empty()) pattern = {1};
+  std::vector<float> out(count);
+  for (std::size_t i = 0; i < count; ++i) out[i] = pattern[i % pattern.size()];
+  return out;
+}
+
+// The same in every bit but for the kind of NaN.
+inline bool same(std::span<const float> a, std::span<const float> b) {
+  return std::ranges::equal(a, b, [](float x, float y) { return x == y || (std::isnan(x) && std::isnan(y)); });
 }
 
 inline std::string_view text(const std::uint8_t* data, std::size_t size) {

@@ -4,7 +4,6 @@
 #include <hdf5.h>
 
 #include <array>
-#include <cstring>
 
 #include "fuzz.h"
 #include "hdf5_file.h"
@@ -14,23 +13,7 @@ namespace {
 
 using namespace pecs;
 using events::hdf5::Handle;
-
-class Bytes {
- public:
-  explicit Bytes(std::string_view bytes) : bytes_(bytes) {}
-  template <class T>
-  T take() {
-    T value{};
-    const std::size_t n = std::min(sizeof value, bytes_.size());
-    std::memcpy(&value, bytes_.data(), n);
-    bytes_.remove_prefix(n);
-    return value;
-  }
-  std::string_view rest() const { return bytes_; }
-
- private:
-  std::string_view bytes_;
-};
+using fuzz::Bytes;
 
 hid_t number_type(unsigned choice) {
   const std::array types = {H5T_STD_I8LE,  H5T_STD_U8LE,  H5T_STD_I16LE, H5T_STD_U16LE, H5T_STD_I32BE,

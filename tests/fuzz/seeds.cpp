@@ -83,8 +83,8 @@ void put_events(const fs::path& folder) {
       writer->close();
     }
   }
-  // The HDF5 fuzzers make files of the input (hdf5.cpp); a block's bytes are a start.
-  for (const char* name : {"dsec", "metavision-hdf5"}) {
+  // These make what they try of the input's bytes.
+  for (const char* name : {"dsec", "metavision-hdf5", "motion", "sensor"}) {
     fs::remove_all(folder / name);
     std::mt19937 random(2);
     for (int i = 0; i < 16; ++i) {
@@ -109,6 +109,12 @@ int main(int argc, char** argv) try {
   for (const auto& [target, room] : {std::pair("chip", "sensor/chips"), std::pair("lens", "lens_data/lenses")})
     for (const auto& entry : fs::directory_iterator(data_dir(room)))
       if (entry.path().extension() == ".json") put(folder / target / entry.path().filename(), text_of(entry.path()));
+  put(folder / "spectrum/own.csv", text_of(data_dir("lens_data/spectra") / "d65.csv"));
+  put(folder / "options/own.json",
+      R"({"chip": "imx636", "set": {"leak_rate_hz": 0.5}, "no_noise": false, "seed": 3, "threads": 2, "model": "v2e",)"
+      R"( "param": {"cutoff_hz": 200}, "readout": "ideal", "fnumber": 2.8, "gain": 2.0, "fps": 100, "white_a": 1e-12,)"
+      R"( "bands": "mc:8", "motion": true, "warmup_loops": 1, "start_us": 10, "duration_us": 1000})");
+  put(folder / "times/own.txt", "0 # us\n33.25\n1e3\n");
   put(folder / "zemax/own.zmx", kZemax);
   put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("double_gauss_100mm_f3p1"), 550, 40));
   for (const char* scene : {"rotating_disk", "board"})

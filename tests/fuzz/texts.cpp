@@ -3,6 +3,8 @@
 #include "pecs/lens/exchange.h"
 #include "pecs/lens/prescription.h"
 #include "pecs/sensor/chip.h"
+#include "pecs/sensor/named_spectrum.h"
+#include "pecs/sensor/sense_options.h"
 #include "pecs/sensor/stack.h"
 
 namespace {
@@ -21,6 +23,15 @@ void read(const fuzz::MemoryFile& file, const std::string& text) {
     sensor::load_chip(file.path());
   } else if (kKind == "stack_json") {
     sensor::parse_stack_info(parse_json(text, "stack.json"), "stack.json");
+  } else if (kKind == "options") {
+    const Json json = parse_json(text, "options");
+    sensor::sense_options(JsonObject(json, "options"));
+  } else if (kKind == "spectrum") {
+    file.hold(text);
+    sensor::named_spectrum(file.path());
+  } else if (kKind == "times") {
+    file.hold(text);
+    sensor::FrameTimes{.fps = {}, .file_us = file.path()}.of(3, "times");
   } else if (kKind == "lens") {
     load_lens(file, text);
   } else if (kKind == "zemax") {

@@ -54,6 +54,15 @@ def test_half_a_size_is_no_size(pecs_program, tmp_path):
             pecs.write(tmp_path / name, e, 64, 0)
 
 
+def test_a_size_that_changes_in_the_file(pecs_program, tmp_path):
+    """Two recordings of Metavision's CSV, one after the other."""
+    one = "%geometry:640,480\n30,10,1,100\n"
+    (tmp_path / "in.csv").write_text(one + one)
+    assert pecs_program("info", tmp_path / "in.csv").returncode == 0
+    (tmp_path / "in.csv").write_text(one + "%geometry:320,240\n30,10,1,200\n")
+    refused(pecs_program("info", tmp_path / "in.csv"), 4, "line 3", "%geometry:320,240", "640x480 as before")
+
+
 @pytest.mark.parametrize("extension", [".raw", ".csv", ".npz", ".h5", ".aedat4"])
 def test_an_empty_file_is_said(pecs_program, tmp_path, extension):
     (tmp_path / f"in{extension}").touch()

@@ -53,6 +53,13 @@ TEST_P(EveryModel, ValuesThatAreNoLightChangeNothing) {
   EXPECT_TRUE(run(model, load_chip("ideal"), clip).empty());
 }
 
+TEST_P(EveryModel, HoweverBrightTheLightItEnds) {
+  const Clip clip = make_clip(4, 2, 6, 1000, [](int x, int y, double t) {
+    return (x + y) % 2 ? 1 : t > 2000 ? 1e36 : 0;
+  });
+  EXPECT_LT(run({GetParam(), {}, 0}, load_chip("imx636"), clip).size(), 20000u);
+}
+
 TEST_P(EveryModel, RefusesWrongParametersByName) {
   const Chip chip = load_chip("ideal");
   EXPECT_THROW(open_model({GetParam(), {{"nope", 1}}, 0}, chip, 4, 4, 1, 1), Error);

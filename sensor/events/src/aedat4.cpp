@@ -12,6 +12,7 @@
 #include <pugixml.hpp>
 
 #include "aedat4_generated.h"
+#include "buffer_size.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "extent.h"
@@ -30,7 +31,7 @@ constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kTableId = "FTAB
 // The unpacked bytes; empty when `packed` is no whole frame, or unpacks to more than kMaxPacketBytes.
 std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compression) {
   std::vector<std::uint8_t> out;
-  const auto step = [&] { out.resize(std::max<std::size_t>(1 << 16, out.size() * 2)); };
+  const auto step = [&] { out.resize(std::max(buffer_size(1 << 16, 256), out.size() * 2)); };
   std::size_t in_at = 0, out_at = 0;
   if (compression == kLz4 || compression == kLz4High) {
     LZ4F_dctx* raw = nullptr;

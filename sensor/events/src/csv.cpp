@@ -18,6 +18,7 @@
 #include <string_view>
 #include <utility>
 
+#include "buffer_size.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "extent.h"
@@ -34,7 +35,7 @@ constexpr std::string_view kWanted = "a header line such as t_us,x,y,p";
 
 class LineReader {
  public:
-  explicit LineReader(const std::filesystem::path& path) : file_(path), buffer_(1 << 16) {
+  explicit LineReader(const std::filesystem::path& path) : file_(path), buffer_(buffer_size(1 << 16, kMaxLine + 64)) {
     filled_ = file_.read(std::as_writable_bytes(std::span(buffer_)));
     const std::string_view head(buffer_.data(), filled_);
     if (head.starts_with("\xff\xfe") || head.starts_with("\xfe\xff"))
@@ -198,9 +199,11 @@ class CsvReader final : public Reader {
     constexpr std::string_view kGeometry = "%geometry:";
     if (comment.starts_with(kGeometry)) {
       metavision_ = true;
-      info_.width = number_after(kGeometry);
-      const std::size_t separator = comment.find(',');
-      info_.height = separator == std::string_view::npos ? 0 : number_after(",");
+      const int width = number_after(kGeometry), height = number_after(",");
+      if (!extent_)
+        info_.width = width, info_.height = height;
+      else if (extent_->is_given() && (width != info_.width || height != info_.height))
+        throw lines_.damage(comment, fmt::format("{}x{} as before", info_.width, info_.height));
     } else if (!extent_ && info_.width == 0) {
       if (comment.find("time (float s), x, y, polarity") != std::string_view::npos) convention_ = Convention::v2e;
       info_.width = number_after("width=");

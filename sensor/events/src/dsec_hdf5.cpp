@@ -9,6 +9,7 @@
 #include <array>
 
 #include "block_reader.h"
+#include "buffer_size.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "event_columns.h"
@@ -19,7 +20,7 @@ namespace {
 
 constexpr std::array kColumns = {"/events/t", "/events/x", "/events/y", "/events/p"};
 constexpr H5Z_filter_t kBloscFilter = 32001;
-constexpr std::size_t kBlock = 1 << 16;
+constexpr std::size_t kBlock = buffer_size(1 << 16, 1 << 12);
 constexpr std::size_t kMaxBloscBytes = std::size_t{1} << 28;
 
 // The reading half of the blosc filter: a chunk is one blosc buffer.

@@ -25,6 +25,7 @@ class Extent {
     info_.width = width_;
     info_.height = height_;
   }
+  bool is_given() const { return given_; }
   // Pixels may lie below these.
   int width() const { return given_ ? info_.width : limit_; }
   int height() const { return given_ ? info_.height : limit_; }

@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cerrno>
 
+#include "buffer_size.h"
+
 namespace pecs::events {
 namespace {
-constexpr std::size_t kBufferBytes = 1 << 18;
+constexpr std::size_t kBufferBytes = buffer_size(1 << 18, 64);
 }
 
 InputFile::InputFile(std::filesystem::path path) : path_(std::move(path)), buffer_(kBufferBytes) {

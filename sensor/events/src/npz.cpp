@@ -13,6 +13,7 @@
 #include <tuple>
 #include <utility>
 
+#include "buffer_size.h"
 #include "checked_writer.h"
 #include "codecs.h"
 #include "event_columns.h"
@@ -197,7 +198,7 @@ class NpzReader final : public Reader {
   }
 
  private:
-  static constexpr std::size_t kBlock = 1 << 14;
+  static constexpr std::size_t kBlock = buffer_size(1 << 14, 64);
 
   int scalar(const std::string& name) {
     if (zip_name_locate(archive_.get(), (name + ".npy").c_str(), 0) < 0) return 0;

@@ -1,5 +1,6 @@
 #pragma once
 // Models that take pictures frame by frame: grey values of 0 to 255.
+#include <algorithm>
 #include <cmath>
 
 #include "models/entry.h"
@@ -17,10 +18,11 @@ class Picture {
  public:
   Picture(const FrameBatch& batch, std::size_t index, double grey_per_unit)
       : plane_(batch.planes[index]), scale_(static_cast<float>(grey_per_unit)) {}
-  // What is no light keeps the value before; darkness is 0.
+  // What is no light keeps the value before; darkness is 0. Beyond 4000 times white all is as bright: a model's rate of
+  // noise grows with the light, so that more would be events without end.
   float grey(std::size_t pixel, float before) const {
     const float v = plane_[pixel] * scale_;
-    return std::isfinite(v) ? std::max(v, 0.0f) : before;
+    return std::isfinite(v) ? std::clamp(v, 0.0f, 1e6f) : before;
   }
 
  private:
