@@ -84,7 +84,7 @@ void put_events(const fs::path& folder) {
     }
   }
   // These make what they try of the input's bytes.
-  for (const char* name : {"dsec", "metavision-hdf5", "motion", "sensor"}) {
+  for (const char* name : {"dsec", "metavision-hdf5", "motion", "sensor", "sense"}) {
     fs::remove_all(folder / name);
     std::mt19937 random(2);
     for (int i = 0; i < 16; ++i) {

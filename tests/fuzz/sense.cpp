@@ -1,0 +1,100 @@
+// A whole stack through `pecs sense`: frames, motion, pictures between frames, a loop, whatever their values are. Its
+// events are sorted and inside the picture, and the same with two threads.
+#include "pecs/sensor/sense.h"
+
+#include "fuzz.h"
+#include "pecs/sensor/stack.h"
+
+namespace {
+
+using namespace pecs;
+
+Json channels() {
+  Json names;
+  for (const char* side : {"", "back_"})
+    for (const char* name : {"x_mid", "y_mid", "x_end", "y_end", "z", "z_end"})
+      names.push_back(std::string(side) + name);
+  return names;
+}
+
+void write_stack(fuzz::Bytes& in, const std::string& folder, std::uint8_t kind) {
+  const bool moves = kind & 1, has_between = kind & 2, loops = kind & 4, fine = kind & 8;
+  Json json = {{"pecs_stack", 1},
+               {"quantity", "irradiance"},
+               {"width", 1 + in.take<std::uint8_t>() % 24},
+               {"height", 1 + in.take<std::uint8_t>() % 6},
+               {"pixel_pitch_m", 4.86e-6},
+               {"lens", nullptr},
+               {"scene", Json::object()},
+               {"render", Json::object()},
+               {"versions", Json::object()},
+               {"bands", {{{"lambda_nm", 480.5}, {"weight_nm", 80}}, {{"lambda_nm", 620}, {"weight_nm", 70}}}}};
+  std::int64_t t_ns = 0;
+  for (int i = 2 + in.take<std::uint8_t>() % 3; i > 0; --i) {
+    json["times_ns"].push_back(t_ns);
+    t_ns += 20'000 + in.take<std::uint32_t>() % 4'000'000;
+  }
+  if (loops) json["period_ns"] = t_ns;
+  if (fine) json["subpixels"] = 2;
+  if (has_between) json["between"] = true;
+  if (moves)
+    json["layers"] = {{{"name", "motion"},
+                       {"files", "motion_%06d.exr"},
+                       {"channels", channels()},
+                       {"unit", "px"},
+                       {"at", "interval"}}};
+
+  const sensor::StackWriter writer(folder, json);
+  const sensor::StackInfo& info = writer.info();
+  const auto values = [&](const sensor::Layer& layer) { return fuzz::strange_floats(in, frame_values(info, layer)); };
+  const sensor::Layer& light = info.layers[0];
+  for (std::int64_t i = 0; i < planned_frames(info, light); ++i) {
+    std::vector<float> frame = values(light);
+    for (float& v : frame) v *= 1e-3f;
+    writer.write_frame(i, frame);
+  }
+  for (std::int64_t i = 0; moves && i < planned_frames(info, info.layers[1]); ++i) {
+    writer.write_frame(i, values(info.layers[1]), sensor::kMotion);
+    const auto [begin_ns, end_ns] = interval_ns(info, i, folder);
+    if (const std::int64_t at_ns = begin_ns + (end_ns - begin_ns) / 3; has_between && at_ns > begin_ns)
+      writer.write_between(i, 1, at_ns, values(light));
+  }
+}
+
+std::vector<events::Event> events_of(const std::string& folder, std::uint8_t kind, int threads) {
+  sensor::SenseOptions options;
+  options.stack = folder;
+  options.output = folder + "/events.raw";
+  options.chip = kind & 16 ? "imx636" : "ideal";
+  options.no_noise = kind & 32;
+  options.threads = threads;
+  options.quiet = true;
+  if (kind & 4) options.window = {.start_us = 300, .duration_us = 6000, .warmup_loops = kind & 64 ? 1 : 0};
+  std::vector<events::Event> out;
+  options.watch = [&](std::span<const events::Event> events) {
+    out.insert(out.end(), events.begin(), events.end());
+    return true;
+  };
+  sensor::sense(options);
+  return out;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::try_to([&] {
+    const fuzz::MemoryFolder folder;
+    fuzz::Bytes in(fuzz::text(data, size));
+    const auto kind = in.take<std::uint8_t>();
+    write_stack(in, folder.path(), kind);
+    const std::vector<events::Event> events = events_of(folder.path(), kind, 1);
+    const sensor::StackReader reader(folder.path());
+    for (std::size_t i = 0; i < events.size(); ++i) {
+      const events::Event& e = events[i];
+      if (e.x >= reader.info().width || e.y >= reader.info().height || e.p > 1) fuzz::defect("an event of no pixel");
+      if (i > 0 && e.t_us < events[i - 1].t_us) fuzz::defect("events that are not sorted");
+    }
+    if (events != events_of(folder.path(), kind, 2)) fuzz::defect("other events with two threads");
+  });
+  return 0;
+}
