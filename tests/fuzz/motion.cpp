@@ -1,8 +1,9 @@
 // Light and labels carried along the motion of an interval, whatever motion and light are.
+#include "pecs/sensor/motion.h"
+
 #include <tbb/task_arena.h>
 
 #include "fuzz.h"
-#include "pecs/sensor/motion.h"
 
 namespace {
 

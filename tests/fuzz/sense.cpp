@@ -69,7 +69,7 @@ std::vector<events::Event> events_of(const std::string& folder, std::uint8_t kin
   options.no_noise = kind & 32;
   options.threads = threads;
   options.quiet = true;
-  if (kind & 4) options.window = {.start_us = 300, .duration_us = 6000, .warmup_loops = kind & 64 ? 1 : 0};
+  if (kind & 4) options.window = {.warmup_loops = kind & 64 ? 1 : 0, .start_us = 300, .duration_us = 6000};
   std::vector<events::Event> out;
   options.watch = [&](std::span<const events::Event> events) {
     out.insert(out.end(), events.begin(), events.end());

@@ -1,10 +1,11 @@
 // The sensor over whatever light: its events are sorted and inside the picture, and the same however frames come.
+#include "pecs/sensor/sensor.h"
+
 #include <tbb/task_arena.h>
 
 #include <array>
 
 #include "fuzz.h"
-#include "pecs/sensor/sensor.h"
 
 namespace {
 
