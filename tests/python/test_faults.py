@@ -56,6 +56,14 @@ def refused(result, code, *words):
         assert word in result.stderr, result.stderr
 
 
+def test_a_picture_that_ends_too_soon_is_one_line(pecs_program, tmp_path):
+    """OpenCV writes a line of its own to std::cerr."""
+    for name in ("a.ppm", "b.ppm"):
+        (tmp_path / name).write_bytes(b"P6\n32 24\n255\n" + bytes(100))
+    words = ("-o", tmp_path / "o.raw", "--fps", "100", "--photocurrent", "1pA", "--quiet")
+    refused(pecs_program("sense", tmp_path, *words), 4, "a.ppm", "no picture that OpenCV can read")
+
+
 # --- outputs ----------------------------------------------------------------------------------------------------------
 
 
