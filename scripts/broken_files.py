@@ -31,6 +31,7 @@ import numpy as np
 import pecs
 from pecs_blender.core.errors import RenderError
 from pecs_blender.core.scene_file import load_scene
+from pecs_blender.scene.layers.motion import Motion
 from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -275,9 +276,8 @@ def frames(own: Path, foreign: Path, output: Path) -> dict[str, Kind]:
 
 def moving(folder: Path, output: Path) -> dict[str, Kind]:
     """What lies beside the light of a stack: motion, and a picture between two frames."""
-    ends = ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")
-    channels = [f"{side}{name}" for side in ("", "back_") for name in ends]
-    layer = {"name": "motion", "files": "motion_%06d.exr", "channels": channels, "unit": "px, z in m", "at": "interval"}
+    said = {"name": Motion.name, "channels": Motion.channels, "unit": Motion.unit, "at": Motion.at}
+    layer = said | {"files": f"{Motion.name}_%06d.exr"}
     rng = np.random.default_rng(3)
     with pecs.StackWriter(folder, stack_json() | {"layers": [layer], "between": True}) as writer:
         for i in range(2):

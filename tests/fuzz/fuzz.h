@@ -11,7 +11,6 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -107,11 +106,6 @@ inline std::vector<float> strange_floats(Bytes& in, std::size_t count) {
   std::vector<float> out(count);
   for (std::size_t i = 0; i < count; ++i) out[i] = pattern[i % pattern.size()];
   return out;
-}
-
-// The same in every bit but for the kind of NaN.
-inline bool same(std::span<const float> a, std::span<const float> b) {
-  return std::ranges::equal(a, b, [](float x, float y) { return x == y || (std::isnan(x) && std::isnan(y)); });
 }
 
 inline std::string_view text(const std::uint8_t* data, std::size_t size) {

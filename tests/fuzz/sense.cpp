@@ -2,8 +2,9 @@
 // events are sorted and inside the picture, and the same with two threads.
 #include "pecs/sensor/sense.h"
 
+#include "check_events.h"
 #include "fuzz.h"
-#include "pecs/sensor/stack.h"
+#include "stacks.h"
 
 namespace {
 
@@ -19,22 +20,16 @@ Json channels() {
 
 void write_stack(fuzz::Bytes& in, const std::string& folder, std::uint8_t kind) {
   const bool moves = kind & 1, has_between = kind & 2, loops = kind & 4, fine = kind & 8;
-  Json json = {{"pecs_stack", 1},
-               {"quantity", "irradiance"},
-               {"width", 1 + in.take<std::uint8_t>() % 24},
-               {"height", 1 + in.take<std::uint8_t>() % 6},
-               {"pixel_pitch_m", 4.86e-6},
-               {"lens", nullptr},
-               {"scene", Json::object()},
-               {"render", Json::object()},
-               {"versions", Json::object()},
-               {"bands", {{{"lambda_nm", 480.5}, {"weight_nm", 80}}, {{"lambda_nm", 620}, {"weight_nm", 70}}}}};
+  Json json = fuzz::stack_json();
+  json["width"] = 1 + in.take<std::uint8_t>() % 24;
+  json["height"] = 1 + in.take<std::uint8_t>() % 6;
+  json["times_ns"] = Json::array();
   std::int64_t t_ns = 0;
   for (int i = 2 + in.take<std::uint8_t>() % 3; i > 0; --i) {
     json["times_ns"].push_back(t_ns);
     t_ns += 20'000 + in.take<std::uint32_t>() % 4'000'000;
   }
-  if (loops) json["period_ns"] = t_ns;
+  json["period_ns"] = loops ? Json(t_ns) : Json();
   if (fine) json["subpixels"] = 2;
   if (has_between) json["between"] = true;
   if (moves)
@@ -56,8 +51,7 @@ void write_stack(fuzz::Bytes& in, const std::string& folder, std::uint8_t kind) 
   for (std::int64_t i = 0; moves && i < planned_frames(info, info.layers[1]); ++i) {
     writer.write_frame(i, values(info.layers[1]), sensor::kMotion);
     const auto [begin_ns, end_ns] = interval_ns(info, i, folder);
-    if (const std::int64_t at_ns = begin_ns + (end_ns - begin_ns) / 3; has_between && at_ns > begin_ns)
-      writer.write_between(i, 1, at_ns, values(light));
+    if (has_between) writer.write_between(i, 1, begin_ns + (end_ns - begin_ns) / 3, values(light));
   }
 }
 
@@ -89,11 +83,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     write_stack(in, folder.path(), kind);
     const std::vector<events::Event> events = events_of(folder.path(), kind, 1);
     const sensor::StackReader reader(folder.path());
-    for (std::size_t i = 0; i < events.size(); ++i) {
-      const events::Event& e = events[i];
-      if (e.x >= reader.info().width || e.y >= reader.info().height || e.p > 1) fuzz::defect("an event of no pixel");
-      if (i > 0 && e.t_us < events[i - 1].t_us) fuzz::defect("events that are not sorted");
-    }
+    fuzz::check(events, reader.info().width, reader.info().height);
     if (events != events_of(folder.path(), kind, 2)) fuzz::defect("other events with two threads");
   });
   return 0;

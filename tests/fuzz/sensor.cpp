@@ -5,6 +5,7 @@
 
 #include <array>
 
+#include "check_events.h"
 #include "fuzz.h"
 
 namespace {
@@ -58,11 +59,7 @@ void sense(fuzz::Bytes in) {
     return sensor::Sensor(chip, scene.width, scene.height, kind, in.rest().size() % 2 ? 1 : 1000, model, extras);
   };
   const auto all = events_of(scene, sensor(), frames);
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const events::Event& e = all[i];
-    if (e.x >= scene.width || e.y >= scene.height || e.p > 1) fuzz::defect("an event that no pixel gave");
-    if (i > 0 && e.t_us < all[i - 1].t_us) fuzz::defect("events that are not sorted");
-  }
+  fuzz::check(all, scene.width, scene.height);
   if (all != events_of(scene, sensor(), 1)) fuzz::defect("other events frame by frame");
 }
 
