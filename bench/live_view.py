@@ -13,7 +13,7 @@ import os
 import time
 
 import numpy as np
-from pecs_blender.core.live import QUICK, LiveSensor
+from pecs_blender.render.live import QUICK, LiveSensor
 
 FPS = 24
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from pecs_blender.core.resources import resident_mb
-from pecs_blender.core.scene_file import load_scene
-from pecs_blender.core.spectra import load
-from pecs_blender.scene import cycles
-from pecs_blender.scene.folder import FolderScene
-from pecs_blender.scene.spectral import SpectralScene
+from pecs_blender.render import cycles
+from pecs_blender.render.folder import FolderScene
+from pecs_blender.render.resources import resident_mb
+from pecs_blender.render.scene_file import load_scene
+from pecs_blender.render.spectra import load
+from pecs_blender.render.spectral import SpectralScene
 
 SCENE = Path(__file__).resolve().parents[1] / "scenes" / "room"
 PASSES_NM = np.array([[430.0, 480.0, 520.0], [560.0, 610.0, 680.0]])

@@ -29,9 +29,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pecs
-from pecs_blender.core.errors import RenderError
-from pecs_blender.core.scene_file import load_scene
-from pecs_blender.scene.layers.motion import Motion
+from pecs_blender.render.errors import RenderError
+from pecs_blender.render.layers.motion import Motion
+from pecs_blender.render.scene_file import load_scene
 from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[1]

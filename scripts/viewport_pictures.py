@@ -14,7 +14,7 @@ from pathlib import Path
 
 import bpy
 from pecs_blender import ui
-from pecs_blender.core import live
+from pecs_blender.render import live
 from pecs_blender.ui import live_view
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_blender.core.spectra import load
+from pecs_blender.render.spectra import load
 
 ROOT = Path(__file__).resolve().parents[1]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)

@@ -10,7 +10,7 @@ if __package__ in (None, ""):  # blender --background --python …/__main__.py -
     sys.path[:0] = [str(here.parent), str(here.parents[1] / "python")]
 
 from pecs_blender.cli import main
-from pecs_blender.core import stop, streams
+from pecs_blender.render import stop, streams
 
 if __name__ == "__main__":
     streams.fill()

@@ -11,14 +11,14 @@ import time
 from pathlib import Path
 from typing import NoReturn
 
-from .core import programs, stop, streams
-from .core.arguments import Parser, Quantity, account
-from .core.brightness import light_words
-from .core.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
-from .core.options import DEFAULTS, RULES, Options, add_argument, add_arguments
-from .core.resources import Restart
-from .core.scene_file import load_scene
-from .core.spectra import spectrum
+from .render import programs, stop, streams
+from .render.arguments import Parser, Quantity, account
+from .render.brightness import light_words
+from .render.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
+from .render.options import DEFAULTS, RULES, Options, add_argument, add_arguments
+from .render.resources import Restart
+from .render.scene_file import load_scene
+from .render.spectra import spectrum
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
@@ -202,7 +202,7 @@ def _render(args: dict) -> Path:
     with _writing(output):
         source = _source(*where, options.illuminant)
         with _library_errors():
-            from .scene.render import render
+            from .render.render import render
 
             exists = "overwrite" if overwrite else "new" if new_version else "continue"
             folder = render(source, output, options, exists, plan_only)
@@ -242,9 +242,9 @@ def _source(
         import bpy  # before pecs
     except ImportError as e:
         raise RenderError(USAGE, f"bpy: {e}; pip install bpy, or run inside Blender") from None
-    from .scene.blend import BlendScene
-    from .scene.folder import FolderScene
-    from .scene.placed import Placed
+    from .render.blend import BlendScene
+    from .render.folder import FolderScene
+    from .render.placed import Placed
 
     path = path or Path(bpy.data.filepath)
     if path == Path():
@@ -275,7 +275,7 @@ def _survey(args: dict) -> None:
         raise RenderError(USAGE, f"-o {output}: got no .npz, wanted FILE.npz")
     with _writing(output):
         source = _source(*_where(args), DEFAULTS["illuminant"])
-        from .scene.survey import survey
+        from .render.survey import survey
 
         survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
@@ -285,7 +285,7 @@ def _light(args: dict) -> None:
     options = Options(**args)
     source = _source(*where, options.illuminant)
     with _library_errors():
-        from .scene.probe import probe
+        from .render.probe import probe
 
         found = probe(source, options)
     streams.say(json.dumps(found) + "\n" if as_json else light_words(found))
@@ -296,7 +296,7 @@ def _reconstruct(args: dict) -> None:
 
     args["playback_fps"] = args["playback_fps"] or min(args["fps"], 1000)
     with _writing(args["output"]), _library_errors():
-        from .scene import filter_video
+        from .render import filter_video
 
         count = filter_video.write(**args)
     streams.say(f"{args['output']}: {count} pictures, by filter\n")
@@ -317,7 +317,7 @@ def _bands(args: dict) -> None:
 
 
 def _merge(args: dict) -> None:
-    from .core.shards import merge
+    from .render.shards import merge
 
     try:
         with _library_errors():

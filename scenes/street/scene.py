@@ -13,7 +13,7 @@ from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
-from pecs_blender.scene.build import SceneParts
+from pecs_blender.render.build import SceneParts
 
 
 def beside(name):

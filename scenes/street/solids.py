@@ -4,7 +4,7 @@
 import math
 
 from mathutils import Vector
-from pecs_blender.scene.build import mesh_object
+from pecs_blender.render.build import mesh_object
 
 
 class Shape:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import bpy  # noqa: F401  before pecs
 import numpy as np
-from pecs_blender.core.spectra import load
-from pecs_blender.scene import cycles
-from pecs_blender.scene.blend import BlendScene
-from pecs_blender.scene.spectral import SpectralScene
+from pecs_blender.render import cycles
+from pecs_blender.render.blend import BlendScene
+from pecs_blender.render.spectra import load
+from pecs_blender.render.spectral import SpectralScene
 
 SAMPLES, T_S = 8, 0.125
 MATRICES = {

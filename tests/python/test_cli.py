@@ -12,7 +12,7 @@ from conftest import load_script
 from pecs import _command, demo
 from pecs._arguments import Quantity
 from pecs._command import Line
-from pecs_blender.core.progress import Progress
+from pecs_blender.render.progress import Progress
 
 
 def events_of_a_bar():

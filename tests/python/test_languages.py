@@ -20,7 +20,7 @@ FOUND = {
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     """Texts of the classes, of the sources, and of what the light's probe finds."""
-    from pecs_blender.core.brightness import light_rows
+    from pecs_blender.render.brightness import light_rows
 
     file = tmp_path_factory.mktemp("texts") / "texts.json"
     in_bpy("import sys, panel_texts\npanel_texts.main(sys.argv[1])", file)
@@ -45,7 +45,7 @@ def test_every_text_has_its_translation(shown, path):
     in_a_text = lambda text: text[0] in ".;" or any(whole.startswith(f"{text}.") for whole in known)  # noqa: E731
     missing = [text for text in shown if text not in known and not in_a_text(text)]
     assert not missing, sorted(missing)
-    sources = [path.read_text() for path in (*EXTENSION.glob("ui/*.py"), EXTENSION / "core/brightness.py")]
+    sources = [path.read_text() for path in (*EXTENSION.glob("ui/*.py"), EXTENSION / "render/brightness.py")]
     words = {n.value for source in sources for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant)}
     assert not (gone := set(known) - shown - words), gone
     names = lambda text: sorted(re.findall(r"{.*?}", text))  # noqa: E731

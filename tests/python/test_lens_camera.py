@@ -280,9 +280,9 @@ def test_a_scenes_stop_gives_way_to_the_lens():
     in_bpy("""
 from pathlib import Path
 from types import SimpleNamespace
-from pecs_blender.core.errors import USAGE, RenderError
-from pecs_blender.core.options import Options
-from pecs_blender.scene import lens
+from pecs_blender.render.errors import USAGE, RenderError
+from pecs_blender.render.options import Options
+from pecs_blender.render import lens
 own = {"lens": "pecs_lab_15mm", "focus_m": 1.5, "stop_diameter_mm": 50.0}
 for own["stop_diameter_mm"], stop_mm in ((50.0, 4.54), (1.0, 1.0), (None, None)):
     source = SimpleNamespace(lens=own, folder=Path("."))

@@ -5,7 +5,7 @@ import pytest
 from conftest import in_bpy
 
 pecs = pytest.importorskip("pecs")
-from pecs_blender.core import live  # noqa: E402
+from pecs_blender.render import live  # noqa: E402
 
 WIDTH, HEIGHT, DT_S = 40, 30, 1 / 24
 

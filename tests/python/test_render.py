@@ -100,7 +100,7 @@ def test_the_light_is_absolute(disk):
     sectors are brighter above and darker below the disk's centre, where the illuminance is defined."""
     stack, values = frames(disk / "pinhole")
     lambda_nm = np.array([b["lambda_nm"] for b in stack["bands"]])
-    sys_path_spectra = pytest.importorskip("pecs_blender.core.spectra")
+    sys_path_spectra = pytest.importorskip("pecs_blender.render.spectra")
     lamp = sys_path_spectra.load("led_b3")
     v = sys_path_spectra.load("photopic")
     grid = np.arange(380, 781.0)

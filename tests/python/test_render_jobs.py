@@ -143,7 +143,7 @@ def test_the_noise_target_is_met(root, tmp_path, target):
 
     import numpy as np
     import pecs
-    from pecs_blender.core.chip import load_chip
+    from pecs_blender.render.chip import load_chip
 
     currents = []
     for seed in (1, 7):
@@ -164,7 +164,7 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
 
     import numpy as np
     import pecs
-    from pecs_blender.core.chip import load_chip
+    from pecs_blender.render.chip import load_chip
 
     bands = [{"lambda_nm": 450.0, "weight_nm": 30.0}, {"lambda_nm": 850.0, "weight_nm": 50.0}]
     currents = []

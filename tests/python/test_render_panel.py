@@ -14,8 +14,8 @@ import sys, time
 import bpy
 from pecs_blender import ui
 from pecs_blender.cli import _parser
-from pecs_blender.core.options import LAYERS, Options
-from pecs_blender.scene.layers import KINDS
+from pecs_blender.render.options import LAYERS, Options
+from pecs_blender.render.layers import KINDS
 from pecs_blender.ui import background, operators, settings
 
 def ended():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-light = pytest.importorskip("pecs_blender.core.light")
-spectra = pytest.importorskip("pecs_blender.core.spectra")
-glass = pytest.importorskip("pecs_blender.core.glass")
+light = pytest.importorskip("pecs_blender.render.light")
+spectra = pytest.importorskip("pecs_blender.render.spectra")
+glass = pytest.importorskip("pecs_blender.render.glass")
 NM = np.arange(400.0, 701.0, 5)
 
 

@@ -8,9 +8,9 @@ import pytest
 from conftest import in_bpy
 
 pytest.importorskip("pecs")
-from pecs_blender.core.errors import BAD_INPUT, NOT_FOUND, RenderError
-from pecs_blender.core.scene_file import load_scene
-from pecs_blender.core.strict_json import JsonObject, parse_json
+from pecs_blender.render.errors import BAD_INPUT, NOT_FOUND, RenderError
+from pecs_blender.render.scene_file import load_scene
+from pecs_blender.render.strict_json import JsonObject, parse_json
 
 MUTANTS = 500
 ALIGNED = {
@@ -122,9 +122,9 @@ import sys, random
 from pathlib import Path
 import bpy
 from test_scene_file import mutant
-from pecs_blender.core.errors import RenderError
-from pecs_blender.core.scene_file import load_scene
-from pecs_blender.scene.folder import FolderScene
+from pecs_blender.render.errors import RenderError
+from pecs_blender.render.scene_file import load_scene
+from pecs_blender.render.folder import FolderScene
 path = Path(sys.argv[1], "scene.json")
 rng, text, built = random.Random(3), path.read_text(), 0
 for _ in range(100):

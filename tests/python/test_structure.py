@@ -116,7 +116,7 @@ def test_bpy_only_where_blender_is():
     for path in sources(".py", under=extension):
         if "bpy" in imported(path):
             name = name_of(path)
-            assert name in entries or name.startswith((f"{extension}/scene/", f"{extension}/ui/")), name
+            assert name in entries or name.startswith((f"{extension}/render/", f"{extension}/ui/")), name
     for path in sources(".py", under="python/pecs"):
         assert not imported(path) & {"bpy", "pecs_blender"}, name_of(path)
 

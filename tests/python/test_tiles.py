@@ -1,8 +1,8 @@
-"""Where two pictures differ (pecs_blender.core.tiles), and which rectangles cover that."""
+"""Where two pictures differ (pecs_blender.render.tiles), and which rectangles cover that."""
 
 import numpy as np
 import pytest
-from pecs_blender.core import tiles
+from pecs_blender.render import tiles
 
 SHAPE = 90, 150  # no multiple of a tile
 

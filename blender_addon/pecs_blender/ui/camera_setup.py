@@ -11,7 +11,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
 from mathutils import Matrix, Vector
 
-from ..core import field
+from ..render import field
 from . import frustum, library, settings
 from .panel import Sub
 from .words import CONTEXT, say, wrapped

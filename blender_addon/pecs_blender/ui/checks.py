@@ -13,11 +13,11 @@ from pathlib import Path
 
 import bpy
 
-from ..core.errors import RenderError
-from ..core.options import DEVICES, RULES
-from ..core.plan import MAX_INSTANTS
-from ..core.resources import BYTES_PER_VALUE, readable
-from ..core.spectra import spectrum
+from ..render.errors import RenderError
+from ..render.options import DEVICES, RULES
+from ..render.plan import MAX_INSTANTS
+from ..render.resources import BYTES_PER_VALUE, readable
+from ..render.spectra import spectrum
 from . import library, paths, sensor_settings, settings
 from .words import say
 

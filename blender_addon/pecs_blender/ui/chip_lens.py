@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from ..core.errors import RenderError
+from ..render.errors import RenderError
 from . import checks, library, paths, sensor_settings, settings
 from .words import say
 

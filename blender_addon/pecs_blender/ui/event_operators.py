@@ -7,8 +7,8 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ..core.errors import RenderError
-from ..core.programs import pecs as program
+from ..render.errors import RenderError
+from ..render.programs import pecs as program
 from . import background, checks, library, operators, paths, sensor_settings, settings
 from .preferences import preferences
 from .words import say

@@ -11,7 +11,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core import field
+from ..render import field
 from . import library, settings
 
 POLL_S = 0.1

@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ..core.chip import Chip, load_chip
+from ..render.chip import Chip, load_chip
 from .preferences import own_folder
 
 _ROOMS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 from bpy.props import FloatProperty
 
-from ..core.brightness import light_rows
+from ..render.brightness import light_rows
 from . import background, operators, paths
 from .panel import Sub
 from .words import say, wrapped

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The live view: a timer takes pictures of a 3-D viewport's scene in linear light, the sensor makes events of them, and
-a draw handler shows them. Without a window there is no GPU to draw with: what can be done without is in core/live.py.
+a draw handler shows them. Without a window there is no GPU to draw with: what can be done without is in render/live.py.
 
 Solid, material preview and EEVEE are drawn a second time, at the chip's resolution, into a buffer of their own, without
 colour management and overlays. Other engines (Cycles) do not draw there: of them the viewport's own picture is taken,
@@ -18,7 +18,7 @@ import bpy
 import gpu
 import numpy as np
 
-from ..core import live
+from ..render import live
 from . import library, live_draw
 from .words import say
 

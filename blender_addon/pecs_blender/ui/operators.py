@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 
-from ..core.colour import linear_rgb
+from ..render.colour import linear_rgb
 from . import background, checks, paths, sensor_settings, settings
 from .preferences import ROOT, preferences
 from .words import say

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.resources import BYTES_PER_VALUE, readable
+from ..render.resources import BYTES_PER_VALUE, readable
 from . import paths, settings
 from .panel import Sub
 from .words import CONTEXT, say

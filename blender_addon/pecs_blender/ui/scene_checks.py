@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..scene.needs import missing_files, python_drivers
-from ..scene.spectral import beyond_reach
+from ..render.needs import missing_files, python_drivers
+from ..render.spectral import beyond_reach
 from . import light, settings
 from .checks import Problem
 from .panel import Sub

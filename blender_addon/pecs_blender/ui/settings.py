@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panel asks for: options of `pecs render` (core/options.py), kept in the .blend."""
+"""What the panel asks for: options of `pecs render` (render/options.py), kept in the .blend."""
 
 import dataclasses
 import math
@@ -15,8 +15,8 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..core.options import DEFAULTS, LAYERS, RULES, Options, flag
-from ..core.plan import passes
+from ..render.options import DEFAULTS, LAYERS, RULES, Options, flag
+from ..render.plan import passes
 from . import library
 from .preferences import preferences
 from .sensor_settings import PecsSensor

@@ -1,5 +1,5 @@
 #pragma once
-// Spectra by name. The same vocabulary, and the same numbers, as blender_addon/pecs_blender/core/spectra.py.
+// Spectra by name. The same vocabulary, and the same numbers, as blender_addon/pecs_blender/render/spectra.py.
 #include <filesystem>
 #include <string>
 #include <vector>

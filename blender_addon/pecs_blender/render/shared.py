@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 import pecs
 
-from ..core.tiles import TILE_PX
 from .judge import Judge
 from .surfaces import Seen, Surfaces
+from .tiles import TILE_PX
 
 DEPTH = 0.02  # as far apart as one surface may lie in two keyframes, relative
 SKY_M = 1e6  # finite, so that it can be carried

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which surface point each pixel's centre sees, and where on the film those points are at another instant.
 
-The light's scene is rendered by Cycles with one sample along chief rays (scene/sight.py), all surfaces in a material
-that tells them apart (scene/identity.py). A point is then carried by its instance's matrix, or by the triangle of a
-mesh that deforms (scene/mesh_points.py). A second scene would cost more: Blender keeps the data of one at a time.
+The light's scene is rendered by Cycles with one sample along chief rays (sight.py), all surfaces in a material
+that tells them apart (identity.py). A point is then carried by its instance's matrix, or by the triangle of a
+mesh that deforms (mesh_points.py). A second scene would cost more: Blender keeps the data of one at a time.
 
 Not known: what an instance does that the other instant lacks, or whose Random another has too; meshes whose topology
 changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through.

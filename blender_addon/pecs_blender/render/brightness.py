@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What scene/probe.py has found, in words. `say` translates a text, and puts values into its {names}."""
+"""What probe.py has found, in words. `say` translates a text, and puts values into its {names}."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..core.errors import bad_input
+from .errors import bad_input
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # of objects that have one
 CLASS, OBJECT = "pecs_class", "pecs_object"

@@ -11,10 +11,10 @@ import numpy as np
 import pecs
 from pecs.learning.reconstruct import Filter, windows
 
-from ..core import stop
-from ..core.errors import USAGE, RenderError, bad_input
-from ..core.progress import Progress
+from . import stop
 from .cycles import quiet as no_words
+from .errors import USAGE, RenderError, bad_input
+from .progress import Progress
 
 MOST_PICTURES = 100_000
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..core import stop
-from ..core.errors import UNSUPPORTED, RenderError
+from . import stop
+from .errors import UNSUPPORTED, RenderError
 
 SETTINGS = {  # what is the same for every render, and recorded with it
     "use_adaptive_sampling": False,  # the number of samples must not depend on the picture

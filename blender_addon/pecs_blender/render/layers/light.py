@@ -2,7 +2,7 @@
 """The light: film irradiance, or radiance, in every band.
 
 Radiance in Cycles is relative so that values are O(1): in band k every lamp is divided by the strongest lamp's value
-n_k there (core/light.py). Absolute radiance = rendered * n_k * s, where s is the scene's (Source.radiance_per_unit).
+n_k there (light.py). Absolute radiance = rendered * n_k * s, where s is the scene's (Source.radiance_per_unit).
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from itertools import product
 
 import numpy as np
 
-from ...core.errors import bad_input
-from ...core.tiles import Box
 from .. import cycles
 from .. import lens as lenses
+from ..errors import bad_input
 from ..job import Job
+from ..tiles import Box
 
 NEAR_PX = 1  # within which some ray must get through the lens
 BLUR_PX, HALO_PX = 16, 64  # so far around, diffraction asks for the instant's own light, and for some other's

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..core.spectra import Spectrum
+from .spectra import Spectrum
 
 RIM_SEGMENTS = 2048  # sagitta R(1 - cos(pi/2048)) = 0.0004 px at R = 303 px
 ROOM_X_M, ROOM_Y_M, ROOM_Z_M = (-1.2, 1.2), (-0.4, 1.8), (-0.9, 0.9)

@@ -15,12 +15,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..core.errors import USAGE, RenderError
-from ..core.files import whole as whole_file
-from ..core.plan import timeline
 from . import cycles
 from .boxes import Shape, shape
+from .errors import USAGE, RenderError
+from .files import whole as whole_file
 from .mesh_points import Geometries, Geometry
+from .plan import timeline
 from .source import Source
 from .surfaces import renders
 from .things import Key, Things

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pecs
 
-from ..core.output import Output
-from ..core.tiles import boxes, grown
 from .job import Job
 from .judge import Judge
 from .layers import Light
+from .output import Output
+from .tiles import boxes, grown
 
 ROUNDS = 3  # of growing, until what is rendered agrees at its rim
 MOST = 0.6  # of the picture; more is rendered as a whole

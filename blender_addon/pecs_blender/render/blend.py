@@ -7,11 +7,11 @@ from pathlib import Path
 
 import bpy
 
-from ..core.errors import BAD_INPUT, NOT_FOUND, UNSUPPORTED, RenderError, bad_input
-from ..core.spectra import Spectrum
 from . import cycles
+from .errors import BAD_INPUT, NOT_FOUND, UNSUPPORTED, RenderError, bad_input
 from .needs import missing_files, python_drivers
 from .source import Source
+from .spectra import Spectrum
 
 
 class BlendScene(Source):

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.tiles import boxes, grown, tiles_with
 from .job import Job
 from .judge import Judge
 from .layers import Light
 from .surfaces import Look, Seen
+from .tiles import boxes, grown, tiles_with
 
 ANCHOR_EVERY = 64  # keyframes
 MOST = 0.7  # of the picture; more is rendered as a whole

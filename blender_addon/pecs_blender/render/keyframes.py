@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..core.plan import Timeline
+from .plan import Timeline
 from .surfaces import Poses, Seen, Surfaces
 
 BEND_PX = 0.05

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which thing is seen at a pixel's centre (scene/things.py), and beside the picture all that is known of the things:
+"""Which thing is seen at a pixel's centre (things.py), and beside the picture all that is known of the things:
 pose, boxes, what hides them (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Objects:
         return self._shapes[geometry]
 
     def render(self, t_s: float) -> np.ndarray:
-        """And says in `described` what core/objects_json.py joins."""
+        """And says in `described` what objects_json.py joins."""
         seen = self._look.seen(t_s)
         things = [self._things.of(key) for key, _ in seen.poses.notes]
         ids = self._ids(seen, np.array([thing.id if thing else 0 for thing in things] or [0]))

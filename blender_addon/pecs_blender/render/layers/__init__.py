@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a stack holds of each instant (docs/reference/exr_stack.md), one file each. To add one: a class with the
-protocol Layer, a line in KINDS, its name in core/options.py."""
+protocol Layer, a line in KINDS, its name in options.py."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...core.output import Output
+from ..output import Output
 from .depth import Depth
 from .light import Light
 from .motion import Motion

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.tiles import differing, differing_tiles, probe_strips
 from .job import Job
 from .layers import Light
+from .tiles import differing, differing_tiles, probe_strips
 
 SAME = 0.02  # of the light: as far as samples of it may lie apart
 SUSPECT_SIGMAS = 3.0  # samples that are left out in vain cost little

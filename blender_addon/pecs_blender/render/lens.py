@@ -17,9 +17,9 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
-from ..core.errors import USAGE, RenderError
-from ..core.options import Options, flag
 from . import cycles
+from .errors import USAGE, RenderError
+from .options import Options, flag
 from .source import Source
 
 

@@ -13,21 +13,20 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
-from ..core import stop
-from ..core.camera_path import read_camera_path
-from ..core.chip import Chip, load_chip
-from ..core.errors import USAGE, RenderError
-from ..core.options import Options
-from ..core.output import Output
-from ..core.plan import Timeline, passes, timeline
-from ..core.progress import Progress
-from ..core.resources import BYTES_PER_VALUE, Restart, check_disk, peak_mb, readable, resident_mb
-from ..core.spectra import spectrum
-from . import adaptive, cycles, layers, lens, noise
+from . import adaptive, cycles, layers, lens, noise, stop
+from .camera_path import read_camera_path
+from .chip import Chip, load_chip
+from .errors import USAGE, RenderError
 from .job import Job
 from .judge import Judge
+from .options import Options
+from .output import Output
+from .plan import Timeline, passes, timeline
 from .probe import light_scale
+from .progress import Progress
+from .resources import BYTES_PER_VALUE, Restart, check_disk, peak_mb, readable, resident_mb
 from .source import Source
+from .spectra import spectrum
 from .spectral import SpectralScene
 from .surfaces import Look
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..core.errors import RenderError, bad_input
-from ..core.glass import Glass, glass
-from ..core.light import LUMINANCE, Emitters, band_matrix
-from ..core.spectra import Spectrum, spectrum
+from .errors import RenderError, bad_input
+from .glass import Glass, glass
+from .light import LUMINANCE, Emitters, band_matrix
+from .spectra import Spectrum, spectrum
 
 # Sockets that emit; all other colours of shaders reflect, transmit or absorb.
 EMISSION = {

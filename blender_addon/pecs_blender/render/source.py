@@ -11,7 +11,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..core.camera_path import CameraPath
+from .camera_path import CameraPath
 from .placed import Placed
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Blender's camera axes, and back
@@ -60,4 +60,4 @@ class Source(ABC):
 
     @abstractmethod
     def radiance_per_unit(self, spectral) -> float:
-        """Spectral radiance [W m^-2 sr^-1 nm^-1] = rendered * n_k * this (core/light.py)."""
+        """Spectral radiance [W m^-2 sr^-1 nm^-1] = rendered * n_k * this (light.py)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene folder (core/scene_file.py) as the renderer takes it."""
+"""A scene folder (scene_file.py) as the renderer takes it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 
 import bpy
 
-from ..core.errors import bad_input
-from ..core.scene_file import SceneFile
-from ..core.spectra import constant, illuminance_lux
 from . import build, cycles
+from .errors import bad_input
+from .scene_file import SceneFile
 from .source import Source
+from .spectra import constant, illuminance_lux
 
 LOOK_ALONG_Y_DEG = (90.0, 0.0, 0.0)
 METER_LAMBDA_NM = (450.0, 550.0, 650.0)

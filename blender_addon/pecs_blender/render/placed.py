@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 from mathutils import Euler, Matrix, Vector
 
-from ..core.errors import NOT_FOUND, RenderError, bad_input
-from ..core.strict_json import JsonObject, read_json
+from .errors import NOT_FOUND, RenderError, bad_input
+from .strict_json import JsonObject, read_json
 
 FILES = ("file", "texture")
 KINDS = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras

@@ -20,13 +20,13 @@ import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
 
-from ..core.chip import load_chip
-from ..core.errors import BAD_INPUT, RenderError
-from ..core.options import Options
-from ..core.plan import timeline
-from ..core.spectra import illuminance_lux, spectrum
 from . import cycles, lens
+from .chip import load_chip
+from .errors import BAD_INPUT, RenderError
+from .options import Options
+from .plan import timeline
 from .source import Source
+from .spectra import illuminance_lux, spectrum
 from .spectral import SpectralScene
 
 WIDTH, SAMPLES = 32, 16

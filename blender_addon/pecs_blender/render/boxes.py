@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Boxes around things: in their own axes, and on the film through the camera's own image map; and what hides them.
 
-Camera axes and film coordinates are those of scene/sight.py.
+Camera axes and film coordinates are those of sight.py.
 """
 
 from __future__ import annotations

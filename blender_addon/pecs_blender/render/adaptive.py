@@ -12,16 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import stop
-from ..core.options import Options
-from ..core.output import Output, as_written
-from ..core.plan import Timeline
-from ..core.progress import Progress
-from ..core.resources import Restart, resident_mb
-from . import keyframes, layers
+from . import keyframes, layers, stop
 from .between import Between, Interval
 from .job import Job
 from .judge import Judge
+from .options import Options
+from .output import Output, as_written
+from .plan import Timeline
+from .progress import Progress
+from .resources import Restart, resident_mb
 from .shared import shared
 from .still import ANCHOR_EVERY, Frames
 from .surfaces import Surfaces
