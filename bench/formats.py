@@ -20,8 +20,8 @@ WIDTH, HEIGHT = 1280, 720
 
 
 def test_readers():
-    """The readers of tests/python/test_formats.py."""
-    spec = importlib.util.spec_from_file_location("test_formats", ROOT / "tests/python/test_formats.py")
+    """The readers of tests/python/support/event_readers.py."""
+    spec = importlib.util.spec_from_file_location("event_readers", ROOT / "tests/python/support/event_readers.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

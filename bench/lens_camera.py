@@ -37,7 +37,7 @@ def render(**job):
     with tempfile.TemporaryDirectory() as folder:
         job_path, out_path = Path(folder) / "job.json", Path(folder) / "out.npz"
         job_path.write_text(json.dumps(job))
-        script = ROOT / "tests/python/lens_render.py"
+        script = ROOT / "tests/python/support/lens_render.py"
         subprocess.run([sys.executable, script, job_path, out_path], check=True, capture_output=True)
         out = np.load(out_path)
         return out["image"].astype(float), float(out["seconds"]), str(out["blender"])

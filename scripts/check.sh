@@ -43,7 +43,7 @@ check_asan() {
   # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel or an installed tree, which
   # have another libpecs, nor data sets, which start other programs.
   local tests
-  tests=$(grep -lE '^(import pecs$|from pecs )' tests/python/test_*.py | xargs grep -LE 'bpy|pecs_blender|wheel|cmake|pecs.datasets')
+  tests=$(grep -rlE --include='test_*.py' '^(import pecs$|from pecs )' tests/python | xargs grep -LE 'bpy|pecs_blender|wheel|cmake|pecs.datasets')
   # Python itself is not instrumented: the sanitizer comes first, and the C++ library whose exceptions it watches. What
   # Python leaves allocated at its end is no leak of ours.
   # shellcheck disable=SC2086

@@ -14,5 +14,5 @@ say "Python packages (.venv-newest)"
 say "Tests of the renderer"
 # libpecs of a checkout has the system's oneTBB. bpy 5.2 wants a newer one: its own serves both.
 TBB=$(find "$ROOT/.venv-newest" -path '*/bpy/lib/libtbb.so.12' | head -1)
-LD_PRELOAD="$TBB" PYTHONPATH="$ROOT/python:$ROOT/blender_addon" "$NEWEST" -m pytest -q tests/python/test_render*.py tests/python/test_lens_camera.py "${@:2}"
+LD_PRELOAD="$TBB" PYTHONPATH="$ROOT/python:$ROOT/blender_addon" "$NEWEST" -m pytest -q tests/python/render "${@:2}"
 say "done"

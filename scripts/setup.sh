@@ -15,6 +15,11 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
 [ "$WITH_TESTS" = ON ] && PACKAGES+=(libgtest-dev python3-torch python3-torchvision)
 
+# use_checkout PYTHON: its `import pecs` and `-m pecs_blender` come from this checkout.
+use_checkout() {
+  printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+}
+
 say "Debian packages"
 debian_packages "${PACKAGES[@]}"
 # Booting makes it; in a bare chroot, where nothing booted, Blender complains of its absence at every start.
@@ -31,8 +36,7 @@ if [ "$(cat .venv/pecs-current 2>/dev/null)" != "$key" ] && [ "$(cat .venv/pecs-
 else
   echo "all there"
 fi
-# `import pecs` and `python -m pecs_blender` come from this checkout.
-printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" >"$("$PY" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+use_checkout "$PY"
 
 if [ "$WITH_TESTS" = ON ]; then
   say "Readers of data sets that are not ours (.venv-datasets)"
@@ -46,6 +50,7 @@ if [ "$WITH_TESTS" = ON ]; then
   else
     echo "all there"
   fi
+  use_checkout .venv-datasets/bin/python
 fi
 
 say "Program (build/release)"

@@ -6,7 +6,7 @@
 
 namespace pecs::app {
 
-// Below a command's --help, one per line. To be called once for every command (tests/python/test_cli.py).
+// Below a command's --help, one per line. To be called once for every command (tests/python/cli/test_cli.py).
 void add_examples(CLI::App& command, std::initializer_list<const char*> lines);
 
 // For `app` and every command below it.

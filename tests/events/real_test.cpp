@@ -1,5 +1,5 @@
 // The real recording and the peer's simulation. The sums are those of independent readers: h5py with the vendor's ECF
-// plugin, and expelliarmus; tests/python/test_formats.py compares every event.
+// plugin, and expelliarmus; tests/python/events/test_formats.py compares every event.
 #include <array>
 
 #include "shared.h"

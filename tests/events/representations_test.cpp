@@ -1,4 +1,4 @@
-// Events as planes: what no formula says. tests/python/test_representations.py has the formulas.
+// Events as planes: what no formula says. tests/python/events/test_representations.py has the formulas.
 #include "pecs/events/representations.h"
 
 #include <gtest/gtest.h>

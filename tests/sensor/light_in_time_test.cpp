@@ -1,4 +1,4 @@
-// The light of a source at any time; tests/python/test_light.py has stacks on disk.
+// The light of a source at any time; tests/python/sensor/test_light.py has stacks on disk.
 #include "pecs/sensor/light_in_time.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Foreign and damaged EXR files; tests/python/test_stack.py has the rest.
+// Foreign and damaged EXR files; tests/python/sensor/test_stack.py has the rest.
 #include "pecs/sensor/stack.h"
 
 #include <ImfChannelList.h>

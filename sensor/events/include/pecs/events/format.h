@@ -5,7 +5,7 @@
 //   1. write src/<format>.cpp with a `Codec make_<format>()` that fills the struct below (writers derive from
 //      CheckedWriter in src/checked_writer.h);
 //   2. add it to the list in src/registry.cpp and to CMakeLists.txt;
-//   3. name a reader that is not ours in tests/python/test_formats.py: the property suite (tests/events) runs over the
+//   3. name a reader that is not ours in tests/python/events/test_formats.py: the property suite (tests/events) runs over the
 //      registry by itself;
 //   4. describe the layout in docs/reference/event_file.md.
 #include <filesystem>

@@ -1,0 +1,284 @@
+"""What every subcommand promises: --help, one-line errors, documented exit codes. Subcommands are found by listing."""
+
+import argparse
+import errno
+import json
+import re
+
+import numpy as np
+import pecs
+import pytest
+from pecs import _command, demo
+from pecs._arguments import Quantity
+from pecs._command import Line
+from pecs_blender.render.progress import Progress
+from support import load_script
+
+
+def events_of_a_bar():
+    events = np.zeros(100, pecs.EVENT_DTYPE)
+    events["t"], events["x"], events["p"] = 1000 * np.arange(100), np.arange(100) % 10, 1
+    return events
+
+
+def subcommands(program, *path):
+    """All command paths of the program, found from its help: ["sense"], ["lens", "info"], …"""
+    text = program(*path, "--help").stdout
+    names = []
+    if "\ncommands:\n" in text:
+        for line in text.split("\ncommands:\n")[1].split("\n\n")[0].splitlines():
+            if match := re.match(r"  (\S+)", line):
+                names.append(match[1])
+    return [[*path, n] for n in names] + [c for n in names for c in subcommands(program, *path, n)]
+
+
+def test_version_and_help(pecs_program, root):
+    version = (root / "VERSION").read_text().strip()
+    assert pecs_program("--version").stdout.strip() == f"pecs {version}"
+    assert pecs_program("--help").returncode == 0
+
+
+def test_every_subcommand_answers_help(pecs_program):
+    commands = subcommands(pecs_program)
+    assert ["sense"] in commands
+    for command in commands:
+        result = pecs_program(*command, "--help")
+        assert result.returncode == 0, command
+        assert result.stdout.strip() and not result.stderr, command
+
+
+def test_usage_errors_exit_2(pecs_program):
+    for args in ([], ["nonsense"], *([*c, "--no-such-option"] for c in subcommands(pecs_program))):
+        result = pecs_program(*args)
+        assert result.returncode == 2, args
+        assert re.fullmatch(r"pecs: [^\n]+\n", result.stderr) and not result.stdout, args
+
+
+@pytest.mark.parametrize("more", [[], ["--help"], ["x.raw", "-o", "y"]], ids=lambda more: " ".join(more) or "alone")
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["sens"], "pecs: sens: no such command; nearest: sense\n"),
+        (["covnert"], "pecs: covnert: no such command; nearest: convert\n"),
+        (["lens", "inof"], "pecs: lens: inof: no such command; nearest: info\n"),
+    ],
+)
+def test_an_unknown_command_is_named(pecs_program, command, line, more):
+    result = pecs_program(*command, *more)
+    assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["sense", "x", "-o", "y", "--durtion", 5], "pecs: sense: --durtion: no such option; nearest: --duration\n"),
+        (["lens", "info", "--fucos=2m"], "pecs: lens info: --fucos: no such option; nearest: --focus\n"),
+        (["reconstruct", "--cuttof", 5], "pecs: reconstruct: --cuttof: no such option; nearest: --cutoff\n"),
+        (["dataset", "x", "--plna"], "pecs: dataset: --plna: no such option; nearest: --plan\n"),
+    ],
+    ids=lambda value: str(value[0]) if isinstance(value, list) else "",
+)
+def test_a_mistyped_option_is_named_with_the_nearest(pecs_program, command, line):
+    result = pecs_program(*command)
+    assert (result.returncode, result.stderr, result.stdout) == (2, line, "")
+
+
+VALUES = ["20", "+20", "20us", "+1.5ms", "20ms", "0.02 s", "20µs", "1.1ms", "1e3us", "-3ms"]
+WRONG = ["20min", "+-20ms", "20mm", "ms", "", "1e", "0x10us", "nanms", "20 m s"]
+
+
+def test_the_program_and_python_read_units_alike(pecs_program, tmp_path):
+    """`pecs view --from` says in its record what it understood."""
+    pecs.write(tmp_path / "e.csv", events_of_a_bar())
+    for text in VALUES:
+        done = pecs_program("view", tmp_path / "e.csv", "-o", tmp_path / "e.png", f"--from={text}")
+        assert done.returncode == 0, done.stderr
+        record = json.loads((tmp_path / "e.png.run.json").read_text())
+        assert record["config"]["from_us"] == Quantity("us")(text), text
+    assert Quantity("us")("1.1ms") == 1100 and Quantity("A")("2pA") == 2e-12 and Quantity("mm")("5 cm") == 50
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_a_wrong_unit_is_one_line(pecs_program, text):
+    result = pecs_program("view", "x.raw", "-o", "x.png", f"--from={text}")
+    assert result.returncode == 2 and re.fullmatch(r"pecs: view: --from: [^\n]+\n", result.stderr), result.stderr
+    with pytest.raises(argparse.ArgumentTypeError):
+        Quantity("us")(text)
+
+
+@pytest.mark.parametrize(
+    ("now", "before"),
+    [
+        (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], ["lens", "info", "pecs_lab_15mm", "--focus-m", "0.5"]),
+        (["bands", "-n", 3, "--max-wavelength", "0.7um"], ["bands", "-n", 3, "--max-nm", 700]),
+    ],
+    ids=lambda words: words[0] if isinstance(words, list) else "",
+)
+def test_names_of_before_are_taken_and_not_shown(pecs_program, now, before):
+    shown = pecs_program(*now[: 2 if now[0] == "lens" else 1], "--help").stdout
+    assert pecs_program(*now).stdout == pecs_program(*before).stdout != ""
+    assert now[-2] in shown and before[-2] not in shown
+
+
+@pytest.fixture(scope="module")
+def helps(root):
+    """Command -> its --help, `pecs` and `pecs_blender` alike."""
+    found = load_script(root / "scripts/docs_commands.py").all_commands()
+    return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("tools/")}
+
+
+def test_every_help_ends_with_examples_of_its_own(helps):
+    assert len(helps) > 25
+    for name, text in helps.items():
+        assert text.startswith("usage: pecs"), name
+        lines = text.split("\nexamples:\n")[-1].splitlines()
+        assert text.count("\nexamples:\n") == 1 and lines, name
+        for line in lines:
+            command = max((c for c in helps if re.search(rf"(^|[ |(]){c} ", f"{line} ")), key=len, default=None)
+            assert command and (
+                command == name
+                or name in ("pecs", "pecs_blender", "pecs lens", "pecs align", "pecs run", "pecs_blender run")
+            ), f"{name}: {line}"
+            for option in re.findall(r" (--?[a-z][\w-]*)", line.split("#")[0].split("--sense")[0]):
+                assert re.search(rf"{option}(?![\w-])", helps[command]), f"{name}: {line}: no {option}"
+
+
+def test_what_the_demo_says_comes_next_is_there(helps):
+    lines = re.findall(r" (pecs [^\n]+)|(python -m pecs_blender [^\n]+)", demo.NEXT + " " + demo.BLENDER_NEXT)
+    assert len(lines) > 5
+    for line in map("".join, lines):
+        command = max((c for c in helps if f"{line} ".removeprefix("python -m ").startswith(f"{c} ")), key=len)
+        for option in re.findall(r" (--?[a-z][\w-]*)", line.removeprefix("python -m")):
+            assert re.search(rf"{option}(?![\w-])", helps[command]), f"{line}: no {option}"
+
+
+def test_help_is_in_one_case(helps):
+    """What an option does begins in lower case, but for names that are written otherwise."""
+    seen = 0
+    for name, text in helps.items():
+        for said in re.findall(r"^  -.*?(?:  +|\n {20,})(\S.*)$", text, re.MULTILINE):
+            seen += 1
+            first = said.split()[0].strip(":,;")
+            assert not re.fullmatch("[A-Z][a-z]+", first), f"{name}: {said}"
+            assert not said.endswith("."), f"{name}: {said}"
+    assert seen > 200
+
+
+def test_version_in_full(pecs_program, root):
+    said = pecs_program("--version", "--verbose").stdout
+    assert said.startswith(f"pecs {(root / 'VERSION').read_text().strip()}\nbuild ")
+    for name in (
+        r"libraries +(\w+ \d[\d.]*, )+\w+ \d[\d.]*$",
+        "instructions +(AVX|SSE|NEON|SVE|EMU128)",
+        "threads +\\d",
+        "program +/",
+        "data +/",
+    ):
+        assert re.search(rf"^{name}", said, re.MULTILINE), name
+
+
+def test_quiet_and_verbose(pecs_program, tmp_path):
+    pecs.write(tmp_path / "e.csv", events_of_a_bar())
+    convert = ["convert", tmp_path / "e.csv", tmp_path / "e.npz"]
+    assert pecs_program(*convert, "--quiet").stderr == ""
+    said = pecs_program(*convert, "--verbose").stderr
+    assert "convert: format: npz\n" in said and f"convert: input: {convert[1]}\n" in said
+    assert pecs_program(*convert, "--quiet", "--verbose").returncode == 2
+    # Warnings are neither errors nor results.
+    bars = [tmp_path / "e.csv", tmp_path / "f.csv"]
+    pecs.write(bars[1], events_of_a_bar()[9:10])
+    assert "pecs: warning: " in pecs_program("compare", *bars[::-1]).stderr
+    assert pecs_program("compare", *bars[::-1], "--quiet").stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("command", "used"),
+    [
+        (["bands", "-n", 3], "bands: chip: imx636"),
+        (["info", "e.csv"], "info: FILE: e.csv"),
+        (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], "lens info: focus: 0.5m"),
+        (["completion", "fish"], "completion: SHELL: fish"),
+        (["view", "e.csv", "-o", "e.png"], "view: input: e.csv"),
+        (["reconstruct", "e.csv", "-o", "light.mp4", "--size", "64x32"], "reconstruct: cutoff: 1.0"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_every_command_can_be_quiet_or_verbose(pecs_program, tmp_path, command, used):
+    """Before the command or behind it; the results stay."""
+    pecs.write(tmp_path / "e.csv", events_of_a_bar())
+    plain = pecs_program(*command, cwd=tmp_path)
+    quiet = pecs_program("--quiet", *command, cwd=tmp_path)
+    verbose = pecs_program(*command, "--verbose", cwd=tmp_path)
+    assert (quiet.stdout, verbose.stdout, quiet.stderr) == (plain.stdout, plain.stdout, "")
+    lines = verbose.stderr.splitlines()
+    assert used in lines and re.fullmatch(rf"{used.split(':')[0]}: done after [\d.]+ s", lines[-1]), verbose.stderr
+
+
+def test_what_quiet_and_verbose_do_is_said_alike(helps):
+    for name, text in helps.items():
+        if name != "pecs_blender":  # its commands take them
+            assert re.search(r"^  --quiet +nothing but errors and results$", text, re.MULTILINE), name
+            assert re.search(r"^  --verbose +also what was used, and how long it took$", text, re.MULTILINE), name
+
+
+def test_a_reader_that_goes_away_is_named(monkeypatch, capsys):
+    def run(args):
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr(_command.signal, "signal", lambda *_: None)
+    assert _command.answer(_command.Parser(prog="pecs demo"), run, []) == 5
+    assert capsys.readouterr().err == "pecs: standard output: Broken pipe\n"
+
+
+@pytest.mark.parametrize(("talk", "lines"), [({}, 5), ({"quiet": True}, 0), ({"verbose": True}, 100)], ids=str)
+def test_progress_of_commands_in_python(talk, lines, capsys):
+    """Not on a terminal: a line of every twentieth, of none, of each."""
+    said = Line(20, **talk)
+    for step in range(1, 101):
+        said(f"step {step}", step)
+    said.end()
+    assert capsys.readouterr().err.count("\n") == lines
+    progress = Progress("render", 100, **talk)
+    for step in range(1, 101):
+        progress.at(step)
+    assert capsys.readouterr().err.count("\n") == {5: 21}.get(lines, lines)
+
+
+def test_nothing_is_coloured_in_a_pipe(helps, pecs_program):
+    for text in [*helps.values(), pecs_program("sens").stderr, pecs_program("--version", "--verbose").stdout]:
+        assert "\x1b" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("scene.blend", b"BLENDER-v405RENDH", "render it first"),
+        ("events.csv", b"t_us,x,y,p\n1,2,3,1\n", "got events (csv)"),
+        ("notes.mp4", b"not a video, but words\n" * 50, "wanted a video"),
+    ],
+)
+def test_sense_names_what_is_no_light(pecs_program, tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    result = pecs_program("sense", name, "-o", "x.raw", cwd=tmp_path)
+    assert result.returncode == 4 and words in result.stderr
+    assert re.fullmatch(rf"pecs: {re.escape(name)}: [^\n]+\n", result.stderr)
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["sense", "/nonexistent", "-o", "OUT/x.raw"],
+        ["info", "/nonexistent"],
+        ["convert", "/nonexistent.raw", "OUT/x.csv"],
+        ["view", "/nonexistent.raw", "-o", "OUT/x.png"],
+        ["compare", "/nonexistent.raw", "/nonexistent.raw"],
+        ["lens", "info", "/nonexistent.json"],
+        ["report", "--sim", "/nonexistent.raw", "-o", "OUT/x.html"],
+    ],
+    ids=lambda args: " ".join(args[:2]),
+)
+def test_a_missing_input_is_one_line_and_exit_3(pecs_program, tmp_path, args):
+    result = pecs_program(*(a.replace("OUT", str(tmp_path)) for a in args))
+    assert result.returncode == 3, result.stderr
+    assert re.fullmatch(r"pecs: [^\n]*/nonexistent[^\n]*\n", result.stderr)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,147 @@
+"""Recipes: what is drawn of them, and what is refused in one line."""
+
+import re
+
+import numpy as np
+import pytest
+from support import ROOT
+
+pecs = pytest.importorskip("pecs")
+pytest.importorskip("scipy")
+
+from pecs.datasets import recipe  # noqa: E402
+from pecs.datasets.table import Table  # noqa: E402
+
+RECIPE = """
+name = "t"
+seed = 3
+sequences = 4
+duration_s = [0.1, 0.2]
+[split]
+train = 0.75
+test = 0.25
+[[scene]]
+path = "ROOT/scenes/rotating_disk"
+[scene.set]
+rpm = {log = [10, 1000]}
+wall_reflectance = {choice = [0.1, 0.2]}
+lamp_spectrum = {choice = ["led_b1", "led_b3"]}
+[scene.trajectory]
+kind = "still"
+[[rig.camera]]
+name = "left"
+kind = "events"
+chip = "davis346"
+lens = "cmount_8mm_f2p8"
+fnumber = [4, 8]
+[rig.camera.set]
+contrast_threshold_on = {normal = [0.2, 0.05], range = [0.1, 0.3]}
+[[rig.camera]]
+name = "film"
+kind = "rgb"
+pixels_of = "left"
+exposure_ms = [1, 2]
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def run(text=RECIPE, **changes):
+        for old, new in changes.get("replace", {}).items():
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "r.toml"
+        path.write_text(text.replace("ROOT", str(ROOT)))
+        return recipe.load(path)
+
+    return run
+
+
+def test_each_value_has_a_generator_of_its_own(load):
+    found = load()
+    draws = [found.draw(i) for i in range(50)]
+    assert draws == [load().draw(i) for i in range(50)]
+    longer = load(replace={"sequences = 4": "sequences = 999", "exposure_ms = [1, 2]": "exposure_ms = [3, 4]"})
+    for a, b in zip(draws, (longer.draw(i) for i in range(50)), strict=True):
+        assert a["parameters"] == b["parameters"] and a["cameras"]["left"] == b["cameras"]["left"]
+        assert a["cameras"]["film"]["exposure_ms"] < 2.5 < b["cameras"]["film"]["exposure_ms"]
+    other = load(replace={"seed = 3": "seed = 4"})
+    assert other.draw(0)["parameters"] != draws[0]["parameters"]
+
+
+def test_rules_cover_their_ranges(load):
+    draws = [load().draw(i) for i in range(400)]
+    rpm = np.log([d["parameters"]["rpm"] for d in draws])
+    share = np.histogram(rpm, bins=4, range=np.log((10, 1000)))[0]
+    assert share.sum() == 400 and share.min() > 70
+    on = np.array([d["cameras"]["left"]["overrides"]["contrast_threshold_on"] for d in draws])
+    assert (0.1 <= on).all() and (on <= 0.3).all() and abs(on.mean() - 0.2) < 0.01 and 0.03 < on.std() < 0.05
+    assert {d["parameters"]["lamp_spectrum"] for d in draws} == {"led_b1", "led_b3"}
+    assert {d["parameters"]["wall_reflectance"] for d in draws} == {0.1, 0.2}
+
+
+@pytest.mark.parametrize("count", [4, 8, 100])
+def test_splits_are_even_for_any_number(load, count):
+    splits = [load().draw(i)["split"] for i in range(count)]
+    assert abs(splits.count("train") - 0.75 * count) <= 1.5 and splits.count("val") == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("seed = 3", "sed = 3", "sed: got an unknown key, wanted one of"),
+        ("seed = 3", "seed = -1", "seed: got -1, wanted a whole number, 0 to"),
+        ("duration_s = [0.1, 0.2]", "duration_s = [0.2, 0.1]", "duration_s: got [0.2, 0.1], wanted a number"),
+        ("rpm = {log = [10, 1000]}", "rpm = {log = [0, 1000]}", "low above 0"),
+        ("rpm = {log = [10, 1000]}", "rpm = {lug = [1, 1000]}", 'scene[0].set.rpm: got {"lug": [1, 1000]}, wanted'),
+        ("rpm = {log = [10, 1000]}", "rpm = nan", "rpm: got NaN, wanted"),
+        ("scenes/rotating_disk", "scenes/no_such", "a .blend file or a scene folder that is there"),
+        ('name = "film"', 'name = "left"', "the name 'left' twice"),
+        ('name = "film"', 'name = "../x"', "wanted letters, digits, _ and -"),
+        ('pixels_of = "left"', 'pixels_of = "lift"', "got lift, wanted the name of another camera of the rig"),
+        ('kind = "rgb"\npixels_of = "left"', 'kind = "rgb"', "pixel_pitch_um: got nothing, wanted"),
+        ('kind = "still"', "", "trajectory: got nothing, wanted a table with kind"),
+        ("train = 0.75", "train = 0.75\nholdout = 1", "split.holdout: got an unknown key"),
+        ("[split]\ntrain = 0.75\ntest = 0.25", "[split]\ntrain = 0", "no share above 0"),
+        ("[[rig.camera]]", "[rig.camera]", "wanted"),
+        ("name = ", "name : ", "wanted valid TOML"),
+    ],
+)
+def test_what_is_wrong_is_one_line(load, old, new, line):
+    with pytest.raises(pecs.PecsInputError) as error:
+        load(replace={old: new})
+    assert line in str(error.value) and "r.toml" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_no_recipe(tmp_path):
+    with pytest.raises(pecs.PecsNotFoundError, match="no.toml"):
+        recipe.load(tmp_path / "no.toml")
+    (tmp_path / "no.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(pecs.PecsInputError, match="UTF-8"):
+        recipe.load(tmp_path / "no.toml")
+
+
+def test_mutants_are_read_or_refused_in_one_line(load):
+    """500 of them: no other exception."""
+    rng = np.random.default_rng(8)
+    words = re.findall(r"[^\s]+|\s+", RECIPE)
+    refused = 0
+    for _ in range(500):
+        mutant = list(words)
+        for _ in range(rng.integers(1, 4)):
+            i = int(rng.integers(len(mutant)))
+            mutant[i] = rng.choice(["", "[]", "{}", "nan", "-1", "1e400", '"x"', "[[1]]", "true", "=", mutant[i] * 2])
+        try:
+            load("".join(mutant)).draw(0)
+        except pecs.PecsError as e:
+            refused += 1
+            assert "\n" not in str(e) and e.code in (3, 4), e
+    assert refused > 250
+
+
+def test_tables_refuse_wrong_types():
+    table = Table({"a": True, "b": "x", "c": [1, 2]}, "f")
+    for call in (lambda: table.number("a"), lambda: table.integer("b"), lambda: table.flag("b", False),
+                 lambda: table.numbers("c", 3), lambda: table.text("c"), lambda: table.table("c")):  # fmt: skip
+        with pytest.raises(pecs.PecsInputError, match="^f: "):
+            call()

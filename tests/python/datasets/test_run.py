@@ -1,0 +1,242 @@
+"""A small set from its recipe, rendered, sensed and checked; stopped, in parts, damaged, and of wrong recipes."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+from support import ROOT, run_module
+
+pecs = pytest.importorskip("pecs")
+pytest.importorskip("bpy", reason="renders with Cycles")
+pytest.importorskip("scipy")
+pytest.importorskip("cv2")
+pytest.importorskip("h5py")
+
+from pecs.datasets import Sequence  # noqa: E402
+
+RECIPE = f"""
+name = "small"
+seed = 5
+sequences = 2
+duration_s = 0.02
+export = ["dsec"]
+[about]
+licence = "CC0-1.0"
+[[scene]]
+path = "{ROOT}/scenes/rotating_disk"
+[scene.set]
+illuminance_lux = {{log = [200, 2000]}}
+rpm = [100, 400]
+[[scene.place]]
+files = "cube.blend"
+low_m = [-0.2, 0.8, -0.1]
+high_m = [0.2, 1.0, 0.1]
+size_m = [0.1, 0.3]
+speed_m_s = 1
+spin_deg_s = 300
+[scene.trajectory]
+kind = "hand_held"
+speed_m_per_s = 1.0
+volume = [[-0.2, -0.1, -0.1], [0.2, 0.1, 0.1]]
+yaw_deg = 90
+clearance_m = 0.1
+[rig.imu]
+part = "ideal"
+rate_hz = 1000
+[[rig.camera]]
+name = "left"
+kind = "events"
+chip = "davis346"
+lens = "cmount_5mm_f2p8"
+fnumber = 4
+focus_m = 2
+width = 48
+height = 36
+partner = "right"
+[[rig.camera]]
+name = "right"
+kind = "events"
+chip = "davis346"
+lens = "cmount_5mm_f2p8"
+fnumber = 4
+focus_m = 2
+width = 48
+height = 36
+position_m = [0.06, 0, 0]
+partner = "left"
+[[rig.camera]]
+name = "film"
+kind = "rgb"
+pixels_of = "left"
+fps = 100
+exposure_ms = 4
+[render]
+bands = 4
+samples = 2
+fps = 250
+[truth]
+fps = 100
+"""
+
+WIDE_FILM = """lens = "cmount_5mm_f2p8"
+fnumber = 4
+focus_m = 2
+width = 192
+height = 144
+pixel_pitch_um = 100"""
+
+CUBE = """
+import sys, bpy
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.mesh.primitive_cube_add()
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+
+dataset = partial(run_module, "pecs.datasets")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("set")
+    subprocess.run([sys.executable, "-c", CUBE, folder / "cube.blend"], check=True, capture_output=True)
+    (folder / "r.toml").write_text(RECIPE)
+    dataset(folder / "r.toml", "-o", folder / "set")
+    return folder
+
+
+def copy(made, folder):
+    for name in ("r.toml", "cube.blend"):
+        shutil.copy(made / name, folder / name)
+
+
+def sums(folder):
+    return {p.parent.name: json.loads(p.read_text()) for p in sorted(folder.glob("sequences/*/files.json"))}
+
+
+def test_all_parts_agree(made):
+    for name in ("0000", "0001"):
+        checks = json.loads((made / "set/sequences" / name / "checks.json").read_text())
+        for camera in ("left", "right"):
+            flow = checks["cameras"][camera]["flow"]
+            assert flow["count"] > 2000 and flow["rms_px"] < 0.01, flow
+            moves = checks["cameras"][camera]["scene_flow"]
+            assert moves["count"] > 2000 and moves["rms_m"] < 1e-4, moves
+            assert checks["cameras"][camera]["boxes"]["p99_px"] < 0.5
+            events = checks["cameras"][camera]["events"]
+            assert events["count"] > 100 and events["signal_on_motion"] > 0.95
+        (stereo,) = checks["stereo"].values()
+        assert stereo["count"] > 1000 and stereo["rms_px"] < 0.05 and stereo["same_surface"] > 0.6
+        assert checks["imu"] is None or checks["imu"]["worst_m"] < 1e-3
+
+
+def test_what_a_reader_gets(made):
+    sequence = Sequence(made / "set/sequences/0000")
+    assert list(sequence.cameras) == ["left", "right", "film"] and sequence.stereo_pairs()[0][0].name == "left"
+    left, film = sequence.cameras["left"], sequence.cameras["film"]
+    events = left.events()
+    assert len(events) == len(left.causes()) == len(left.objects()) and (left.objects() > 0).mean() > 0.9
+    assert len(film.frames()) == 2 and np.array_equal(film.K, left.K)
+    assert len(sequence.imu()) == 21 and np.linalg.norm(sequence.imu()["accel"], axis=1).max() < 60
+    assert np.isfinite(left.rectify_map()).all()
+    assert {o["class"] for o in left.truth.objects} == {None, "cube"}
+
+
+def test_the_program_hands_over(pecs_program, monkeypatch):
+    monkeypatch.setenv("PECS_PYTHON", sys.executable)
+    result = pecs_program("dataset", "--help")
+    assert result.returncode == 0 and "usage: pecs dataset" in result.stdout
+    result = pecs_program("dataset", "no.toml", "-o", "x")
+    assert result.returncode == 3 and result.stderr.startswith("pecs: no.toml: ")
+    monkeypatch.setenv("PECS_PYTHON", "/no/python")
+    result = pecs_program("dataset", "no.toml", "-o", "x")
+    assert result.returncode == 3 and "PECS_PYTHON" in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_pages_and_exports(made):
+    for name in ("index.html", "datasheet.md", "croissant.json", "dataset.json", "exports/dsec"):
+        assert (made / "set" / name).exists(), name
+    assert "left: events, 48 x 36" in (made / "set/sequences/0001/report.html").read_text()
+    plan = dataset(made / "r.toml", "-o", made / "set", "--plan").stdout
+    assert "2 sequences, 2 stacks each: ground truth at 12 instants" in plan and "measured on 2" in plan
+    plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
+    assert "measured on 2" in plan and "98 left" in plan
+    assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
+
+
+def test_parts_threads_and_a_kill_give_the_same_set(made, tmp_path):
+    """Sequence 1 first, on one thread; sequence 0 killed, then continued by the whole run."""
+    copy(made, tmp_path)
+    dataset(tmp_path / "r.toml", "-o", tmp_path / "set", "--only", 1, "--threads", 1)
+    command = [sys.executable, "-m", "pecs.datasets", tmp_path / "r.toml", "-o", tmp_path / "set", "--only", "0"]
+    process = subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, start_new_session=True)
+    partial = tmp_path / "set/sequences/0000.partial"
+    while not list(partial.glob("*/stack/frame_*.exr")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert partial.is_dir() and not (tmp_path / "set/dataset.json").exists()
+    dataset(tmp_path / "r.toml", "-o", tmp_path / "set")
+    ours, theirs = sums(tmp_path / "set"), sums(made / "set")
+    assert [(s, f) for s in theirs for f in theirs[s] | ours[s] if ours[s].get(f) != theirs[s].get(f)] == []
+    assert (tmp_path / "set/dataset.json").read_bytes() == (made / "set/dataset.json").read_bytes()
+
+
+def test_damage_is_named_and_mended(made, tmp_path):
+    shutil.copytree(made / "set", tmp_path / "set")
+    copy(made, tmp_path)
+    words = (tmp_path / "r.toml", "-o", tmp_path / "set")
+    assert "2 sequences, whole" in dataset(*words, "--check").stdout
+    data = bytearray((tmp_path / "set/sequences/0001/left/events.h5").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "set/sequences/0001/left/events.h5").write_bytes(data)
+    shutil.rmtree(tmp_path / "set/sequences/0000")
+    result = dataset(*words, "--check", check=False)
+    assert result.returncode == 4 and "left/events.h5: got other content" in result.stdout
+    assert "2 of 2 sequences lost or damaged: 0000, 0001" in result.stderr
+
+
+def test_a_finished_set_is_left_alone(made):
+    before = sums(made / "set")
+    assert "2 sequences" in dataset(made / "r.toml", "-o", made / "set").stdout
+    assert before == sums(made / "set")
+
+
+def test_another_recipe_does_not_mix(made, tmp_path):
+    copy(made, tmp_path)
+    (tmp_path / "r.toml").write_text(RECIPE.replace("exposure_ms = 4", "exposure_ms = 5"))
+    result = dataset(tmp_path / "r.toml", "-o", made / "set", check=False)
+    assert result.returncode == 5 and "made by another recipe" in result.stderr and result.stderr.count("pecs: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "line"),
+    [
+        ("[[-0.2, -0.1, -0.1], [0.2, 0.1, 0.1]]", "[[90, 90, 90], [91, 91, 91]]", 4, "hand_held"),
+        ("cmount_5mm_f2p8", "takumar_100mm_f9", 3, "takumar_100mm_f9"),
+        ('kind = "hand_held"', 'kind = "handheld"', 4, "handheld"),
+        ("rpm = [100, 400]", "rpm = 1e9", 4, "rpm"),
+        ('part = "ideal"', 'part = "mems"', 4, "mems"),
+        ('pixels_of = "left"', WIDE_FILM, 4, "film.lens: got cmount_5mm_f2p8: 4 pixels see nothing"),
+    ],
+)
+def test_what_is_wrong_is_one_line(made, tmp_path, old, new, code, line):
+    copy(made, tmp_path)
+    (tmp_path / "r.toml").write_text(RECIPE.replace(old, new))
+    result = dataset(tmp_path / "r.toml", "-o", tmp_path / "set", "--only", 0, check=False)
+    said = [text for text in result.stderr.splitlines() if not text.startswith("dataset: ")]
+    assert result.returncode == code and len(said) == 1 and line in said[0], result.stderr
+
+
+def test_a_folder_that_is_not_writable(made, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = dataset(made / "r.toml", "-o", tmp_path / "file" / "set", "--only", 0, check=False)
+    assert result.returncode == 5 and result.stderr.count("\n") == 1, result.stderr

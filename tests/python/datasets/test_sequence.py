@@ -1,0 +1,203 @@
+"""pecs.datasets.Sequence: what it reads is what the scene is, and every fault is one clear line."""
+
+import json
+import pickle
+import shutil
+
+import numpy as np
+import pecs
+import pytest
+from pecs.datasets import Sequence, sequences
+from support import small_sequence as small
+
+
+@pytest.fixture
+def folder(sequence):
+    return sequence.folder
+
+
+@pytest.fixture
+def broken(folder, tmp_path):
+    return shutil.copytree(folder, tmp_path / "0000")
+
+
+def change(folder, edit):
+    path = folder / "sequence.json"
+    info = json.loads(path.read_text())
+    edit(info)
+    path.write_text(json.dumps(info))
+
+
+def test_truth_is_the_scenes(folder):
+    sequence = Sequence(folder)
+    left = small.rig()[0]
+    truth = sequence.cameras["left"].truth
+    np.testing.assert_array_equal(truth.times_us, small.TRUTH_US)
+    world, z, ids, normals = left.look(20_000)
+    distance, z_read = truth.depth(2)
+    np.testing.assert_allclose(z_read, left.picture(z), rtol=1e-6)
+    np.testing.assert_allclose(distance, left.picture(z * np.linalg.norm(left.rays, axis=1)), rtol=1e-6)
+    np.testing.assert_array_equal(truth.instances(2), left.picture(ids))
+    assert set(np.unique(ids)) == {small.CARD, small.WALL}
+    np.testing.assert_allclose(truth.normal(2), np.moveaxis(left.picture(normals), -1, 0), atol=1e-6)
+    np.testing.assert_allclose(truth.flow(2), left.flow(20_000, 30_000)[0], atol=1e-5)
+    np.testing.assert_allclose(truth.flow_back(2), left.flow(30_000, 20_000)[0], atol=1e-5)
+    assert truth.motion(2).shape == (12, 72, 96)
+    with pytest.raises(IndexError):
+        truth.flow(len(truth) - 1)
+    assert truth.layers == ("depth", "normal", "objects", "motion")
+
+
+def test_boxes_and_object_poses(folder):
+    truth = Sequence(folder).cameras["right"].truth
+    assert truth.classes == {1: "card"}
+    card, wall = truth.boxes(3)
+    y, x = np.nonzero(truth.instances(3) == small.CARD)
+    assert [card[k] for k in ("x0", "y0", "x1", "y1")] == [x.min(), y.min(), x.max() + 1, y.max() + 1]
+    assert (card["class_id"], wall["class_id"], card["visible_px"]) == (1, 0, len(x))
+    # What is seen of an unhidden convex thing reaches its amodal box within a pixel.
+    for k in ("x0", "y0", "x1", "y1"):
+        assert abs(card[k] - card["amodal_" + k]) < 1
+    np.testing.assert_allclose(truth.object_poses(3)[small.CARD][:3, 3], small.CARD_CENTRE + 0.03 * small.CARD_SPEED)
+
+
+def test_truth_of_the_same_pixels(folder):
+    """A camera behind the same lens needs no truth of its own."""
+    cameras = Sequence(folder).cameras
+    assert cameras["frame"].has_truth and cameras["frame"].truth.folder == cameras["left"].folder / "truth"
+    assert not cameras["rgb"].has_truth
+
+
+def test_poses_and_imu(folder):
+    sequence = Sequence(folder)
+    eye, camera = small.rig()[1], sequence.cameras["right"]
+    t_us, poses = camera.poses()
+    assert len(t_us) == 101
+    np.testing.assert_allclose(t_us, np.arange(101) * 1000.0)
+    np.testing.assert_allclose(poses[40], eye.world_from_camera(40_000), atol=1e-9)
+    rig_t, rig = sequence.poses()
+    np.testing.assert_allclose(rig[40] @ camera.rig_from_camera, poses[40], atol=1e-9)
+    np.testing.assert_allclose(sequence.imu()["accel"], np.tile([0, -9.81, 0], (101, 1)))
+    np.testing.assert_array_equal(sequence.imu()["t_us"], rig_t)
+
+
+def test_who_is_left(folder):
+    sequence = Sequence(folder)
+    ((left, right),) = sequence.stereo_pairs()
+    assert (left.name, right.name) == ("left", "right")
+    assert sequence.stereo_pairs("rgb") == []
+
+
+def test_events_and_frames(folder):
+    sequence = Sequence(folder)
+    left = sequence.cameras["left"]
+    events = left.events()
+    assert len(events) > 2000 and (events.width, events.height) == (96, 72)
+    assert len(left.causes()) == len(left.objects()) == len(events)
+    assert set(np.unique(left.objects())) == {small.CARD, small.WALL}
+    frames = sequence.cameras["rgb"].frames()
+    assert [f.middle_us for f in frames] == [10_000, 30_000, 50_000, 70_000, 90_000]
+    assert all(f.path.is_file() and f.sharp_path.is_file() for f in frames)
+    assert left.frames() == []
+
+
+@pytest.mark.parametrize("window", [(0, 100_000), (0, 0.5), (12_345, 12_346), (3000, 4000), (99_500, 1e9), (-5, 1500)])
+def test_parts_of_an_event_file(folder, window):
+    camera = Sequence(folder).cameras["left"]
+    events = camera.events()
+    want = events[(events["t"] >= window[0]) & (events["t"] < window[1])]
+    with camera.event_file() as file:
+        got = file.between(*window)
+        np.testing.assert_array_equal(got, want)
+        assert got.width == 96
+        np.testing.assert_array_equal(np.concatenate([*file.blocks(1000)]), events)
+
+
+def test_an_event_file_that_begins_late(tmp_path):
+    """Then times in the file begin near 0, by t_offset."""
+    late = np.zeros(50, pecs.EVENT_DTYPE)
+    late["t"] = 5 * 3_600_000_000 + np.arange(50) * 400
+    pecs.write(tmp_path / "e.h5", late, 10, 10, format="dsec")
+    with pecs.datasets.EventFile(tmp_path / "e.h5") as file:
+        assert file.t_offset_us > 0
+        np.testing.assert_array_equal(file.between(late["t"][7], late["t"][19])["t"], late["t"][7:19])
+
+
+def test_pickles_and_reopens(folder):
+    sequence = Sequence(folder)
+    sequence.cameras["left"].truth.depth(0)
+    again = pickle.loads(pickle.dumps(sequence))
+    np.testing.assert_array_equal(again.cameras["left"].truth.depth(0), sequence.cameras["left"].truth.depth(0))
+
+
+def test_a_set_by_split(folder):
+    assert [s.name for s in sequences(folder.parents[1])] == ["0000"]
+    assert sequences(folder.parents[1], "val") == []
+
+
+def camera(i, **values):
+    return lambda info: info["cameras"][i].update(values)
+
+
+@pytest.mark.parametrize(
+    "edit, wanted",
+    [
+        (lambda info: info.update(format=2), "format: got 2, wanted 1"),
+        (lambda info: info.pop("cameras"), "cameras: missing, wanted a list"),
+        (lambda info: info.update(duration_us=0), "duration_us: got 0, wanted an integer >= 1"),
+        (camera(1, name="left"), "cameras[1].name: got 'left', wanted a folder's name that no other camera has"),
+        (camera(0, name="../left"), "cameras[0].name: got '../left'"),
+        (camera(0, kind="lidar"), "cameras[0].kind: got 'lidar', wanted 'events' or 'rgb'"),
+        (camera(0, width=True), "cameras[0].width: got True"),
+        (camera(0, K=[[1, 0], [0, 1]]), "cameras[0].K: got [[1, 0], [0, 1]], wanted 3x3 finite numbers"),
+        (camera(0, K="x"), "cameras[0].K: got 'x'"),
+        (camera(0, R_rect=(2 * np.eye(3)).tolist()), "cameras[0].R_rect: got "),
+        (camera(0, distortion=[0.1]), "cameras[0].distortion: got [0.1], wanted 4, 5, 8, 12 or 14"),
+        (camera(0, partner="rgb"), "camera left: partner: got 'rgb'"),
+        (camera(3, pixels_of="rgb"), "camera frame: pixels_of: got 'rgb', wanted a camera of the same place"),
+        (camera(0, baseline_m=None), "camera left: baseline_m: got None, wanted metres"),
+    ],
+)
+def test_what_sequence_json_says_wrong(broken, edit, wanted):
+    change(broken, edit)
+    with pytest.raises(pecs.PecsInputError) as error:
+        Sequence(broken)
+    assert wanted in str(error.value) and "sequence.json" in str(error.value) and "\n" not in str(error.value)
+
+
+def spoil(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_what_other_files_say_wrong(broken):
+    left, rgb = (Sequence(broken).cameras[name] for name in ("left", "rgb"))
+
+    def fails(call, wanted, kind=pecs.PecsInputError):
+        with pytest.raises(kind) as error:
+            call()
+        assert wanted in str(error.value) and "\n" not in str(error.value), str(error.value)
+
+    np.save(broken / "left" / "causes.npy", np.array(left.causes())[:-1])
+    fails(left.causes, "causes.npy: length")
+    np.save(broken / "left" / "causes.npy", np.full(len(left.objects()), 9, "u1"))
+    fails(left.causes, "causes.npy: greatest value: got 9, wanted less than 4")
+    np.save(broken / "left" / "objects.npy", np.zeros(3))
+    fails(left.objects, "objects.npy: dtype: got dtype('float64'), wanted <u2")
+    np.save(broken / "left" / "rectify_map.npy", np.zeros((72, 95, 2), np.float32))
+    fails(left.rectify_map, "rectify_map.npy: shape: got (72, 95, 2), wanted (72, 96, 2)")
+    spoil(broken / "left" / "truth" / "objects.json", '"class_id": 1', '"class_id": 7')
+    fails(lambda: left.truth.boxes(0), "objects[0].class_id: got 7")
+    (broken / "rgb" / "rgb" / "000003.png").unlink()
+    fails(rgb.frames, "000003.png: no such file", pecs.PecsNotFoundError)
+    spoil(broken / "rgb" / "rgb.csv", "1,27500", "2,27500")
+    fails(rgb.frames, "rgb.csv: line 3: got (2, 27500, 32500), wanted index 1")
+    spoil(broken / "imu.csv", "-9.81", "nan")
+    fails(Sequence(broken).imu, "imu.csv: line 2: got '0,0,0,0,0,nan,0', wanted 7")
+    spoil(broken / "poses.txt", "\n0.002 ", "\n0.0005 ")
+    fails(Sequence(broken).poses, "poses.txt: line 4: time: got '0.0005'")
+    (broken / "left" / "events.h5").unlink()
+    fails(left.events, "events.h5: no such file", pecs.PecsNotFoundError)
+    fails(lambda: rgb.truth, "truth/stack.json: no such file", pecs.PecsNotFoundError)
+    fails(lambda: Sequence(broken / "nowhere"), "wanted a sequence", pecs.PecsNotFoundError)

@@ -1,0 +1,359 @@
+"""Every format of pecs.datasets.writers but DSEC (test_datasets_dsec.py), read back by readers that are not ours and
+compared with the scene itself."""
+
+import csv
+import hashlib
+import json
+import sys
+
+import cv2
+import h5py
+import numpy as np
+import pecs
+import pytest
+from pecs.datasets import Sequence, writers
+from support import small_sequence as small
+
+W, H = 96, 72
+
+
+def grey(path):
+    return cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
+
+
+def left_out(report):
+    return {entry["what"]: entry["why"] for entry in report["left_out"]}
+
+
+# --- Prophesee --------------------------------------------------------------------------------------------------------
+
+
+def test_prophesee_events(sequence, exported, tmp_path):
+    import expelliarmus
+
+    folder, _ = exported("prophesee")
+    events = sequence.cameras["left"].events()
+    with h5py.File(folder / "train" / "0000_left_td.h5") as file:
+        small.same_events([file[f"events/{k}"][:] for k in "txyp"], events, seconds=False)
+        assert (file["events/height"][()].item(), file["events/width"][()].item()) == (H, W)  # as RVT asks
+    writers.write("prophesee", [sequence], tmp_path / "dat", events="dat", generation="gen1")
+    found = expelliarmus.Wizard(encoding="dat").read(str(tmp_path / "dat" / "train" / "0000_left_td.dat"))
+    small.same_events([found[k] for k in "txyp"], events, seconds=False)
+
+
+def test_prophesee_boxes(sequence, exported):
+    folder, report = exported("prophesee")
+    labels = np.load(folder / "train" / "0000_left_bbox.npy")
+    fields = labels.dtype.fields
+    assert labels.dtype.itemsize == 40
+    assert {name: fields[name][1] for name in fields} == {
+        **{"t": 0, "x": 8, "y": 12, "w": 16, "h": 20, "class_id": 24, "track_id": 28, "class_confidence": 32}
+    }
+    np.testing.assert_array_equal(labels["t"], small.TRUTH_US)
+    truth = sequence.cameras["left"].truth
+    for i, row in enumerate(labels):
+        want = cv2.boundingRect((truth.instances(i) == small.CARD).astype(np.uint8))
+        assert tuple(row[k] for k in "xywh") == want
+    assert report["sequences"]["0000"]["boxes"] == 2 * len(labels) == report["rvt"]["gen1"]["boxes"]
+
+
+@pytest.mark.parametrize("generation", ["gen1", "gen4"])
+@pytest.mark.parametrize("training", [True, False])
+def test_count_of_boxes_by_rvts_own_filters(generation, training, sequence):
+    """At RVT's own size of the picture, boxes around all its limits."""
+    from pecs.datasets.writers.prophesee import BBOX_DTYPE, survive_rvt
+    from support.outside import rvt_filters as rvt
+
+    camera = Sequence(sequence.folder).cameras["left"]
+    camera.width, camera.height = rvt.dataset_2_width[generation], rvt.dataset_2_height[generation]
+    rng = np.random.default_rng(1)
+    labels = np.zeros(4000, BBOX_DTYPE)
+    labels["w"], labels["h"] = rng.integers(5, 90, 4000), rng.integers(5, 90, 4000)
+    labels["w"][::5] = rng.integers(camera.width * 8 // 10, camera.width, 800)
+    labels["x"], labels["y"] = rng.integers(-40, camera.width, 4000), rng.integers(-40, camera.height, 4000)
+    labels["class_id"], labels["track_id"] = rng.integers(0, 6, 4000), np.arange(4000)
+    kept = labels.copy()
+    kept = rvt.prophesee_remove_labels_filter_gen4(kept) if generation == "gen4" else kept
+    kept = rvt.prophesee_bbox_filter(rvt.crop_to_fov_filter(kept, generation), generation)
+    kept = rvt.remove_faulty_huge_bbox_filter(kept, generation) if training else kept
+    ours = labels["track_id"][survive_rvt(labels, generation, camera, training)]
+    assert 100 < len(kept) < 3900
+    np.testing.assert_array_equal(ours, kept["track_id"])
+
+
+# --- M3ED -------------------------------------------------------------------------------------------------------------
+
+
+def test_m3ed(sequence, exported):
+    """As M3ED's own scripts read it: event_loading_by_ms.py, image_and_event_loading.py."""
+    folder, _ = exported("m3ed")
+    left = small.rig()[0]
+    events = sequence.cameras["left"].events()
+    with h5py.File(folder / "train" / "0000_data.h5") as file:
+        start, stop = file["/prophesee/left/ms_map_idx"][20], file["/prophesee/left/ms_map_idx"][21]
+        found = [file[f"/prophesee/left/{k}"][start:stop] for k in "txyp"]
+        small.same_events(found, events[events["t"] // 1000 == 20], seconds=False)
+        assert file["/prophesee/right/p"].dtype == np.int8
+        at = int(file["/ovc/ts_map_prophesee_left_t"][2])
+        assert events["t"][at - 1] < file["/ovc/ts"][2] == 50_000 <= events["t"][at]
+        path = sequence.cameras["rgb"].frames()[2].path
+        np.testing.assert_array_equal(file["/ovc/rgb/data"][2], cv2.imread(str(path))[..., ::-1])
+        np.testing.assert_array_equal(file["/ovc/left/data"][2, ..., 0], grey(path))
+        calibration = file["/prophesee/right/calib"]
+        right = small.rig()[1]
+        np.testing.assert_allclose(calibration["T_to_prophesee_left"], right.rig_from_camera)
+        np.testing.assert_allclose(calibration["intrinsics"], [92, 92.92, 48.8, 34.7])
+        np.testing.assert_allclose(calibration["distortion_coeffs"], [-0.1, 0.02, 0, 0.001])
+        assert calibration["resolution"][:].tolist() == [W, H]
+        np.testing.assert_allclose(file["/ovc/imu/accel"][:], np.tile([0, -9.81, 0], (101, 1)))
+        assert file["/ovc/imu/ts"][5] == 5000
+    with h5py.File(folder / "train" / "0000_depth_gt.h5") as file:
+        np.testing.assert_array_equal(file["ts"][:], small.TRUTH_US)
+        z, now = left.picture(left.look(30_000)[1]), left.world_from_camera(30_000)
+        np.testing.assert_allclose(file["/depth/prophesee/left"][3], z, rtol=1e-6)
+        first = left.world_from_camera(0)
+        point = np.array([0.3, 4, 1, 1])
+        moved = file["Cn_T_C0"][3] @ np.linalg.inv(first) @ point
+        np.testing.assert_allclose(moved, np.linalg.inv(now) @ point, atol=1e-9)
+
+
+# --- Video reconstruction ---------------------------------------------------------------------------------------------
+
+
+def test_evreal(sequence, exported):
+    folder, report = exported("evreal")
+    at = folder / "0000_left"
+    xy, events = np.load(at / "events_xy.npy"), sequence.cameras["left"].events()
+    small.same_events([np.load(at / "events_ts.npy"), xy[:, 0], xy[:, 1], np.load(at / "events_p.npy")], events)
+    images, times = np.load(at / "images.npy", mmap_mode="r"), np.load(at / "images_ts.npy")
+    indices = np.load(at / "image_event_indices.npy")
+    assert images.shape == (5, H, W, 1) and images.dtype == np.uint8
+    for k, frame in enumerate(sequence.cameras["frame"].frames()):
+        np.testing.assert_array_equal(images[k][:, :, 0], grey(frame.path))
+        assert times[k].item() == pytest.approx(frame.middle_us * 1e-6)
+        start = indices[k][0]
+        assert events["t"][start - 1] < frame.middle_us <= events["t"][start]
+    assert json.loads((at / "metadata.json").read_text())["sensor_resolution"] == [H, W]
+    assert not (folder / "0000_right" / "images.npy").exists()
+    assert "pictures of camera right" in left_out(report)
+
+
+def test_evreal_by_its_own_loader(sequence, exported, outside):
+    found = outside("evreal", exported("evreal")[0] / "0000_left")
+    events, frames = sequence.cameras["left"].events(), sequence.cameras["frame"].frames()
+    # EVREAL's first item ends with the first picture and holds no events; the last picture has none.
+    assert found["event_count"][0] == 0 and len(found["event_count"]) == len(frames) - 1
+    for i in range(1, len(frames) - 1):
+        between = (events["t"] >= frames[i - 1].middle_us) & (events["t"] < frames[i].middle_us)
+        assert found["event_count"][i] == between.sum() > 1000
+        signed = np.zeros((H, W))
+        np.add.at(signed, (events["y"][between], events["x"][between]), 2.0 * events["p"][between] - 1)
+        np.testing.assert_allclose(found["events"][i].sum(0), signed, atol=1e-4)
+        np.testing.assert_allclose(found["events"][i], pecs.voxel_grid(events[between], W, H, 5), atol=1e-4)
+        np.testing.assert_allclose(found["frame"][i, 0] * 255, grey(frames[i].path), atol=1e-3)
+        assert found["frame_timestamp"][i] == pytest.approx(frames[i].middle_us * 1e-6)
+
+
+def test_event_cnn(sequence, exported):
+    """As event_cnn_minimal's DynamicH5Dataset reads it."""
+    folder, _ = exported("event_cnn")
+    left, events = small.rig()[0], sequence.cameras["left"].events()
+    with h5py.File(folder / "train" / "0000_left.h5") as file:
+        small.same_events([file[f"events/{k}s"][:] for k in "txyp"], events)
+        assert (file.attrs["num_events"], file.attrs["num_imgs"]) == (len(events), 5)
+        assert file.attrs["num_pos"] == events["p"].sum() and file.attrs["sensor_resolution"].tolist() == [H, W]
+        assert [*file["images"]] == [f"image{i:09d}" for i in range(5)]
+        for i, name in enumerate(file["images"]):
+            image = file["images"][name]
+            assert image.attrs["timestamp"] == pytest.approx(0.01 + 0.02 * i)
+            assert (
+                events["t"][image.attrs["event_idx"] - 1] < 10_000 + 20_000 * i <= events["t"][image.attrs["event_idx"]]
+            )
+            assert image.shape == (H, W)
+        # Displacement in the time of a window, as the loader makes it of the flow.
+        flow = file["flow"]["flow000000002"][:] * 0.001
+        want = left.flow(50_000, 51_000)[0]
+        np.testing.assert_allclose(np.moveaxis(flow, 0, -1), want, atol=0.003)
+        assert np.abs(want).max() > 0.05
+
+
+@pytest.fixture(scope="module")
+def ecd(exported, outside):
+    return outside("ecd", exported("ecd")[0] / "0000_left")
+
+
+def test_ecd_by_event_vision_library(sequence, ecd):
+    events, camera = sequence.cameras["left"].events(), sequence.cameras["left"]
+    small.same_events([ecd[k] for k in ("t_s", "x", "y", "p")], events)
+    np.testing.assert_allclose(ecd["image_times"], [0.01, 0.03, 0.05, 0.07, 0.09])
+    want = grey(sequence.cameras["frame"].frames()[1].path)
+    np.testing.assert_array_equal(ecd["images"][1].reshape(H, W), want)
+    np.testing.assert_allclose(ecd["imu_linear_acceleration"], np.tile([0, -9.81, 0], (101, 1)))
+    np.testing.assert_allclose(ecd["imu_timestamp"], np.arange(101) * 1e-3)
+    t_us, poses = camera.poses()
+    np.testing.assert_allclose(ecd["pose_timestamp"], t_us * 1e-6)
+    np.testing.assert_allclose(ecd["pose_position"], poses[:, :3, 3], atol=1e-9)
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_quat(ecd["pose_quaternion"][7]).as_matrix()
+    np.testing.assert_allclose(turned, small.WORLD_FROM_RIG[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(ecd["K"], camera.K)
+    np.testing.assert_allclose(ecd["D"], camera.distortion)
+
+
+def test_e2vid_text_and_euroc_imu(sequence, exported):
+    at = exported("ecd")[0] / "0000_right"
+    assert (at / "e2vid.txt").read_text().splitlines()[0].split() == [str(W), str(H)]
+    found = np.loadtxt(at / "e2vid.txt", skiprows=1)
+    small.same_events(found.T, sequence.cameras["right"].events())
+    rows = list(csv.reader((at / "imu0" / "data.csv").read_text().splitlines()))
+    assert rows[0][0] == "#timestamp [ns]" and [float(v) for v in rows[3]] == [2_000_000, 0, 0, 0, 0, -9.81, 0]
+    z = np.load(at / "depth" / "00000004.npy")
+    right = small.rig()[1]
+    np.testing.assert_allclose(z, right.picture(right.look(40_000)[1]), rtol=1e-6)
+    assert (at / "depth.txt").read_text().splitlines()[4] == "0.040000 depth/00000004.npy"
+
+
+# --- COCO, WebDataset, thumbnails -------------------------------------------------------------------------------------
+
+
+def test_coco_by_pycocotools(sequence, exported, capsys):
+    from pycocotools.coco import COCO
+
+    folder, report = exported("coco")
+    for name, instants in (("left", range(1, 11)), ("frame", (1, 3, 5, 7, 9))):
+        camera = sequence.cameras[name]
+        coco = COCO(folder / "annotations" / f"train_{name}.json")
+        assert coco.loadCats(coco.getCatIds())[0]["name"] == "card"
+        assert len(coco.getImgIds()) == len(instants)
+        for image, i in zip(coco.loadImgs(coco.getImgIds()), instants, strict=True):
+            assert image["t_us"] == camera.truth.times_us[i]
+            picture = cv2.imread(str(folder / image["file_name"]))
+            assert picture.shape == (H, W, 3)
+            (annotation,) = coco.loadAnns(coco.getAnnIds(image["id"]))
+            mask = coco.annToMask(annotation)
+            np.testing.assert_array_equal(mask, camera.truth.instances(i) == small.CARD)
+            assert annotation["area"] == mask.sum() and annotation["bbox"] == list(cv2.boundingRect(mask))
+            assert annotation["track_id"] == small.CARD
+    np.testing.assert_array_equal(picture, cv2.imread(str(sequence.cameras["frame"].frames()[4].path)))
+    assert "camera rgb" in left_out(report)
+
+
+def test_webdataset_by_its_own_reader(sequence, tmp_path, outside):
+    writers.write("webdataset", [sequence], tmp_path / "w", samples_per_shard=8)
+    found = outside("webdataset", tmp_path / "w")
+    assert len(found["shards"]) == 3  # 2 cameras x 10 intervals by 8
+    assert found["keys"].tolist() == [f"0000-{name}-{i:06d}" for name in ("left", "right") for i in range(10)]
+    camera = sequence.cameras["right"]
+    events, truth = camera.events(), camera.truth
+    key, inside = "0000-right-000004", (events["t"] >= 40_000) & (events["t"] < 50_000)
+    small.same_events([found[f"{key}/events"][k] for k in "txyp"], events[inside], seconds=False)
+    np.testing.assert_array_equal(found[f"{key}/causes"], camera.causes()[inside])
+    np.testing.assert_array_equal(found[f"{key}/objects"], camera.objects()[inside])
+    np.testing.assert_array_equal(found[f"{key}/flow"], truth.flow(4))
+    np.testing.assert_array_equal(found[f"{key}/depth"], truth.depth(5))
+    np.testing.assert_array_equal(found[f"{key}/instances"], truth.instances(5))
+    assert found[f"{key}/boxes"]["id"].tolist() == [small.CARD, small.WALL]
+    assert found[f"{key}/start_us"] == 40_000 and f"{key}/frame" not in found
+    frame = cv2.imread(str(sequence.cameras["frame"].frames()[2].path))[..., ::-1]
+    np.testing.assert_array_equal(found["0000-left-000004/frame"], frame)
+
+
+def test_thumbnails(sequence, tmp_path):
+    writers.write("thumbnails", [sequence], tmp_path / "t", width=40)
+    names = {p.name for p in (tmp_path / "t").glob("*.png")}
+    assert {"0000_left.png", "0000_left_strip.png", "0000_left_depth.png", "0000_rgb.png"} <= names
+    assert cv2.imread(str(tmp_path / "t" / "0000_rgb.png")).shape == (30, 40, 3)
+    assert cv2.imread(str(tmp_path / "t" / "0000_left_strip.png")).shape == (15, 200, 3)
+    depth = cv2.imread(str(tmp_path / "t" / "0000_left_depth.png"), cv2.IMREAD_UNCHANGED)
+    assert depth.max() > 240 and depth.min() < 160  # the card is nearer than the wall
+
+
+def test_picture_of_events():
+    from pecs.datasets.writers._pictures import event_picture
+
+    events = np.zeros(7, pecs.EVENT_DTYPE)
+    events["x"], events["p"] = [0, 0, 0, 1, 2, 2, 2], [1, 1, 1, 0, 0, 0, 0]
+    assert event_picture(events, 1, 4).tolist() == [[[0, 0, 255], [255, 170, 170], [255, 0, 0], [255, 255, 255]]]
+
+
+# --- All of them ------------------------------------------------------------------------------------------------------
+
+
+def hashes(folder):
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+@pytest.mark.parametrize("name", writers.WRITERS)
+def test_same_bytes_again_and_a_report(name, sequence, exported, tmp_path):
+    folder, report = exported(name)
+    assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name) == report
+    assert hashes(tmp_path / name) == hashes(folder) and len(hashes(folder)) > 1
+    assert json.loads((folder / "export.json").read_text()) == report
+    assert report["format"] == name and any(report["sequences"]["0000"].values())
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_only_events(tmp_path, sequence):
+    """A sequence of one event camera without truth, pictures or IMU: every writer says what it left out, or why it
+    cannot."""
+    from pecs.datasets.sequence import Camera
+
+    bare = tmp_path / "sequences" / "bare"
+    (bare / "left").mkdir(parents=True)
+    info = json.loads((sequence.folder / "sequence.json").read_text())
+    info |= {"cameras": [info["cameras"][0] | {"partner": None, "baseline_m": None}], "imu": None, "name": "bare"}
+    (bare / "sequence.json").write_text(json.dumps(info))
+    for name in ("events.h5", "rectify_map.npy", "camera_path.txt"):
+        (bare / "left" / name).write_bytes((sequence.folder / "left" / name).read_bytes())
+    alone = Sequence(bare)
+    assert isinstance(alone.cameras["left"], Camera)
+    expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
+    expected |= {"evreal": "pictures of camera left", "event_cnn": "pictures and flow of camera left"}
+    expected |= {"ecd": "imu.txt, imu0/data.csv", "coco": "camera left", "webdataset": "camera left"}
+    for name in writers.WRITERS:
+        report = writers.write(name, [alone], tmp_path / name)
+        assert name == "thumbnails" or expected[name] in left_out(report), name
+    with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:
+        assert len(file["events/t"]) == len(alone.cameras["left"].events())
+
+
+def fails(kind, wanted, *args, **kwargs):
+    with pytest.raises(kind) as error:
+        writers.write(*args, **kwargs)
+    assert wanted in str(error.value) and "\n" not in str(error.value), str(error.value)
+
+
+def test_what_cannot_be_written(sequence, tmp_path):
+    fails(pecs.PecsInputError, "format: got 'mvsec', wanted one of dsec", "mvsec", [sequence], tmp_path / "a")
+    fails(pecs.PecsInputError, "dsec: got no sequences", "dsec", [], tmp_path / "a")
+    fails(pecs.PecsInputError, "got a name twice in 0000, 0000", "ecd", [sequence, sequence], tmp_path / "a")
+    (tmp_path / "full").mkdir()
+    fails(pecs.PecsOutputError, "full: exists", "ecd", [sequence], tmp_path / "full")
+    writers.write("thumbnails", [sequence], tmp_path / "full", replace=True)
+    assert (tmp_path / "full" / "0000_left.png").is_file()
+    (tmp_path / "file").touch()
+    fails(pecs.PecsOutputError, "Not a directory", "ecd", [sequence], tmp_path / "file" / "x")
+    fails(pecs.PecsInputError, "got generation 'gen2'", "prophesee", [sequence], tmp_path / "a", generation="gen2")
+    fails(
+        pecs.PecsInputError, "samples_per_shard: got 0", "webdataset", [sequence], tmp_path / "a", samples_per_shard=0
+    )
+    skewed = Sequence(sequence.folder)
+    skewed.cameras["right"].R_rect = np.eye(3)
+    fails(pecs.PecsInputError, "wanted a rectified pair", "dsec", [skewed], tmp_path / "a")
+    (skewed,) = [Sequence(sequence.folder)]
+    skewed.cameras = {"rgb": skewed.cameras["rgb"]}
+    fails(pecs.PecsInputError, "got no event camera", "m3ed", [skewed], tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("name", ["dsec", "m3ed", "ecd", "webdataset", "coco"])
+def test_a_full_disk(name, sequence, small_disk):
+    fails(pecs.PecsOutputError, "space", name, [sequence], small_disk / "a")
+    assert not (small_disk / "a").exists() and (small_disk / "a.partial").is_dir()
+
+
+def test_a_writer_without_its_library_says_so(sequence, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycocotools.mask", None)
+    fails(pecs.PecsError, "needs pycocotools (pip install 'pecs[datasets]')", "coco", [sequence], tmp_path / "a")

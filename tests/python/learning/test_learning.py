@@ -1,0 +1,177 @@
+"""pecs.learning without PyTorch: the filter and pictures of event files."""
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pecs
+import pytest
+from pecs.learning.filter import HighPass
+from pecs.learning.footage import Footage, read_footage
+from pecs.learning.reconstruct import windows
+from pecs.learning.video import Range
+from pecs_lab.disk_edges import Disk, edges
+from support import run_module
+
+W, H = 96, 72
+learning = partial(run_module, "pecs.learning")
+
+
+def test_the_filter_is_that_of_every_event(recording):
+    _, events = recording
+    some, cutoff_hz, up, down = events[:3000], 5.0, 0.3, 0.2
+    state, last = np.zeros((H, W)), np.zeros((H, W))
+    for e in some:  # event by event, as the paper has it
+        at = e["y"], e["x"]
+        state[at] *= np.exp(-2 * np.pi * cutoff_hz * (e["t"] - last[at]) * 1e-6)
+        state[at] += up if e["p"] else -down
+        last[at] = e["t"]
+    end = float(some["t"][-1] + 500)
+    state *= np.exp(-2 * np.pi * cutoff_hz * (end - last) * 1e-6)
+    ours = HighPass(W, H, cutoff_hz, up, down)
+    for first in range(0, 2500, 500):
+        ours.push(some[first : first + 500], float(some["t"][first + 499]))
+    np.testing.assert_allclose(ours.push(some[2500:], end), state, rtol=1e-9, atol=1e-12)
+
+
+def test_windows_hold_every_event_once(recording):
+    path, events = recording
+    for length_us in (700.0, 33_333.4, 1e9):
+        with pecs.EventReader(path) as reader:
+            found = list(windows(reader, length_us))
+        np.testing.assert_array_equal(np.concatenate([w.events for w in found]), events)
+        assert found[0].begin_us == events["t"][0] and found[-1].begin_us <= events["t"][-1] < found[-1].end_us
+        for w, after in zip(found, found[1:], strict=False):
+            assert w.end_us == pytest.approx(after.begin_us, abs=1e-3)
+            assert not len(w.events) or (w.begin_us <= w.events["t"][0] and w.events["t"][-1] < w.end_us)
+
+
+def test_the_range_follows_slowly():
+    shown, rng = Range(), np.random.default_rng(1)
+    assert shown(rng.normal(5, 1, (H, W))).mean() == pytest.approx(0.5, abs=0.02)
+    assert shown(rng.normal(9, 1, (H, W))).mean() > 0.9  # not yet
+    for _ in range(50):
+        last = shown(rng.normal(9, 1, (H, W)))
+    assert last.mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_video_and_pictures(recording, tmp_path):
+    path, events = recording
+    count = int((events["t"][-1] - events["t"][0]) // 20_000) + 1
+    learning("reconstruct", path, "-o", tmp_path / "v.mp4")
+    video = cv2.VideoCapture(str(tmp_path / "v.mp4"))
+    assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (W, H)
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == count and video.get(cv2.CAP_PROP_FPS) == 50
+    learning("reconstruct", path, "-o", tmp_path / "p", "--fps", 50)
+    pictures = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((tmp_path / "p").iterdir())]
+    assert len(pictures) == count and all(p.shape == (H, W) and p.dtype == np.uint8 for p in pictures)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["p", "v.mp4"]
+
+
+def test_what_is_wrong_is_one_line(recording, tmp_path):
+    path, events = recording
+    pecs.write(tmp_path / "none.raw", events[:0], W, H)
+    pecs.write(tmp_path / "bare.csv", events)
+    (tmp_path / "text.onnx").write_text("no network")
+    (tmp_path / "there").mkdir()
+    for words, code, line in (
+        ((tmp_path / "no.raw", "-o", "x.mp4"), 3, "no.raw"),
+        ((tmp_path / "text.onnx", "-o", tmp_path / "x.mp4"), 4, "text.onnx"),
+        ((tmp_path / "none.raw", "-o", tmp_path / "x.mp4"), 4, "events: got none"),
+        ((path, "-o", tmp_path / "x.avi"), 5, "wanted .mp4"),
+        ((path, "-o", tmp_path / "no/x.mp4"), 5, "cannot be written"),
+        ((path, "-o", tmp_path / "there"), 5, "is there already"),
+        ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
+        ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
+        ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
+        ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
+        ((path, "-o", tmp_path / "x.mp4", "--method", "e2vid"), 2, "none ships"),
+    ):
+        result = learning("reconstruct", *words, check=False)
+        said = result.stderr.strip().splitlines()
+        assert result.returncode == code and len(said) == 1 and line in said[0], (words, result.stderr)
+    assert not list(tmp_path.glob("x*"))
+
+
+def same_footage(one, other):
+    assert one.size == other.size == (W, H)
+    np.testing.assert_array_equal(one.pictures, other.pictures)
+    np.testing.assert_array_equal(one.events, other.events)
+    np.testing.assert_allclose(one.times_us, other.times_us, atol=1e-3)
+
+
+@pytest.fixture
+def footage(recording):
+    _, events = recording
+    times = 1_005_000 + 50_000.0 * np.arange(4)
+    pictures = np.random.default_rng(2).integers(0, 256, (4, H, W), np.uint8)
+    return Footage("own", events, times, pictures)
+
+
+def test_footage_in_the_layout_of_evreal(footage, tmp_path):
+    events = footage.events
+    for name, values in (
+        ("events_ts", events["t"] * 1e-6),
+        ("events_xy", np.stack([events["x"], events["y"]], 1).astype(np.int16)),
+        ("events_p", events["p"] > 0),
+        ("images", footage.pictures[..., None]),
+        ("images_ts", footage.times_us[:, None] * 1e-6),
+    ):
+        np.save(tmp_path / f"{name}.npy", values)
+    found = read_footage(tmp_path)
+    same_footage(found, footage)
+    parts = found.windows
+    assert [(w.begin_us, w.end_us) for w in parts] == list(pairwise(found.times_us.tolist()))
+    for w in parts:
+        inside = events[(events["t"] >= w.begin_us) & (events["t"] < w.end_us)]
+        np.testing.assert_array_equal(w.events, inside)
+    np.save(tmp_path / "images.npy", footage.pictures[:, :-1])
+    with pytest.raises(pecs.PecsInputError, match=f"pixel: got .*wanted one of {W} x {H - 1}"):
+        read_footage(tmp_path)
+
+
+def test_footage_in_the_layout_of_hs_ergb(footage, tmp_path):
+    """Events of remapped pixels, in files between pictures; one picture more than times."""
+    images, parts = tmp_path / "images_corrected", tmp_path / "events_aligned"
+    images.mkdir(), parts.mkdir()
+    for k, picture in enumerate([*footage.pictures, footage.pictures[0]]):
+        cv2.imwrite(str(images / f"{k:06d}.png"), np.repeat(picture[..., None], 3, 2))
+    (images / "timestamp.txt").write_text("".join(f"{t}\n" for t in footage.times_us))
+    events = footage.events
+    for k, part in enumerate(np.array_split(events, 3)):
+        x, y = (part[c].astype(np.uint16) * 32 + k for c in "xy")
+        if k == 2:
+            x[0] = 40_000  # carried out of the picture
+        columns = {"x": x, "y": y, "t": part["t"].astype(float), "p": part["p"]}
+        if k == 1:  # as later sets have it
+            columns = {"x": x, "y": y, "timestamp": part["t"], "polarity": part["p"].astype(bool)}
+        np.savez(parts / f"{k:06d}.npz", **columns)
+    lost = sum(len(part) for part in np.array_split(events, 3)[:2])
+    same_footage(read_footage(tmp_path), replace(footage, events=np.delete(events, lost)))
+    np.savez(parts / "000003.npz", x=x)
+    with pytest.raises(pecs.PecsInputError, match="000003.npz: arrays"):
+        read_footage(tmp_path)
+    with pytest.raises(pecs.PecsInputError, match="EVREAL"):
+        read_footage(images)
+
+
+def test_edges_of_a_drawn_disk():
+    """Drawn with its edges 3 px behind, and blurred: found there, as wide; nothing is found in noise."""
+    disk = Disk((61.3, 58.8), 50.0, 2000.0, 20.0, 4)
+    at_us, behind_px = 7000.0, 3.0
+    y, x = (np.mgrid[:960, :960] + 0.5) / 8  # eight samples a pixel
+    right, up = x - disk.centre_px[0], disk.centre_px[1] - y
+    behind_deg = np.degrees(behind_px / np.maximum(np.hypot(right, up), 1))
+    turned = np.degrees(np.arctan2(up, right)) - disk.on_edge_deg - disk.speed_deg_s * at_us * 1e-6 + behind_deg
+    sharp = (np.floor(turned / 90) % 2).astype(np.float32)  # behind a leading edge it is white
+    picture = cv2.resize(sharp, (120, 120), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(picture, (0, 0), 2.0)
+    for seen, wide in ((picture, 1.3), (blurred, 2.56 * 2)):  # of a pixel between pixels; 10 to 90 % of a Gaussian
+        ahead, width = edges(seen, disk, at_us)
+        assert ahead.shape == (4, len(ahead[0])) and np.isfinite(ahead).all()
+        np.testing.assert_allclose(ahead, -behind_px, atol=0.4)
+        assert np.median(width) == pytest.approx(wide, rel=0.3, abs=0.3)
+    for nothing in (1 - picture, np.random.default_rng(1).random((120, 120))):
+        assert np.isfinite(edges(nothing, disk, at_us)[0]).mean() < 0.05

@@ -1,0 +1,429 @@
+"""Tests of pecs.learning that need PyTorch and ONNX Runtime, which .venv-datasets has:
+.venv-datasets/bin/python -m pytest tests/python/learning/test_networks.py"""
+
+import dataclasses
+import json
+import math
+import os
+import re
+import warnings
+from unittest import mock
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs .venv-datasets")
+pytest.importorskip("lpips", reason="needs .venv-datasets")
+import lpips
+import onnx
+import torch
+from pecs import PecsError, PecsOutputError
+from pecs.datasets.sequence import sequences
+from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
+from pecs.learning.export import export
+from pecs.learning.losses import C1, C2, ms_ssim, temporal, warped
+from pecs.learning.lpips import Lpips
+from pecs.learning.networks import NetworkConfig, network, start_states
+from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
+from pecs.learning.train import TrainConfig, train, trained
+from pecs.representations import voxel_grid
+from pecs_lab.disk_edges import Disk, edges
+from pecs_lab.drawn_disk import Drawn, Turning, sensed
+from support import ROOT, load_script, run_module
+
+torch.set_num_threads(1)
+
+PLAIN = ClipConfig(windows=5, crop=48, augmentation=None)
+SMALL = dataclasses.replace(PLAIN, crop=32)
+SHORT = TrainConfig(NetworkConfig(channels=4), SMALL, steps=4, batch=2, decay_steps=2, save_every=2)
+E2VID = NetworkConfig("e2vid", channels=4, levels=2)
+
+
+def test_parameters():
+    """As published: 37,777 with 16 channels (Scheerlinck et al. 2020), 9,673 with 8; E2VID 10.7 million (Rebecq)."""
+    for config, count in ((NetworkConfig(), 37_777), (NetworkConfig(channels=8), 9_673)):
+        assert sum(p.numel() for p in network(config).parameters()) == count
+    count = sum(p.numel() for p in network(NetworkConfig("e2vid", channels=32, levels=3)).parameters())
+    assert abs(count - 10.7e6) < 0.1e6, count
+
+
+def test_states_carry():
+    """What was seen before matters, and only through the states."""
+    for config in (NetworkConfig(channels=4), E2VID):
+        net = network(config)
+        grid = torch.randn(2, 5, 16, 24)
+        states = start_states(net, 2, 16, 24)
+        with torch.no_grad():
+            first, after = net(grid, states)
+            again, _ = net(grid, states)
+            second, _ = net(grid, after)
+        assert first.shape == (2, 1, 16, 24) and torch.equal(first, again) and not torch.allclose(first, second)
+        assert [a.shape for a in after] == [s.shape for s in states]
+
+
+def test_small_networks_start_alive():
+    """Whatever the seed: the first picture shows the events, so that training can begin."""
+    grid = torch.randn(1, 5, 32, 32) * (torch.rand(1, 5, 32, 32) < 0.2)
+    for seed in range(8):
+        torch.manual_seed(seed)
+        net = network(NetworkConfig(channels=8))
+        with torch.no_grad():
+            picture, _ = net(grid, start_states(net, 1, 32, 32))
+        assert float(picture.std()) > 0.003, (seed, float(picture.std()))
+
+
+def test_ssim():
+    """One scale, which a small picture has, against OpenCV's Gaussian."""
+    rng = np.random.default_rng(1)
+    a = cv2.GaussianBlur(rng.random((20, 21)), (0, 0), 1)
+    b = np.clip(a + rng.normal(0, 0.05, a.shape), 0, 1)
+
+    def mean(x):
+        return cv2.GaussianBlur(x, (11, 11), 1.5)[5:-5, 5:-5]
+
+    ma, mb = mean(a), mean(b)
+    va, vb, cov = mean(a * a) - ma**2, mean(b * b) - mb**2, mean(a * b) - ma * mb
+    wanted = ((2 * ma * mb + C1) * (2 * cov + C2) / ((ma**2 + mb**2 + C1) * (va + vb + C2))).mean()
+    pair = [torch.from_numpy(x)[None, None] for x in (a, b)]
+    assert math.isclose(float(ms_ssim(*pair)), wanted, rel_tol=1e-6)
+    assert math.isclose(float(ms_ssim(pair[0], pair[0])), 1, rel_tol=1e-6)
+    wide = torch.rand(1, 1, 200, 200, dtype=torch.float64)
+    assert 0.05 < float(ms_ssim(wide, (wide + 0.3 * torch.rand_like(wide)).clamp(0, 1))) < 0.99
+
+
+def test_warp():
+    picture = torch.rand(1, 1, 8, 9, dtype=torch.float64)
+    flow = torch.zeros(1, 2, 8, 9, dtype=torch.float64)
+    flow[:, 0], flow[:, 1] = 2, -1
+    flow[0, :, 5, 5] = math.nan
+    out, known = warped(picture, flow)
+    assert torch.allclose(out[0, 0, 1:, :7][known[0, 0, 1:, :7]], picture[0, 0, :-1, 2:][known[0, 0, 1:, :7]])
+    assert not known[0, 0, 0].any() and not known[0, 0, :, 7:].any() and not known[0, 0, 5, 5]
+    loss = temporal(out, picture, out, picture, flow)
+    assert float(loss) < 1e-12 < float(temporal(out + 0.1, picture, out, picture, flow))
+
+
+def test_clips(trainable):
+    """A clip's picture, carried along its flow, is the next one's; grids are those of the events in the crop."""
+    found = recordings(sequences(trainable))
+    clips = Clips(found, PLAIN, seed=3, length=6)
+    assert len(found) == 2
+    for i in range(len(clips)):
+        item = clips[i]
+        assert all(torch.equal(item[k], clips[i][k]) or k == "flow_back" for k in item)
+        assert item["grid"].shape == (5, 5, 48, 48) and item["picture"].shape == (5, 1, 48, 48)
+        before = torch.cat([item["before"][None], item["picture"][:-1]])
+        came, known = warped(before, item["flow_back"])
+        other, there = warped(before, -item["flow_back"])
+        errors = [(x - item["picture"])[where].abs().median() for x, where in ((came, known), (other, there))]
+        assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1], errors  # textures of a few pixels between pixels
+    recording = found[0]
+    events, times = recording.camera.events(), recording.times_us
+    whole = Clips([recording], dataclasses.replace(PLAIN, crop=72, windows=len(times) - 1), 1, 1)[0]
+    k = 3
+    there = events[(events["t"] >= times[k]) & (events["t"] < times[k + 1])]
+    grids = []
+    for x0 in range(25):
+        kept = there[(there["x"] >= x0) & (there["x"] < x0 + 72)].copy()
+        kept["x"] -= x0
+        grids.append(voxel_grid(kept, 72, 72, begin_us=times[k], end_us=times[k + 1], normalise=True))
+    assert any(np.array_equal(whole["grid"][k], g) for g in grids)
+
+
+def test_augmentation(trainable):
+    """Flips turn flow with the picture; pauses repeat pictures."""
+    found = recordings(sequences(trainable))
+    clips = Clips(found, ClipConfig(5, 48, augmentation=Augmentation(True, 0.5, 0.1, 0.25, 0.001)), 1, 12)
+    paused = 0
+    for i in range(len(clips)):
+        item = clips[i]
+        before = torch.cat([item["before"][None], item["picture"][:-1]])
+        came, known = warped(before, item["flow_back"])
+        assert (came - item["picture"]).abs()[known].median() < 0.02
+        paused += sum(torch.equal(a, b) for a, b in zip(before, item["picture"], strict=True))
+    assert 12 < paused < 48
+
+
+def test_training_continues(trainable, tmp_path):
+    """Stopped and continued: the same network as of an unbroken run; the loss falls on one clip."""
+    rates = [SHORT.rate(step) / SHORT.learning_rate for step in range(4)]
+    assert np.allclose(rates, [1, 1, 2 / 3, 1 / 3]), rates
+    found = recordings(sequences(trainable))
+    whole = train(found, tmp_path / "whole", SHORT)
+    try:
+        train(found, tmp_path / "parts", SHORT, progress=_stop_at(3))
+    except KeyboardInterrupt:
+        pass
+    parts = train(found, tmp_path / "parts", SHORT)
+    for a, b in zip(whole.parameters(), parts.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert (tmp_path / "whole/log.csv").read_text() == (tmp_path / "parts/log.csv").read_text()
+    assert len((tmp_path / "whole/log.csv").read_text().splitlines()) == 5
+    try:
+        train(found, tmp_path / "whole", dataclasses.replace(SHORT, seed=2))
+        raise AssertionError("another config")
+    except PecsOutputError as e:
+        assert "seed: got 1, wanted 2" in str(e)
+    learnt = dataclasses.replace(SHORT, steps=30, learning_rate=1e-2, clips=dataclasses.replace(SHORT.clips, windows=9))
+    losses = []
+    train(found[:1], tmp_path / "learnt", learnt, progress=lambda _, loss: losses.append(loss))
+    assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:3]), losses
+
+
+def _stop_at(last):
+    def progress(step, _loss):
+        if step == last:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_nan_keeps_the_checkpoint(trainable, tmp_path):
+    found = recordings(sequences(trainable))
+    calls = 0
+
+    def similar(a, b):
+        nonlocal calls
+        calls += 1
+        return ms_ssim(a, b) * (math.nan if calls > 3 * SHORT.clips.windows else 1)
+
+    with mock.patch("pecs.learning.train.ms_ssim", similar):
+        wrong("step 3: loss: got nan, wanted a number; ", train, found, tmp_path / "nan", SHORT)
+    there = torch.load(tmp_path / "nan/checkpoint.pt")
+    assert there["step"] == 2 and all(torch.isfinite(v).all() for v in there["network"].values())
+    train(found, tmp_path / "nan", SHORT)  # goes on from there
+    wild = dataclasses.replace(SHORT, learning_rate=math.inf, save_every=1)
+    wrong("step 1: weight head.weight: got", train, found, tmp_path / "wild", wild)
+    assert not (tmp_path / "wild/checkpoint.pt").exists()
+
+
+def wrong(words, call, *given):
+    """The one line that it stops with."""
+    try:
+        call(*given)
+    except PecsError as e:
+        assert words in str(e) and "\n" not in str(e), e
+    else:
+        raise AssertionError(f"no error, wanted {words}")
+
+
+def weights_of_lpips(scratch, trunk):
+    """Random ones of a trunk, the published linear layers; as the package writes them."""
+    path = scratch / f"{trunk}.pth"
+    if not path.exists():
+        torch.manual_seed(1)
+        warnings.simplefilter("ignore")  # of torchvision, about its old names
+        torch.save(lpips.LPIPS(net=trunk, pnet_rand=True, verbose=False).state_dict(), path)
+    return path
+
+
+def test_lpips_is_its_authors(tmp_path):
+    """The package lpips gives the same distances, also where torchvision's names are in the file."""
+    for trunk, sizes in (("alex", ((64, 50), (31, 31))), ("vgg", ((48, 40),))):
+        path = weights_of_lpips(tmp_path, trunk)
+        theirs = lpips.LPIPS(net=trunk, pnet_rand=True, verbose=False)
+        theirs.load_state_dict(torch.load(path))
+        values = torch.load(path)
+        torch.save({re.sub(r"net\.slice\d\.", "features.", k): v for k, v in values.items()}, tmp_path / "named.pth")
+        for size in sizes:
+            a = torch.rand(2, 1, *size)
+            b = (a + 0.2 * torch.randn_like(a)).clamp(0, 1)
+            with torch.no_grad():
+                wanted = theirs(*((2 * x - 1).repeat(1, 3, 1, 1) for x in (a, b))).flatten()
+            assert float(wanted.min()) > 1e-3
+            for file in (path, tmp_path / "named.pth"):
+                assert torch.allclose(Lpips(file)(a, b), wanted, rtol=1e-5, atol=0)
+    black = torch.zeros(1, 1, 64, 64, requires_grad=True)
+    Lpips(weights_of_lpips(tmp_path, "alex"))(black, torch.zeros(1, 1, 64, 64)).sum().backward()
+    assert torch.isfinite(black.grad).all()
+
+
+def test_wrong_weights_of_lpips(trainable, tmp_path):
+    values = torch.load(weights_of_lpips(tmp_path, "alex"))
+    for name, content, words in (
+        (
+            "no_linear",
+            {k: v for k, v in values.items() if not k.startswith("lin")},
+            "lin0: got 'nothing', wanted (1, 64",
+        ),
+        ("linear", {k: v for k, v in values.items() if k.startswith("lin")}, "features.0.weight: got 'nothing'"),
+        ("shape", values | {"net.slice2.3.weight": torch.zeros(192, 64, 3, 3)}, "3.weight: got (192, 64, 3, 3)"),
+        (
+            "nan",
+            values | {"lin2.model.1.weight": torch.full((1, 384, 1, 1), math.nan)},
+            "lin2: got 'values that are no numbers'",
+        ),
+        ("list", [1, 2], "got 'list', wanted a state dict"),
+    ):
+        torch.save(content, tmp_path / f"{name}.pth")
+        wrong(words, Lpips, tmp_path / f"{name}.pth")
+    wrong("file: got", Lpips, trainable / "other.onnx")
+    wrong("nothing.pth: no such file", Lpips, tmp_path / "nothing.pth")
+
+
+def test_training_by_lpips(trainable, tmp_path):
+    """The loss is LPIPS and the temporal one, falls, and belongs to the run's configuration."""
+    found, weights = recordings(sequences(trainable)), weights_of_lpips(tmp_path, "alex")
+    config = dataclasses.replace(SHORT, steps=8, learning_rate=1e-2, decay_steps=0)
+    train(found[:1], tmp_path / "by_lpips", config, lpips_weights=weights)
+    rows = np.genfromtxt(tmp_path / "by_lpips/log.csv", delimiter=",", names=True)
+    assert np.allclose(rows["loss"], rows["lpips"] + rows["temporal"], rtol=1e-4)
+    assert rows["lpips"][-3:].mean() < 0.95 * rows["lpips"][0], rows["lpips"]
+    assert trained(tmp_path / "by_lpips")[1]["config"]["lpips_sha256"] == Lpips(weights).sha256
+    wrong("lpips_sha256: got", train, found, tmp_path / "by_lpips", config)
+    tiny = dataclasses.replace(config, clips=dataclasses.replace(SMALL, crop=24))
+    wrong("got 24 px, wanted 31 or more", lambda: train(found, tmp_path / "tiny", tiny, lpips_weights=weights))
+
+
+def test_another_device_is_refused(trainable, tmp_path):
+    """In one line, before anything is written."""
+    found = recordings(sequences(trainable))
+    for device in ("nothing", *([] if torch.cuda.is_available() else ["cuda"])):
+        wrong(f"--device: got '{device}'", lambda device=device: train(found, tmp_path / "d", SHORT, device=device))
+    assert not (tmp_path / "d").exists()
+
+
+def test_the_study_in_small(trainable, tmp_path):
+    """studies/reconstruction.py from light to scores, at its full size's kind of network; --only has all simulators."""
+    study = load_script(ROOT / "studies/reconstruction.py")
+    full = study.PLAN["full"]
+    assert NetworkConfig(full["network"], 5, full["channels"], full["levels"]) == NetworkConfig("e2vid", 5, 32, 3)
+    small = {"channels": 2, "levels": 1, "windows": 3, "crop": 32, "batch": 1, "steps": 1}
+    study.PLAN |= {"camera": "left", "matching": study.PLAN["matching"] | {"every": 1, "tolerance": 0.2}}
+    study.PLAN |= {"test": study.PLAN["test"] | {"split": "train"}, "full": full | small}
+    root = tmp_path / "study"
+    root.mkdir()
+    (root / "light").symlink_to(trainable)
+    every = list(study.simulators())
+    assert {"v2e_as_published", "voltmeter", "icns"} <= set(every)
+    words = [root, "--full", "--seeds", 1, "--only", "pecs,v2e_as_published,voltmeter,icns"]
+    weights = weights_of_lpips(tmp_path, "alex")
+    study.main([*map(str, words), "--lpips-weights", str(weights)])
+    results = json.loads((root / "full/results.json").read_text())["results"]
+    assert set(results) == {"pecs", "v2e_as_published", "voltmeter", "icns", "filter"}
+    for row in results.values():
+        assert all(set(scores[0]) == {"psnr", "ssim", "ms_ssim", "haarpsi", "lpips"} for scores in row.values())
+    assert (root / "full/runs/icns_1/network.onnx").is_file() and not (root / "runs").exists()
+    matched = json.loads((root / "events/icns/threshold.json").read_text())
+    assert abs(matched["tried"][-1][1] / matched["wanted"] - 1) < 0.2
+    try:
+        study.main([str(root), "--only", "dvs"])
+        raise AssertionError("an unknown simulator")
+    except SystemExit as e:
+        assert e.code == 2
+
+
+def test_drawn_disks():
+    """Their edges are where the disk has them; slow pixels follow late, in light and in events; flow carries them."""
+    disk = Disk((30.2, 31.1), 30.0, -2000.0, 20.0, 4)
+    white = np.full((60, 60), 1e-15)
+    what, times = Drawn(disk, white, white / 12), 2000.0 * np.arange(20)
+    both = []
+    for fast in (True, False):
+        events, followed = sensed(what, times, "imx636", fast=fast, warm_up_us=300e3, step_us=250)
+        assert followed.shape == (20, 60, 60)
+        ahead = [edges(picture * 1e15, disk, t)[0] for picture, t in zip(followed, times, strict=True)]
+        right, up = events["x"] + 0.5 - disk.centre_px[0], disk.centre_px[1] - events["y"] - 0.5
+        at_deg = np.degrees(np.arctan2(up, right))
+        late_deg = np.mod(at_deg - 20 + 2000e-6 * events["t"], 180)[(events["p"] == 1) & (np.hypot(right, up) > 10)]
+        both.append((np.nanmedian(ahead), np.isfinite(ahead).mean(), np.median(late_deg)))
+    (sharp, found, soon), (behind, _, late) = both
+    assert abs(sharp) < 0.3 and found == 1 and soon < 5, both
+    assert behind < -3 and 30 < late < 85, both
+    ranges = {"sectors": [2, 4], "deg_per_window": [2, 9], "contrast": [5, 15], "corner_hz": [2, 12]}
+    how = ranges | {"side_px": 48, "windows": 6, "fps": 500, "warm_up_us": 100e3, "step_us": 500.0}
+    for seed in range(4):
+        source = Turning(how, "imx636", seed)
+        before, now = (torch.from_numpy(source.pictures[k] / 255)[None, None] for k in (3, 4))
+        flow = torch.from_numpy(source.flow_back(3).astype(np.float64))[None]
+        errors = [
+            float((came - now).abs()[known].mean()) for came, known in (warped(before, flow), warped(before, -flow))
+        ]
+        assert errors[0] < 0.5 * errors[1], errors
+        assert Clips([source], SMALL, 1, 1)[0]["grid"].shape == (5, 5, 32, 32) and len(source.events)
+
+
+def test_onnx_is_the_network(trainable, tmp_path):
+    """Window after window, on a picture that is no multiple of what E2VID halves."""
+    rng = np.random.default_rng(1)
+    for config in (SHORT, dataclasses.replace(SHORT, network=E2VID)):
+        run, file = tmp_path / f"{config.network.kind} run", tmp_path / f"{config.network.kind}.onnx"
+        train(recordings(sequences(trainable)), run, dataclasses.replace(config, steps=2))
+        export(run, file)
+        width, height = 50, 37
+        ours, (net, _) = Network(file, width, height), trained(run)
+        high, wide = (-(-n // 4) * 4 for n in (height, width))
+        states = start_states(net, 1, high, wide)
+        for k in range(4):
+            events = np.zeros(500, [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+            events["t"] = np.sort(rng.integers(1000 * k, 1000 * (k + 1), 500))
+            events["x"], events["y"] = rng.integers(0, width, 500), rng.integers(0, height, 500)
+            events["p"] = rng.integers(0, 2, 500)
+            window = Window(1000 * k, 1000 * (k + 1), events)
+            grid = voxel_grid(events, width, height, 5, window.begin_us, window.end_us, normalise=True)
+            if config.network.kind == "e2vid":
+                grid = np.pad(grid, ((0, 0), (0, high - height), (0, wide - width)))
+            else:
+                states = [s[..., :height, :width] for s in states]
+            with torch.no_grad():
+                picture, states = net(torch.from_numpy(grid)[None], states)
+            error = np.abs(ours(window) - picture[0, 0, :height, :width].numpy().clip(0, 1)).max()
+            assert error < 1e-4, (config.network.kind, k, error)
+    wrong("other.onnx", Network, trainable / "other.onnx", 8, 8)
+    theirs = onnx.load(str(tmp_path / "firenet.onnx"))
+    del theirs.metadata_props[:]
+    onnx.save(theirs, str(tmp_path / "theirs.onnx"))
+    wrong("pecs_network: got None, wanted 1: a network of `pecs train`", Network, tmp_path / "theirs.onnx", 8, 8)
+
+
+def test_a_checkpoint_of_another_network(trainable, tmp_path):
+    """Is refused and kept, when training continues and when it is exported."""
+    found, run = recordings(sequences(trainable)), tmp_path / "swapped"
+    train(found, tmp_path / "wider", dataclasses.replace(SHORT, network=NetworkConfig(channels=6), steps=1))
+    train(found, run, dataclasses.replace(SHORT, steps=1))
+    content = (tmp_path / "wider/checkpoint.pt").read_bytes()
+    for there in (content, b"no checkpoint"):
+        (run / "checkpoint.pt").write_bytes(there)
+        words = "wanted a checkpoint of the firenet that config.json says"
+        wrong(words, train, found, run, dataclasses.replace(SHORT, steps=1))
+        wrong(words, export, run, tmp_path / "swapped.onnx")
+        assert (run / "checkpoint.pt").read_bytes() == there
+
+
+def test_the_network_that_ships(trainable):
+    """Small, with its record, and better than the filter on a scene that it never saw."""
+    assert WEIGHTS.stat().st_size < 200_000
+    record = json.loads(WEIGHTS.with_suffix(".json").read_text())
+    errors = []
+    for recording in recordings(sequences(trainable)):
+        size = recording.camera.width, recording.camera.height
+        methods = Network(WEIGHTS, *size), Filter(*size, 1.0)
+        assert methods[0].record["config"] == record["run"]["config"]
+        for k in range(recording.windows):
+            window = Window(*map(float, recording.times_us[k : k + 2]), np.asarray(recording.window(k)))
+            shown = [method(window) for method in methods]
+            if k >= 3:
+                errors.append([((picture - recording.pictures[k + 1] / 255) ** 2).mean() for picture in shown])
+    ours, theirs = np.mean(errors, 0)
+    assert ours < 0.8 * theirs, (ours, theirs)
+
+
+def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
+    def run(*words, code=0):
+        done = run_module("pecs.learning", *words, check=False, env=os.environ | {"OMP_NUM_THREADS": "1"})
+        assert done.returncode == code, done.stderr
+        return done.stdout + done.stderr
+
+    small = ("--channels", 4, "--steps", 2, "--batch", 1, "--windows", 3, "--crop", 32)
+    assert "2 steps" in run("train", trainable, "-o", tmp_path / "run", *small)
+    network = tmp_path / "run/network.onnx"
+    assert "pictures" in run("reconstruct", recording[0], "-o", tmp_path / "v.mp4", "--weights", network)
+    assert ", by firenet" in run("reconstruct", recording[0], "-o", tmp_path / "s.mp4", "--method", "firenet")
+    other = ("reconstruct", recording[0], "-o", tmp_path / "w.mp4", "--weights", network, "--method", "e2vid")
+    assert "got 'firenet', wanted e2vid" in run(*other, code=4)
+    assert "no sequences of split 'test'" in run("train", trainable, "-o", tmp_path / "r2", "--split", "test", code=3)
+    assert "--device: got 'gpu'" in run("train", trainable, "-o", tmp_path / "r4", "--device", "gpu", code=2)
+    other = ("train", trainable, "-o", tmp_path / "r5", "--lpips-weights", tmp_path / "no.pth")
+    assert "no.pth: no such file or folder, wanted weights of LPIPS" in run(*other, code=3)
+    assert "smaller" in run("train", trainable, "-o", tmp_path / "r3", "--crop", 80, code=4)

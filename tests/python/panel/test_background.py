@@ -1,0 +1,77 @@
+"""The panel's settings and background job, in bpy: no window, so a timer's work is called by hand."""
+
+import json
+
+import pytest
+from support import in_bpy, make_blends
+
+pytest.importorskip("pecs")
+
+PANEL = """
+import sys, time
+import bpy
+from pecs_blender import ui
+from pecs_blender.cli import _parser
+from pecs_blender.render.options import LAYERS, Options
+from pecs_blender.render.layers import KINDS
+from pecs_blender.ui import background, operators, settings
+
+def ended():
+    while background.poll() is not None:
+        time.sleep(0.05)
+    return background.state.message, background.state.is_error
+
+operators.is_saved = lambda: True  # bpy as a module always says no
+assert set(LAYERS) == set(KINDS)
+ui.register()
+blend, output = sys.argv[1:]
+bpy.ops.wm.open_mainfile(filepath=blend)
+scene = bpy.context.scene
+args = vars(_parser().parse_args(["render", "-o", "x", *settings.arguments(scene)]))
+options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_fields__})
+assert options == Options(lens="none", time="adaptive"), options  # the panel's defaults are those of `pecs run`
+p = scene.pecs
+p.lens, p.focus_m = "pecs_lab_15mm", 150.0
+arguments = settings.arguments(scene)
+assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
+p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
+p.time = "uniform"
+bpy.ops.wm.save_mainfile()
+assert bpy.ops.pecs.render() == {"FINISHED"}
+job = background.state.job
+bpy.ops.wm.read_factory_settings(use_empty=True)  # another file is opened
+assert background.state.job is job and background.poll() == background.POLL_S
+while job.progress == 0:
+    time.sleep(0.05)
+bpy.ops.pecs.stop()
+message, is_error = ended()
+assert message.startswith("Stopped at") and not is_error, message
+bpy.ops.wm.open_mainfile(filepath=blend)
+bpy.context.scene.pecs.frames, bpy.context.scene.pecs.time = 2, "uniform"
+bpy.ops.wm.save_mainfile()
+bpy.ops.pecs.render()
+message, is_error = ended()
+assert "exists and differs in 'times_ns" in message and is_error, message
+bpy.context.scene.pecs.exists = "overwrite"
+bpy.ops.wm.save_mainfile()
+bpy.ops.pecs.render()
+assert ended() == (output + ": rendered", False), background.state.message
+bpy.ops.pecs.plan()
+message, is_error = ended()
+assert message.startswith("2 instants, ") and not is_error, message
+assert " s each: " in message and "B on the disk, about " in message, message
+bpy.ops.pecs.preview()
+bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
+assert ended()[0].startswith("Stopped"), background.state.message
+bpy.ops.pecs.preview()
+assert ended()[0].startswith("PECS preview: in the image editor"), background.state.message
+assert bpy.data.images["PECS preview"].size[0] == 48
+ui.unregister()
+"""
+
+
+def test_a_job_outlives_its_file(root, tmp_path):
+    make_blends("files", tmp_path, "centimetres")
+    in_bpy(PANEL, tmp_path / "centimetres.blend", tmp_path / "s")
+    stack = json.loads((tmp_path / "s/stack.json").read_text())
+    assert len(stack["times_ns"]) == 2 and [layer["name"] for layer in stack["layers"]] == ["depth"]

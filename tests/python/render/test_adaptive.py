@@ -1,0 +1,150 @@
+"""--time adaptive: keyframes, motion and pictures between them, in the scenes of bench/motion_scenes.py."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support import load_script, pecs_blender
+
+pecs = pytest.importorskip("pecs")
+
+FRAMES = 33
+COMMON = ("--bands", 3, "--fps", 1000, "--frames", FRAMES, "--samples", 4)
+
+
+@pytest.fixture(scope="module")
+def blends(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("adaptive")
+    command = [sys.executable, root / "bench/motion_scenes.py", folder, "room", "shadow", "flicker", "still"]
+    subprocess.run(command, check=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bench(root):
+    return load_script(root / "bench/motion.py")
+
+
+def render(blends, name, *args):
+    """The folder of a stack, rendered once."""
+    folder = blends / "-".join(map(str, (name, *args)))
+    if not folder.is_dir():
+        pecs_blender("render", blends / f"{name}.blend", "-o", folder, *COMMON, *args)
+    return folder
+
+
+def adaptive(blends, name, *args):
+    return render(blends, name, "--time", "adaptive", *args)
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.exr")}
+
+
+def between(folder):
+    return sorted(path.name for path in folder.glob("between_*.exr"))
+
+
+def test_keyframes_are_instants_of_the_plan(blends):
+    folder = adaptive(blends, "room")
+    stack = json.loads((folder / "stack.json").read_text())
+    times = stack["times_ns"]
+    assert times[0] == 0 and times[-1] == (FRAMES - 1) * 1_000_000
+    assert all(t % 1_000_000 == 0 for t in times) and len(times) <= FRAMES / 5
+    assert (stack["width"], stack["height"], stack["subpixels"], stack["between"]) == (96, 54, 2, True)
+    assert [layer["name"] for layer in stack["layers"]] == ["motion"]
+    with pecs.StackReader(folder) as reader:
+        motion = reader.read_layer("motion", 0)
+    assert 10 < np.nanmax(np.hypot(motion[2], motion[3])) / 2 <= 25  # pixels: of the default, 24
+
+
+def test_fewer_frames_give_the_same_events(blends, bench):
+    truth = bench.events(
+        render(blends, "room", "--fps", 2000, "--frames", 2 * FRAMES - 1, "--samples", 32, "--seed", 9)
+    )
+    every = bench.score(truth, bench.events(render(blends, "room")), 1000)
+    few = bench.score(truth, bench.events(adaptive(blends, "room")), 1000)
+    alone = bench.score(truth, bench.events(adaptive(blends, "room"), motion=False), 1000)
+    assert few["recall"] > every["recall"] - 0.03 and few["precision"] > every["precision"] - 0.08
+    assert few["recall"] > 2 * alone["recall"]
+
+
+@pytest.mark.parametrize("name", ["shadow", "flicker"])
+def test_what_motion_does_not_explain_is_rendered_between(blends, bench, name):
+    folder = adaptive(blends, name)
+    assert len(between(folder)) > FRAMES / 2
+    truth = bench.events(render(blends, name, "--fps", 2000, "--frames", 2 * FRAMES - 1, "--samples", 32, "--seed", 9))
+    every = bench.score(truth, bench.events(render(blends, name)), 1000)
+    few = bench.score(truth, bench.events(folder), 1000)
+    assert few["recall"] > every["recall"] - 0.02 and few["precision"] > every["precision"] - 0.02
+
+
+def test_a_shadow_needs_a_part_of_the_picture_alone(blends):
+    folder = adaptive(blends, "shadow")
+    sizes = [len(data) for name, data in files(folder).items() if name.startswith("between")]
+    whole = len((folder / "frame_000000.exr").read_bytes())
+    assert np.median(sizes) < 0.5 * whole  # what is not rendered is NaN, and compresses to nothing
+
+
+def test_a_still_scene_is_rendered_once_and_silent(blends, bench):
+    folder = adaptive(blends, "still")
+    stack = json.loads((folder / "stack.json").read_text())
+    assert len(stack["times_ns"]) == 2 and not between(folder)
+    with pecs.StackReader(folder) as reader:
+        assert (reader.read_frame(0) == reader.read_frame(1)).all()
+        assert not reader.read_layer("motion", 0)[[0, 1, 2, 3, 6, 7, 8, 9]].any()
+    assert len(bench.events(folder)) == 0
+
+
+def test_what_stands_still_stays_bit_by_bit(blends):
+    folder = adaptive(blends, "still", "--frames", 200)  # by then a ball has set off
+    with pecs.StackReader(folder) as reader:
+        first, last = reader.read_frame(0), reader.read_frame(reader.info["frames"] - 1)
+    same = (first == last).all(0)
+    assert 0.5 < same.mean() < 1
+
+
+def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):
+    whole = adaptive(blends, "shadow")
+    count = len(json.loads((whole / "stack.json").read_text())["times_ns"])
+    stopped = tmp_path / "stopped"
+    shutil.copytree(whole, stopped)
+    for name in ("frame_000001.exr", "motion_000000.exr", between(whole)[0]):
+        (stopped / name).unlink()
+    pecs_blender("render", blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive")
+    assert files(stopped) == files(whole)
+    shards = [tmp_path / "first", tmp_path / "second"]
+    for shard, part in zip(shards, ("0:1", f"1:{count}"), strict=True):
+        pecs_blender("render", blends / "shadow.blend", "-o", shard, *COMMON, "--time", "adaptive", "--only", part)
+    pecs_blender("merge", *shards, "-o", tmp_path / "merged")
+    assert files(tmp_path / "merged") == files(whole)
+
+
+def test_through_a_lens_too(root, tmp_path):
+    args = ("--bands", 2, "--width", 48, "--fps", 2000, "--frames", 21, "--samples", 8)
+    pecs_blender("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *args, "--time", "adaptive")
+    stack = json.loads((tmp_path / "s/stack.json").read_text())
+    assert len(stack["times_ns"]) < 6 and stack["lens"]["name"]
+    with pecs.StackReader(tmp_path / "s") as reader:
+        assert (reader.read_frame(0) > 0).all()
+    pecs.sense(tmp_path / "s", tmp_path / "e.npz", noise=False, overrides={"corner_hz_per_a": 1e18})
+    assert len(pecs.read(tmp_path / "e.npz")) > 50
+
+
+def test_a_moving_part_needs_no_telling(blends, tmp_path):
+    result = pecs_blender(
+        "render",
+        blends / "room.blend",
+        "-o",
+        tmp_path / "s",
+        *COMMON,
+        "--time",
+        "adaptive",
+        "--moving-px",
+        "0:0:9:9",
+        check=False,
+    )
+    assert result.returncode == 2 and "--moving-px" in result.stderr and result.stderr.count("\n") == 1

@@ -1,0 +1,174 @@
+"""Rendering any .blend: the rewriting of its colours changes nothing but what it should, and the file not at all."""
+
+import hashlib
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support import in_bpy, make_blends, run_support
+from support.blend_files import FILES
+
+NAMES = [make.__name__ for make in FILES]
+
+
+@pytest.fixture(scope="module")
+def blends(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("blends")
+    make_blends("files", folder)
+    return folder
+
+
+def digests(folder):
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.glob("*.blend*")}
+
+
+@pytest.fixture(scope="module")
+def pictures(root, blends):
+    before = digests(blends)
+    paths = [blends / f"{name}.blend" for name in (*NAMES, "temperatures", "spectra")]
+    run_support("band_pass", blends / "out.npz", *paths)
+    assert digests(blends) == before
+    return np.load(blends / "out.npz")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_identity_matrix_changes_nothing(pictures, name):
+    plain = pictures[f"{name}/plain"]
+    assert plain.max() > 0 and np.ptp(plain.mean(axis=(1, 2))) > 1e-3  # there is light, and colour
+    assert (pictures[f"{name}/identity"] == plain).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_grey_matrix_makes_grey(pictures, name):
+    grey = pictures[f"{name}/grey"]
+    assert grey.max() > 0
+    assert (grey[0] == grey[1]).all() and (grey[0] == grey[2]).all()
+
+
+def test_a_band_pass_is_near_rgb_where_the_bands_are(pictures):
+    """620, 540, 460 nm lie in red, green, blue."""
+    for name in NAMES:
+        if name != "emission":  # D65's own spectrum shows
+            spectral, plain = (pictures[f"{name}/{kind}"].mean(axis=(1, 2)) for kind in ("spectral", "plain"))
+            assert spectral == pytest.approx(plain, rel=0.15), name
+
+
+def test_a_blackbody_follows_planck(pictures):
+    nm = np.array([620.0, 540.0, 460.0])
+    planck = nm**-5 / np.expm1(1.438776877e7 / (nm * 2500))
+    picture = pictures["temperatures/radiance"][:, 10:20, 10:40]
+    assert np.ptp(picture, axis=(1, 2)).max() < 1e-6
+    seen = picture.mean(axis=(1, 2))
+    assert seen / seen[1] == pytest.approx(planck / planck[1], rel=1e-3)
+
+
+def test_named_spectra_replace_colours(pictures):
+    """A wall of a ColorChecker's blue under a world of illuminant A: radiance is reflectance times A."""
+    colour = pytest.importorskip("colour")
+    nm = np.array([620.0, 540.0, 460.0])
+    blue = colour.SDS_COLOURCHECKERS["ISO 17321-1"]["blue"]
+    expected = np.array([blue[n] for n in nm]) * np.array([colour.SDS_ILLUMINANTS["A"][n] for n in nm])
+    seen = pictures["spectra/radiance"].mean(axis=(1, 2))
+    assert seen / seen[2] == pytest.approx(expected / expected[2], rel=0.02)
+
+
+def render(*args):
+    command = [sys.executable, "-m", "pecs_blender", "render", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+SMALL = ("--bands", 3, "--frames", 1, "--samples", 1)
+
+
+def test_a_blend_becomes_a_stack(blends, tmp_path):
+    before = digests(blends)
+    result = render(blends / "textures.blend", "-o", tmp_path / "s", *SMALL)
+    assert result.returncode == 0, result.stderr
+    stack = json.loads((tmp_path / "s" / "stack.json").read_text())
+    assert (stack["quantity"], stack["width"], stack["height"]) == ("radiance", 48, 32)
+    assert stack["render"]["emitters"] == ["d65"]
+    assert digests(blends) == before
+
+
+def test_a_blend_through_a_lens(blends, tmp_path):
+    """The lens camera stands where the file's camera does; its field is the lens's."""
+    import pecs
+
+    common = ("--lens", "cmount_8mm_f2p8", "--stop-diameter-mm", 2, "--focus-m", 4, *SMALL, "--samples", 16)
+    result = render(blends / "instances.blend", "-o", tmp_path / "s", *common)
+    assert result.returncode == 0, result.stderr
+    with pecs.StackReader(tmp_path / "s") as reader:
+        frame = reader.read_frame(0)
+    stack = json.loads((tmp_path / "s" / "stack.json").read_text())
+    assert stack["quantity"] == "irradiance"
+    assert frame[:, 24:].mean() > 3 * frame[:, :8].mean()  # floor below, nothing above
+
+
+@pytest.mark.parametrize(
+    "name, args, code, says",
+    [
+        ("missing_texture", [], 3, "gone.png"),
+        ("no_camera", [], 4, "camera"),
+        ("python_driver", [], 6, "--allow-scripts"),
+        ("textures", ["--frames", "0"], 2, "--frames"),
+        ("textures", ["--scene-name", "nowhere"], 4, "--scene-name"),
+        ("textures", ["--illuminant", "../../secret"], 3, "spectrum"),
+        ("textures", ["--illuminant", "blackbody:12"], 4, "blackbody"),
+        ("textures", ["--set", "rpm=3"], 2, "--set"),
+        ("no_such_file", [], 3, "no such file"),
+        ("textures", ["--frames", "100000", "--width", "8000"], 5, "disk"),
+    ],
+)
+def test_bad_input_is_one_line(blends, tmp_path, name, args, code, says):
+    result = render(blends / f"{name}.blend", "-o", tmp_path / "s", *SMALL, *args)
+    assert result.returncode == code, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1 and says in result.stderr
+    assert not list(tmp_path.glob("s/frame_*"))
+
+
+def test_a_missing_library_is_one_line(blends, tmp_path):
+    library = blends / "groups.blend"
+    library.rename(tmp_path / "moved.blend")
+    try:
+        result = render(blends / "linked.blend", "-o", tmp_path / "s", *SMALL)
+    finally:
+        (tmp_path / "moved.blend").rename(library)
+    assert result.returncode == 3 and "groups.blend" in result.stderr, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_no_blend_at_all(tmp_path):
+    (tmp_path / "x.blend").write_text("BLENDER?")
+    result = render(tmp_path / "x.blend", "-o", tmp_path / "s", *SMALL)
+    assert result.returncode == 4, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_python_driver_runs_when_asked(blends, tmp_path):
+    result = render(blends / "python_driver.blend", "-o", tmp_path / "s", *SMALL, "--allow-scripts")
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_scene_whose_name_is_a_path(blends, tmp_path):
+    result = render(blends / "world.blend", "-o", tmp_path / "s", *SMALL, "--scene-name", "../other/scene")
+    assert result.returncode == 4 and "camera" in result.stderr  # found, and it has none
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_worlds_map_is_as_fine_as_its_picture(blends):
+    """16 pixels here. One that a file chooses stays."""
+    code = """
+import bpy, sys
+from pecs_blender.render import cycles
+for chosen in (False, True):
+    bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+    settings = bpy.context.scene.world.cycles
+    if chosen:
+        settings.sampling_method, settings.sample_map_resolution = "MANUAL", 512
+    cycles.configure(bpy.context.scene, 8, 8, cycles.Sampling(1, 1, {}))
+    print(settings.sampling_method, settings.sample_map_resolution, flush=True)
+"""
+    result = in_bpy(code, blends / "world.blend")
+    assert [line for line in result.stdout.splitlines() if "MANUAL" in line] == ["MANUAL 16", "MANUAL 512"]

@@ -1,0 +1,120 @@
+"""Objects of other files in a scene (`--place`): where they are, how they move, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from support import in_bpy, pecs_blender
+
+pecs = pytest.importorskip("pecs")
+
+FILES = """
+import sys
+import bpy
+import numpy as np
+from support import blend_parts
+folder = sys.argv[1]
+scene = blend_parts.start()
+blend_parts.lamp("SUN", (1, 1, 1), 3)
+bpy.ops.wm.save_as_mainfile(filepath=folder + "/scene.blend")
+for name, uv in (("cube", True), ("plain", False)):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(size=3, location=(5, 1, 2))
+    cube = bpy.context.object
+    if not uv:
+        cube.data.uv_layers.remove(cube.data.uv_layers[0])
+    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.wm.save_as_mainfile(filepath=folder + "/empty.blend")
+image = bpy.data.images.new("red", 4, 4)
+image.pixels.foreach_set(np.tile(np.float32([0.8, 0.02, 0.02, 1]), 16))
+image.filepath_raw, image.file_format = folder + "/red.png", "PNG"
+image.save()
+"""
+COMMON = ("--bands", 3, "--samples", 4, "--fps", 10, "--frames", 2, "--width", 96, "--placement", "uniform")
+
+
+@pytest.fixture(scope="module")
+def files(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("place")
+    in_bpy(FILES, folder)
+    return folder
+
+
+def thing(files, name="a", file="cube", **changes):
+    return {"name": name, "file": str(files / f"{file}.blend"), "texture": None, "class": "box", "size_m": 0.5,
+            "position_m": [0, 0, 0.3], "rotation_deg": [0, 0, 0], "velocity_m_s": [0, 0, 0],
+            "spin_deg_s": [0, 0, 0]} | changes  # fmt: skip
+
+
+def render(files, output, things, *more, check=True):
+    (output.parent / "place.json").write_text(json.dumps({"format": 1, "objects": things}))
+    words = ("--place", output.parent / "place.json", "-o", output, *COMMON, *more)
+    return pecs_blender("render", files / "scene.blend", *words, check=check)
+
+
+def test_size_place_and_speed(files, tmp_path):
+    """A cube of half a metre, 4 m ahead, that flies 1 m/s to the right: its silhouette, its depth and its motion."""
+    things = [thing(files, position_m=[-0.1, 0.25, 0.3], velocity_m_s=[1, 0, 0])]
+    render(files, tmp_path / "s", things, "--layers", "depth,motion")
+    with pecs.StackReader(tmp_path / "s") as stack:
+        distance = stack.read_layer("depth", 0)[0]
+        motion = stack.read_layer("motion", 0)
+        seen = [np.isfinite(stack.read_layer("depth", i)[0]) for i in (0, 1)]
+    assert np.nanmin(distance) > 3.9
+    focal_px = 50 / 36 * 96
+    side = np.count_nonzero(seen[0].any(0))  # seen from a camera that looks 10 deg down
+    assert abs(side - 0.5 * focal_px / 4.0) < 1.5
+    moved = np.nanmedian(motion[2][seen[0]])
+    assert abs(moved - 0.1 * focal_px / 4.0) < 0.35
+    assert abs(np.argwhere(seen[1])[:, 1].mean() - np.argwhere(seen[0])[:, 1].mean() - moved) < 0.6
+    record = json.loads((tmp_path / "s/stack.json").read_text())["render"]["placed"]
+    assert record[0]["file"] == "cube.blend" and record[0]["size_m"] == 0.5
+
+
+def test_a_texture_colours_it(files, tmp_path):
+    for name, texture in (("own", None), ("red", str(files / "red.png"))):
+        render(files, tmp_path / name, [thing(files, texture=texture)], "--frames", 1)
+    light = []
+    for name in ("own", "red"):
+        with pecs.StackReader(tmp_path / name) as stack:
+            frame = stack.read_frame(0)
+            light.append(frame[:, frame.sum(0) > 0].mean(1))
+    blue_to_red = [values[0] / values[2] for values in light]  # bands rise
+    assert blue_to_red[1] < 0.2 * blue_to_red[0]
+
+
+def test_spin_turns_it_about_its_middle(files, tmp_path):
+    render(files, tmp_path / "s", [thing(files, spin_deg_s=[0, 0, 450])], "--no-light", "--layers", "depth")
+    with pecs.StackReader(tmp_path / "s") as stack:
+        first, second = (np.isfinite(stack.read_layer("depth", i)[0]) for i in (0, 1))
+    widths = [np.count_nonzero(seen.any(0)) for seen in (first, second)]
+    assert 1.2 < widths[1] / widths[0] < 1.5  # a square, then its diagonal
+    assert abs(np.argwhere(second)[:, 1].mean() - np.argwhere(first)[:, 1].mean()) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "line"),
+    [
+        ({"file": "/no/such.blend"}, 3, "no such file"),
+        ({"texture": "/no/such.png"}, 3, "no such file"),
+        ({"size_m": -1}, 4, "objects[0].size_m: got -1"),
+        ({"position_m": [0, 0]}, 4, "objects[0].position_m"),
+        ({"colour": 1}, 4, "objects[0].colour"),
+    ],
+)
+def test_what_is_wrong_is_one_line(files, tmp_path, changes, code, line):
+    result = render(files, tmp_path / "s", [thing(files) | changes], check=False)
+    assert result.returncode == code and line in result.stderr and result.stderr.count("\n") == 1, result.stderr
+
+
+def test_what_files_lack_is_one_line(files, tmp_path):
+    for things, line in (
+        ([thing(files, file="plain", texture=str(files / "red.png"))], "no UV map"),
+        ([thing(files, file="empty")], "no mesh"),
+        ([thing(files), thing(files)], "one that nothing else has"),
+        ([thing(files, texture=str(files / "cube.blend"))], "cube.blend"),
+    ):
+        result = render(files, tmp_path / "s", things, check=False)
+        ours = [said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")]
+        assert result.returncode == 4 and len(ours) == 1 and line in ours[0], result.stderr

@@ -1,0 +1,51 @@
+"""Light carried along motion: against a scene that is known at every instant."""
+
+import numpy as np
+import pecs
+import pytest
+from support.moving_scene import Scene
+
+
+def errors(scene, fraction):
+    """|ln| of the carried to the true light, and the distance from the ellipse's outline; the border left out."""
+    carried = pecs.carry(scene.frame(0), scene.frame(1), scene.motion(), fraction)
+    inner = (slice(20, -20), slice(20, -20))
+    off = np.abs(np.log(carried / scene.frame(fraction)))[inner]
+    return off, scene.edge_distance(fraction)[inner]
+
+
+@pytest.mark.parametrize("step", [2.0, 8.0, 16.0])
+def test_light_is_carried_along(step):
+    off, edge = errors(Scene(120, 90, step=(step, step / 3), finest_px=8.0, background=(-2.0, 1.0)), 0.4)
+    inside, outside = off[edge < -2.5], off[edge > 2.5]
+    assert len(inside) > 500 and len(outside) > 1000
+    assert np.quantile(inside, 0.95) < 0.002 and np.quantile(outside, 0.95) < 0.03
+    beside = off[np.abs(edge) < 2.5]
+    assert np.median(beside) < 0.02 and np.quantile(beside, 0.95) < 0.35
+
+
+def test_bands_are_carried_alike_and_sides_can_be_had_alone():
+    scene = Scene(80, 60, radii=(15.0, 12.0))
+    first, second, motion = scene.frame(0), scene.frame(1), scene.motion()
+    both = pecs.carry(np.stack([first, 3 * first]), np.stack([second, 3 * second]), motion, 0.3)
+    assert both.shape == (2, 60, 80) and both.dtype == np.float32
+    assert np.array_equal(both[0], pecs.carry(first, second, motion, 0.3))
+    np.testing.assert_allclose(both[1], 3 * both[0], rtol=1e-5)
+    alone = [pecs.carry(first, second, motion, 0.3, side=side) for side in ("first", "second")]
+    hidden = [np.isnan(plane) for plane in alone]
+    assert all(0 < plane.sum() < 400 for plane in hidden) and (hidden[0] & hidden[1]).sum() < 20
+
+
+def test_wrong_arguments_are_refused():
+    plane, motion = np.ones((4, 6)), np.zeros((12, 4, 6))
+    for arguments in (
+        (plane, plane[:3], motion, 0.5),
+        (plane, plane, motion[:5], 0.5),
+        (plane, plane, motion[:, :3], 0.5),
+        (plane, plane, motion, 1.5),
+        (plane, plane, motion, float("nan")),
+    ):
+        with pytest.raises(ValueError):
+            pecs.carry(*arguments)
+    with pytest.raises(ValueError, match="side: got left"):
+        pecs.carry(plane, plane, motion, 0.5, side="left")

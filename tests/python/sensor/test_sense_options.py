@@ -1,0 +1,129 @@
+"""No option of `pecs sense` is without effect and without a word: each changes what comes out, or is refused."""
+
+import json
+import re
+
+import numpy as np
+import pecs
+import pytest
+from support.small_stacks import H, N, W, write
+
+# Options by what shows that they were heard: a key of the run record's config that changes, or a refusal's words.
+HEARD = {
+    "chip": (["--chip", "davis346"], "chip"),
+    "set": (["--set", "contrast_threshold_on=0.27"], "chip"),
+    "no-noise": (["--no-noise"], "no_noise"),
+    "seed": (["--seed", "2"], "seed"),
+    "model": (["--model", "esim"], "model"),
+    "param": (["--model", "esim", "--param", "log_eps=0.01"], "model"),
+    "white": (["--model", "esim", "--white", "1pA"], "model"),
+    "readout": (["--readout", "ideal"], "readout"),
+    "bands": (["--bands", "mc:1"], "bands"),
+    "gain": (["--gain", "1e-15"], "gain"),
+    "warmup-loops": (["--warmup-loops", "1"], "warmup_loops"),
+    "start": (["--start", "3ms"], "start_us"),
+    "duration": (["--duration", "5ms"], "duration_us"),
+}
+REFUSED = {
+    "fps": (["--fps", "500"], "frames without times of their own"),
+    "times": (["--times", "x.txt"], "frames without times of their own"),
+    "colorspace": (["--colorspace", "linear"], "pictures or a video"),
+    "ocio": (["--ocio", "x.ocio"], "pictures or a video"),
+    "photocurrent": (["--photocurrent", "1pA"], "relative light"),
+    "fnumber": (["--fnumber", "4"], "radiance"),
+    "no-motion": (["--no-motion"], "no layer motion"),
+    "run-time": (["--run-time", "3s"], "--view"),
+    "window": (["--window", "3us"], "--view"),
+    "source": (["--source", "video"], "--view"),
+    "view": (["--view"], "video"),
+}
+# Where the output goes and what is said: tested by name elsewhere.
+ELSEWHERE = {"help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
+
+
+def test_every_option_is_in_one_of_the_tables(pecs_program):
+    options = set(re.findall(r"--([a-z][a-z-]+)", pecs_program("sense", "--help").stdout))
+    mentioned = {"source", "view"}  # also in other options' texts
+    assert options | mentioned == set(HEARD) | set(REFUSED) | ELSEWHERE
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory, pecs_program):
+    folder = tmp_path_factory.mktemp("options")
+    write(folder / "s", level=1e-3, period_ns=N * 1_000_000)
+    assert pecs_program("sense", folder / "s", "-o", folder / "plain.npz", "--quiet").returncode == 0
+    return folder
+
+
+@pytest.mark.parametrize("option", HEARD)
+def test_an_option_is_heard(option, plain, pecs_program):
+    args, key = HEARD[option]
+    done = pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args)
+    assert done.returncode == 0, done.stderr
+    record, before = (json.loads((plain / f"{name}.npz.run.json").read_text())["config"] for name in ("o", "plain"))
+    assert record[key] != before[key]
+
+
+@pytest.mark.parametrize("option", REFUSED)
+def test_an_option_without_effect_is_refused(option, plain, pecs_program):
+    args, words = REFUSED[option]
+    done = pecs_program("sense", plain / "s", "-o", plain / "refused.npz", "--quiet", *args)
+    assert done.returncode in (2, 4) and words in done.stderr, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1 and not (plain / "refused.npz").exists()
+
+
+@pytest.mark.parametrize("args", [["--white", "1e-12"], ["--gain", "1e-15", "--photocurrent", "1e-12"]])
+def test_options_that_exclude_each_other(args, plain, pecs_program):
+    done = pecs_program("sense", plain / "s", "-o", plain / "refused.npz", "--quiet", *args)
+    assert done.returncode == 2 and args[-2] in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("model", [m["name"] for m in pecs.models()])
+def test_loops_of_every_model_are_the_unrolled_stack(model, tmp_path, pecs_program):
+    """A window of a loop, against the same light pushed frame by frame; threads and labels change nothing."""
+    write(tmp_path / "s", level=1e-3, period_ns=N * 1_000_000)
+    args = ["--model", model, "--readout", "ideal", "--white-a", "4e-12"][: 6 if model != "pecs" else 4]
+    args += ["--warmup-loops", "2", "--start-us", "700", "--duration-us", "31000"]
+    for threads in (1, 3):
+        out = tmp_path / f"{threads}.npz"
+        done = pecs_program("sense", tmp_path / "s", "-o", out, "--quiet", "--threads", threads, *args)
+        assert done.returncode == 0, done.stderr
+    events = pecs.read(tmp_path / "1.npz")
+    np.testing.assert_array_equal(events, pecs.read(tmp_path / "3.npz"))
+
+    with pecs.Chip("imx636") as chip:
+        light = chip.photocurrent(tmp_path / "s")
+    unit_a = 1e-15 if model == "pecs" else 4e-12  # of white, for models that take pictures
+    sensor = pecs.Sensor(W, H, "imx636", model=model, photocurrent_a=unit_a, readout="ideal")
+    loops = np.concatenate([light] * 4) / np.float32(unit_a)
+    pushed = np.concatenate([sensor.push(loops, 1000.0 * np.arange(4 * N)), sensor.finish()])
+    from_us = 2 * N * 1000 + 700
+    expected = pushed[(pushed["t"] >= from_us) & (pushed["t"] < from_us + 31000)]
+    assert len(events) > 500
+    # The planes' unit is another one here, so the light differs in the last digit of a float.
+    assert len(events) == pytest.approx(len(expected), rel=2e-3)
+    assert abs(np.median(events["t"]) - np.median(expected["t"] - from_us)) < 40
+
+
+@pytest.mark.parametrize("model", [m["name"] for m in pecs.models()])
+def test_live_is_the_file_for_every_model(model, tmp_path, pecs_program):
+    cv2 = pytest.importorskip("cv2")
+    video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 500, (W * 2, H * 2))
+    if not video.isOpened():
+        pytest.skip("needs an MJPG encoder")
+    for i in range(N):
+        bar = 60 + 180 * (np.abs(np.arange(2 * W) - 3 * i) < 9)
+        video.write(np.broadcast_to(bar[None, :, None], (2 * H, 2 * W, 3)).astype(np.uint8))
+    video.release()
+    white = [] if model == "pecs" else ["--white-a", "1e-12"]
+    args = ["--model", model, *white, "--start-us", "2000", "--bands", "mc:2", "--quiet"]
+    for name, live in (("file", []), ("live", ["--view", "--source", "video"])):
+        done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / f"{name}.npz", *args, *live)
+        assert done.returncode == 0, done.stderr
+    events = pecs.read(tmp_path / "live.npz")
+    assert len(events) > 500
+    np.testing.assert_array_equal(events, pecs.read(tmp_path / "file.npz"))
+    if model == "pecs":
+        labels = ["--labels", tmp_path / "l.npy"]
+        done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / "l.npz", *args, "--view", *labels)
+        assert done.returncode == 0 and len(np.load(tmp_path / "l.npy")) == len(events)

@@ -1,0 +1,419 @@
+"""The panel as a person uses it, in bpy and without a window: main(ACT, FOLDER). A timer's work is
+called by hand; layouts check what is drawn into them."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+from pecs_blender import ui
+from pecs_blender.ui import (
+    background,
+    checks,
+    event_operators,
+    operators,
+    panel,
+    paths,
+    sensor_settings,
+    settings,
+)
+
+from support.blend_parts import ball, floor, lamp, material, start
+
+WIDTH, HEIGHT = 32, 18
+
+
+class Layout:
+    """Knows what may be drawn: properties that are there, operators that are registered."""
+
+    def __init__(self, texts):
+        self.__dict__.update(texts=texts, alert=False)
+
+    def __setattr__(self, name, value):
+        pass
+
+    def prop(self, data, name, **words):
+        assert name in data.bl_rna.properties, (data, name)
+
+    def operator(self, name, text="", **words):
+        rna = getattr(bpy.ops.pecs, name.removeprefix("pecs.")).get_rna_type()
+        self.texts.append(text or rna.name)
+        return SimpleNamespace()
+
+    def menu(self, name):
+        assert hasattr(bpy.types, name)
+
+    def label(self, text="", **words):
+        self.texts.append(text)
+
+    def progress(self, factor, text):
+        assert 0 <= factor <= 1
+        self.texts.append(text)
+
+    def separator(self, **words):
+        pass
+
+    def row(self, **words):
+        return Layout(self.texts)
+
+    box = column = split = row
+
+
+def drawn(context=None):
+    """All texts of all panels of ours."""
+    texts = []
+    for module in ui._MODULES:
+        for cls in getattr(module, "CLASSES", ()):
+            own_context = context or bpy.context
+            if not issubclass(cls, bpy.types.Panel | bpy.types.Menu) or "preset" in cls.__name__.lower():
+                continue
+            if getattr(cls, "bl_context", "render") not in ("render",):
+                continue
+            fake = SimpleNamespace(layout=Layout(texts))
+            fake.fill = lambda *words, cls=cls, fake=fake: cls.fill(fake, *words)
+            cls.draw(fake, own_context)
+    return texts
+
+
+def ended():
+    while background.poll() is not None:
+        time.sleep(0.02)
+    return background.state.message, background.state.is_error
+
+
+def pressed(name, **words):
+    """How a job ends that a button starts."""
+    assert getattr(bpy.ops.pecs, name)(**words) == {"FINISHED"}, name
+    message, is_error = ended()
+    assert not is_error, (name, message)
+    return message
+
+
+def refused(name, **words):
+    """Why a button does not do it."""
+    try:
+        getattr(bpy.ops.pecs, name)(**words)
+    except RuntimeError as e:
+        return str(e)
+    raise AssertionError(f"{name} did it")
+
+
+def scene_file(folder):
+    """A ball that moves; the panel's settings are small ones."""
+    scene = start()
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    lamp("AREA", energy=400)
+    floor(material("grey", ("ShaderNodeBsdfDiffuse", {"Color": (0.5, 0.5, 0.5, 1)}))[0])
+    thing = ball(material("red", ("ShaderNodeBsdfDiffuse", {"Color": (0.9, 0.9, 0.9, 1)}))[0])
+    for frame, x in ((1, -1.0), (3, 1.0)):
+        thing.location.x = x
+        thing.keyframe_insert("location", frame=frame)
+    s = scene.pecs
+    s.bands, s.samples, s.fps, s.frames = 1, 1, 100.0, 8
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
+    return scene
+
+
+def line(folder):
+    """From the scene to scores, by the buttons."""
+    scene = scene_file(folder)
+    sensor = scene.pecs.sensor
+    drawn()
+    assert "no stack" in refused("sense") and "no events" in refused("view") and "no events" in refused("compare")
+    bpy.ops.pecs.override_add(name="contrast_threshold_on")
+    sensor.overrides[0].value = "0.2"
+    message = pressed("run")
+    events, stack = folder / "scene.raw", folder / "scene.stack"
+    assert message.startswith(f"{events}: ") and " events, 32x18" in message, message
+    record = json.loads((folder / "scene.raw.run.json").read_text())
+    assert record["config"]["chip"]["values"]["contrast_threshold_on"]["value"] == 0.2
+    assert abs(record["config"]["fnumber"] - scene.camera.data.dof.aperture_fstop) < 1e-6  # from the stack
+    first = events.read_bytes()
+    bpy.ops.pecs.override_remove(index=0)
+    assert len(sensor.overrides) == 0
+    sensor.seed = 2
+    pressed("sense")
+    assert events.read_bytes() != first
+    _saves_first(scene)
+    assert "in the image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
+    pressed("view", kind="html")
+    assert (folder / "scene.html").stat().st_size > 1000
+    assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
+    event_operators.sequencer_scene = lambda context: context.scene  # as if one were open
+    assert "channel 1" in pressed("view", kind="mp4", to_sequencer=True) and not scene.render.use_sequencer
+    assert str(folder / "scene.light.mp4") in pressed("reconstruct")
+    assert scene.sequence_editor.strips[0].frame_final_duration > 10
+    pressed("report")
+    assert (folder / "scene.report.html").stat().st_size > 1000
+    sensor.recording = str(events)
+    pressed("compare")
+    title, rows = background.state.scores
+    assert title.startswith("scene.raw and scene.raw, ") and dict(rows)["Chamfer"].startswith("0, its halves ")
+    assert {title, dict(rows)["Events"]} <= set(drawn())
+    nothing = {"events": 1, "rate_hz": None, "on_fraction": 1.0, "interval_median_us": None}
+    few = {key: None for key in ("chamfer", "gaussian", "rate_correlation", "map_correlation")}
+    few |= {"real": nothing, "sim": nothing, "split_half": {"chamfer": None, "gaussian": None}}
+    assert ("Events per second", "none and none") in event_operators.score_rows(few)
+    bpy.ops.pecs.close_scores()
+    assert title not in drawn()
+    sensor.format = "npz"
+    assert paths.events(scene) == folder / "scene.npz"
+    # other settings: refused, then beside it
+    scene.pecs.samples = 8
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.pecs.render()
+    message, is_error = ended()
+    assert is_error and "differs in 'render.samples'" in message, message
+    scene.pecs.exists = "new"
+    assert pressed("render") == f"{folder / 'scene_002.stack'}: rendered" and (stack / "stack.json").is_file()
+    assert paths.rendered(scene) == folder / "scene_002.stack"
+    pressed("sense")
+    assert "scene_002.stack" in json.dumps(json.loads((folder / "scene.npz.run.json").read_text()))
+
+
+def _saves_first(scene):
+    """A change is not rendered before it is saved; by the preference, the button saves it."""
+    saved, wants = operators.is_saved, operators.preferences
+    operators.is_saved = lambda: False
+    assert "Save the file first" in refused("plan")
+    operators.preferences = lambda: SimpleNamespace(save_first=True)
+    scene.pecs.samples, before = 2, Path(bpy.data.filepath).stat().st_mtime_ns
+    assert "of memory" in pressed("plan") and Path(bpy.data.filepath).stat().st_mtime_ns > before
+    operators.is_saved, operators.preferences = saved, wants
+
+
+def wrong(folder):
+    """What a person does wrong is said, and nothing hangs."""
+    scene = scene_file(folder)
+    s = scene.pecs
+
+    def said(part, is_error=True):
+        texts = [one.text for one in checks.problems(scene) if one.is_error >= is_error]
+        assert any(part in text for text in texts), (part, texts)
+        assert part.split()[0] in "".join(drawn()), part  # long words are broken
+        if is_error:
+            assert texts[0].split("\n")[0][:30] in refused("render")
+
+    assert not checks.problems(scene)
+    scene.render.resolution_x = 2000
+    said("2000 x 18 pixels are more than the chip's 1280 x 720")
+    bpy.ops.pecs.chip_resolution()
+    assert settings.size(scene) == (1280, 720) and not checks.problems(scene)
+    s.frames = 100_000_000
+    said("at most 1,000,000")
+    s.frames = 8
+    s.whole_range, scene.frame_start, scene.frame_end = True, 5, 5
+    scene.frame_start = 9  # Blender moves the end along
+    assert scene.frame_end >= scene.frame_start
+    s.whole_range = False
+    own = folder / "own.json"
+    import pecs
+
+    own.write_text((pecs.data_dir("sensor/chips") / "davis346.json").read_text())
+    s.chip = str(own)
+    bpy.ops.pecs.chip_resolution()
+    assert settings.size(scene) == (346, 260)
+    own.unlink()
+    said(str(own))
+    assert "own.json" in refused("sense") or "no stack" in refused("sense")
+    s.chip = "imx636"
+    own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
+    s.lens = str(own)
+    assert not checks.problems(scene)
+    assert any("15.02 mm, f/4.15" in text for text in drawn())
+    found = settings.lenses(s, bpy.context, "Double Gauss")
+    assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
+    own.unlink()
+    said(str(own))
+    s.lens, s.fnumber = "pecs_lab_15mm", 4.0
+    assert s.fnumber == 0 and not checks.problems(scene)  # wide open
+    s.device = "CUDA"
+    said("A lens needs the device CPU or OPTIX")
+    s.device, s.lens = "CPU", "none"
+    s.illuminant = "moonlight"
+    said("Lamps' spectrum: moonlight: no such spectrum")
+    s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
+    said("Moving part: got 5, wanted X0:Y0:X1:Y1")
+    s.moving_px = "0:0:8:8"
+    assert not checks.problems(scene) and settings.arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
+    s.time = "adaptive"
+    assert "--moving-px" not in settings.arguments(scene)
+    (folder / "file").write_text("")
+    s.output = str(folder / "file")
+    said("a file, wanted a folder")
+    s.output = str(folder / "file/below")
+    said("a file, wanted a folder")
+    s.output = "/proc/pecs"  # nobody may, not even root
+    bpy.ops.pecs.render()
+    message, is_error = ended()
+    assert is_error and message.startswith("/proc/pecs") and any("/proc/pecs" in text for text in drawn()), message
+    s.output = ""
+    cycles = bpy.context.preferences.addons["cycles"].preferences
+    cycles.compute_device_type = "CUDA"
+    said("Cycles has CUDA in the preferences", is_error=False)
+    s.lens = "pecs_lab_15mm"  # which needs OptiX
+    assert not checks.problems(scene)
+    s.lens = "none"
+    bpy.ops.pecs.use_gpu()
+    assert s.device == "CUDA" and not checks.problems(scene)
+    s.device, cycles.compute_device_type = "CPU", "NONE"
+    wrong_parameters(scene)
+    drawn()
+    scene.camera = None
+    said("no camera")
+    assert "no camera" in refused("match_lens")
+
+
+def wrong_parameters(scene):
+    s = scene.pecs
+    one = s.sensor.overrides.add()
+    one.name, one.value = "contrast_threshold_on", "much"
+    assert "got 'much', wanted a number in [0.01, 2]" in checks.sensor_problems(scene)[0].text
+    one.name, one.value = "log_eps", "0.002"
+    assert checks.sensor_problems(scene)
+    s.sensor.model = "esim"
+    assert not checks.sensor_problems(scene) and sensor_settings.arguments(scene)[-2:] == ["--param", "log_eps=0.002"]
+
+
+def busy(folder):
+    """While a job runs: a second one, the camera gone, the file elsewhere, Blender gone."""
+    scene = scene_file(folder)
+    scene.pecs.frames, scene.pecs.fps = 500, 1000.0
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.pecs.render()
+    job = background.state.job
+    assert "A job is running" in refused("render") and "A job is running" in refused("sense")
+    assert any("Render stack: starting" in text for text in drawn())
+    bpy.data.objects.remove(scene.camera)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "elsewhere.blend"))
+    while job.progress == 0:
+        assert background.poll() == background.POLL_S
+        time.sleep(0.02)
+    assert any(text.startswith("Render ") and " left, " in text for text in drawn()), drawn()
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
+    assert background.poll() == background.POLL_S and background.state.job is job
+    bpy.ops.pecs.stop()
+    assert job.text == "Render stack: stopping"
+    message, is_error = ended()
+    assert message.startswith("Stopped at") and not is_error, message
+    done = len(list((folder / "scene.stack").glob("frame_*.exr")))
+    assert 0 < done < 500
+    # Blender ends: so does the job
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
+    bpy.ops.pecs.render()
+    process = background.state.job._process
+    ui.unregister()
+    assert process.wait(60) in background.STOPPED
+    ui.register()
+
+
+def killed(folder):
+    """Blender is killed: its job is no orphan. The parent of this test kills us."""
+    scene = scene_file(folder)
+    scene.pecs.frames, scene.pecs.fps = 500, 1000.0
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.pecs.render()
+    (folder / "pid").write_text(str(background.state.job._process.pid))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def registered(_folder):
+    """A hundred times leave nothing."""
+
+    def there():
+        found = set(dir(bpy.types)) | {f"bpy.ops.pecs.{name}" for name in dir(bpy.ops.pecs)}
+        for name in dir(bpy.app.handlers):
+            handlers = getattr(bpy.app.handlers, name)
+            found |= {f"{name}: {h!r}" for h in handlers} if isinstance(handlers, list) else set()
+        for kind in (bpy.types.Scene, bpy.types.Material, bpy.types.Light, bpy.types.World, bpy.types.WindowManager):
+            found |= {f"{kind.__name__}.{name}" for name in kind.bl_rna.properties.keys()}
+        for kind in (bpy.types.TOPBAR_MT_render, bpy.types.STATUSBAR_HT_header):
+            found |= {f"{kind.__name__} draws {f!r}" for f in kind._dyn_ui_initialize()}
+        for keymap in bpy.context.window_manager.keyconfigs.addon.keymaps:
+            found |= {f"{keymap.name}: {item.type}" for item in keymap.keymap_items if item.idname.startswith("pecs.")}
+        return found | {f"manual {f!r}" for f in bpy.utils._manual_map} | {*bpy.utils.preset_paths("pecs")}
+
+    with_us = there()
+    ui.unregister()
+    before = there()
+    assert len(with_us - before) > 40  # there was something to leave
+    assert "Property Editor: ESC" in with_us
+    for _ in range(100):
+        ui.register()
+        ui.unregister()
+    assert there() == before, there() ^ before
+    assert not bpy.app.timers.is_registered(background.poll)
+    ui.register()
+    assert there() == with_us
+
+
+def saved(folder):
+    """A .blend of ours opens without us as it was, and again with us."""
+    scene = scene_file(folder)
+    scene.pecs.lens, scene.pecs.sensor.seed = "pecs_lab_15mm", 7
+    scene.pecs.sensor.overrides.add().name = "noise_std"
+    one, light = bpy.data.materials["red"], bpy.data.lights[0]
+    one.pecs_reflectance_field, one.pecs_glass_field, light.pecs_spectrum_field = "macbeth", "55.5", "blackbody:2856"
+    assert one["pecs_reflectance"] == "macbeth" and one["pecs_glass"] == 55.5 and one.pecs_glass_field == "55.5"
+    one.pecs_emission_field = "a"
+    one.pecs_emission_field = ""
+    assert "pecs_emission" not in one
+    one.pecs_reflectance_field = "colorchecker/red"
+    context = SimpleNamespace(material=one, light=light, world=None)
+    for cls, kind in ((ui.panel_spectra.PECS_PT_material, "material"), (ui.panel_spectra.PECS_PT_lamp, "data")):
+        assert cls.poll(context)
+        cls.draw(SimpleNamespace(layout=Layout([]), bl_context=kind), context)
+    path = folder / "scene.blend"
+    bpy.ops.wm.save_mainfile()
+    ui.unregister()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert not hasattr(bpy.context.scene, "pecs") and not hasattr(bpy.data.materials["red"], "pecs_reflectance_field")
+    scene = bpy.context.scene
+    scene.render.engine, scene.cycles.samples, scene.render.filepath = "CYCLES", 1, str(folder / "plain.png")
+    bpy.ops.render.render(write_still=True)  # a plain camera
+    assert (folder / "plain.png").stat().st_size > 100
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    bpy.ops.wm.save_mainfile()
+    ui.register()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    s, one = bpy.context.scene.pecs, bpy.data.materials["red"]
+    assert (s.lens, s.sensor.seed, s.frames, s.sensor.overrides[0].name) == ("pecs_lab_15mm", 7, 8, "noise_std")
+    assert one.pecs_reflectance_field == "colorchecker/red" and one["pecs_glass"] == 55.5
+    assert bpy.data.lights[0].pecs_spectrum_field == "blackbody:2856"
+    # copied with the scene, keyframed, undone
+    bpy.ops.scene.new(type="FULL_COPY")
+    assert bpy.context.scene.pecs.sensor.seed == 7
+    assert bpy.context.scene.keyframe_insert("pecs.light_scale", frame=1)
+
+
+def presets(folder):
+    """Those that ship do what they say; one's own is kept."""
+    scene = scene_file(folder)
+    for file in (Path(ui.__file__).parent / "presets/pecs").glob("*.py"):
+        scene.pecs.sensor.overrides.add()
+        bpy.ops.script.execute_preset(filepath=str(file), menu_idname="PECS_PT_presets")
+        assert not checks.problems(scene), (file, checks.problems(scene))
+    s = scene.pecs
+    s.lens, s.film_shift_mm, s.layers, s.sensor.model = "pecs_lab_15mm", (0.5, 0.25), {"depth", "motion"}, "esim"
+    bpy.ops.pecs.override_add(name="log_eps")
+    bpy.ops.pecs.preset_add(name="mine")
+    (own,) = (p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "mine.py").is_file())
+    s.lens, s.film_shift_mm, s.layers, s.sensor.model = "none", (0, 0), set(), "pecs"
+    s.sensor.overrides.clear()
+    bpy.ops.script.execute_preset(filepath=str(own / "mine.py"), menu_idname="PECS_PT_presets")
+    assert (s.lens, tuple(s.film_shift_mm), s.sensor.model) == ("pecs_lab_15mm", (0.5, 0.25), "esim")
+    assert s.layers == {"depth", "motion"} and s.sensor.overrides[0].name == "log_eps"
+    # the camera sees as the lens does
+    bpy.ops.pecs.match_lens()
+    seen = settings.lens_now(scene)["hfov_deg"]
+    assert abs(scene.camera.data.angle_x * 180 / 3.141592653589793 - seen) < 0.01
+
+
+def main(act, folder):
+    operators.is_saved = lambda: bool(bpy.data.filepath)  # bpy as a module calls every file unsaved
+    ui.register()
+    assert panel.PECS_PT_render.bl_rna
+    globals()[act](Path(folder))
