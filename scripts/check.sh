@@ -37,7 +37,7 @@ check_asan() {
     run_tests asan "${FAST_ROOMS[@]}" fuzz
     return
   fi
-  build asan tests/all capi/all fuzzers
+  build asan tests/all python/c/all fuzzers
   run_tests asan calibration common events fuzz lens metrics sensor view
   say "Python tests of the C interface"
   # Tests that load libpecs, and neither bpy, which brings a TBB of its own, nor the wheel or an installed tree, which

@@ -26,7 +26,7 @@ mkdir -p out/docs
 "$PY" scripts/docs_commands.py -o out/docs/commands.md
 say "C header (Doxygen)"
 rm -rf out/docs/c
-(cat cmake/Doxyfile; echo "PROJECT_NUMBER = $(cat VERSION)") | doxygen - >out/docs/doxygen.log || { cat out/docs/doxygen.log; die "docs.sh: doxygen failed"; }
+(cat scripts/cmake/Doxyfile; echo "PROJECT_NUMBER = $(cat VERSION)") | doxygen - >out/docs/doxygen.log || { cat out/docs/doxygen.log; die "docs.sh: doxygen failed"; }
 
 export NO_MKDOCS_2_WARNING=1  # the theme's advertisement, which is no warning of ours
 if [ "${1:-}" = --serve ]; then

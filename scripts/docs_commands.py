@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = ROOT / "build/release/bin/pecs"
-TOOLS = sorted(p for p in (ROOT / "tools").glob("*.py"))
+TOOLS = sorted(p for p in (ROOT / "scripts/tools").glob("*.py"))
 HEAD = """# Commands
 
 This page is made from what each command answers to `--help`. Every command ends with an
@@ -51,7 +51,7 @@ def all_commands():
     yield from commands("pecs", [str(PROGRAM)])
     yield from commands("python -m pecs_blender", [sys.executable, "-m", "pecs_blender"])
     for tool in TOOLS:
-        yield from commands(f"tools/{tool.name}", [sys.executable, str(tool)])
+        yield from commands(f"scripts/tools/{tool.name}", [sys.executable, str(tool)])
 
 
 def main():

@@ -18,13 +18,13 @@ same() {
 say "Versions"
 [[ "$VERSION" =~ ^[0-9]+\.[0-9]+\.[0-9]+$ ]] || die "release.sh: VERSION: got $VERSION, wanted MAJOR.MINOR.PATCH"
 IFS=. read -r major minor patch <<<"$VERSION"
-same include/pecs.h '^#define PECS_VERSION "([^"]+)"'
+same python/c/include/pecs.h '^#define PECS_VERSION "([^"]+)"'
 for part in "MAJOR $major" "MINOR $minor" "PATCH $patch"; do
-  grep -q "^#define PECS_VERSION_$part\$" include/pecs.h || die "release.sh: include/pecs.h: wanted PECS_VERSION_$part"
+  grep -q "^#define PECS_VERSION_$part\$" python/c/include/pecs.h || die "release.sh: python/c/include/pecs.h: wanted PECS_VERSION_$part"
 done
 same blender_addon/pecs_blender/blender_manifest.toml '^version = "([^"]+)"'
 same CITATION.cff '^version: (.+)$'
-same packaging/debian/changelog '^pecs \(([0-9.]+)-'
+same scripts/packaging/debian/changelog '^pecs \(([0-9.]+)-'
 echo "all files say $VERSION"
 [ "${1:-}" != --versions ] || exit 0
 
@@ -55,5 +55,5 @@ cat <<END
 3. git tag -s v$VERSION && git push origin v$VERSION
 4. Attach dist/* to the release of that tag, with the changelog's part as its text.
 5. Put out/site where the pages live.
-6. Raise VERSION, include/pecs.h, blender_manifest.toml, CITATION.cff and packaging/debian/changelog; begin '## Unreleased' in CHANGELOG.md.
+6. Raise VERSION, python/c/include/pecs.h, blender_manifest.toml, CITATION.cff and scripts/packaging/debian/changelog; begin '## Unreleased' in CHANGELOG.md.
 END

@@ -17,7 +17,7 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
 
 # use_checkout PYTHON: its `import pecs` and `-m pecs_blender` come from this checkout.
 use_checkout() {
-  printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+  printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" "$ROOT/scripts/lab" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
 }
 
 say "Debian packages"

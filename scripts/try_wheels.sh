@@ -4,7 +4,7 @@
 # debootstrap; the systems are kept in ~/.cache/pecs-systems.
 #   scripts/try_wheels.sh [SUITE...]           default: bookworm trixie sid
 #   scripts/try_wheels.sh --beside             in a bookworm of its own: every module beside torch, OpenCV, bpy and tonic in one process
-#   scripts/try_wheels.sh --container          packaging/container/Containerfile, line by line in a chroot
+#   scripts/try_wheels.sh --container          scripts/packaging/container/Containerfile, line by line in a chroot
 #   scripts/try_wheels.sh --blender [SUITE...] also pecs-blender with bpy, and `pecs demo --blender`
 source "$(dirname "$0")/lib.sh"
 SYSTEMS="${PECS_SYSTEMS:-$HOME/.cache/pecs-systems}"
@@ -142,7 +142,7 @@ container() {
       CMD | '#'* | '') ;;
       *) die "try_wheels.sh: Containerfile: got $word" ;;
     esac
-  done <packaging/container/Containerfile
+  done <scripts/packaging/container/Containerfile
 }
 
 [ -z "$CONTAINER" ] || { container; exit 0; }

@@ -1,4 +1,4 @@
-"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (include/pecs.h;
+"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (python/c/include/pecs.h;
 docs/reference/python.md)."""
 
 from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version

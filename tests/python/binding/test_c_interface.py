@@ -1,4 +1,4 @@
-"""include/pecs.h as a whole: what it declares is what the library exports, and no call without arguments crashes."""
+"""pecs.h as a whole: what it declares is what the library exports, and no call without arguments crashes."""
 
 import ctypes
 import re
@@ -12,7 +12,7 @@ from pecs import _library
 
 @pytest.fixture(scope="module")
 def header(root):
-    return re.sub(r"/\*.*?\*/", "", (root / "include/pecs.h").read_text(), flags=re.DOTALL)
+    return re.sub(r"/\*.*?\*/", "", (root / "python/c/include/pecs.h").read_text(), flags=re.DOTALL)
 
 
 def declared(header):

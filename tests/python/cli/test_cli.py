@@ -124,7 +124,7 @@ def test_names_of_before_are_taken_and_not_shown(pecs_program, now, before):
 def helps(root):
     """Command -> its --help, `pecs` and `pecs_blender` alike."""
     found = load_script(root / "scripts/docs_commands.py").all_commands()
-    return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("tools/")}
+    return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("scripts/tools/")}
 
 
 def test_every_help_ends_with_examples_of_its_own(helps):

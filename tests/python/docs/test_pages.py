@@ -19,8 +19,7 @@ BLOCK = re.compile(r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|
 RENDER = re.compile(r"^((?:python -m pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
 RUN_ELSEWHERE = {"docs/reference/trajectories.md"}  # datasets/test_trajectories.py, which also reads its tables
 FOLDERS = (
-    "apps bench blender_addon calibration capi cmake common docs examples include lens_data python requirements scenes "
-    "scripts sensor studies tests tools view"
+    "apps blender_addon calibration common docs examples lens_data python requirements scenes scripts sensor tests"
 ).split()
 
 
@@ -122,11 +121,13 @@ def written_commands(page):
     inline = [code.replace("\n", " ") for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", text)]
     for line in "\n".join([*shell, *indented, *inline]).split("\n"):
         line = re.sub(
-            r"^(?:\.venv/bin/)?python (?:-m pecs_blender|tools/)", lambda m: m[0].split("/bin/")[-1], line.strip()
+            r"^(?:\.venv/bin/)?python (?:-m pecs_blender|scripts/tools/)",
+            lambda m: m[0].split("/bin/")[-1],
+            line.strip(),
         )
         line = re.sub(r"^build/release/bin/pecs", "pecs", line)
-        if re.match(r"pecs |python -m pecs_blender |(?:python )?tools/\w+\.py", line):
-            yield line.removeprefix("python ") if "tools/" in line[:14] else line
+        if re.match(r"pecs |python -m pecs_blender |(?:python )?scripts/tools/\w+\.py", line):
+            yield line.removeprefix("python ") if "scripts/tools/" in line[:14] else line
 
 
 def test_options_that_pages_name_exist():
@@ -193,10 +194,16 @@ def test_every_page_is_in_the_navigation():
 def test_scripts_that_pages_call_find_their_python(tmp_path):
     """That of this tree, whatever `python3` is and wherever one stands."""
     called = {
-        name for page in pages() for name in re.findall(r"(?:^ *|`)(tools/\w+\.py) \S", text_of(page), re.MULTILINE)
+        name
+        for page in pages()
+        for name in re.findall(r"(?:^ *|`)(scripts/tools/\w+\.py) \S", text_of(page), re.MULTILINE)
     }
-    scripts = [path for folder in ("scripts", "tools", "studies", "bench") for path in (ROOT / folder).glob("*.py")]
-    scripts = [path for path in scripts if path.read_text().startswith("#!") or f"tools/{path.name}" in called]
+    scripts = [
+        path
+        for folder in ("scripts", "scripts/tools", "scripts/studies", "scripts/bench")
+        for path in (ROOT / folder).glob("*.py")
+    ]
+    scripts = [path for path in scripts if path.read_text().startswith("#!") or f"scripts/tools/{path.name}" in called]
     assert len(called) > 1 and len(scripts) > 10
     for path in scripts:
         assert ".venv/bin/python" in path.read_text().split("\n")[0] and os.access(path, os.X_OK), path

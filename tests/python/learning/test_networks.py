@@ -285,8 +285,8 @@ def test_another_device_is_refused(trainable, tmp_path):
 
 
 def test_the_study_in_small(trainable, tmp_path):
-    """studies/reconstruction.py from light to scores, at its full size's kind of network; --only has all simulators."""
-    study = load_script(ROOT / "studies/reconstruction.py")
+    """reconstruction.py from light to scores, at its full size's kind of network; --only has all simulators."""
+    study = load_script(ROOT / "scripts/studies/reconstruction.py")
     full = study.PLAN["full"]
     assert NetworkConfig(full["network"], 5, full["channels"], full["levels"]) == NetworkConfig("e2vid", 5, 32, 3)
     small = {"channels": 2, "levels": 1, "windows": 3, "crop": 32, "batch": 1, "steps": 1}

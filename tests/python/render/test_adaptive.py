@@ -1,4 +1,4 @@
-"""--time adaptive: keyframes, motion and pictures between them, in the scenes of bench/motion_scenes.py."""
+"""--time adaptive: keyframes, motion and pictures between them, in the scenes of scripts/bench/motion_scenes.py."""
 
 import json
 import shutil
@@ -18,14 +18,14 @@ COMMON = ("--bands", 3, "--fps", 1000, "--frames", FRAMES, "--samples", 4)
 @pytest.fixture(scope="module")
 def blends(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("adaptive")
-    command = [sys.executable, root / "bench/motion_scenes.py", folder, "room", "shadow", "flicker", "still"]
+    command = [sys.executable, root / "scripts/bench/motion_scenes.py", folder, "room", "shadow", "flicker", "still"]
     subprocess.run(command, check=True)
     return folder
 
 
 @pytest.fixture(scope="module")
 def bench(root):
-    return load_script(root / "bench/motion.py")
+    return load_script(root / "scripts/bench/motion.py")
 
 
 def render(blends, name, *args):

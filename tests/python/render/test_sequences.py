@@ -39,7 +39,7 @@ def test_edges_move_less_than_a_pixel(coarser):
 @pytest.fixture(scope="module")
 def rendered(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sequences")
-    command = [sys.executable, root / "tools/sequences.py", "R_360_L", "T_1_H", "-o", folder]
+    command = [sys.executable, root / "scripts/tools/sequences.py", "R_360_L", "T_1_H", "-o", folder]
     command += ["--coarser", 8, "--frames", 8, "--", "--samples", 1, "--bands", 1]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
@@ -52,7 +52,7 @@ def test_the_lamp_stands_where_the_recordings_light_asks_for_it(rendered):
 
     with StackReader(rendered / "R_360_L/stack") as reader:
         light = reader.read_frame(0)[0]
-    centre, radius = (957 / 8, 361 / 8), 267 / 8  # of the outermost ring of tools/fit_chip.py's map
+    centre, radius = (957 / 8, 361 / 8), 267 / 8  # of the outermost ring of scripts/tools/fit_chip.py's map
     at = {up: (slice(int(centre[1] - up * radius) - 2, int(centre[1] - up * radius) + 3)) for up in (1, -1)}
     top, bottom = (light[at[up], int(centre[0]) - 3 : int(centre[0]) + 4].mean() for up in (1, -1))
     assert 2.3 / 5.0 * 0.8 < top / bottom < 2.3 / 5.0 * 1.2
@@ -84,11 +84,18 @@ def test_table_of_five_models(root, rendered, tmp_path):
     """Against a recording (here one of the models' own: no distance) and, without one, against pecs."""
     import pecs
 
-    table1 = load_script(root / "studies/table1.py")
+    table1 = load_script(root / "scripts/studies/table1.py")
     info = json.loads((rendered / "R_360_L/stack/stack.json").read_text())
     first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", info, "esim")
     pecs.write(tmp_path / "real.raw", table1.on_the_sensor(first, 8), width=1280, height=720)
-    command = [sys.executable, root / "studies/table1.py", "-o", rendered, "--real", f"R_360_L={tmp_path}/real.raw"]
+    command = [
+        sys.executable,
+        root / "scripts/studies/table1.py",
+        "-o",
+        rendered,
+        "--real",
+        f"R_360_L={tmp_path}/real.raw",
+    ]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     rows = {(r["sequence"], r["model"]): r for r in json.loads((rendered / "table1.json").read_text())}

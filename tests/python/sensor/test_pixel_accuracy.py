@@ -1,11 +1,11 @@
-"""Event times from 1 kHz frames against the same scene at 100 kHz (bench/pixel_accuracy.py, on a smaller picture)."""
+"""Event times from 1 kHz frames against the same scene at 100 kHz (pixel_accuracy.py, on a smaller picture)."""
 
 import pytest
 from support import load_script
 
 
 def test_times_against_100_khz(root):
-    pixel_accuracy = load_script(root / "bench/pixel_accuracy.py")
+    pixel_accuracy = load_script(root / "scripts/bench/pixel_accuracy.py")
     got = pixel_accuracy.measure(12, 1000, (150, 130))["pecs"]
     assert got["true_events"] > 10_000
     assert got["recall"] > 0.997 and got["precision"] > 0.997

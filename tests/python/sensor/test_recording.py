@@ -128,7 +128,7 @@ def test_real_recording(root, shared, pecs_program):
     if not recording.is_file():
         pytest.skip(f"needs {recording}")
     environment = os.environ | {"PECS_PROGRAM": str(pecs_program("--version").args[0])}
-    command = [sys.executable, root / "tools/fit_chip.py", recording]
+    command = [sys.executable, root / "scripts/tools/fit_chip.py", recording]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     r = json.loads(done.stdout)

@@ -4,7 +4,7 @@
 
 namespace pecs::sensor {
 
-// Options and result as documented for pecs_bands in include/pecs.h.
+// Options and result as documented for pecs_bands in python/c/include/pecs.h.
 Json choose_bands(const Json& options);
 
 }  // namespace pecs::sensor

@@ -1,0 +1,77 @@
+"""Speed of pecs.compare beside scipy's KD-tree doing the same distances on the same cores; prints JSON.
+
+    python scripts/bench/compare.py [--events 350000] [--passes 3] [--files REAL SIM]
+
+Without files: two draws of a disk of four sectors that turns, 1280x720. Needs scipy.
+"""
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import time
+
+import numpy as np
+import pecs
+from scipy.spatial import cKDTree
+
+WIDTH, HEIGHT = 1280, 720
+
+
+def disk(count: int, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    events = np.zeros(count, pecs.EVENT_DTYPE)
+    events["t"] = np.sort(random.integers(0, 54_000, count))
+    radius = 300 * np.sqrt(random.random(count))
+    delay_deg = random.triangular(20, 55, 90, count)  # behind the edge of its sector
+    sector = random.integers(0, 4, count)
+    angle = np.radians(90 * sector + events["t"] * 2098e-6 - delay_deg)
+    events["x"] = 640 + radius * np.cos(angle)
+    events["y"] = 360 - radius * np.sin(angle)
+    events["p"] = sector % 2
+    return events
+
+
+def scipy_chamfer(a: np.ndarray, b: np.ndarray) -> float:
+    def points(e: np.ndarray) -> np.ndarray:
+        columns = [(e[k].astype(float) - e[k].min()) / (int(e[k].max()) - int(e[k].min()) + 1e-6) for k in "xypt"]
+        return np.stack(columns, axis=1) * [100, 100, 100, 1000]
+
+    a, b = points(a), points(b)
+    return cKDTree(b).query(a, workers=-1)[0].mean() + cKDTree(a).query(b, workers=-1)[0].mean()
+
+
+def timed(function, passes: int) -> tuple[float, float]:
+    seconds, value = [], 0.0
+    for _ in range(passes):
+        start = time.perf_counter()
+        value = function()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds), value
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--events", type=int, default=350_000)
+    parser.add_argument("--passes", type=int, default=3)
+    parser.add_argument("--files", nargs=2)
+    parser.add_argument("--no-scipy", action="store_true", help="for the memory of very large streams")
+    args = parser.parse_args()
+    a, b = [pecs.read(f) for f in args.files] if args.files else [disk(args.events, seed) for seed in (1, 2)]
+
+    def ours() -> float:
+        return pecs.compare(a, b, width=WIDTH, height=HEIGHT, normalisation="eq16", split_half=False)["chamfer"]
+
+    seconds, value = timed(ours, args.passes)
+    result = {"cores": os.cpu_count(), "events": [len(a), len(b)], "pecs_s": seconds, "chamfer": value}
+    result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    if not args.no_scipy:
+        result["scipy_s"], reference = timed(lambda: scipy_chamfer(a, b), args.passes)
+        result["speedup"] = result["scipy_s"] / seconds
+        assert abs(value - reference) < 1e-3 * reference, (value, reference)
+    print(json.dumps(result, indent=2))
+
+
+if __name__ == "__main__":
+    main()

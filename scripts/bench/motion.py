@@ -1,0 +1,151 @@
+"""What rendering at keyframes costs and loses against uniform steps, for the same events: CPU seconds, and recall,
+precision and time error of events against a reference of quarter-pixel steps with 16 times the samples and another
+seed. Prints JSON and a table.
+
+    .venv/bin/python scripts/bench/motion.py -o out/motion [--scenes room shadow …] [--samples 4] [--variants …]
+
+The scenes are those of motion_scenes.py and two of the lab's; pixels are ideal (no noise, threshold 0.2). Stacks that
+are there are taken as they are.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pecs
+
+ROOT = Path(__file__).resolve().parents[2]
+SENSOR = {"corner_hz_per_a": 1e18, "contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """fps: one pixel per step at the fastest place."""
+
+    name: str
+    fps: float
+    seconds: float
+    arguments: tuple = ()
+
+
+PINHOLE = ("--lens", "none", "--focal-mm", 15.02, "--width", 96)
+BLENDS = ("room", "shadow", "mirror", "glass", "flicker", "character")
+SCENES = [Scene(name, 1000, 0.063) for name in BLENDS]
+SCENES += [Scene("rotating_disk", 875, 0.0731, PINHOLE), Scene("board", 150, 0.4266, PINHOLE)]
+
+
+def make_scenes(folder: Path) -> Path:
+    if not folder.is_dir():
+        subprocess.run(
+            [sys.executable, ROOT / "scripts/bench/motion_scenes.py", folder], check=True, stdout=subprocess.DEVNULL
+        )
+    return folder
+
+
+def render(scene: Scene, folder: Path, scenes: Path, fps: float, *options) -> float | None:
+    """CPU seconds; None if it was there."""
+    seconds_file = folder.parent / f"{folder.name}.seconds"
+    if seconds_file.is_file():
+        return float(seconds_file.read_text())
+    path = ROOT / "scenes" / scene.name if scene.arguments else scenes / f"{scene.name}.blend"
+    command = [sys.executable, "-m", "pecs_blender", "render", path, "-o", folder, "--bands", 3, *scene.arguments]
+    command += ["--fps", fps, "--frames", round(scene.seconds * fps) + 1, *options, "--overwrite"]
+    before = os.times()
+    subprocess.run(list(map(str, command)), check=True, stderr=subprocess.DEVNULL)
+    after = os.times()
+    seconds = after.children_user + after.children_system - before.children_user - before.children_system
+    seconds_file.write_text(f"{seconds}")
+    return seconds
+
+
+def events(folder: Path, **options) -> np.ndarray:
+    out = folder.parent / f"{folder.name}.npz"
+    pecs.sense(folder, out, fnumber=2.0, noise=False, readout="ideal", overrides=SENSOR, **options)
+    return pecs.read(out)
+
+
+def reference_events(scene: Scene, output: Path, scenes: Path, samples: int) -> np.ndarray:
+    """Of quarter-pixel steps, 16 times the samples and another seed."""
+    folder = output / "ref" / scene.name
+    render(scene, folder, scenes, 4 * scene.fps, "--samples", 16 * samples, "--seed", 77)
+    return events(folder)
+
+
+def score(reference: np.ndarray, found: np.ndarray, window_us: float) -> dict:
+    """Events are paired that are nearest to each other, of one pixel and polarity, within the window."""
+
+    def axis(e):
+        key = (e["y"].astype(np.int64) * 8192 + e["x"]) * 2 + e["p"]
+        return np.sort(key * (1 << 40) + e["t"])
+
+    a, b = axis(reference), axis(found)
+
+    def nearest(of, among):
+        right = np.clip(np.searchsorted(among, of), 1, len(among) - 1)
+        return right - (of - among[right - 1] <= among[right] - of)
+
+    to_b, to_a = nearest(a, b), nearest(b, a)
+    mutual = to_a[to_b] == np.arange(len(a))
+    error = (b[to_b] - a)[mutual]
+    error = error[np.abs(error) <= window_us]
+    return {
+        "events": len(found),
+        "recall": len(error) / len(reference),
+        "precision": len(error) / len(found),
+        "median_us": float(np.median(np.abs(error))),
+        "p90_us": float(np.percentile(np.abs(error), 90)),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--scenes", nargs="+", default=[s.name for s in SCENES])
+    parser.add_argument("--samples", type=int, default=4)
+    parser.add_argument("--variants", nargs="+", default=["uniform", "adaptive"])
+    args = parser.parse_args()
+    made = make_scenes(args.output / "scenes")
+    results = {"samples": args.samples, "load": os.getloadavg()[0], "date": time.strftime("%F"), "scenes": {}}
+    for scene in SCENES:
+        if scene.name not in args.scenes:
+            continue
+        step_us = 1e6 / scene.fps
+        truth = reference_events(scene, args.output, made, args.samples)
+        rows = results["scenes"][scene.name] = {"step_us": step_us, "events": len(truth)}
+        for variant in args.variants:
+            folder = args.output / variant / scene.name
+            options = ["--samples", args.samples, *VARIANTS[variant]]
+            seconds = render(scene, folder, made, scene.fps, *options)
+            rows[variant] = {"cpu_s": seconds, **score(truth, events(folder), step_us)}
+            row = rows[variant]
+            print(
+                f"{scene.name:14s} {variant:12s} {seconds:7.1f} s  recall {row['recall']:.3f}  precision "
+                f"{row['precision']:.3f}  median {row['median_us']:5.0f} us ({row['median_us'] / step_us:.2f} px)",
+                file=sys.stderr,
+            )
+    print(json.dumps(results, indent=1))
+
+
+VARIANTS = {
+    "uniform": (),
+    "seed": ("--seed", 2),
+    "adaptive": ("--time", "adaptive"),
+    "step 8": ("--time", "adaptive", "--step-px", 8),
+    "step 32": ("--time", "adaptive", "--step-px", 32),
+    "step 64": ("--time", "adaptive", "--step-px", 64),
+    "tolerance 0.5": ("--time", "adaptive", "--time-tolerance", 0.5),
+    "tolerance 1": ("--time", "adaptive", "--time-tolerance", 1),
+    "no sharing": ("--time", "adaptive", "--share", 0),
+    "share 4": ("--time", "adaptive", "--share", 4),
+    "no subpixels": ("--time", "adaptive", "--subpixels", 1),
+    "4 subpixels": ("--time", "adaptive", "--subpixels", 4),
+}
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""The pictures of docs/concepts/, and docs/render_and_events.png, from renders of the lab's disk and docs/studies/.
+
+size="--bands 6 --width 320 --height 180 --colour-tolerance-px 0.2"
+.venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/still $size --frames 1 --samples 32
+.venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/turning $size --fps 2800 --frames period \\
+    --time adaptive
+.venv/bin/python scripts/studies/concept_pictures.py out/still out/turning -o docs/concepts
+"""
+
+import argparse
+import csv
+import subprocess
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pecs
+from scipy.interpolate import PchipInterpolator
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+ROOT = Path(__file__).resolve().parents[2]
+PECS = ROOT / "build/release/bin/pecs"
+CHIP = "imx636"
+PIXEL = (180, 90)  # x, y: on the disk, where edges pass
+WINDOW_US = (20_000.0, 95_000.0)
+STEP_US = 50.0
+ON, OFF, INK, GREY = "#c0392b", "#2471a3", "#1b1f24", "#8a9199"
+RENDERED_LUX = 100  # of the scene, as it comes
+LUX = (500, 50_000)  # an office, the sun; 5000 in the picture of both
+SLOW_ROW_S = 5e-6  # so that the order of the rows can be seen; the chip's own is 10 ns
+RMS_PERCENT = {  # of ln(photocurrent) over N, ColorChecker: docs/studies/ablation.md
+    "Gauss": {1: 37.2, 3: 5.56, 4: 3.12, 6: 1.77, 7: 1.35, 9: 0.73, 11: 0.27, 12: 0.19, 16: 0.056, 31: 0.022},
+    "uniform": {1: 40.1, 3: 15.1, 4: 4.64, 6: 6.81, 7: 2.95, 9: 3.06, 11: 0.57, 12: 1.22, 16: 0.4, 31: 0.025},
+}
+CHAMFER_SHARED = {"pecs": 2.12, "icns": 12.2, "voltmeter": 14.8, "v2e": 16.0, "esim": 19.7}  # docs/studies/table1.md
+FLOOR_SHARED = 2.58
+
+
+def figure(width=7.0, height=2.6):
+    fig, axes = plt.subplots(figsize=(width, height), layout="constrained")
+    axes.spines[["top", "right"]].set_visible(False)
+    return fig, axes
+
+
+def save(fig, path):
+    fig.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
+    plt.close(fig)
+
+
+def program(*arguments):
+    subprocess.run([PECS, *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+
+def table(path):
+    """Wavelengths and values of a spectrum file."""
+    rows = [row for row in csv.reader(path.open()) if row and row[0][0].isdigit()]
+    return np.array(rows, dtype=float).T
+
+
+def spectrum(info, chip, path):
+    """Lamp, response of the chip, and where the bands lie."""
+    fig, axes = figure()
+    lambda_nm, power = table(ROOT / "lens_data/spectra/led_b3.csv")
+    axes.plot(lambda_nm, power / power.max(), color="#b7950b", label="lamp (LED-B3)")
+    response = chip.info["relative_qe"]
+    axes.plot(response["lambda_nm"], response["value"], color=INK, label="quantum efficiency of the chip (relative)")
+    bands = info["bands"]
+    weights = np.array([band["weight_nm"] for band in bands])
+    axes.bar([b["lambda_nm"] for b in bands], weights / weights.max(), 5, color=GREY, alpha=0.6, label="6 bands")
+    axes.set(xlim=(380, 1000), ylim=(0, 1.35), xlabel="wavelength (nm)", ylabel="relative to its greatest")
+    axes.legend(frameon=False, loc="upper right", fontsize=8, ncols=3)
+    save(fig, path)
+
+
+def picture(values, label, path, colours="magma", mark=None):
+    fig, axes = plt.subplots(figsize=(6.2, 3.2), layout="constrained")
+    drawn = axes.imshow(values, cmap=colours, vmin=0)
+    axes.set_axis_off()
+    if mark:
+        axes.plot(*mark, "o", mfc="none", mec="#2ecc71", mew=2, ms=9)
+    fig.colorbar(drawn, ax=axes, label=label, shrink=0.9)
+    save(fig, path)
+
+
+def photoreceptor(current_a, corner_hz_per_a):
+    """V = ln u of du/dt = 2 pi kappa u (I - u), exact over steps in which I is constant (docs/reference/sensor.md)."""
+    u, v = current_a[0], []
+    for i in current_a:
+        grown = np.exp(np.clip(2 * np.pi * corner_hz_per_a * i * STEP_US * 1e-6, 0, 700))
+        u = i * u * grown / (i + u * (grown - 1))
+        v.append(np.log(u))
+    return np.array(v)
+
+
+def reference_steps(v, on, off):
+    """Where V crosses a threshold: (index, polarity), and the reference after each step."""
+    reference, events, line = v[0], [], []
+    for i, value in enumerate(v):
+        while value - reference >= on or reference - value >= off:
+            polarity = value > reference
+            reference += on if polarity else -off
+            events.append((i, polarity))
+        line.append(reference)
+    return events, np.array(line)
+
+
+def light_to_events(stack, chip, folder):
+    t_us = np.arange(*WINDOW_US, STEP_US)
+    x, y = PIXEL
+    with pecs.Light(stack, [chip]) as light:
+        current = np.array([light.at(t % 83_333.0)[0, y, x] for t in t_us])
+    ms = t_us / 1000
+    levels = [lux / RENDERED_LUX for lux in LUX]
+    voltages = [photoreceptor(current * level, chip.corner_hz_per_a) - np.log(level) for level in levels]
+    base = np.log(current).min()
+    fig, axes = figure()
+    axes.plot(ms, np.log(current) - base, color=GREY, ls="--", label="ln(photocurrent)")
+    for voltage, lux, colour in zip(voltages, LUX, (OFF, "#e67e22"), strict=True):
+        axes.plot(ms, voltage - base, color=colour, label=f"photoreceptor, {lux:,} lx")
+    axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
+    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=3)
+    save(fig, folder / "photoreceptor.svg")
+
+    v = voltages[0] - base
+    events, reference = reference_steps(v, chip.contrast_threshold_on, chip.contrast_threshold_off)
+    fig, axes = figure()
+    axes.plot(ms, v, color=INK, label="photoreceptor V")
+    axes.step(ms, reference, color=GREY, lw=1, where="post", label="reference")
+    for polarity, colour, name in ((True, ON, "ON event"), (False, OFF, "OFF event")):
+        at = [i for i, p in events if p == polarity]
+        axes.plot(ms[at], v[at], "^" if polarity else "v", color=colour, ms=6, label=name)
+    axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
+    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=4)
+    save(fig, folder / "threshold.svg")
+
+
+def render_and_events(picture_file, stack, chip, path):
+    """The render, and 5 ms of events of the same disk in 50 times the light."""
+    t_us = np.arange(30_000.0, 45_001.0, STEP_US * 2)
+    unit_a = 1e-12
+    with pecs.Light(stack, [chip]) as light, pecs.Sensor(320, 180, chip, photocurrent_a=unit_a) as sensor:
+        parts = [sensor.push(light.at(t)[0] * (LUX[0] * 10 / RENDERED_LUX / unit_a), t) for t in t_us]
+        parts.append(sensor.finish())
+    events = np.concatenate(parts)
+    events = events[events["t"] >= events["t"].max() - 5000]
+    shown = np.ones((180, 320, 3))
+    for p, colour in ((0, OFF), (1, ON)):
+        of = events[events["p"] == p]
+        shown[of["y"], of["x"]] = matplotlib.colors.to_rgb(colour)
+    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.35), layout="constrained")
+    left.imshow(plt.imread(picture_file))
+    right.imshow(shown, interpolation="nearest")
+    left.set_title("rendered light", fontsize=9)
+    right.set_title(f"simulated events of 5 ms: {len(events):,}", fontsize=9)
+    for axes in (left, right):
+        axes.set(xticks=[], yticks=[])
+    save(fig, path)
+
+
+def curve_between_frames(folder):
+    """Times of crossings on a curve through frames, and on the frames alone."""
+    frames_ms = np.arange(0, 9)
+    values = 0.9 * np.sin(2 * np.pi * frames_ms / 11.0) ** 2
+    fine = np.linspace(0, 8, 4001)
+    curve = PchipInterpolator(frames_ms, values)(fine)
+    events, _ = reference_steps(curve, 0.2, 0.2)
+    fig, axes = figure()
+    axes.plot(fine, curve, color=INK, label="light between the frames")
+    axes.plot(frames_ms, values, "s", color=GREY, label="frames")
+    for polarity, colour, name in ((True, ON, "ON event"), (False, OFF, "OFF event")):
+        at = [i for i, p in events if p == polarity]
+        axes.plot(fine[at], curve[at], "^" if polarity else "v", color=colour, ms=7, label=name)
+        axes.vlines(fine[at], -0.1, curve[at], color=colour, lw=0.7)
+    axes.set(xlabel="time (ms)", ylabel="ln(photocurrent)", ylim=(-0.1, 1.35))
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="upper center")
+    save(fig, folder / "between_frames.svg")
+
+
+def readout(stack, folder, scratch):
+    """The same events as they come and as the chip delivers them, row by row."""
+    streams = {}
+    for kind in ("ideal", "chip"):
+        path = scratch / f"{kind}.npz"
+        slow = {"readout_row_s": SLOW_ROW_S}
+        pecs.sense(stack, path, chip=CHIP, overrides=slow, readout=kind, warmup_loops=2, duration_us=83_000)
+        streams[kind] = pecs.read(path)
+    fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8), sharex=True, sharey=True, layout="constrained")
+    middle = int(np.median(streams["ideal"]["t"]))
+    for axes, kind, title in (
+        (left, "ideal", "as the pixels fire"),
+        (right, "chip", "as the chip delivers (slowed down)"),
+    ):
+        events = streams[kind]
+        events = events[(events["t"] >= middle) & (events["t"] < middle + 400)]
+        for p, colour in ((1, ON), (0, OFF)):
+            of = events[events["p"] == p]
+            axes.plot(of["t"] - middle, of["y"], ".", ms=3, color=colour)
+        axes.set(title=title, xlabel="time (µs)")
+        axes.title.set_size(9)
+        axes.spines[["top", "right"]].set_visible(False)
+    left.set(ylabel="row (pixels)", ylim=(180, 0))
+    save(fig, folder / "readout.svg")
+
+
+def bands(folder):
+    fig, axes = figure()
+    for (name, found), colour in zip(RMS_PERCENT.items(), (ON, GREY), strict=True):
+        axes.loglog(list(found), list(found.values()), "o-", color=colour, label=f"{name} bands")
+    axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)", xticks=[1, 3, 6, 12, 31])
+    axes.set_xticks([1, 3, 6, 12, 31], labels=["1", "3", "6", "12", "31"])
+    axes.minorticks_off()
+    axes.legend(frameon=False, fontsize=8)
+    save(fig, folder / "bands.svg")
+
+
+def floor(folder):
+    fig, axes = figure(7, 2.2)
+    names = list(CHAMFER_SHARED)
+    axes.barh(names, list(CHAMFER_SHARED.values()), color=[ON] + [GREY] * (len(names) - 1), height=0.6)
+    axes.axvline(FLOOR_SHARED, color=INK, ls="--", lw=1)
+    axes.annotate(
+        "floor: one half of the recording\nagainst the other half", (FLOOR_SHARED + 0.3, 0.05), fontsize=8, va="center"
+    )
+    axes.invert_yaxis()
+    axes.set(xlabel="Chamfer distance to the recording")
+    save(fig, folder / "floor.svg")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("still", type=Path, help="one frame of the disk")
+    parser.add_argument("turning", type=Path, help="a period of it")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs/concepts")
+    options = parser.parse_args()
+    folder, still = options.output, options.still
+    folder.mkdir(parents=True, exist_ok=True)
+    plt.rcParams.update({"font.size": 9, "svg.hashsalt": "pecs", "svg.fonttype": "path"})
+    scratch = ROOT / "out/concept_pictures"
+    scratch.mkdir(parents=True, exist_ok=True)
+
+    program("render-preview", still, "-o", folder / "scene.png")
+    program("lens", "draw", "pecs_lab_15mm", "-o", folder / "lens.svg", "--focus-m", 1.56)
+    for record in folder.glob("*.run.json"):
+        record.unlink()
+    chip = pecs.Chip(CHIP)
+    with pecs.StackReader(still) as reader:
+        info, film = reader.info, reader.read_frame(0)[2]
+    spectrum(info, chip, folder / "spectrum.svg")
+    at_nm = f"{info['bands'][2]['lambda_nm']:.0f} nm"
+    picture(film * 1e6, f"µW per m² and nm, at {at_nm}", folder / "film.png", "viridis")
+    picture(chip.photocurrent(still, frames=0) * 1e15, "fA", folder / "photocurrent.png", mark=PIXEL)
+    light_to_events(options.turning, chip, folder)
+    readout(options.turning, folder, scratch)
+    render_and_events(folder / "scene.png", options.turning, chip, folder.parent / "render_and_events.png")
+    curve_between_frames(folder)
+    bands(folder)
+    floor(folder)
+
+
+if __name__ == "__main__":
+    main()

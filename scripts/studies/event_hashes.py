@@ -1,0 +1,166 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""Hashes of the events that a build makes, over chips, models, formats, sources and options. Two builds whose tables
+are equal make the same events.
+
+    scripts/studies/event_hashes.py -o table.json [--program build/release/bin/pecs]
+    diff old.json new.json
+
+Python's `pecs` is the one that PYTHONPATH names; the program is --program. A case that a build refuses has its error's
+exit code instead.
+"""
+
+import argparse
+import hashlib
+import itertools
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pecs
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
+CHIPS = ("ideal", "imx636", "gen3_vga", "davis346")
+MODELS = ("pecs", "esim", "v2e", "voltmeter", "icns")
+NOISY = ("background_on_hz=20", "background_off_hz=30", "hot_pixel_fraction=0.01", "leak_rate_hz=5")
+FORMATS = ("evt2.raw", "evt21.raw", "evt3.raw", "dat", "hdf5", "h5", "aedat4", "npz", "csv", "txt")
+
+
+def light(t: float) -> np.ndarray:
+    """[3, H, W]: bars of three colours that turn once in a period, t in [0, 1)."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    angle = np.arctan2(y - HEIGHT / 2 + 0.3, x - WIDTH / 2 - 0.2)
+    bands = [1.1 + np.tanh(4 * np.sin(n * (angle - 2 * np.pi * t) + n)) for n in (3, 4, 5)]
+    return np.array(bands, np.float32)
+
+
+def write_stacks(folder: Path) -> None:
+    bands = pecs.bands("imx636", 3)
+    for name, quantity, scale in (("film", "irradiance", 2e-4), ("scene", "radiance", 0.02)):
+        stack = {
+            "pecs_stack": 1, "quantity": quantity, "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 4.86e-6,
+            "bands": bands, "times_ns": [i * PERIOD_US * 1000 // FRAMES for i in range(FRAMES)],
+            "period_ns": PERIOD_US * 1000, "lens": None, "scene": {}, "render": {}, "versions": {},
+        }  # fmt: skip
+        with pecs.StackWriter(folder / name, stack) as writer:
+            for i in range(FRAMES):
+                writer.write_frame(i, light(i / FRAMES) * np.float32(scale))
+    (folder / "pictures").mkdir()
+    video = cv2.VideoWriter(str(folder / "video.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 500, (WIDTH, HEIGHT))
+    for i in range(FRAMES):
+        picture = np.clip(light(i / FRAMES).transpose(1, 2, 0) * 110, 0, 255).astype(np.uint8)
+        cv2.imwrite(str(folder / "pictures" / f"{i}.png"), picture)
+        video.write(picture)
+    video.release()
+
+
+def cases():
+    """Names and arguments of `pecs sense`."""
+    for chip, model, noise in itertools.product(CHIPS, MODELS, ("", "--no-noise")):
+        yield f"{chip} {model} {noise}".strip(), ["film", "--chip", chip, "--model", model, *noise.split()]
+    noisy = [f"--set={item}" for item in NOISY]
+    for chip in CHIPS:
+        yield f"{chip} noisy", ["film", "--chip", chip, *noisy]
+        yield f"{chip} noisy labels", ["film", "--chip", chip, *noisy, "--labels", "labels.npy"]
+        yield f"{chip} loops", ["film", "--chip", chip, "--warmup-loops", "2"]
+        yield f"{chip} loops noisy labels", [
+            "film", "--chip", chip, *noisy, "--labels", "labels.npy", "--warmup-loops", "1", "--duration-us", "20001",
+        ]  # fmt: skip
+        yield f"{chip} ideal readout", ["film", "--chip", chip, *noisy, "--readout", "ideal"]
+    slow = [
+        "--set=readout_rate_hz=3e5",
+        "--set=readout_row_s=2e-7",
+        "--set=timestamp_s=5e-6",
+        "--set=clock_jitter_s=3e-6",
+    ]
+    yield "slow readout", ["film", "--chip", "imx636", *slow]
+    yield "slow readout, loops", ["film", "--chip", "imx636", *slow, "--warmup-loops", "3", "--start-us", "1234"]
+    yield "refractory", ["film", "--chip", "ideal", "--set=refractory_period_s=3e-4"]
+    yield "window", ["film", "--start-us", "1500", "--warmup-loops", "0", "--seed", "7"]
+    yield "radiance", ["scene", "--fnumber", "4"]
+    yield "radiance, window of one loop", ["scene", "--gain", "1e-14", "--start-us", "2000", "--duration-us", "3000"]
+    yield "mc", ["film", "--bands", "mc:4", "--seed", "3"]
+    yield "mc, loops", ["film", "--bands", "mc:2", "--warmup-loops", "1"]
+    yield "long loops", ["film", "--warmup-loops", "1", "--duration-us", "200000", "--chip", "davis346"]
+    for model in MODELS:
+        yield f"pictures {model}", ["pictures", "--fps", "4000", "--model", model]
+        yield f"video {model}", ["video.avi", "--model", model]
+        yield f"live {model}", ["video.avi", "--source", "video", "--view", "--model", model]
+        if model != "pecs":  # which sees light, not pictures
+            yield f"white {model}", ["film", "--model", model, "--white-a", "3e-13"]
+    yield "live noisy", ["video.avi", "--source", "video", "--view", "--fps", "700", *noisy]
+
+
+def digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+def of_events(events) -> str:
+    return f"{len(events)} {digest(*(np.ascontiguousarray(events[k]).tobytes() for k in 'txyp'))}"
+
+
+def sensed(program: Path, folder: Path) -> dict[str, str]:
+    table = {}
+    for name, arguments in cases():
+        for file in (folder / "labels.npy", folder / "out.npz"):
+            file.unlink(missing_ok=True)
+        for threads in ("1", "0"):
+            command = [program, "sense", *arguments, "-o", "out.npz", "--threads", threads, "--quiet"]
+            result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+            key = f"{name} | {threads}"
+            if result.returncode:
+                table[key] = f"exit {result.returncode}"
+                continue
+            table[key] = of_events(pecs.read(folder / "out.npz"))
+            if "--labels" in arguments:
+                table[key] += " " + digest(np.load(folder / "labels.npy").tobytes())
+    return table
+
+
+def written(program: Path, folder: Path) -> dict[str, str]:
+    """A file of each format as bytes."""
+    table = {}
+    subprocess.run([program, "sense", "film", "-o", "all.csv", "--quiet"], cwd=folder, check=True)
+    for name in FORMATS:
+        output = "again." + name
+        command = [program, "convert", "all.csv", output, "--quiet"]
+        command += ["--format", name.split(".")[0]] if name.startswith("evt") else []
+        result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        table[f"file {name}"] = (
+            f"exit {result.returncode}" if result.returncode else of_events(pecs.read(folder / output))
+        )
+    return table
+
+
+def pushed() -> dict[str, str]:
+    """The sensor on frames in memory, in uneven steps and batches."""
+    frames = np.array([light(i / FRAMES)[0] for i in range(FRAMES)])
+    t_us = np.cumsum(np.random.default_rng(1).uniform(50, 400, FRAMES))
+    table = {}
+    for chip, model in itertools.product(CHIPS, MODELS):
+        sensor = pecs.Sensor(WIDTH, HEIGHT, chip, model=model, seed=5)
+        parts = [sensor.push(frames[a:b], t_us[a:b]) for a, b in ((0, 1), (1, 9), (9, 40))]
+        table[f"push {chip} {model}"] = of_events(np.concatenate([*parts, sensor.finish()]))
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bin/pecs")
+    args = parser.parse_args()
+    program = args.program.resolve()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        write_stacks(folder)
+        table = sensed(program, folder) | written(program, folder) | pushed()
+    args.output.write_text(json.dumps(table, indent=1) + "\n")
+    refused = sum(value.startswith("exit") for value in table.values())
+    print(f"{len(table)} cases, {refused} refused, all: {digest(json.dumps(table).encode())}")
+
+
+if __name__ == "__main__":
+    main()

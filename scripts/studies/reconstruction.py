@@ -1,0 +1,336 @@
+"""Does the simulator that made the training events matter for video from events? The light is the same for all; only
+the sensor differs. What is compared, and how, is fixed in reconstruction.json.
+
+    pecs dataset examples/recipes/reconstruction.toml -o out/reconstruction/light
+    .venv-datasets/bin/python scripts/studies/reconstruction.py out/reconstruction [--only SIMULATOR] [--seeds 1,2,3]
+        [--full [--device cuda]] [--real R_360_L.hdf5] [--footage FOLDER ...] [--lpips-weights FILE]
+        [--ship python/pecs/learning/firenet]
+        [--picture docs/studies/reconstruction.png [--beside python/pecs/learning/firenet.onnx]]
+
+Needs PyTorch, onnxruntime, and piq (with torchvision); --real renders the disk with .venv. Each step whose result is
+there is left out, so that it can be stopped and run again. Writes results.json and prints tables.
+--ship trains the network that ships alone: NAME.onnx, and NAME.json with its record and scores.
+--only: also of the plan's "more". --full: the plan's "full" in place of "training", in the folder `full`.
+--footage: sequences in the layout of EVREAL or HS-ERGB. --lpips-weights: as pecs.learning.lpips reads them.
+"""
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from pecs import Chip, Light, read, sense
+from pecs.datasets.files import write_json
+from pecs.datasets.sequence import Sequence, sequences
+from pecs.learning.clips import WHITE_PERCENTILE, ClipConfig, Recording
+from pecs.learning.export import export
+from pecs.learning.footage import Footage, read_footage
+from pecs.learning.networks import NetworkConfig
+from pecs.learning.reconstruct import Filter, Network
+from pecs.learning.train import TrainConfig, train
+from pecs_lab import real_disk
+from pecs_lab.video_scores import picture_scores
+
+PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
+OURS, FILTER = "pecs", "filter"
+WIDE_PX = 1280  # of the picture
+
+
+@dataclass(frozen=True)
+class Work:
+    """root: of light and events; what is trained depends on `training`, a part of the plan."""
+
+    root: Path
+    training: str = "training"
+    device: str = "cpu"
+
+    @property
+    def folder(self) -> Path:
+        """Of runs, scores and results."""
+        return self.root if self.training == "training" else self.root / self.training
+
+
+def simulators() -> dict[str, dict]:
+    return PLAN["simulators"] | PLAN["more"]["simulators"]
+
+
+# Events: the same light, another sensor.
+
+
+def filter_of(sequence: Sequence) -> float:
+    low, high = map(math.log, PLAN["neutral_filter"]["range"])
+    return math.exp(np.random.Generator(np.random.Philox(key=[1, int(sequence.name)])).uniform(low, high))
+
+
+def overrides_of(how: dict, threshold: float | None) -> dict[str, float]:
+    out = dict(how.get("overrides", {}))
+    return out if threshold is None else out | {f"contrast_threshold_{p}": threshold for p in ("on", "off")}
+
+
+def chip_of(sequence: Sequence) -> str:
+    return str(sequence.cameras[PLAN["camera"]].info["chip"])
+
+
+def sensed(sequence: Sequence, output: Path, how: dict, threshold: float | None, light: float) -> int:
+    """Number of events. Models that take pictures see white where the networks are shown it. light: share of it."""
+    camera = sequence.cameras[PLAN["camera"]]
+    overrides = overrides_of(how, threshold) | {"peak_qe": light * Chip(chip_of(sequence)).peak_qe}
+    given = {"chip": chip_of(sequence), "overrides": overrides, "model": how["model"], "noise": how.get("noise", True)}
+    if how["model"] != OURS:
+        chip = Chip(chip_of(sequence), overrides={"peak_qe": overrides["peak_qe"]})
+        with Light(camera.folder / "stack", chip, threads=1) as stack:
+            values = stack.at(camera.truth.times_us[::10])
+        given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
+    output.parent.mkdir(parents=True, exist_ok=True)
+    more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
+    report = sense(camera.folder / "stack", output, seed=1 + int(sequence.name), **given, **more)
+    return int(report["results"]["events"])
+
+
+def matched_threshold(work: Work, name: str) -> float:
+    """With which there are as many events as ours are, in all of the light: the secant method on logarithms of both."""
+    path, how = work.root / "events" / name / "threshold.json", PLAN["matching"]
+    if not path.exists():
+        chosen = sequences(work.root / "light", how["split"])[:: how["every"]]
+        scratch = path.with_name("try.h5")
+        wanted = sum(sensed(s, scratch, simulators()[OURS], None, 1.0) for s in chosen)
+        tried: list[tuple[float, int]] = []
+        value = 0.3
+        while not tried or abs(tried[-1][1] / wanted - 1) > how["tolerance"]:
+            got = sum(sensed(s, scratch, simulators()[name], value, 1.0) for s in chosen)
+            tried.append((value, got))
+            print(f"{name}: threshold {value:.4f}: {got} events, wanted {wanted}", file=sys.stderr, flush=True)
+            slope = -1.0
+            if len(tried) > 1:
+                slope = math.log(tried[-1][1] / tried[-2][1]) / math.log(tried[-1][0] / tried[-2][0])
+            value *= (wanted / got) ** (1 / min(slope, -0.3))
+        scratch.unlink()
+        write_json(path, {"threshold": tried[-1][0], "tried": tried, "wanted": wanted})
+    return float(json.loads(path.read_text())["threshold"])
+
+
+def events_of(work: Work, name: str, sequence: Sequence) -> Path:
+    path, how = work.root / "events" / name / f"{sequence.name}.h5", simulators()[name]
+    if not path.exists():
+        threshold = matched_threshold(work, name) if how.get("matched") else None
+        sensed(sequence, path, how, threshold, filter_of(sequence))
+    return path
+
+
+@cache
+def light_of(work: Work, split: str) -> list[tuple[Sequence, Recording]]:
+    return [(s, Recording(s.cameras[PLAN["camera"]])) for s in sequences(work.root / "light", split)]
+
+
+def seen_by(work: Work, name: str, split: str) -> list[Recording]:
+    return [recording.with_events(read(events_of(work, name, s), "dsec")) for s, recording in light_of(work, split)]
+
+
+# Training and scores.
+
+
+def network_of(work: Work, name: str, seed: int) -> Path:
+    """Trained on one simulator's events: its network.onnx."""
+    run = work.folder / "runs" / f"{name}_{seed}"
+    if not (run / "network.onnx").exists():
+        learnt(run, seen_by(work, name, "train"), PLAN[work.training], seed, work.device)
+    return run / "network.onnx"
+
+
+def learnt(run: Path, sources: list[Recording], how: dict, seed: int, device: str) -> None:
+    config = TrainConfig(
+        NetworkConfig(how["network"], channels=how["channels"], levels=how.get("levels", 0)),
+        ClipConfig(how["windows"], how["crop"]),
+        how["steps"],
+        how["batch"],
+        how["learning_rate"],
+        how.get("decay_steps", 0),
+        seed=seed,
+    )
+
+    def say(step: int, loss: float) -> None:
+        if step % 50 == 0:
+            print(f"{run.name}: {step}/{how['steps']}, loss {loss:.4f}", file=sys.stderr, flush=True)
+
+    train(sources, run, config, device=device, progress=say)
+    export(run, run / "network.onnx")
+
+
+def shipped(work: Work, name: Path, real: Path | None) -> None:
+    """The network of the plan's "shipped": NAME.onnx, NAME.json."""
+    how = PLAN["shipped"]
+    sources = []
+    for sequence, recording in light_of(work, "train"):
+        for draw in range(how["draws"]):
+            rng = np.random.Generator(np.random.Philox(key=[how["seed"], 1000 * int(sequence.name) + draw]))
+            share = math.exp(rng.uniform(*map(math.log, how["light"])))
+            overrides = {f"contrast_threshold_{p}": rng.uniform(*how["threshold"]) for p in ("on", "off")}
+            path = work.root / "events" / "shipped" / f"{sequence.name}_{draw}.h5"
+            if not path.exists():
+                sensed(sequence, path, {"model": OURS, "overrides": overrides}, None, share)
+            sources.append(recording.with_events(read(path, "dsec")))
+    run = work.folder / "runs" / "shipped"
+    learnt(run, sources, how["training"], how["seed"], work.device)
+    shutil.copy(run / "network.onnx", name.with_suffix(".onnx"))
+    found = {}
+    for who, weights in (("network", run / "network.onnx"), (FILTER, None)):
+        rows = [scores(method_of(weights, f.size), f, None) for f in footage_of(work, OURS)]
+        found[who] = {"held_out": mean_scores(rows)}
+        if real:
+            footage, disk = real_disk.load(real, work.root / "real", PLAN["real"])
+            method = method_of(weights, footage.size)
+            found[who][footage.name] = real_disk.scores(method, footage, disk, PLAN["real"])
+    record = {"plan": PLAN, "run": json.loads((run / "config.json").read_text()), "scores": found}
+    write_json(name.with_suffix(".json"), record)
+
+
+def method_of(weights: Path | None, size: tuple[int, int]) -> Filter | Network:
+    return Network(weights, *size, threads=1) if weights else Filter(*size, 1.0)
+
+
+def weights_of(work: Work, name: str, seed: int) -> Path | None:
+    return None if name == FILTER else network_of(work, name, seed)
+
+
+def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
+def scores(method: Filter | Network, footage: Footage, lpips: Path | None) -> dict[str, float]:
+    """Means over the pictures after the first windows."""
+    rows = []
+    for k, window in enumerate(footage.windows):
+        picture = method(window)
+        if k >= PLAN["test"]["skipped_windows"]:
+            rows.append(picture_scores(picture, footage.pictures[k + 1] / 255.0, lpips))
+    return mean_scores(rows)
+
+
+def kept(path: Path, make) -> dict[str, float]:
+    if not path.exists():
+        write_json(path, make())
+    return json.loads(path.read_text())
+
+
+def footage_of(work: Work, on: str) -> list[Footage]:
+    """A simulator's test set."""
+    found = seen_by(work, on, PLAN["test"]["split"])
+    return [Footage(r.camera.name, r.events, r.times_us, r.pictures) for r in found]
+
+
+def tested(work: Work, name: str, seed: int, on: str, some: list[Footage], lpips: Path | None) -> dict[str, float]:
+    """The network of one simulator: means over pictures, then over footage."""
+
+    def make() -> dict[str, float]:
+        weights = weights_of(work, name, seed)
+        return mean_scores([scores(method_of(weights, footage.size), footage, lpips) for footage in some])
+
+    what = f"{name}_{seed}_on_{on}" + ("_lpips" if lpips else "")
+    return kept(work.folder / "scores" / f"{what}.json", make)
+
+
+def on_disk(work: Work, name: str, seed: int, real: Path) -> dict[str, float]:
+    def make() -> dict[str, float]:
+        footage, disk = real_disk.load(real, work.root / "real", PLAN["real"])
+        return real_disk.scores(method_of(weights_of(work, name, seed), footage.size), footage, disk, PLAN["real"])
+
+    return kept(work.folder / "scores" / f"{name}_{seed}_on_{PLAN['real']['sequence']}.json", make)
+
+
+# Tables.
+
+
+def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tuple[str, str]]) -> str:
+    """keys: (tested on, metric), one column each. Mean ± standard deviation over seeds; in brackets the mean of the
+    paired differences to ours ± its standard error."""
+    lines = ["| trained on | " + " | ".join(f"{on}: {metric}" for on, metric in keys) + " |"]
+    lines.append("|---|" + "---|" * len(keys))
+    for name, row in results.items():
+        cells = []
+        for on, metric in keys:
+            values = np.array([r[metric] for r in row[on]])
+            ours = np.array([r[metric] for r in results.get(OURS, {}).get(on, [])])
+            cell = f"{values.mean():.3f}" + (f" ± {values.std(ddof=1):.3f}" if len(values) > 1 else "")
+            if name not in (OURS, FILTER) and len(values) == len(ours) > 1:
+                apart = values - ours
+                cell += f" ({apart.mean():+.3f} ± {apart.std(ddof=1) / math.sqrt(len(apart)):.3f})"
+            cells.append(cell)
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def picture(work: Work, path: Path, names: list[str], seed: int, real: Path | None, more: Path | None) -> None:
+    """One row for each of our test set, and the recording: the last picture, by the filter and each network, and truth.
+    more: a network beside them."""
+    rows = footage_of(work, OURS)
+    if real:
+        rows = [*rows[:2], real_disk.load(real, work.root / "real", PLAN["real"])[0]]
+    methods = [weights_of(work, name, seed) for name in [FILTER, *names]] + ([more] if more else [])
+    lines = []
+    for footage in rows:
+        shown = []
+        for weights in methods:
+            method = method_of(weights, footage.size)
+            shown.append([method(window) for window in footage.windows][-1] * 255)
+        line = np.hstack([*shown, footage.pictures[-1]])
+        lines.append(
+            cv2.resize(line, None, fx=(scale := WIDE_PX / line.shape[1]), fy=scale, interpolation=cv2.INTER_AREA)
+        )
+    cv2.imwrite(str(path), np.vstack(lines).round().astype(np.uint8))
+
+
+def main(words: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path, help="folder with the set `light`, and of the results")
+    parser.add_argument("--only", help='simulators, a list (default: all of the plan but "more")')
+    parser.add_argument("--seeds", help="a list (default: those of the plan)")
+    parser.add_argument("--full", action="store_true", help="networks and training of the plan's full size")
+    parser.add_argument("--device", default="cpu", help="device of PyTorch for training: cpu, cuda")
+    parser.add_argument("--real", type=Path, help="the recording R_360_L")
+    parser.add_argument("--footage", type=Path, nargs="*", default=[], help="folders of other sequences")
+    parser.add_argument("--lpips-weights", type=Path, help="LPIPS beside the other scores")
+    parser.add_argument("--ship", type=Path, help="NAME of the two files")
+    parser.add_argument("--picture", type=Path, help="PNG: filter, networks of the first seed, --beside, truth")
+    parser.add_argument("--beside", type=Path, help="another network for the picture")
+    args = parser.parse_args(words)
+    work = Work(args.root, "full" if args.full else "training", args.device)
+    names = args.only.split(",") if args.only else list(PLAN["simulators"])
+    if unknown := set(names) - set(simulators()):
+        parser.error(f"--only: got {', '.join(unknown)}, wanted some of {', '.join(simulators())}")
+    seeds = [int(s) for s in args.seeds.split(",")] if args.seeds else PLAN["seeds"]
+    torch.set_num_threads(1)
+
+    if args.ship:
+        shipped(work, args.ship, args.real)
+        return
+    for seed, name in product(seeds, names):  # whole comparisons first
+        network_of(work, name, seed)
+    others = {on: footage_of(work, on) for on in names} | {f.name: [read_footage(f)] for f in args.footage}
+    results: dict[str, dict[str, list[dict[str, float]]]] = {}
+    for name in [*names, FILTER]:
+        of = [0] if name == FILTER else seeds
+        results[name] = {}
+        for on, some in others.items():
+            results[name][on] = [tested(work, name, s, on, some, args.lpips_weights) for s in of]
+        if args.real:
+            results[name][PLAN["real"]["sequence"]] = [on_disk(work, name, s, args.real) for s in of]
+    if args.picture:
+        picture(work, args.picture, names, seeds[0], args.real, args.beside)
+    write_json(work.folder / "results.json", {"plan": PLAN, "results": results})
+    for metric in PLAN["test"]["metrics"] + (["lpips"] if args.lpips_weights else []):
+        print(table(results, [(on, metric) for on in others]) + "\n")
+    if args.real:
+        on = PLAN["real"]["sequence"]
+        print(table(results, [(on, metric) for metric in results[FILTER][on][0]]))
+
+
+if __name__ == "__main__":
+    main()

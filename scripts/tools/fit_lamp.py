@@ -1,0 +1,59 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""Where the lab's lamp hangs, from a recording of the turning disk: parameters of scenes/rotating_disk.
+
+    scripts/tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
+
+The photoreceptor's corner follows the light, so fit_chip.py's map of corners over the disk is one of illuminance. A
+lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before and h below
+an element of the lamp, d h / r^4 (Lambert twice); walls add a constant share, the lens takes cos^4 of the field angle.
+Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 mm fit alike) and is given.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from pecs_lab import disk_fit, lamp_fit
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZE = (1280, 720)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recording")
+    parser.add_argument("--sequence", type=Path, default=ROOT / "scenes/rotating_disk/sequences/R_360_L.json")
+    parser.add_argument("--length-mm", type=float, default=1200, help="of the lamp, left to right")
+    parser.add_argument("--width-mm", type=float, default=120)
+    parser.add_argument("--walls", type=float, default=0.05, help="light from the walls / mean light from the lamp")
+    parser.add_argument("--chip", default="imx636")
+    parser.add_argument("--contrast", type=float, default=12.0, help="white / black of the disk")
+    args = parser.parse_args()
+
+    disk, _, _, seen = disk_fit.examine(args.recording, *SIZE)
+    table = disk_fit.tabulate(args.chip, {}, args.contrast, disk)
+    corner_hz = disk_fit.light_map(table, seen).reshape(seen.regions)
+
+    p = json.loads(args.sequence.read_text())["parameters"]
+    (around, along), of = seen.regions, seen.delays["regions"]
+    angle = np.radians(((np.arange(around) + 0.5) / around - 0.5) * 360)[:, None]
+    radius_px = of["inner_px"] + (np.arange(along) + 0.5) / along * (of["outer_px"] - of["inner_px"])
+    radius_mm = p["disk_radius_mm"] / disk.radius * radius_px
+    x = p["disk_right_mm"] + radius_mm * np.cos(angle)
+    up = p["disk_up_mm"] + radius_mm * np.sin(angle)
+    cos4 = (1 + (x**2 + up**2) / p["disk_distance_mm"] ** 2) ** -2
+    area = np.broadcast_to(radius_mm / radius_mm.mean(), corner_hz.shape)
+
+    size = {"lamp_length_mm": args.length_mm, "lamp_width_mm": args.width_mm}
+    found, rms = lamp_fit.fit(corner_hz, x, up, cos4, area, size, args.walls)
+    found = {key: round(value, 1) for key, value in found.items()}
+    found["lamp_distance_mm"] = round(p["disk_distance_mm"] - found.pop("lamp_before_mm"), 1)
+    low, middle, high = np.percentile(corner_hz, (0, 50, 100)).tolist()
+    report = {"parameters": found, "rms_ln": rms}
+    report |= {"corner_hz": {"min": low, "median": middle, "max": high}}
+    print(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()
