@@ -17,7 +17,7 @@ from pathlib import Path
 
 import bpy
 
-from .words import say
+from .interface import redraw, say
 
 POLL_S, STATUS_S = 0.2, 1.0  # between looks, and redraws of the status bar
 STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal, before it was ready for one
@@ -41,14 +41,14 @@ def clock(seconds: float) -> str:
 
 
 @dataclass
-class Job:
+class BackgroundJob:
     """label: what it does, as one reads it. done: what to say when it has ended well. for_file: its result is for the
     file that is open. continues: run again, it does not begin anew."""
 
     label: str
     command: list[str]
     output: Path
-    done: Callable[[Job], str]
+    done: Callable[[BackgroundJob], str]
     for_file: bool = False
     continues: bool = False
 
@@ -112,7 +112,7 @@ class Job:
 
 
 class _State:
-    job: Job | None = None
+    job: BackgroundJob | None = None
     message, is_error = "", False  # how the last one ended
     status_at = 0.0  # when the status bar was drawn
     scores: tuple[str, list[tuple[str, str]]] = "", []  # of the last comparison: title; label and value
@@ -121,7 +121,7 @@ class _State:
 state = _State()
 
 
-def start(job: Job) -> None:
+def start(job: BackgroundJob) -> None:
     state.job, state.message = job, ""
     bpy.app.timers.register(poll, first_interval=POLL_S, persistent=True)
 
@@ -145,7 +145,7 @@ def poll() -> float | None:
     return None
 
 
-def _ending(job: Job, code: int) -> str:
+def _ending(job: BackgroundJob, code: int) -> str:
     if code == 0:
         return job.done(job)
     if code in STOPPED:
@@ -163,10 +163,7 @@ def stop_preview(*_) -> None:
 
 
 def _redraw(at_once: bool) -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "PROPERTIES":
-                area.tag_redraw()
+    redraw("PROPERTIES")
     if at_once or time.monotonic() - state.status_at >= STATUS_S:  # it takes the hints of a tool that runs
         state.status_at = time.monotonic()
         for window in bpy.context.window_manager.windows:

@@ -13,8 +13,7 @@ from mathutils import Matrix, Vector
 
 from ..render import field
 from . import frustum, library, settings
-from .panel import Sub
-from .words import CONTEXT, say, wrapped
+from .interface import CONTEXT, say
 
 BEFORE = "pecs_before"  # custom property of the camera: what it was
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -228,27 +227,6 @@ class PECS_OT_restore_camera(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PECS_PT_camera(Sub, bpy.types.Panel):
-    bl_label = "Event camera"
-    bl_order = -1  # what one begins with
-
-    def fill(self, layout, scene, s) -> None:
-        row = layout.row(align=True)
-        row.operator("pecs.setup_camera", icon="CAMERA_DATA")
-        row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
-        layout.prop(scene.pecs_camera, "focus_object")
-        layout.prop(scene.pecs_camera, "show_field")
-        try:
-            wanted = frustum.setting(scene)
-        except RuntimeError:  # an unknown chip: checks.py says it above
-            return
-        found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
-        if wrong:
-            wrapped(layout, wrong, "ERROR", alert=True)
-        elif found:
-            layout.label(text=say("{lens}; widest f/{number:.3g}", lens=found.words(), number=found.widest))
-
-
 class PECS_GGT_focus(bpy.types.GizmoGroup):
     """An arrow at the plane in focus, to be dragged."""
 
@@ -282,7 +260,6 @@ CLASSES = (
     PECS_OT_setup_camera,
     PECS_OT_add_camera,
     PECS_OT_restore_camera,
-    PECS_PT_camera,
     PECS_GGT_focus,
 )
 _handles: list = []

@@ -16,10 +16,10 @@ import bpy
 from ..render.errors import RenderError
 from ..render.options import DEVICES, RULES
 from ..render.plan import MAX_INSTANTS
-from ..render.resources import BYTES_PER_VALUE, readable
+from ..render.resources import readable
 from ..render.spectra import spectrum
-from . import library, paths, sensor_settings, settings
-from .words import say
+from . import library, paths, settings
+from .interface import say
 
 NO_FOLDER = "{path}: a file, wanted a folder"
 
@@ -43,8 +43,8 @@ def sensor_problems(scene) -> list[Problem]:
     """Of a simulation."""
     if not _chip(scene):
         return list(_of_chip(scene))
-    known = sensor_settings.parameters(scene.pecs)
-    wrong = [sensor_settings.wrong(one, known) for one in scene.pecs.sensor.overrides]
+    known = settings.parameters(scene.pecs)
+    wrong = [settings.wrong(one, known) for one in scene.pecs.sensor.overrides]
     return [*(Problem(text) for text in wrong if text), *_of_place(paths.events(scene).parent)]
 
 
@@ -130,8 +130,7 @@ def _of_output(scene) -> Iterator[Problem]:
         yield Problem(say(NO_FOLDER, path=folder))
         return
     yield from _of_place(folder)
-    width, height = settings.size(scene)
-    wanted = settings.instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
+    wanted = settings.stack_bytes(scene)
     disk = shutil.disk_usage(_there(folder))
     if disk.total and wanted > disk.free:  # /proc has none
         text = say("Up to {wanted}, and {free} are free", wanted=readable(wanted), free=readable(disk.free))

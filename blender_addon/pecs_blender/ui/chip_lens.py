@@ -8,8 +8,8 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ..render.errors import RenderError
-from . import checks, library, paths, sensor_settings, settings
-from .words import say
+from . import checks, library, paths, settings
+from .interface import say
 
 
 class PECS_OT_chip_resolution(bpy.types.Operator):
@@ -152,7 +152,7 @@ class PECS_OT_pick_lens(bpy.types.Operator):
 
 def _keys(_self, context, text: str) -> list[tuple[str, str]]:
     try:
-        known = sensor_settings.parameters(context.scene.pecs)
+        known = settings.parameters(context.scene.pecs)
     except RuntimeError:
         return []
     return [(key, f"{p['value']:g} {p['unit']}") for key, p in known.items() if text.lower() in key]
@@ -174,12 +174,12 @@ class PECS_OT_override_add(bpy.types.Operator):
     def execute(self, context):
         settings_, sensor = context.scene.pecs, context.scene.pecs.sensor
         try:
-            known = sensor_settings.parameters(settings_)
+            known = settings.parameters(settings_)
         except RuntimeError as e:
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
         if self.name not in known:
-            self.report({"ERROR"}, say(sensor_settings.UNKNOWN, name=self.name or "?"))
+            self.report({"ERROR"}, say(settings.UNKNOWN, name=self.name or "?"))
             return {"CANCELLED"}
         if self.name not in sensor.overrides:
             one = sensor.overrides.add()

@@ -9,9 +9,10 @@ from bpy.props import EnumProperty, StringProperty
 
 from ..render.errors import RenderError
 from ..render.programs import pecs as program
-from . import background, checks, library, operators, paths, sensor_settings, settings
+from . import background, checks, library, operators, paths, settings
+from .background import BackgroundJob
+from .interface import areas, say
 from .preferences import preferences
-from .words import say
 
 KINDS = {  # what `pecs view` makes
     "png": ("Sheet", "Pictures of the events, in the image editor"),
@@ -48,12 +49,12 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
         return not wrong
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, events = context.scene, paths.events(context.scene)
-        words = ["--chip", library.find("chip", scene.pecs.chip), *sensor_settings.arguments(scene)]
+        words = ["--chip", library.find("chip", scene.pecs.chip), *settings.sensor_arguments(scene)]
         words += ["--threads", scene.pecs.threads or preferences().threads]
         command = _command("sense", paths.rendered(scene), "-o", events, *words)
-        return background.Job("Simulate events", command, events, lambda job: job.answer[-1])
+        return BackgroundJob("Simulate events", command, events, lambda job: job.answer[-1])
 
 
 class _OnEvents(operators.InBackground):
@@ -80,20 +81,20 @@ class PECS_OT_view(_OnEvents, bpy.types.Operator):
     def description(cls, _context, properties) -> str:
         return say("A strip in the sequencer" if properties.to_sequencer else KINDS[properties.kind][1])
 
-    def job(self, context) -> background.Job:
+    def job(self, context) -> BackgroundJob:
         sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
         output = events.with_suffix("." + self.kind)
         words = ["--window", f"{sensor.window_ms:.6g}ms"] if sensor.window_ms and self.kind != "html" else []
         words += ["--slow-motion", f"{sensor.slow_motion:.6g}"] if sensor.slow_motion > 1 and self.kind == "mp4" else []
         done = {"png": _show_sheet, "mp4": _add_strip if self.to_sequencer else _open, "html": _open}[self.kind]
-        return background.Job(KINDS[self.kind][0], _command("view", events, "-o", output, *words), output, done)
+        return BackgroundJob(KINDS[self.kind][0], _command("view", events, "-o", output, *words), output, done)
 
 
-def _open(job: background.Job) -> str:
+def _open(job: BackgroundJob) -> str:
     return paths.open_outside(job.output)
 
 
-def _show_sheet(job: background.Job) -> str:
+def _show_sheet(job: BackgroundJob) -> str:
     image = bpy.data.images.load(str(job.output), check_existing=True)
     image.reload()
     return operators.show_image(image)
@@ -101,13 +102,12 @@ def _show_sheet(job: background.Job) -> str:
 
 def sequencer_scene(context) -> bpy.types.Scene | None:
     """That an open sequencer shows; none where none is open."""
-    areas = [area for window in context.window_manager.windows for area in window.screen.areas]
-    if not any(area.type == "SEQUENCE_EDITOR" for area in areas):
+    if not any(areas("SEQUENCE_EDITOR")):
         return None
     return getattr(context.workspace, "sequencer_scene", None) or context.scene  # Blender 5; 4.5
 
 
-def _add_strip(job: background.Job) -> str:
+def _add_strip(job: BackgroundJob) -> str:
     scene = sequencer_scene(bpy.context)
     if not scene:
         return say("{path}: no sequencer is open", path=job.output)
@@ -130,7 +130,7 @@ class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
 
     to_sequencer: bpy.props.BoolProperty(name="Into the sequencer", options={"SKIP_SAVE"})
 
-    def job(self, context) -> background.Job:
+    def job(self, context) -> BackgroundJob:
         scene, events = context.scene, paths.events(context.scene)
         s, output = scene.pecs, events.with_suffix(".light.mp4")
         slower = s.sensor.slow_motion or VIDEO_S * s.fps / settings.instants(scene)
@@ -138,7 +138,7 @@ class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
         words = ["-o", output, *rates, "--cutoff", f"{s.sensor.cutoff_hz:.6g}"]
         command = [*operators.program("reconstruct"), str(events), *map(str, words)]
         done = _add_strip if self.to_sequencer else _open
-        return background.Job("Video of the light", command, output, done)
+        return BackgroundJob("Video of the light", command, output, done)
 
 
 class PECS_OT_report(_OnEvents, bpy.types.Operator):
@@ -148,12 +148,12 @@ class PECS_OT_report(_OnEvents, bpy.types.Operator):
     bl_label = "Report"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, events = context.scene, paths.events(context.scene)
         stack, output = paths.rendered(scene), events.with_suffix(".report.html")
         words = ["--stack", stack] if (stack / "stack.json").is_file() else []
         words += _recording(scene, "--real")
-        return background.Job("Report", _command("report", "--sim", events, *words, "-o", output), output, _open)
+        return BackgroundJob("Report", _command("report", "--sim", events, *words, "-o", output), output, _open)
 
 
 def _recording(scene, *option: str) -> list[str]:
@@ -175,7 +175,7 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def job(self, context) -> background.Job:
+    def job(self, context) -> BackgroundJob:
         sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
         if self.filepath:
             sensor.recording = self.filepath
@@ -184,10 +184,10 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
         window = sensor.compare_ms
         words = ["--window", f"{window:.6g}ms"] if window else []
         command = _command("compare", *_recording(context.scene), events, *words, "--json")
-        return background.Job("Compare", command, events, _keep_scores)
+        return BackgroundJob("Compare", command, events, _keep_scores)
 
 
-def _keep_scores(job: background.Job) -> str:
+def _keep_scores(job: BackgroundJob) -> str:
     scores = json.loads("\n".join(job.answer))
     names, ms = (Path(job.command[2]).name, job.output.name), scores["window_us"] / 1e3
     title = say("{recording} and {events}, {ms:.4g} ms", recording=names[0], events=names[1], ms=ms)

@@ -13,6 +13,7 @@ from gpu_extras.batch import batch_for_shader
 
 from ..render import field
 from . import library, settings
+from .interface import redraw
 
 POLL_S = 0.1
 LINES, PLANE = (0.337, 0.706, 0.914, 0.9), (0.337, 0.706, 0.914, 0.08)
@@ -72,10 +73,7 @@ fields = Fields()
 def _show() -> float | None:
     if fields.looking():
         return POLL_S
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "PROPERTIES"):
-                area.tag_redraw()
+    redraw("VIEW_3D", "PROPERTIES")
     return None
 
 

@@ -14,13 +14,17 @@ import time
 from collections import deque
 from pathlib import Path
 
+import blf
 import bpy
 import gpu
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from gpu_extras.batch import batch_for_shader
+from mathutils import Matrix, Vector
 
 from ..render import live
-from . import library, live_draw
-from .words import say
+from . import library
+from .interface import redraw, say
 
 MANY_PX = 640 * 480  # from here on the sensor, for which Blender waits, has two threads
 BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
@@ -28,6 +32,8 @@ FADED = 4  # decay times after which nothing is left to see
 MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
 DRAWS_OFFSCREEN = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
 MOST_FRAMES = 4  # of a step that sub-instants may divide
+INSET = 0.35  # of the viewport's width, for a camera that it does not look through
+MARGIN_PX = 12
 WORDS = "PECS live preview: relative light, no spectrum, no lens"
 STOPPED = "Stopped: {reason}"
 WHITE, RED = (0.9, 0.92, 0.93, 1), (1, 0.35, 0.3, 1)
@@ -98,7 +104,7 @@ class LiveView:
         if self._gpu:
             self._gpu.free()
         self.sensor.close()
-        _redraw_views()
+        redraw("VIEW_3D")
 
     # What changes.
 
@@ -206,8 +212,8 @@ class LiveView:
         height, width = self.sensor.last_s.shape
         scene, region_3d = window.scene, space.region_3d
         if scene.pecs_live.source == "VIEW" or not scene.camera:
-            rectangle = live_draw.centred(width, height, region)
-            projection = live_draw.part_of_view(region_3d.window_matrix, rectangle, region)
+            rectangle = centred(width, height, region)
+            projection = part_of_view(region_3d.window_matrix, rectangle, region)
             return region_3d.view_matrix.copy(), projection, rectangle
         depsgraph = window.view_layer.depsgraph
         camera = scene.camera.evaluated_get(depsgraph)
@@ -215,8 +221,8 @@ class LiveView:
         projection = camera.calc_matrix_camera(depsgraph, x=width, y=height)
         rectangle = None
         if region_3d.view_perspective == "CAMERA" and (space.camera or scene.camera) == scene.camera:
-            rectangle = live_draw.of_camera(matrix, projection, region, region_3d)
-        return matrix.inverted(), projection, rectangle or live_draw.inset(width, height, region)
+            rectangle = of_camera(matrix, projection, region, region_3d)
+        return matrix.inverted(), projection, rectangle or inset(width, height, region)
 
     def _push(self, light: np.ndarray, dt_s: float) -> None:
         start_s, self._light = time.perf_counter(), light
@@ -265,12 +271,12 @@ class LiveView:
         if not draws_offscreen(scene, space):
             through_camera = space.region_3d.view_perspective == "CAMERA" and scene.pecs_live.source == "CAMERA"
             height, width = self.sensor.last_s.shape
-            rectangle = rectangle if through_camera else live_draw.centred(width, height, region)
+            rectangle = rectangle if through_camera else centred(width, height, region)
             self._drawn = (_clock(scene, context.screen.is_animation_playing), rectangle)
         s = scene.pecs_live
         self._gpu = self._gpu or _Gpu(self.sensor.last_s)
         self._gpu.draw(rectangle, self.sensor.known_s, s.decay_ms / 1e3, 1.0 if s.alone else 0.0)
-        live_draw.write(self._lines(), context.area)
+        _write(self._lines(), context.area)
 
     def _lines(self) -> list[tuple[str, tuple]]:
         height, width = self.sensor.last_s.shape
@@ -305,7 +311,7 @@ class _Gpu:
         self.rgba, self.rgba_array = _shared(height, width, 4)
         self._last_s = gpu.types.Buffer("FLOAT", last_s.size, last_s.reshape(-1))
         self._size = width, height
-        self._shader = live_draw.EventShader()
+        self._shader = EventShader()
         self.texture = None  # of last_s; None: to be made
 
     def draw(self, rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
@@ -327,7 +333,7 @@ def rate_text(rate_hz: float) -> str:
 
 
 def _clock(scene, playing: bool) -> tuple:
-    """For core.live.Clock.step."""
+    """For render.live.Clock.step."""
     first, last = scene.frame_start, scene.frame_end
     if scene.use_preview_range:
         first, last = scene.frame_preview_start, scene.frame_preview_end
@@ -344,11 +350,103 @@ def _changes() -> tuple[list, list]:
     return bpy.app.handlers.depsgraph_update_post, bpy.app.handlers.frame_change_post
 
 
-def _redraw_views() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+_VERTEX = """
+void main() {
+  uv = pos;
+  gl_Position = ModelViewProjectionMatrix * vec4(corner + pos * size, 0.0, 1.0);
+}
+"""
+# The hues of pecs view on dark ground, sky blue for ON and orange for OFF; linear: the viewport's framebuffer is sRGB.
+_FRAGMENT = """
+void main() {
+  float t_s = texture(last_s, uv).r;
+  float strength = t_s == 0.0 ? 0.0 : exp((abs(t_s) - now_s) / decay_s);
+  vec3 hue = t_s > 0.0 ? vec3(0.093, 0.456, 0.815) : vec3(0.871, 0.262, 0.021);
+  vec3 paper = vec3(0.007, 0.0086, 0.011);
+  colour = vec4(mix(paper, hue, max(strength, 1.0 - paper_alpha)), max(strength, paper_alpha));
+}
+"""
+
+
+class EventShader:
+    """Draws a picture of signed times: `render.live.LiveSensor.last_s`."""
+
+    def __init__(self) -> None:
+        info = gpu.types.GPUShaderCreateInfo()
+        passed = gpu.types.GPUStageInterfaceInfo("pecs_live_passed")
+        passed.smooth("VEC2", "uv")
+        info.push_constant("MAT4", "ModelViewProjectionMatrix")
+        for kind, name in (("VEC2", "corner"), ("VEC2", "size")):
+            info.push_constant(kind, name)
+        for name in ("now_s", "decay_s", "paper_alpha"):
+            info.push_constant("FLOAT", name)
+        info.sampler(0, "FLOAT_2D", "last_s")
+        info.vertex_in(0, "VEC2", "pos")
+        info.vertex_out(passed)
+        info.fragment_out(0, "VEC4", "colour")
+        info.vertex_source(_VERTEX)
+        info.fragment_source(_FRAGMENT)
+        self._shader = gpu.shader.create_from_info(info)
+        self._batch = batch_for_shader(self._shader, "TRI_FAN", {"pos": ((0, 0), (1, 0), (1, 1), (0, 1))})
+
+    def draw(self, texture, rectangle: Rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
+        shader = self._shader
+        shader.bind()
+        shader.uniform_sampler("last_s", texture)
+        shader.uniform_float("corner", rectangle[:2])
+        shader.uniform_float("size", rectangle[2:])
+        for name, value in (("now_s", now_s), ("decay_s", decay_s), ("paper_alpha", paper_alpha)):
+            shader.uniform_float(name, value)
+        gpu.state.blend_set("ALPHA")
+        self._batch.draw(shader)
+        gpu.state.blend_set("NONE")
+
+
+Rectangle = tuple[float, float, float, float]  # x, y of the lower left corner, width, height in the region's pixels
+
+
+def centred(width: float, height: float, region) -> Rectangle:
+    """The largest of that shape in the middle of the region."""
+    scale = min(region.width / width, region.height / height)
+    width, height = width * scale, height * scale
+    return (region.width - width) / 2, (region.height - height) / 2, width, height
+
+
+def inset(width: float, height: float, region) -> Rectangle:
+    shown = region.width * INSET
+    return MARGIN_PX, MARGIN_PX, shown, shown * height / width
+
+
+def of_camera(camera_matrix: Matrix, projection: Matrix, region, region_3d) -> Rectangle | None:
+    """Where a viewport that looks through the camera shows what `projection` shows."""
+    from_clip = camera_matrix @ projection.inverted()
+    corners = []
+    for x, y in ((-1, -1), (1, 1)):
+        point = from_clip @ Vector((x, y, 0, 1))
+        corners.append(location_3d_to_region_2d(region, region_3d, point.xyz / point.w))
+    if None in corners:
+        return None
+    low, high = corners
+    return low.x, low.y, high.x - low.x, high.y - low.y
+
+
+def part_of_view(projection: Matrix, rectangle: Rectangle, region) -> Matrix:
+    """The viewport's projection, of a rectangle in its middle."""
+    return Matrix.Diagonal((region.width / rectangle[2], region.height / rectangle[3], 1, 1)) @ projection
+
+
+def _write(lines: list[tuple[str, tuple]], area) -> None:
+    """Lines with their colour, from the lower left corner up, beside the tools."""
+    scale = bpy.context.preferences.system.ui_scale
+    left = sum(r.width for r in area.regions if r.type == "TOOLS") + MARGIN_PX
+    blf.size(0, 12 * scale)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0, 0, 0, 0.9)
+    for i, (text, colour) in enumerate(reversed(lines)):
+        blf.color(0, *colour)
+        blf.position(0, left, MARGIN_PX + 18 * scale * i, 0)
+        blf.draw(0, text)
+    blf.disable(0, blf.SHADOW)
 
 
 class _State:

@@ -3,10 +3,38 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
-from . import background, event_operators, manual
-from .words import say
+from . import background, event_operators, paths
+from .interface import say
+
+_TRIED = (
+    Path(__file__).parents[1] / "manual/panel.html",
+    Path(__file__).parents[3] / "docs/start/panel.md",
+)  # zip; checkout
+
+
+def _page() -> Path:
+    return next((path for path in _TRIED if path.is_file()), _TRIED[0])
+
+
+def _manual_pages() -> tuple[str, tuple[tuple[str, str], ...]]:
+    """As bpy.utils.register_manual_map wants it."""
+    ours = ("bpy.ops.pecs.*", "bpy.types.pecs*", "bpy.types.scene.pecs*")
+    return _page().as_uri(), tuple((pattern, "") for pattern in ours)
+
+
+class PECS_OT_manual(bpy.types.Operator):
+    """Open the manual's page in the browser"""
+
+    bl_idname = "pecs.manual"
+    bl_label = "Manual"
+
+    def execute(self, _context):
+        self.report({"INFO"}, paths.open_outside(_page()))
+        return {"FINISHED"}
 
 
 class PECS_MT_render(bpy.types.Menu):
@@ -44,7 +72,7 @@ def _in_status_bar(self, _context) -> None:
         row.operator("pecs.stop", icon="CANCEL", text="")
 
 
-CLASSES = (PECS_MT_render,)
+CLASSES = (PECS_OT_manual, PECS_MT_render)
 
 
 _keys: list[tuple] = []  # of ours
@@ -56,13 +84,13 @@ def register() -> None:
         _keys.append((properties, properties.keymap_items.new("pecs.stop", "ESC", "PRESS")))
     bpy.types.TOPBAR_MT_render.append(_in_render_menu)
     bpy.types.STATUSBAR_HT_header.append(_in_status_bar)
-    bpy.utils.register_manual_map(manual.pages)
+    bpy.utils.register_manual_map(_manual_pages)
 
 
 def unregister() -> None:
     for keymap, item in _keys:
         keymap.keymap_items.remove(item)
     _keys.clear()
-    bpy.utils.unregister_manual_map(manual.pages)
+    bpy.utils.unregister_manual_map(_manual_pages)
     bpy.types.STATUSBAR_HT_header.remove(_in_status_bar)
     bpy.types.TOPBAR_MT_render.remove(_in_render_menu)

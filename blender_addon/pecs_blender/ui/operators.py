@@ -11,9 +11,10 @@ from pathlib import Path
 import bpy
 
 from ..render.colour import linear_rgb
-from . import background, checks, paths, sensor_settings, settings
+from . import background, checks, paths, settings
+from .background import BackgroundJob
+from .interface import areas, say
 from .preferences import ROOT, preferences
-from .words import say
 
 PREVIEW_WIDTH = 320
 # For the eye.
@@ -82,7 +83,7 @@ class Renders(InBackground):
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """The command of a verb of cli.py that renders; without output, it answers."""
     command = program(verb, bpy.data.filepath)
-    return [*command, *(["-o", str(output)] if output else []), *settings.arguments(scene), *words]
+    return [*command, *(["-o", str(output)] if output else []), *settings.render_arguments(scene), *words]
 
 
 def program(verb: str, *blend: str) -> list[str]:
@@ -111,16 +112,16 @@ class PECS_OT_render(Renders, bpy.types.Operator):
     bl_label = "Render stack"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, output = context.scene, paths.stack(context.scene)
         name = scene.name
 
-        def done(job: background.Job) -> str:
+        def done(job: BackgroundJob) -> str:
             remember_stack(name, job.folder)
             return say("{path}: rendered", path=job.folder)
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
-        return background.Job("Render stack", command, output, done, continues=True)
+        return BackgroundJob("Render stack", command, output, done, continues=True)
 
 
 class PECS_OT_run(Renders, bpy.types.Operator):
@@ -130,17 +131,17 @@ class PECS_OT_run(Renders, bpy.types.Operator):
     bl_label = "Render and simulate"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, stack, events = context.scene, paths.stack(context.scene), paths.events(context.scene)
         name = scene.name
 
-        def done(job: background.Job) -> str:
+        def done(job: BackgroundJob) -> str:
             remember_stack(name, job.folder if job.folder != events else stack)
             return job.answer[-1] if job.answer else say("{path}: simulated", path=events)
 
         words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
-        command = blender(scene, "run", events, *words, "--sense", *sensor_settings.arguments(scene))
-        return background.Job("Render and simulate", command, events, done, continues=True)
+        command = blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
+        return BackgroundJob("Render and simulate", command, events, done, continues=True)
 
 
 class PECS_OT_plan(Renders, bpy.types.Operator):
@@ -150,10 +151,10 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
     bl_label = "Plan"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, output = context.scene, paths.stack(context.scene)
         command = blender(scene, "render", output, *frame_words(scene), "--plan")
-        return background.Job("Plan", command, output, lambda job: job.last_line.removeprefix("render: "))
+        return BackgroundJob("Plan", command, output, lambda job: job.last_line.removeprefix("render: "))
 
 
 class PECS_OT_preview(Renders, bpy.types.Operator):
@@ -163,17 +164,17 @@ class PECS_OT_preview(Renders, bpy.types.Operator):
     bl_label = "Preview"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene, render = context.scene, context.scene.render
         t_s = (scene.frame_current_final - scene.frame_start) * render.fps_base / render.fps
         index = max(0, round(t_s * scene.pecs.fps))
         width = min(PREVIEW_WIDTH, render.resolution_x)
         folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / "preview_stack"
         words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *AT_ONCE]
-        return background.Job("Preview", blender(scene, "render", folder, *words), folder, _show, for_file=True)
+        return BackgroundJob("Preview", blender(scene, "render", folder, *words), folder, _show, for_file=True)
 
 
-def _show(job: background.Job) -> str:
+def _show(job: BackgroundJob) -> str:
     """The preview, in the image editor."""
     import numpy as np
     import pecs
@@ -194,8 +195,7 @@ def _show(job: background.Job) -> str:
 
 def show_image(image: bpy.types.Image) -> str:
     """In every image editor that is open."""
-    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
-    editors = [area for area in areas if area.type == "IMAGE_EDITOR"]
+    editors = list(areas("IMAGE_EDITOR"))
     for area in editors:
         area.spaces.active.image = image
     text = "{image}: in the image editor" if editors else "{image}: in the image editor (open one)"

@@ -1,12 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Render properties > PECS: what runs, and what is wrong. Its sub-panels have files of their own."""
+"""Render properties > PECS, with its sub-panels in the order in which Blender draws them."""
 
 from __future__ import annotations
 
 import bpy
 
-from . import checks, operators, words
+from ..render.resources import readable
+from . import (
+    checks,
+    event_operators,
+    frustum,
+    library,
+    light_probe,
+    operators,
+    paths,
+    scene_checks,
+    settings,
+)
 from .background import state
+from .interface import CONTEXT, problem, say, wrapped
 from .presets import PECS_PT_presets
 
 
@@ -43,14 +55,262 @@ class PECS_PT_render(bpy.types.Panel):
             row.scale_y = 1.4
             row.operator("pecs.run", icon="RENDER_ANIMATION")
             if state.message:
-                words.wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
+                wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
             if state.is_error and "exists and differs" in state.message:
                 layout.prop(context.scene.pecs, "exists")
         if operators.wants_saving():
-            words.wrapped(layout, words.say("Save the file: it is rendered as saved"), "INFO")
+            wrapped(layout, say("Save the file: it is rendered as saved"), "INFO")
             layout.operator("wm.save_mainfile", text="Save", icon="FILE_TICK")
         for one in checks.problems(context.scene):
-            words.problem(layout, one)
+            problem(layout, one)
 
 
-CLASSES = (PECS_PT_render,)
+class PECS_PT_camera(Sub, bpy.types.Panel):
+    bl_label = "Event camera"
+
+    def fill(self, layout, scene, s) -> None:
+        row = layout.row(align=True)
+        row.operator("pecs.setup_camera", icon="CAMERA_DATA")
+        row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
+        layout.prop(scene.pecs_camera, "focus_object")
+        layout.prop(scene.pecs_camera, "show_field")
+        try:
+            wanted = frustum.setting(scene)
+        except RuntimeError:  # an unknown chip: checks.py says it above
+            return
+        found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
+        if wrong:
+            wrapped(layout, wrong, "ERROR", alert=True)
+        elif found:
+            layout.label(text=say("{lens}; widest f/{number:.3g}", lens=found.words(), number=found.widest))
+
+
+class PECS_PT_sensor(Sub, bpy.types.Panel):
+    bl_label = "Sensor"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "chip")
+        try:
+            chip = library.chip(s.chip).profile
+        except RuntimeError:  # checks.py says it above
+            return
+        text = "{width} x {height} pixels of {pitch:.4g} µm" if chip.width else "Any number of pixels of {pitch:.4g} µm"
+        layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
+        width, height = settings.size(scene)
+        if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
+            layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
+        sensor = s.sensor
+        for name in ("model", "readout", "seed", "no_noise"):
+            layout.prop(sensor, name)
+
+
+class PECS_PT_parameters(Sub, bpy.types.Panel):
+    bl_label = "Parameters"
+    bl_parent_id = "PECS_PT_sensor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        try:
+            known = settings.parameters(s)
+        except RuntimeError:
+            return
+        for index, one in enumerate(s.sensor.overrides):
+            entry = known.get(one.name, {"unit": "?", "range": (0, 0)})
+            column = layout.column(align=True)
+            row = column.row(align=True)
+            row.alert = bool(settings.wrong(one, known))
+            row.prop(one, "value", text=one.name)
+            row.operator("pecs.override_remove", icon="X", text="").index = index
+            low, high = entry["range"]
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            row = column.row()
+            row.alignment = "RIGHT"
+            row.label(text=say("{low:g} to {high:g}{unit}", low=low, high=high, unit=unit))
+        layout.operator("pecs.override_add", icon="ADD")
+
+
+class PECS_PT_lens(Sub, bpy.types.Panel):
+    bl_label = "Lens"
+    bl_translation_context = CONTEXT
+
+    def fill(self, layout, scene, s) -> None:
+        row = layout.row(align=True)
+        row.prop(s, "lens")
+        row.operator("pecs.pick_lens", icon="FILEBROWSER", text="")
+        if not settings.has_lens(s):
+            camera = scene.camera
+            if camera and camera.type == "CAMERA":
+                layout.label(text=say("The scene's camera, f/{number:.3g}", number=camera.data.dof.aperture_fstop))
+            return
+        column = layout.column(align=True)
+        for name in ("focus_m", "fnumber", "film_width_mm"):
+            column.prop(s, name)
+        try:
+            info = settings.lens_now(scene)
+        except RuntimeError:  # checks.py says it above
+            return
+        column = layout.column(align=True)
+        column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
+        column.label(text=say("Sees {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"]))
+        row = layout.row(align=True)
+        row.operator("pecs.match_lens", text="Match the camera", icon="CAMERA_DATA")
+        row.operator("pecs.draw_lens", icon="VIEW_ORTHO")
+
+
+class PECS_PT_light(Sub, bpy.types.Panel):
+    bl_label = "Light and bands"
+
+    def fill(self, layout, scene, s) -> None:
+        for name in ("bands", "placement", "illuminant", "light_scale", "samples", "device"):
+            layout.prop(s, name)
+
+
+class PECS_PT_light_more(Sub, bpy.types.Panel):
+    bl_label = "More"
+    bl_parent_id = "PECS_PT_light"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        for name in ("min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "light_tree", "seed", "threads"):
+            layout.prop(s, name)
+        if settings.has_lens(s):
+            layout.prop(s, "film_shift_mm")
+        layout.prop(s, "allow_scripts")
+
+
+class PECS_PT_time(Sub, bpy.types.Panel):
+    bl_label = "Time"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "time")
+        layout.prop(s, "step_px" if s.time == "adaptive" else "moving_px")
+        layout.prop(s, "fps")
+        layout.prop(s, "whole_range")
+        if not s.whole_range:
+            layout.prop(s, "frames")
+        count, passes = settings.instants(scene), s.pass_count
+        text = "{count:,} instants, {ms:.4g} ms, {passes} passes each"
+        text = text if passes > 1 else "{count:,} instants, {ms:.4g} ms, 1 pass each"
+        layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
+
+
+class PECS_PT_stack(Sub, bpy.types.Panel):
+    bl_label = "Stack"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "output", placeholder=paths.stack(scene).name)
+        layout.prop(s, "exists")
+        layout.prop(s, "layers")
+        width, height = settings.size(scene)
+        text = "{width} x {height} pixels, up to {size}"
+        layout.label(text=say(text, width=width, height=height, size=readable(settings.stack_bytes(scene))))
+        row = layout.row(align=True)
+        row.operator("pecs.plan", icon="TIME")
+        row.operator("pecs.preview", icon="IMAGE_DATA")
+        layout.operator("pecs.render", icon="RENDER_STILL")
+
+
+class PECS_PT_probe(Sub, bpy.types.Panel):
+    bl_label = "How bright"
+    bl_parent_id = "PECS_PT_light"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.operator("pecs.probe_light", icon="LIGHT_SUN")
+        if found := light_probe.state.found.get(scene.name):
+            scale = s.light_scale / found["light_scale"]
+            column = layout.column(align=True)
+            for row in light_probe.rows(found, scale):
+                wrapped(column, row)
+            corner = found["corner_hz"]
+            if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
+                wrapped(layout, say("Dim: the photoreceptor is slow, and smears what moves"), "INFO")
+        row = layout.row(align=True)
+        row.prop(scene.pecs_light, "wanted_lux")
+        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
+
+
+class PECS_PT_checks(Sub, bpy.types.Panel):
+    bl_label = "Before the render"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.operator("pecs.check_scene", icon="VIEWZOOM")
+        found = scene_checks.state.found.get(scene.name)
+        if found == []:
+            wrapped(layout, say("Nothing found"), "CHECKMARK")
+        for one in found or ():
+            problem(layout, one)
+
+
+class PECS_PT_events(Sub, bpy.types.Panel):
+    bl_label = "Events"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
+        layout.prop(s.sensor, "format")
+        for one in checks.sensor_problems(scene):
+            problem(layout, one)
+        layout.label(text=say("From {name}", name=paths.rendered(scene).name))
+        layout.operator("pecs.sense", icon="PARTICLES")
+
+
+class PECS_PT_view(Sub, bpy.types.Panel):
+    bl_label = "Look"
+    bl_translation_context = CONTEXT
+    bl_parent_id = "PECS_PT_events"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s.sensor, "window_ms")
+        layout.prop(s.sensor, "slow_motion")
+        row = layout.row(align=True)
+        for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
+            row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
+        if event_operators.sequencer_scene(bpy.context):
+            strip = layout.operator("pecs.view", text="Video into the sequencer", icon="SEQUENCE")
+            strip.kind, strip.to_sequencer = "mp4", True
+        layout.prop(s.sensor, "cutoff_hz")
+        row = layout.row(align=True)
+        row.operator("pecs.reconstruct", icon="RENDER_ANIMATION")
+        if event_operators.sequencer_scene(bpy.context):
+            row.operator("pecs.reconstruct", text="", icon="SEQUENCE").to_sequencer = True
+        row = layout.row(align=True)
+        row.operator("pecs.report", icon="TEXT")
+        row.operator("pecs.open_folder", icon="FILE_FOLDER", text="Folder")
+
+
+class PECS_PT_compare(Sub, bpy.types.Panel):
+    bl_label = "Compare"
+    bl_parent_id = "PECS_PT_events"
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s.sensor, "recording")
+        layout.prop(s.sensor, "compare_ms")
+        layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
+        title, rows = state.scores
+        if rows:
+            box = layout.box()
+            row = box.row()
+            row.label(text=title)
+            row.operator("pecs.close_scores", icon="X", text="", emboss=False)
+            for label, value in rows:
+                split = box.split(factor=0.4)
+                split.scale_y = 0.6
+                split.label(text=say(label))
+                split.label(text=value)
+
+
+CLASSES = (
+    PECS_PT_render,
+    PECS_PT_camera,
+    PECS_PT_sensor,
+    PECS_PT_parameters,
+    PECS_PT_lens,
+    PECS_PT_light,
+    PECS_PT_light_more,
+    PECS_PT_time,
+    PECS_PT_stack,
+    PECS_PT_probe,
+    PECS_PT_checks,
+    PECS_PT_events,
+    PECS_PT_view,
+    PECS_PT_compare,
+)

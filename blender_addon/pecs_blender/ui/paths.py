@@ -8,8 +8,8 @@ from pathlib import Path
 
 import bpy
 
+from .interface import say
 from .preferences import preferences
-from .words import say
 
 
 def _beside(text: str, ending: str) -> Path:

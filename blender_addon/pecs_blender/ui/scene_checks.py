@@ -13,10 +13,9 @@ from mathutils import Matrix, Vector
 
 from ..render.needs import missing_files, python_drivers
 from ..render.spectral import beyond_reach
-from . import light, settings
+from . import light_probe, settings
 from .checks import Problem
-from .panel import Sub
-from .words import problem, say, wrapped
+from .interface import say
 
 LOOKS = 8  # over the rendered range, at how far things move
 MOST_PX = 1.0  # from instant to instant: beyond it light jumps between pictures
@@ -73,7 +72,7 @@ def _noise(scene) -> Iterator[Problem]:
     if s.denoise:
         text = "Denoising flickers from picture to picture, also in pixels that see nothing move, and makes events"
         yield Problem(say(text), is_error=False, mend="pecs.no_denoise")
-    found = light.state.found.get(scene.name)
+    found = light_probe.state.found.get(scene.name)
     if s.noise_target or not found or found["noise_thresholds"] is None:
         return
     noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
@@ -245,18 +244,6 @@ class PECS_OT_clip_far(_Mends, bpy.types.Operator):
         camera.data.clip_end = max(camera.data.clip_end, 1.1 * float(ahead.max(initial=0)))
 
 
-class PECS_PT_checks(Sub, bpy.types.Panel):
-    bl_label = "Before the render"
-
-    def fill(self, layout, scene, s) -> None:
-        layout.operator("pecs.check_scene", icon="VIEWZOOM")
-        found = state.found.get(scene.name)
-        if found == []:
-            wrapped(layout, say("Nothing found"), "CHECKMARK")
-        for one in found or ():
-            problem(layout, one)
-
-
 CLASSES = (
     PECS_OT_check_scene,
     PECS_OT_take_adaptive,
@@ -264,7 +251,6 @@ CLASSES = (
     PECS_OT_no_denoise,
     PECS_OT_take_noise_target,
     PECS_OT_clip_far,
-    PECS_PT_checks,
 )
 
 

@@ -27,12 +27,14 @@ ui.register()
 blend, output = sys.argv[1:]
 bpy.ops.wm.open_mainfile(filepath=blend)
 scene = bpy.context.scene
-args = vars(_parser().parse_args(["render", "-o", "x", *settings.arguments(scene)]))
+args = vars(_parser().parse_args(["render", "-o", "x", *settings.render_arguments(scene)]))
 options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_fields__})
 assert options == Options(lens="none", time="adaptive"), options  # the panel's defaults are those of `pecs run`
 p = scene.pecs
+p.layers = {"depth", "motion"}
+assert p.channels == p.bands + 2 + 6, p.channels
 p.lens, p.focus_m = "pecs_lab_15mm", 150.0
-arguments = settings.arguments(scene)
+arguments = settings.render_arguments(scene)
 assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
 p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
 p.time = "uniform"

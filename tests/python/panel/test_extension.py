@@ -17,11 +17,11 @@ sys.path.append(sys.argv[1])  # bpy and numpy, without the checkout that .pth fi
 import bpy
 assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=sys.argv[2], enable_on_install=True) == {"FINISHED"}
 from bl_ext.user_default.pecs_blender.cli import _parser, main
-from bl_ext.user_default.pecs_blender.ui.settings import arguments
+from bl_ext.user_default.pecs_blender.ui.settings import render_arguments
 scene = bpy.context.scene
 for lens in ("none", "pecs_lab_15mm"):  # what the panel asks for is what the command takes
     scene.pecs.lens = lens
-    assert _parser().parse_args(["render", "-o", "s", *arguments(scene)]).lens == lens
+    assert _parser().parse_args(["render", "-o", "s", *render_arguments(scene)]).lens == lens
 code = main(sys.argv[3:])
 pecs = sys.modules["pecs"]
 if (Path(pecs.__file__).parent / "_lib/bin/pecs").exists():

@@ -167,16 +167,16 @@ for _ in range(100):
 assert during != before
 from types import SimpleNamespace
 from mathutils import Matrix, Vector
-from pecs_blender.ui import live_draw
+from pecs_blender.ui import live_view
 region = SimpleNamespace(width=800, height=300)
-x, y, w, h = live_draw.centred(346, 260, region)
+x, y, w, h = live_view.centred(346, 260, region)
 assert (y, h) == (0, 300) and abs(w / h - 346 / 260) < 1e-9 and abs(x + w / 2 - 400) < 1e-9
 whole = Matrix.Diagonal((0.7, 0.9, 1, 1))  # of the region
-part = live_draw.part_of_view(whole, (x, y, w, h), region)
+part = live_view.part_of_view(whole, (x, y, w, h), region)
 corner = Vector((x + w, y + h, 0, 1))  # in pixels; seen in the region at
 seen = Vector((2 * corner.x / 800 - 1, 2 * corner.y / 300 - 1, 0, 1))
 assert all(abs(abs(v) - 1) < 1e-6 for v in (part @ whole.inverted() @ seen).xy)
-assert live_draw.inset(346, 260, region)[2] < 400
+assert live_view.inset(346, 260, region)[2] < 400
 ui.register()
 assert not bpy.ops.pecs.live.poll() and not bpy.ops.pecs.live_record.poll()  # no window
 s = bpy.context.scene.pecs_live

@@ -11,7 +11,7 @@ import math, sys
 import bpy
 from support.blend_parts import GREY, ball, floor, lamp, material, start
 from pecs_blender import ui
-from pecs_blender.ui import light, scene_checks
+from pecs_blender.ui import light_probe, scene_checks
 
 ui.register()
 scene = start()
@@ -92,7 +92,7 @@ s.denoise = True
 assert only("Denoising flickers")
 bpy.ops.pecs.no_denoise()
 assert not s.denoise and remarks() == []
-light.state.found[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
+light_probe.state.found[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
 s.samples = 4
 assert "Take 12 samples or more" in only("Noise of about 0.5 contrast thresholds")
 s.samples = 16
@@ -100,7 +100,7 @@ assert remarks() == []
 s.samples = 4
 bpy.ops.pecs.take_noise_target()
 assert abs(s.noise_target - 0.1) < 1e-6 and remarks() == []
-light.state.found.clear()
+light_probe.state.found.clear()
 
 # Files and scripts.
 image = bpy.data.images.new("gone", 4, 4)

@@ -197,25 +197,25 @@ import sys, time
 import bpy
 from pecs_blender import ui
 from pecs_blender.render.brightness import light_rows
-from pecs_blender.ui import background, light
+from pecs_blender.ui import background, light_probe
 
 ui.register()
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 scene = bpy.context.scene
 assert not bpy.ops.pecs.set_lux.poll()
-background.start(light.PECS_OT_probe_light.job(bpy.context))
+background.start(light_probe.PECS_OT_probe_light.job(bpy.context))
 while background.poll() is not None:
     time.sleep(0.02)
 message = background.state.message
 assert message.startswith("Light on what is in view: 953 lux (953 to "), message
 scene.pecs_light.wanted_lux = 500
 assert bpy.ops.pecs.set_lux() == {"FINISHED"}
-found = light.state.found[scene.name]
+found = light_probe.state.found[scene.name]
 assert abs(scene.pecs.light_scale - 500 / found["lux"]["median"]) < 1e-5
 rows = dict(light_rows(found, scene.pecs.light_scale / found["light_scale"]))
 assert rows["light on what is in view"].startswith("500 lux"), rows
 bpy.ops.wm.read_factory_settings()
-assert not light.state.found
+assert not light_probe.state.found
 ui.unregister()
 """
 

@@ -17,7 +17,6 @@ from pecs_blender.ui import (
     operators,
     panel,
     paths,
-    sensor_settings,
     settings,
 )
 
@@ -238,9 +237,9 @@ def wrong(folder):
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
     said("Moving part: got 5, wanted X0:Y0:X1:Y1")
     s.moving_px = "0:0:8:8"
-    assert not checks.problems(scene) and settings.arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
+    assert not checks.problems(scene) and settings.render_arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
     s.time = "adaptive"
-    assert "--moving-px" not in settings.arguments(scene)
+    assert "--moving-px" not in settings.render_arguments(scene)
     (folder / "file").write_text("")
     s.output = str(folder / "file")
     said("a file, wanted a folder")
@@ -275,7 +274,7 @@ def wrong_parameters(scene):
     one.name, one.value = "log_eps", "0.002"
     assert checks.sensor_problems(scene)
     s.sensor.model = "esim"
-    assert not checks.sensor_problems(scene) and sensor_settings.arguments(scene)[-2:] == ["--param", "log_eps=0.002"]
+    assert not checks.sensor_problems(scene) and settings.sensor_arguments(scene)[-2:] == ["--param", "log_eps=0.002"]
 
 
 def busy(folder):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..words import CONTEXT
+from ..interface import CONTEXT
 
 CONTEXTS = ("*", "Operator", CONTEXT)  # where Blender looks for labels and tooltips, for buttons, and for ours
 

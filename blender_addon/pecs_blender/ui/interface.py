@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator
 
 import bpy
 
@@ -15,6 +16,17 @@ def say(text: str, **values) -> str:
     """A text of languages/*.json; {names} in it are `values`. Blender itself translates what has none of them: labels,
     properties, tooltips."""
     return bpy.app.translations.pgettext_iface(text, CONTEXT).format(**values)
+
+
+def areas(*kinds: str) -> Iterator[bpy.types.Area]:
+    """Areas of these kinds, such as "VIEW_3D", in all windows."""
+    for window in bpy.context.window_manager.windows:
+        yield from (area for area in window.screen.areas if area.type in kinds)
+
+
+def redraw(*kinds: str) -> None:
+    for area in areas(*kinds):
+        area.tag_redraw()
 
 
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:

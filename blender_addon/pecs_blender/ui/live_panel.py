@@ -9,8 +9,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import live_view
+from .interface import say, wrapped
 from .live_view import state
-from .words import say, wrapped
 
 
 def _restart(_self, context) -> None:

@@ -11,9 +11,9 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..render.brightness import light_rows
-from . import background, operators, paths
-from .panel import Sub
-from .words import say, wrapped
+from . import operators, paths
+from .background import BackgroundJob
+from .interface import say
 
 DIM_HZ = 100.0  # a corner below it smears what moves
 
@@ -44,20 +44,20 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
     bl_label = "Probe light"
 
     @staticmethod
-    def job(context) -> background.Job:
+    def job(context) -> BackgroundJob:
         scene = context.scene
         name = scene.name
 
-        def done(job: background.Job) -> str:
+        def done(job: BackgroundJob) -> str:
             found = json.loads(next(line for line in job.answer if line.startswith("{")))  # Blender speaks, too
             state.found[name] = found
-            return _rows(found)[0]
+            return rows(found)[0]
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
-        return background.Job("Probe light", command, paths.stack(scene), done, for_file=True)
+        return BackgroundJob("Probe light", command, paths.stack(scene), done, for_file=True)
 
 
-def _rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
+def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
     return [f"{what[0].upper()}{what[1:]}: {value}" for what, value in light_rows(found, scale, say)]
 
 
@@ -81,26 +81,7 @@ class PECS_OT_set_lux(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PECS_PT_probe(Sub, bpy.types.Panel):
-    bl_label = "How bright"
-    bl_parent_id = "PECS_PT_light"
-
-    def fill(self, layout, scene, s) -> None:
-        layout.operator("pecs.probe_light", icon="LIGHT_SUN")
-        if found := state.found.get(scene.name):
-            scale = s.light_scale / found["light_scale"]
-            column = layout.column(align=True)
-            for row in _rows(found, scale):
-                wrapped(column, row)
-            corner = found["corner_hz"]
-            if corner and 0 < corner["median"] * scale < DIM_HZ:
-                wrapped(layout, say("Dim: the photoreceptor is slow, and smears what moves"), "INFO")
-        row = layout.row(align=True)
-        row.prop(scene.pecs_light, "wanted_lux")
-        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
-
-
-CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux, PECS_PT_probe)
+CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux)
 
 
 @bpy.app.handlers.persistent
