@@ -14,8 +14,7 @@ from pathlib import Path
 
 import bpy
 from pecs_blender import ui
-from pecs_blender.render import live
-from pecs_blender.ui import live_view
+from pecs_blender.ui import live_sensor, live_view
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 FRAMES, FIRST, PICTURE = 60, 4, 30
@@ -87,7 +86,7 @@ def field() -> None:
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = 16, (0.09, 0.0)
         space.show_region_ui = True
         scene.pecs_live.decay_ms, scene.pecs_live.instants = 60, 4
-        live.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
+        live_sensor.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
         bpy.ops.pecs.live()
         bpy.ops.screen.animation_play()
     bpy.app.timers.register(next_frame, first_interval=1)

@@ -13,7 +13,7 @@ import os
 import time
 
 import numpy as np
-from pecs_blender.render.live import QUICK, LiveSensor
+from pecs_blender.ui.live_sensor import QUICK, LiveSensor
 
 FPS = 24
 

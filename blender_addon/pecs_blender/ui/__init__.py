@@ -1,48 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels and operators. Each module has CLASSES, and register() and unregister() where there is more; those that others
-build on come first."""
+"""Panels and operators. A module has CLASSES, and register() and unregister() if it registers more than classes. Only
+field and live_sensor can be imported without Blender."""
 
-import bpy
+from importlib import import_module
 
-from . import (
-    background,
-    camera_setup,
-    chip_lens,
-    event_operators,
-    languages,
-    light_probe,
-    live_panel,
-    menus,
-    operators,
-    panel,
-    panel_spectra,
-    preferences,
-    presets,
-    scene_checks,
-    settings,
+MODULES = (  # a class is registered before those that refer to it
+    "languages",
+    "preferences",
+    "settings",
+    "background",
+    "operators",
+    "event_operators",
+    "chip_lens",
+    "presets",
+    "camera_setup",
+    "light_probe",
+    "scene_checks",
+    "panel",
+    "panel_spectra",
+    "menus",
+    "live_panel",
 )
 
-_MODULES = (
-    languages,
-    preferences,
-    settings,
-    background,
-    operators,
-    event_operators,
-    chip_lens,
-    presets,
-    camera_setup,
-    light_probe,
-    scene_checks,
-    panel,
-    panel_spectra,
-    menus,
-    live_panel,
-)
+
+def modules() -> list:
+    return [import_module(f".{name}", __name__) for name in MODULES]
 
 
 def register() -> None:
-    for module in _MODULES:
+    import bpy
+
+    for module in modules():
         for cls in getattr(module, "CLASSES", ()):
             bpy.utils.register_class(cls)
         if hasattr(module, "register"):
@@ -50,7 +38,9 @@ def register() -> None:
 
 
 def unregister() -> None:
-    for module in reversed(_MODULES):
+    import bpy
+
+    for module in reversed(modules()):
         if hasattr(module, "unregister"):
             module.unregister()
         for cls in reversed(getattr(module, "CLASSES", ())):

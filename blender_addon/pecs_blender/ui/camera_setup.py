@@ -11,8 +11,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
 from mathutils import Matrix, Vector
 
-from ..render import field
-from . import frustum, library, settings
+from . import field, frustum, library, settings
 from .interface import CONTEXT, say
 
 BEFORE = "pecs_before"  # custom property of the camera: what it was

@@ -11,8 +11,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..render import field
-from . import library, settings
+from . import field, library, settings
 from .interface import redraw
 
 POLL_S = 0.1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The live view: a timer takes pictures of a 3-D viewport's scene in linear light, the sensor makes events of them, and
-a draw handler shows them. Without a window there is no GPU to draw with: what can be done without is in render/live.py.
+a draw handler shows them. Without a window there is no GPU to draw with: what needs no GPU is in live_sensor.py.
 
 Solid, material preview and EEVEE are drawn a second time, at the chip's resolution, into a buffer of their own, without
 colour management and overlays. Other engines (Cycles) do not draw there: of them the viewport's own picture is taken,
@@ -22,8 +22,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix, Vector
 
-from ..render import live
-from . import library
+from . import library, live_sensor
 from .interface import redraw, say
 
 MANY_PX = 640 * 480  # from here on the sensor, for which Blender waits, has two threads
@@ -69,7 +68,7 @@ class LiveView:
         self._changed_s = time.perf_counter()
         self._drawn: tuple | None = None  # clock and rectangle of the viewport's last redraw
         self._gpu: _Gpu | None = None
-        self.sensor: live.LiveSensor | None = None
+        self.sensor: live_sensor.LiveSensor | None = None
         self.settings(context.scene)
         add = bpy.types.SpaceView3D.draw_handler_add
         self._handles = [add(self._before_view, (), "WINDOW", "PRE_VIEW"), add(self._draw, (), "WINDOW", "POST_PIXEL")]
@@ -82,13 +81,13 @@ class LiveView:
         """The sensor as the scene's settings say; a recording ends."""
         s = scene.pecs_live
         chip, threshold = (
-            (live.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
+            (live_sensor.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
         )
         threads = 2 if s.width * s.height >= MANY_PX else 1
-        sensor = live.LiveSensor(s.width, s.height, chip, threshold, threads=threads)
+        sensor = live_sensor.LiveSensor(s.width, s.height, chip, threshold, threads=threads)
         if self.sensor:
             self.sensor.close()
-        self.sensor, self.clock, self._light = sensor, live.Clock(), None
+        self.sensor, self.clock, self._light = sensor, live_sensor.Clock(), None
         if self._gpu:
             self._gpu.free()
         self._gpu, self._changed = None, True
@@ -156,11 +155,11 @@ class LiveView:
         area.tag_redraw()
         return BUSY_S
 
-    def _take_pictures(self, window, region, space, step: live.Step, playing: bool) -> None:
+    def _take_pictures(self, window, region, space, step: live_sensor.Step, playing: bool) -> None:
         scene, count = window.scene, 1
         if playing and step.forward and step.frames <= MOST_FRAMES:
             frame_s = scene.render.fps_base / scene.render.fps
-            count = live.instants_that_fit(scene.pecs_live.instants, self.cost.one_picture_s(), frame_s)
+            count = live_sensor.instants_that_fit(scene.pecs_live.instants, self.cost.one_picture_s(), frame_s)
         self._instants = count
         frame, subframe = scene.frame_current, scene.frame_subframe
         self._taking = True
@@ -254,7 +253,7 @@ class LiveView:
         framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT", data=shared)
         seen = np.zeros((high, wide), np.float32)  # dark where the viewport does not reach
         seen[low - y : top - y, left - x : right - x] = self.sensor.light(read)
-        light = live.shrink(seen, *self.sensor.last_s.shape)
+        light = live_sensor.shrink(seen, *self.sensor.last_s.shape)
         self.cost.ms.pop("draw", None)  # by the viewport itself
         self.cost.add("read", start_s)
         self._push(light, step.dt_s)
@@ -333,7 +332,7 @@ def rate_text(rate_hz: float) -> str:
 
 
 def _clock(scene, playing: bool) -> tuple:
-    """For render.live.Clock.step."""
+    """For live_sensor.Clock.step."""
     first, last = scene.frame_start, scene.frame_end
     if scene.use_preview_range:
         first, last = scene.frame_preview_start, scene.frame_preview_end
@@ -369,7 +368,7 @@ void main() {
 
 
 class EventShader:
-    """Draws a picture of signed times: `render.live.LiveSensor.last_s`."""
+    """Draws a picture of signed times: `live_sensor.LiveSensor.last_s`."""
 
     def __init__(self) -> None:
         info = gpu.types.GPUShaderCreateInfo()

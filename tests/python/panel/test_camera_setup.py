@@ -5,7 +5,7 @@ import pytest
 from support import in_bpy
 
 pecs = pytest.importorskip("pecs")
-from pecs_blender.render import field  # noqa: E402
+from pecs_blender.ui import field  # noqa: E402
 
 LAB = field.Setting("pecs_lab_15mm", 0, 1.5, None, 6.2208, 1280, 720)
 
@@ -37,7 +37,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 from pecs_blender import ui
-from pecs_blender.render import field
+from pecs_blender.ui import field
 from pecs_blender.ui import camera_setup, frustum, settings
 
 ui.register()

@@ -5,7 +5,7 @@ import pytest
 from support import in_bpy
 
 pecs = pytest.importorskip("pecs")
-from pecs_blender.render import live  # noqa: E402
+from pecs_blender.ui import live_sensor  # noqa: E402
 
 WIDTH, HEIGHT, DT_S = 40, 30, 1 / 24
 
@@ -25,10 +25,10 @@ def pushed(sensor, rgba):
 
 
 def test_events_are_those_of_the_sensor():
-    rgba, sensor = pictures(), live.LiveSensor(WIDTH, HEIGHT, threshold=0.15)
+    rgba, sensor = pictures(), live_sensor.LiveSensor(WIDTH, HEIGHT, threshold=0.15)
     ours = np.concatenate(pushed(sensor, rgba))
     light = np.stack([sensor.light(picture)[::-1] for picture in rgba])
-    values = {"contrast_threshold_on": 0.15, "contrast_threshold_off": 0.15, "dark_current_a": live.DARK_A}
+    values = {"contrast_threshold_on": 0.15, "contrast_threshold_off": 0.15, "dark_current_a": live_sensor.DARK_A}
     times = 1e6 * (1 + DT_S * np.arange(len(rgba)))
     all_events = np.asarray(pecs.simulate(light, times, "ideal", overrides=values, readout="ideal"))
     known = all_events[: len(ours)]
@@ -39,7 +39,7 @@ def test_events_are_those_of_the_sensor():
 
 
 def test_the_picture_has_each_pixels_last_event():
-    sensor = live.LiveSensor(WIDTH, HEIGHT)
+    sensor = live_sensor.LiveSensor(WIDTH, HEIGHT)
     wanted = np.zeros((HEIGHT, WIDTH))
     for events in pushed(sensor, pictures()):
         for t, x, y, p in events.tolist():
@@ -49,7 +49,7 @@ def test_the_picture_has_each_pixels_last_event():
 
 
 def test_white_is_one_as_pecs_sense_weighs_rgb():
-    weights = live.rgba_weights(pecs.Chip("imx636"))
+    weights = live_sensor.rgba_weights(pecs.Chip("imx636"))
     assert weights.sum() == pytest.approx(1) and weights[3] == 0 and min(weights[:3]) > 0.1
     bands = [{"lambda_nm": nm, "weight_nm": 1} for nm in (610, 550, 465)]
     amperes = np.array(pecs.Chip("imx636").amperes_per_unit(bands, "relative", photocurrent_a=1))
@@ -57,14 +57,14 @@ def test_white_is_one_as_pecs_sense_weighs_rgb():
 
 
 def test_black_fires_no_storm():
-    sensor = live.LiveSensor(4, 4)
+    sensor = live_sensor.LiveSensor(4, 4)
     levels = (0, 0, 1, 1, 1)
     count = sum(len(sensor.push(np.full((4, 4), v, np.float32), DT_S * (i > 0))) for i, v in enumerate(levels))
     assert count == 16 * int(np.log(1001) / 0.2)
 
 
 def test_the_rate_is_that_of_the_scenes_time():
-    sensor, count = live.LiveSensor(WIDTH, HEIGHT), 0
+    sensor, count = live_sensor.LiveSensor(WIDTH, HEIGHT), 0
     rgba = pictures(4)
     for i in range(200):
         count += len(sensor.push(sensor.light(rgba[i % 4]), DT_S))
@@ -74,17 +74,17 @@ def test_the_rate_is_that_of_the_scenes_time():
 @pytest.mark.parametrize("size", [(30, 40), (15, 10), (7, 13), (60, 80), (30, 10)])
 def test_shrink_keeps_the_mean_light(size):
     light = np.random.default_rng(1).random((30, 40), np.float32)
-    small = live.shrink(light, *size)
+    small = live_sensor.shrink(light, *size)
     assert small.shape == size
     if 30 % size[0] == 0 and 40 % size[1] == 0:
         blocks = light.reshape(size[0], 30 // size[0], size[1], 40 // size[1])
         np.testing.assert_allclose(small, blocks.mean(axis=(1, 3)), rtol=1e-5)
-    np.testing.assert_allclose(live.shrink(np.full((30, 40), 0.5, np.float32), *size), 0.5)
+    np.testing.assert_allclose(live_sensor.shrink(np.full((30, 40), 0.5, np.float32), *size), 0.5)
     assert light.min() <= small.min() and small.max() <= light.max()
 
 
 def test_clock_takes_the_scenes_time_while_it_plays():
-    clock = live.Clock()
+    clock = live_sensor.Clock()
     step = lambda frame, wall_s, playing=True: clock.step(frame, wall_s, playing, 25.0, 100)  # noqa: E731
     assert step(1, 0.0).dt_s == 0
     one = step(2, 0.5)
@@ -101,22 +101,22 @@ def test_clock_takes_the_scenes_time_while_it_plays():
 
 
 def test_clock_takes_the_walls_time_while_things_are_dragged():
-    clock = live.Clock()
-    for wall_s, wanted in ((10.0, 0), (10.02, 0.02), (70.0, live.MAX_WALL_S), (70.01, 0.01)):
+    clock = live_sensor.Clock()
+    for wall_s, wanted in ((10.0, 0), (10.02, 0.02), (70.0, live_sensor.MAX_WALL_S), (70.01, 0.01)):
         assert clock.step(7, wall_s, False, 24, 250).dt_s == pytest.approx(wanted)
     assert clock.step(8, 70.03, True, 24, 250).dt_s == pytest.approx(0.02)  # it has just begun to play
     assert clock.dropped == 0
 
 
 def test_instants_fill_half_a_frame():
-    assert live.instants_that_fit(8, 0.0, 1 / 24) == 8
-    assert live.instants_that_fit(8, 0.001, 1 / 24) == 8
-    assert live.instants_that_fit(8, 0.005, 1 / 24) == 4
-    assert live.instants_that_fit(8, 0.1, 1 / 24) == 1
+    assert live_sensor.instants_that_fit(8, 0.0, 1 / 24) == 8
+    assert live_sensor.instants_that_fit(8, 0.001, 1 / 24) == 8
+    assert live_sensor.instants_that_fit(8, 0.005, 1 / 24) == 4
+    assert live_sensor.instants_that_fit(8, 0.1, 1 / 24) == 1
 
 
 def test_recording(tmp_path):
-    rgba, sensor, path = pictures(), live.LiveSensor(WIDTH, HEIGHT), tmp_path / "live.raw"
+    rgba, sensor, path = pictures(), live_sensor.LiveSensor(WIDTH, HEIGHT), tmp_path / "live.raw"
     before = pushed(sensor, rgba)
     sensor.record(path)
     assert not path.exists()
@@ -129,7 +129,7 @@ def test_recording(tmp_path):
 
 
 def test_a_closed_view_leaves_a_whole_recording(tmp_path):
-    sensor = live.LiveSensor(WIDTH, HEIGHT)
+    sensor = live_sensor.LiveSensor(WIDTH, HEIGHT)
     sensor.record(tmp_path / "live.npz")
     count = sum(map(len, pushed(sensor, pictures())))
     sensor.close()
@@ -138,7 +138,7 @@ def test_a_closed_view_leaves_a_whole_recording(tmp_path):
 
 
 def test_a_recording_that_fails_ends_alone(tmp_path):
-    sensor = live.LiveSensor(WIDTH, HEIGHT)
+    sensor = live_sensor.LiveSensor(WIDTH, HEIGHT)
     with pytest.raises(pecs.PecsError, match="cannot be"):
         sensor.record(tmp_path / "no_folder" / "live.raw")
     assert sensor.recording is None

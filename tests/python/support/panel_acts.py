@@ -64,7 +64,7 @@ class Layout:
 def drawn(context=None):
     """All texts of all panels of ours."""
     texts = []
-    for module in ui._MODULES:
+    for module in ui.modules():
         for cls in getattr(module, "CLASSES", ()):
             own_context = context or bpy.context
             if not issubclass(cls, bpy.types.Panel | bpy.types.Menu) or "preset" in cls.__name__.lower():
