@@ -184,7 +184,7 @@ def look_and_compare():
     view.type = "SEQUENCE_EDITOR"
     press("view", kind="mp4", to_sequencer=True)
     yield job_ended
-    assert "in channel 1 of the sequencer" in state().message, state().message
+    assert "channel 1 of the sequencer" in state().message, state().message
     view.type = "IMAGE_EDITOR"
     press("view", kind="png")
     yield job_ended
@@ -206,14 +206,14 @@ def look_and_compare():
 def in_german_and_gone() -> None:
     """Switched off and on a hundred times, the extension leaves nothing."""
     bpy.context.preferences.view.language = "de_DE"
-    shown = lambda: bpy.app.translations.pgettext("Render and simulate", "Operator")  # noqa: E731
+    shown = lambda: bpy.app.translations.pgettext("Render and Simulate", "Operator")  # noqa: E731
     lists = [h for h in (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)) if isinstance(h, list)]
     handlers = lambda: sum(map(len, lists))  # noqa: E731
     with_us = handlers()
     assert shown() == "Rendern und simulieren"
     for _ in range(100):
         bpy.ops.preferences.addon_disable(module=MODULE)
-        assert shown() == "Render and simulate" and not hasattr(bpy.types.Scene, "pecs") and handlers() < with_us
+        assert shown() == "Render and Simulate" and not hasattr(bpy.types.Scene, "pecs") and handlers() < with_us
         bpy.ops.preferences.addon_enable(module=MODULE)
         assert shown() == "Rendern und simulieren" and handlers() == with_us
 

@@ -85,8 +85,8 @@ def field() -> None:
         bpy.ops.view3d.view_camera()
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = 16, (0.09, 0.0)
         space.show_region_ui = True
-        scene.pecs_live.decay_ms, scene.pecs_live.instants = 60, 4
-        live_sensor.instants_that_fit = lambda most, *_: most  # as many as a GPU would have time for
+        scene.pecs_live.decay_ms, scene.pecs_live.subframes = 60, 4
+        live_sensor.subframes_that_fit = lambda most, *_: most  # as many as a GPU would have time for
         bpy.ops.pecs.live()
         bpy.ops.screen.animation_play()
     bpy.app.timers.register(next_frame, first_interval=1)

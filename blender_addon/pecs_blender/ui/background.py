@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A job in a process of its own: a render on the file as saved, or the program. A timer looks after it, not a modal
-operator: it goes on when another file is opened."""
+"""Background jobs: a child process that renders the saved file or runs the program. A timer polls it, not a modal
+operator, so that it continues when another file is opened."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ import bpy
 
 from .interface import redraw, say
 
-POLL_S, STATUS_S = 0.2, 1.0  # between looks, and redraws of the status bar
-STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal, before it was ready for one
+POLL_S, STATUS_S = 0.2, 1.0  # interval of polls, and of redraws of the status bar
+STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal before its handler is installed
 PHASES = {"render": "Render", "sense": "Simulate", "reconstruct": "Video"}  # by what a program calls its work
-READ_S = 2.0  # for the last words of a process that has ended
-MAX_LINES = 10_000  # of a program's answer
+READ_S = 2.0  # timeout for the remaining output of a process that has ended
+MAX_LINES = 10_000  # kept of standard output
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -42,8 +42,8 @@ def clock(seconds: float) -> str:
 
 @dataclass
 class BackgroundJob:
-    """label: what it does, as one reads it. done: what to say when it has ended well. for_file: its result is for the
-    file that is open. continues: run again, it does not begin anew."""
+    """label: name in the panel. done: makes the message of success. for_file: the result belongs to the open file, so
+    that opening another one stops the job. continues: a stopped job resumes when it is run again."""
 
     label: str
     command: list[str]
@@ -87,7 +87,7 @@ class BackgroundJob:
 
     @property
     def text(self) -> str:
-        """How far it is: "Render 25 %, 0:12 left, 0:04 so far"."""
+        """Progress, such as "Render 25%, 0:12 left, 0:04 so far"."""
         now = time.monotonic()
         if self._stopping:
             return say("{job}: stopping", job=say(self.label))
@@ -98,7 +98,7 @@ class BackgroundJob:
         return ", ".join([*parts, say("{time} so far", time=clock(now - self._start))])
 
     def returncode(self) -> int | None:
-        """None while it runs."""
+        """Exit code; None while the process runs."""
         code = self._process.poll()
         if code is not None:
             for reader in self._readers:
@@ -106,16 +106,16 @@ class BackgroundJob:
         return code
 
     def stop(self) -> None:
-        """A second time: at once."""
+        """Terminates the process; the second call kills it."""
         (self._process.kill if self._stopping else self._process.terminate)()
         self._stopping = True
 
 
 class _State:
     job: BackgroundJob | None = None
-    message, is_error = "", False  # how the last one ended
-    status_at = 0.0  # when the status bar was drawn
-    scores: tuple[str, list[tuple[str, str]]] = "", []  # of the last comparison: title; label and value
+    message, is_error = "", False  # result of the last job
+    status_at = 0.0  # time of the last redraw of the status bar
+    scores: tuple[str, list[tuple[str, str]]] = "", []  # last comparison: title; rows of label and value
 
 
 state = _State()
@@ -127,7 +127,7 @@ def start(job: BackgroundJob) -> None:
 
 
 def poll() -> float | None:
-    """Seconds to the next look; None when nothing runs."""
+    """Seconds until the next poll; None if no job runs."""
     job = state.job
     if not job:
         return None
@@ -138,7 +138,7 @@ def poll() -> float | None:
     state.job, state.is_error = None, code != 0 and code not in STOPPED
     try:
         state.message = _ending(job, code)
-    except Exception as e:  # what it made cannot be shown: the panel must be free again
+    except Exception as e:  # the result cannot be shown; the panel must accept the next job
         state.message, state.is_error = f"{say(job.label)}: {e}", True
     if state.is_error:
         _pop_up(state.message)
@@ -149,25 +149,26 @@ def _ending(job: BackgroundJob, code: int) -> str:
     if code == 0:
         return job.done(job)
     if code in STOPPED:
-        text = "Stopped at {share:.0%}; {job} continues" if job.continues else "Stopped at {share:.0%}"
+        text = "Stopped at {share:.0%}. Press {job} to resume" if job.continues else "Stopped at {share:.0%}"
         return say(text, share=job.progress, job=say(job.label))
-    line = job.last_line.partition("; --")[0]  # options of a command line, for which the panel has fields
+    line = job.last_line.partition("; --")[0]  # without the hint of command-line options
     return line or say("{job} ended with code {code}", job=say(job.label), code=code)
 
 
 @bpy.app.handlers.persistent
 def stop_preview(*_) -> None:
-    """Another file is opened: a preview belongs to the one that goes, a stack to nobody."""
+    """Stops a job for the open file (a preview, say) when another file is opened; other jobs continue."""
     if state.job and state.job.for_file:
         state.job.stop()
 
 
 def _redraw(at_once: bool) -> None:
     redraw("PROPERTIES")
-    if at_once or time.monotonic() - state.status_at >= STATUS_S:  # it takes the hints of a tool that runs
+    # Not at every poll, since it hides the hints of the active tool.
+    if at_once or time.monotonic() - state.status_at >= STATUS_S:
         state.status_at = time.monotonic()
         for window in bpy.context.window_manager.windows:
-            window.workspace.status_text_set_internal(None)  # nothing else draws the status bar anew
+            window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
 
 
 def _pop_up(text: str) -> None:
@@ -180,7 +181,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    if state.job:  # also when Blender quits
+    if state.job:  # includes Blender's exit
         state.job.stop()
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)

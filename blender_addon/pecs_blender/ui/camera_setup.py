@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Render properties > PECS > Event camera: makes one of the scene's camera, and back; its field of view; its focus."""
+"""Sets up the scene's camera as an event camera and restores it; field of view and focus in the viewport."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from mathutils import Matrix, Vector
 from . import field, frustum, library, settings
 from .interface import CONTEXT, say
 
-BEFORE = "pecs_before"  # custom property of the camera: what it was
+BEFORE = "pecs_before"  # custom property of the camera with its state before set_up
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
 OF_DOF = ("use_dof", "focus_distance", "aperture_fstop")
 OF_RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y")
 OF_PECS = ("lens", "chip", "focus_m", "fnumber", "film_width_mm")
 NO_CHIP_SIZE = (346, 260)
-NO_LENS = "{camera}: {width} x {height} pixels, no lens chosen"
+NO_LENS = "{camera}: {width} x {height} pixels, no lens"
 
 
 def _camera(scene):
-    """Not another object that the scene is seen from."""
+    """The scene's camera; None if another kind of object has its place."""
     return scene.camera if scene.camera and scene.camera.type == "CAMERA" else None
 
 
@@ -38,15 +38,15 @@ def _groups(scene, camera) -> dict[str, tuple]:
 
 
 def snapshot(scene, camera) -> str:
-    """What set_up changes, as JSON text."""
+    """Values that set_up changes, as JSON text."""
     groups = _groups(scene, camera).items()
     return json.dumps({group: {name: getattr(of, name) for name in names} for group, (of, names) in groups})
 
 
 def set_up(scene, thing, before: str) -> field.Field | None:
-    """The camera object `thing` as the scene's PECS settings say: chip, lens, f-number and focus; it sees what the lens
-    sees or, without one, as wide as before. `before`: what `restore` will give back. Returns the lens's field. Raises
-    pecs.PecsError before anything is changed."""
+    """Sets the camera object `thing` to chip, lens, f-number and focus of the scene's PECS settings. It gets the field
+    of view of the lens or, without a lens, keeps its own. `before`: snapshot for `restore`. Returns the lens's field.
+    Raises pecs.PecsError before any change."""
     camera, s, render = thing.data, scene.pecs, scene.render
     chip = library.chip(s.chip)
     profile = chip.profile
@@ -59,7 +59,7 @@ def set_up(scene, thing, before: str) -> field.Field | None:
         found = field.field(field.Setting(*lens, focus_m, fnumber, film_mm, width, height))
     if BEFORE not in camera:
         camera[BEFORE] = before
-    across = found.width_per_distance if found else _across(scene, camera)
+    across = found.width_per_distance if found else _width_per_distance(scene, camera)
 
     scene.camera = thing
     render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
@@ -75,8 +75,8 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     return found
 
 
-def _across(scene, camera) -> float:
-    """Width of what a camera sees, per distance."""
+def _width_per_distance(scene, camera) -> float:
+    """Width of the camera's field of view per unit of distance."""
     if camera.type != "PERSP":
         return 1.0
     frame = [corner.x / -corner.z for corner in camera.view_frame(scene=scene)]
@@ -84,7 +84,7 @@ def _across(scene, camera) -> float:
 
 
 def restore(scene, thing) -> None:
-    """As it was before set_up."""
+    """Restores the values from before set_up."""
     before = json.loads(thing.data[BEFORE])
     for group, (of, names) in _groups(scene, thing.data).items():
         for name in names:
@@ -94,7 +94,7 @@ def restore(scene, thing) -> None:
 
 
 def distance_ahead(camera, thing) -> float:
-    """From the entrance pupil to the plane through an object's origin, in the scene's units."""
+    """Distance from the entrance pupil to the plane through an object's origin, in the scene's units."""
     to = camera.matrix_world.normalized().inverted() @ thing.matrix_world.translation
     return -to.z
 
@@ -107,20 +107,20 @@ def _focus_on_object(self, context) -> None:
 
 class PecsCamera(bpy.types.PropertyGroup):
     show_field: BoolProperty(
-        name="Show field of view",
+        name="Show Field of View",
         default=True,
-        description="Draw what the lens sees, with its distortion, up to the plane that is in focus",
+        description="Draw the lens's field of view, with distortion, up to the focus plane",
     )
     focus_object: PointerProperty(
-        name="Focus on",
+        name="Focus on Object",
         type=bpy.types.Object,
         update=_focus_on_object,
-        description="Sets the focus to the plane through this object's origin, where it is now",
+        description="Sets the focus to the plane through the current origin of this object",
     )
 
 
 class _SetUp:
-    """Chosen anew, or what the panel says."""
+    """Operator with its own lens, chip, f-number and focus; unset ones come from the panel."""
 
     def draw(self, _context) -> None:
         layout = self.layout
@@ -129,7 +129,7 @@ class _SetUp:
             layout.prop(self, name)
 
     def take_panel(self, scene) -> None:
-        """Only what is not set on the operator itself."""
+        """Copies set properties to the panel's settings, and fills the unset ones from there."""
         for mine, name in (("lens", "lens"), ("chip", "chip"), ("fnumber", "fnumber"), ("focus", "focus_m")):
             if self.properties.is_property_set(mine):
                 setattr(scene.pecs, name, getattr(self, mine))
@@ -142,7 +142,7 @@ class _SetUp:
         self.take_panel(scene)
         try:
             found = set_up(scene, thing, before)
-        except Exception as e:  # the library's words
+        except Exception as e:  # from the library
             for name, value in json.loads(before)["pecs"].items():
                 setattr(scene.pecs, name, value)
             self.report({"ERROR"}, str(e))
@@ -160,21 +160,23 @@ _CHOICES = {
         search=settings.lenses,
     ),
     "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
-    "fnumber": FloatProperty(name="f-number", min=0, description="0: wide open"),
-    "focus": FloatProperty(name="Focus", min=0, subtype="DISTANCE", unit="LENGTH", description="0: not given"),
+    "fnumber": FloatProperty(name="f-number", min=0, description="f-number of the lens; 0: wide open"),
+    "focus": FloatProperty(
+        name="Focus", min=0, subtype="DISTANCE", unit="LENGTH", description="Focus distance; 0: infinity"
+    ),
 }
 
 
 class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
-    """Give the scene's camera the film, the pixels and the field of view of the chip and the lens"""
+    """Set the scene's camera to the film size, resolution and field of view of the chip and lens"""
 
     bl_idname = "pecs.setup_camera"
-    bl_label = "Set up event camera"
+    bl_label = "Set Up Event Camera"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context) -> bool:
-        cls.poll_message_set(say("The scene has no camera: Add > Camera > Event Camera makes one"))
+        cls.poll_message_set(say("The scene has no camera. Add one with Add > Camera > Event Camera"))
         return _camera(context.scene) is not None
 
     def execute(self, context):
@@ -182,7 +184,7 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
 
 
 class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
-    """Add a camera with the film, the pixels and the field of view of the chip and the lens"""
+    """Add a camera with the film size, resolution and field of view of the chip and lens"""
 
     bl_idname = "pecs.add_camera"
     bl_label = "Event Camera"
@@ -210,10 +212,10 @@ for _cls in (PECS_OT_setup_camera, PECS_OT_add_camera):
 
 
 class PECS_OT_restore_camera(bpy.types.Operator):
-    """Give back what the camera, the resolution and the lens were before"""
+    """Restore the camera, resolution and lens from before the setup"""
 
     bl_idname = "pecs.restore_camera"
-    bl_label = "Restore camera"
+    bl_label = "Restore Camera"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -227,9 +229,9 @@ class PECS_OT_restore_camera(bpy.types.Operator):
 
 
 class PECS_GGT_focus(bpy.types.GizmoGroup):
-    """An arrow at the plane in focus, to be dragged."""
+    """An arrow at the focus plane that sets the focus distance."""
 
-    bl_label = "PECS focus"
+    bl_label = "PECS Focus"
     bl_space_type = "VIEW_3D"
     bl_region_type = "WINDOW"
     bl_options = {"3D", "PERSISTENT"}

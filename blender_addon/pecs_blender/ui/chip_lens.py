@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Buttons that set the scene by the chip and the lens."""
+"""Operators on the chip and the lens: resolution, aperture, angle of view, parameters."""
 
 import math
 from pathlib import Path
@@ -13,10 +13,10 @@ from .interface import say
 
 
 class PECS_OT_chip_resolution(bpy.types.Operator):
-    """Set the scene's resolution to the chip's"""
+    """Set the scene's resolution to that of the chip"""
 
     bl_idname = "pecs.chip_resolution"
-    bl_label = "Use the chip's resolution"
+    bl_label = "Use Chip Resolution"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -27,7 +27,7 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
             cls.poll_message_set(str(e))
             return False
         if not (chip.width and chip.height):
-            cls.poll_message_set(say("This chip has any resolution"))
+            cls.poll_message_set(say("This chip has no fixed resolution"))
         return bool(chip.width and chip.height)
 
     def execute(self, context):
@@ -38,10 +38,10 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
 
 
 class PECS_OT_use_gpu(bpy.types.Operator):
-    """Render on the device that Cycles' preferences name"""
+    """Render on the device from Cycles' preferences"""
 
     bl_idname = "pecs.use_gpu"
-    bl_label = "Use it"
+    bl_label = "Use GPU"
     bl_options = {"UNDO", "INTERNAL"}
 
     @classmethod
@@ -62,10 +62,10 @@ class _OnLens:
 
 
 class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
-    """Open the lens to its own widest stop"""
+    """Open the lens to its maximum aperture"""
 
     bl_idname = "pecs.wide_open"
-    bl_label = "Wide open"
+    bl_label = "Use Wide-Open Aperture"
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
@@ -74,10 +74,10 @@ class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
 
 
 class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
-    """Give the scene's camera the lens's angle of view, so that the viewport shows what the lens will see"""
+    """Set the scene's camera to the lens's angle of view, so that the viewport shows the lens's image"""
 
     bl_idname = "pecs.match_lens"
-    bl_label = "Match the camera to the lens"
+    bl_label = "Match Camera to Lens"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -104,10 +104,10 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
 
 
 class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
-    """Draw the lens in section with its rays (SVG, shown by the browser)"""
+    """Draw a cross-section of the lens with its rays (SVG) and open it in the browser"""
 
     bl_idname = "pecs.draw_lens"
-    bl_label = "Draw lens"
+    bl_label = "Draw Lens"
 
     def execute(self, context):
         import pecs
@@ -132,10 +132,10 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
 
 
 class PECS_OT_pick_lens(bpy.types.Operator):
-    """Choose a lens prescription of your own"""
+    """Choose a lens prescription file"""
 
     bl_idname = "pecs.pick_lens"
-    bl_label = "Lens from a file"
+    bl_label = "Load Lens File"
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -159,10 +159,10 @@ def _keys(_self, context, text: str) -> list[tuple[str, str]]:
 
 
 class PECS_OT_override_add(bpy.types.Operator):
-    """Put a value of your own in place of one of the chip's or the pixel model's"""
+    """Override a parameter of the chip or pixel model"""
 
     bl_idname = "pecs.override_add"
-    bl_label = "Change a parameter"
+    bl_label = "Override Parameter"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "name"
 
@@ -188,10 +188,10 @@ class PECS_OT_override_add(bpy.types.Operator):
 
 
 class PECS_OT_override_remove(bpy.types.Operator):
-    """Take the profile's value again"""
+    """Remove the override and use the value of the profile"""
 
     bl_idname = "pecs.override_remove"
-    bl_label = "Profile's value"
+    bl_label = "Remove Override"
     bl_options = {"UNDO", "INTERNAL"}
 
     index: IntProperty()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Buttons that run the program: simulate events, look at them, compare them."""
+"""Operators that run the program `pecs`: simulate, view, reconstruct, report, compare."""
 
 import json
 from pathlib import Path
@@ -14,12 +14,12 @@ from .background import BackgroundJob
 from .interface import areas, say
 from .preferences import preferences
 
-KINDS = {  # what `pecs view` makes
-    "png": ("Sheet", "Pictures of the events, in the image editor"),
-    "mp4": ("Video", "A video in slow motion, in the system's player"),
-    "html": ("3-D page", "The events in space and time, in the browser"),
+KINDS = {  # outputs of `pecs view`: label and description
+    "png": ("Image Sheet", "Draw the events as images and show them in the image editor"),
+    "mp4": ("Video", "Write a slow-motion video and open it in the system's player"),
+    "html": ("3-D page", "Write a page with the events in space and time and open it in the browser"),
 }
-VIDEO_S, PLAYBACK_FPS = 10, 25  # of a video of the light, if nothing else is wanted
+VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstructed video
 
 
 def _command(*words: object) -> list[str]:
@@ -33,7 +33,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
     """Simulate the events of the rendered stack"""
 
     bl_idname = "pecs.sense"
-    bl_label = "Simulate events"
+    bl_label = "Simulate Events"
 
     @classmethod
     def poll(cls, context) -> bool:
@@ -41,7 +41,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
             return False
         stack = paths.rendered(context.scene)
         if not (stack / "stack.json").is_file():
-            cls.poll_message_set(say("{path}: no stack; render it first", path=stack))
+            cls.poll_message_set(say("{path}: does not exist; render the stack first", path=stack))
             return False
         wrong = checks.sensor_problems(context.scene)
         if wrong:
@@ -54,7 +54,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
         words = ["--chip", library.find("chip", scene.pecs.chip), *settings.sensor_arguments(scene)]
         words += ["--threads", scene.pecs.threads or preferences().threads]
         command = _command("sense", paths.rendered(scene), "-o", events, *words)
-        return BackgroundJob("Simulate events", command, events, lambda job: job.answer[-1])
+        return BackgroundJob("Simulate Events", command, events, lambda job: job.answer[-1])
 
 
 class _OnEvents(operators.InBackground):
@@ -64,22 +64,24 @@ class _OnEvents(operators.InBackground):
             return False
         events = paths.events(context.scene)
         if not events.is_file():
-            cls.poll_message_set(say("{path}: no events; simulate them first", path=events))
+            cls.poll_message_set(say("{path}: does not exist; simulate the events first", path=events))
         return events.is_file()
 
 
 class PECS_OT_view(_OnEvents, bpy.types.Operator):
-    """Look at the simulated events"""
+    """View the simulated events"""
 
     bl_idname = "pecs.view"
-    bl_label = "View events"
+    bl_label = "View Events"
 
-    kind: EnumProperty(name="As", items=[(key, *words) for key, words in KINDS.items()])
-    to_sequencer: bpy.props.BoolProperty(name="Into the sequencer", options={"SKIP_SAVE"})
+    kind: EnumProperty(name="Format", items=[(key, *words) for key, words in KINDS.items()])
+    to_sequencer: bpy.props.BoolProperty(name="Add to Sequencer", options={"SKIP_SAVE"})
 
     @classmethod
     def description(cls, _context, properties) -> str:
-        return say("A strip in the sequencer" if properties.to_sequencer else KINDS[properties.kind][1])
+        return say(
+            "Add the video as a strip to the sequencer" if properties.to_sequencer else KINDS[properties.kind][1]
+        )
 
     def job(self, context) -> BackgroundJob:
         sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
@@ -101,7 +103,7 @@ def _show_sheet(job: BackgroundJob) -> str:
 
 
 def sequencer_scene(context) -> bpy.types.Scene | None:
-    """That an open sequencer shows; none where none is open."""
+    """Scene of the open sequencer; None if no sequencer is open."""
     if not any(areas("SEQUENCE_EDITOR")):
         return None
     return getattr(context.workspace, "sequencer_scene", None) or context.scene  # Blender 5; 4.5
@@ -114,35 +116,35 @@ def _add_strip(job: BackgroundJob) -> str:
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = editor.strips
     if not strips:
-        scene.render.use_sequencer = False  # else Blender renders the strip, not the camera
+        scene.render.use_sequencer = False  # otherwise Blender renders the strip instead of the camera
     channel = 1 + max((strip.channel for strip in strips), default=0)
-    if not getattr(bpy.context.workspace, "sequencer_scene", scene):  # Blender 5: else the sequencer shows nothing
+    if not getattr(bpy.context.workspace, "sequencer_scene", scene):  # Blender 5: otherwise the sequencer is empty
         bpy.context.workspace.sequencer_scene = scene
     strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start, fit_method="FIT")
-    return say("{strip}: in channel {channel} of the sequencer", strip=strip.name, channel=channel)
+    return say("{strip}: added to channel {channel} of the sequencer", strip=strip.name, channel=channel)
 
 
 class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
-    """A video of the light that the simulated events tell, by a filter, in the system's player"""
+    """Reconstruct a video from the simulated events with a filter and open it in the system's player"""
 
     bl_idname = "pecs.reconstruct"
-    bl_label = "Video of the light"
+    bl_label = "Reconstruct Video"
 
-    to_sequencer: bpy.props.BoolProperty(name="Into the sequencer", options={"SKIP_SAVE"})
+    to_sequencer: bpy.props.BoolProperty(name="Add to Sequencer", options={"SKIP_SAVE"})
 
     def job(self, context) -> BackgroundJob:
         scene, events = context.scene, paths.events(context.scene)
         s, output = scene.pecs, events.with_suffix(".light.mp4")
-        slower = s.sensor.slow_motion or VIDEO_S * s.fps / settings.instants(scene)
+        slower = s.sensor.slow_motion or VIDEO_S * s.fps / settings.frame_count(scene)
         rates = ["--fps", f"{PLAYBACK_FPS * max(1, slower):.6g}", "--playback-fps", str(PLAYBACK_FPS)]
         words = ["-o", output, *rates, "--cutoff", f"{s.sensor.cutoff_hz:.6g}"]
         command = [*operators.program("reconstruct"), str(events), *map(str, words)]
         done = _add_strip if self.to_sequencer else _open
-        return BackgroundJob("Video of the light", command, output, done)
+        return BackgroundJob("Reconstruct Video", command, output, done)
 
 
 class PECS_OT_report(_OnEvents, bpy.types.Operator):
-    """One page of the render, the lens, the events and, beside a recording, the scores"""
+    """Write a page with the render, lens and events, and the scores if a recording is set"""
 
     bl_idname = "pecs.report"
     bl_label = "Report"
@@ -162,10 +164,10 @@ def _recording(scene, *option: str) -> list[str]:
 
 
 class PECS_OT_compare(_OnEvents, bpy.types.Operator):
-    """Score the simulated events against a recording"""
+    """Compute similarity scores between the simulated events and a recording"""
 
     bl_idname = "pecs.compare"
-    bl_label = "Compare with a recording"
+    bl_label = "Compare with Recording"
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
@@ -180,7 +182,7 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
         if self.filepath:
             sensor.recording = self.filepath
         if not sensor.recording:
-            raise RuntimeError(say("Choose a recording: an event file"))
+            raise RuntimeError(say("Choose a recording (an event file)"))
         window = sensor.compare_ms
         words = ["--window", f"{window:.6g}ms"] if window else []
         command = _command("compare", *_recording(context.scene), events, *words, "--json")
@@ -190,41 +192,41 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
 def _keep_scores(job: BackgroundJob) -> str:
     scores = json.loads("\n".join(job.answer))
     names, ms = (Path(job.command[2]).name, job.output.name), scores["window_us"] / 1e3
-    title = say("{recording} and {events}, {ms:.4g} ms", recording=names[0], events=names[1], ms=ms)
+    title = say("{recording} / {events}, {ms:.4g} ms", recording=names[0], events=names[1], ms=ms)
     background.state.scores = title, score_rows(scores)
     return "; ".join(scores["warnings"])
 
 
 def score_rows(scores: dict) -> list[tuple[str, str]]:
-    """What `pecs compare` says, short: the recording's value first."""
+    """Rows of label and value from the JSON of `pecs compare`; the recording's value first."""
 
     def both(key: str, spec: str) -> str:
-        real, sim = (_said(scores[which][key], spec) for which in ("real", "sim"))
-        return say("{real} and {simulated}", real=real, simulated=sim)
+        real, sim = (_number(scores[which][key], spec) for which in ("real", "sim"))
+        return say("{real} / {simulated}", real=real, simulated=sim)
 
-    def beside_halves(key: str) -> str:
-        score, halves = (_said(of[key], ".4g") for of in (scores, scores["split_half"]))
-        return say("{score}, its halves {halves}", score=score, halves=halves)
+    def with_halves(key: str) -> str:
+        score, halves = (_number(of[key], ".4g") for of in (scores, scores["split_half"]))
+        return say("{score} (halves of recording: {halves})", score=score, halves=halves)
 
     return [
-        ("Chamfer", beside_halves("chamfer")),
-        ("Gaussian", beside_halves("gaussian")),
+        ("Chamfer", with_halves("chamfer")),
+        ("Gaussian", with_halves("gaussian")),
         ("Events", both("events", ",")),
-        ("Events per second", both("rate_hz", ".4g")),
-        ("ON fraction", both("on_fraction", ".3f")),
-        ("Median interval (µs)", both("interval_median_us", ".4g")),
-        ("Correlation of rates", _said(scores["rate_correlation"], ".3f")),
-        ("Correlation of maps", _said(scores["map_correlation"], ".3f")),
+        ("Event Rate (Hz)", both("rate_hz", ".4g")),
+        ("ON Fraction", both("on_fraction", ".3f")),
+        ("Median Interval (µs)", both("interval_median_us", ".4g")),
+        ("Rate Correlation", _number(scores["rate_correlation"], ".3f")),
+        ("Map Correlation", _number(scores["map_correlation"], ".3f")),
     ]
 
 
-def _said(value: float | None, spec: str) -> str:
-    """What too few events do not tell is null."""
+def _number(value: float | None, spec: str) -> str:
+    """null where there are too few events."""
     return say("none") if value is None else format(value, spec)
 
 
 class PECS_OT_close_scores(bpy.types.Operator):
-    """Remove these lines"""
+    """Remove the scores from the panel"""
 
     bl_idname = "pecs.close_scores"
     bl_label = "Close"
@@ -236,10 +238,10 @@ class PECS_OT_close_scores(bpy.types.Operator):
 
 
 class PECS_OT_open_folder(bpy.types.Operator):
-    """Open the folder of stack and events in the system's file manager"""
+    """Open the folder of the stack and events in the system's file manager"""
 
     bl_idname = "pecs.open_folder"
-    bl_label = "Open output folder"
+    bl_label = "Open Output Folder"
 
     @classmethod
     def poll(cls, context) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a lens sees, as the 3-D viewport draws it: the border of its field and its first-order data."""
+"""Field of view of a lens for the 3-D viewport: border and first-order data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SIDE = 12  # steps along a side of the film
 
 @dataclass(frozen=True)
 class Setting:
-    """A lens on a film. version: of its file. focus_m, fnumber: None as for pecs.Lens."""
+    """A lens and a film. version: modification time of the lens file. focus_m, fnumber: None as for pecs.Lens."""
 
     lens: str
     version: int
@@ -28,8 +28,8 @@ class Setting:
 @dataclass(frozen=True)
 class Field:
     """border [4 SIDE, 2]: x/z and y/z of the chief rays around the film from its upper left pixel on, clockwise, in
-    camera axes (x right, y down, z forward) from the entrance pupil; NaN where the lens sees nothing. angles_deg:
-    across and down the middle."""
+    camera axes (x right, y down, z forward) from the entrance pupil; NaN where the lens blocks the ray.
+    angles_deg: horizontal and vertical field of view through the centre. widest: f-number wide open."""
 
     border: np.ndarray
     angles_deg: tuple[float, float]
@@ -39,7 +39,7 @@ class Field:
 
     @property
     def width_per_distance(self) -> float:
-        """Of the field, across its middle."""
+        """Width of the field through its centre, per unit of distance."""
         right, left = self.border[SIDE + SIDE // 2, 0], self.border[3 * SIDE + SIDE // 2, 0]
         return float(right - left)
 
@@ -49,7 +49,7 @@ class Field:
 
 
 def around(width: int, height: int) -> np.ndarray:
-    """[4 SIDE, 2] pixels on the film's edge."""
+    """[4 SIDE, 2] pixels along the border of the film."""
     k = np.arange(SIDE) / SIDE
     zero, one = np.zeros(SIDE), np.ones(SIDE)
     x = np.concatenate([k, one, 1 - k, zero])
@@ -59,7 +59,7 @@ def around(width: int, height: int) -> np.ndarray:
 
 @lru_cache(32)
 def field(setting: Setting) -> Field:
-    """Takes a quarter of a second. Raises pecs.PecsError for a lens or a setting that is not one."""
+    """Takes 0.25 s. Raises pecs.PecsError for an invalid lens or setting."""
     import pecs
 
     s = setting

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The field of the scene's lens in the 3-D viewport: the rays around its film, from the entrance pupil to the plane
-that is in focus. A lens takes a quarter of a second, so a thread looks, and a timer shows."""
+"""Draws the lens's field of view in the 3-D viewport: rays around the film, from the entrance pupil to the focus plane.
+Tracing takes 0.25 s, so a thread traces and a timer redraws."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .interface import redraw
 
 POLL_S = 0.1
 LINES, PLANE = (0.337, 0.706, 0.914, 0.9), (0.337, 0.706, 0.914, 0.08)
-FAR_M = 10.0  # drawn to here, where the focus is not given
+FAR_M = 10.0  # depth of the drawing if no focus is set
 
 
 def setting(scene) -> field.Setting | None:
-    """None without a lens. Raises pecs.PecsError for a chip that is not one."""
+    """None without a lens. Raises pecs.PecsError for an invalid chip."""
     s = scene.pecs
     if not settings.has_lens(s):
         return None
@@ -30,7 +30,7 @@ def setting(scene) -> field.Setting | None:
 
 
 class Fields:
-    """Of the settings asked for last, as soon as it is known. A thread, since a lens must not hold up a redraw."""
+    """Cache of the field for the last requested setting, computed in a thread so that redraws do not wait."""
 
     def __init__(self) -> None:
         self._wanted: field.Setting | None = None
@@ -38,25 +38,25 @@ class Fields:
         self._thread: threading.Thread | None = None
 
     def ask(self, wanted: field.Setting) -> tuple[field.Field | None, str]:
-        """What is known of it, or why nothing can be; (None, "") while it is not known yet."""
+        """The field, or None and the error; (None, "") while it is being computed."""
         if self._known and self._known[0] == wanted:
             return self._known[1:]
         self._wanted = wanted
         if not self._thread:
-            self._thread = threading.Thread(target=self._look, args=(wanted,), daemon=True)
+            self._thread = threading.Thread(target=self._compute, args=(wanted,), daemon=True)
             self._thread.start()
             if not bpy.app.timers.is_registered(_show):
                 bpy.app.timers.register(_show, first_interval=POLL_S)
         return None, ""
 
-    def _look(self, wanted: field.Setting) -> None:
+    def _compute(self, wanted: field.Setting) -> None:
         try:
             self._known = (wanted, field.field(wanted), "")
-        except Exception as e:  # the library's words
+        except Exception as e:  # from the library
             self._known = (wanted, None, str(e))
 
-    def looking(self) -> bool:
-        """Begins anew when the settings have changed since."""
+    def computing(self) -> bool:
+        """Whether a computation runs; starts another one if the requested setting has changed."""
         if self._thread and self._thread.is_alive():
             return True
         self._thread = None
@@ -70,7 +70,7 @@ fields = Fields()
 
 
 def _show() -> float | None:
-    if fields.looking():
+    if fields.computing():
         return POLL_S
     redraw("VIEW_3D", "PROPERTIES")
     return None
@@ -87,11 +87,11 @@ def lines(found: field.Field, distance: float) -> tuple[np.ndarray, np.ndarray]:
     )
     middle = origin + (0, 0, -distance)
     triangles = np.stack([border, following, middle], 1).reshape(-1, 3)
-    return _whole(segments, 2), _whole(triangles, 3)
+    return _unblocked(segments, 2), _unblocked(triangles, 3)
 
 
-def _whole(points: np.ndarray, each: int) -> np.ndarray:
-    """Without what has a ray that the lens does not let through."""
+def _unblocked(points: np.ndarray, each: int) -> np.ndarray:
+    """Without segments or triangles that contain a blocked ray."""
     parts = points.reshape(-1, each * 3)
     return parts[np.isfinite(parts).all(axis=1)].reshape(-1, 3).astype(np.float32)
 
@@ -104,7 +104,7 @@ def draw() -> None:
         return
     try:
         wanted = setting(scene)
-    except RuntimeError:  # an unknown chip: the panel says so
+    except RuntimeError:  # invalid chip: reported in the panel
         return
     found = fields.ask(wanted)[0] if wanted else None
     if not found:
@@ -117,7 +117,7 @@ def draw() -> None:
         gpu.state.depth_test_set("LESS_EQUAL")
         shader = gpu.shader.from_builtin("UNIFORM_COLOR")
         drawn = [("LINES", segments, LINES)]
-        if context.space_data.region_3d.view_perspective != "CAMERA":  # else it would lie over the picture
+        if context.space_data.region_3d.view_perspective != "CAMERA":  # in camera view it would cover the image
             drawn.append(("TRIS", triangles, PLANE))
         for kind, points, colour in drawn:
             shader.uniform_float("color", colour)

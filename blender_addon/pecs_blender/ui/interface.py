@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts in the language of Blender's interface, and labels that wrap, which Blender's do not."""
+"""Translated texts, labels that wrap (Blender's do not), and areas of the windows."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Iterator
 
 import bpy
 
-CONTEXT = "PECS"  # of the texts of languages/*.json that Blender has, too, and means otherwise
-PIXELS_PER_LETTER = 6.0  # of Blender's own font, about
+CONTEXT = "PECS"  # translation context of texts that Blender itself has with another meaning
+PIXELS_PER_LETTER = 6.0  # mean letter width of Blender's font
 
 
 def say(text: str, **values) -> str:
-    """A text of languages/*.json; {names} in it are `values`. Blender itself translates what has none of them: labels,
-    properties, tooltips."""
+    """The translation of a text (languages/*.json) with `values` for its {names}. Blender itself translates labels,
+    properties and tooltips."""
     return bpy.app.translations.pgettext_iface(text, CONTEXT).format(**values)
 
 
@@ -30,7 +30,7 @@ def redraw(*kinds: str) -> None:
 
 
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
-    """As many labels as the panel's width asks for, of a text that is translated already."""
+    """Draws a translated text as several labels that fit the width of the panel."""
     region = bpy.context.region
     width_px = (region.width if region else 400) / (bpy.context.preferences.system.ui_scale or 1) - 60
     column = layout.column(align=True)
@@ -41,7 +41,7 @@ def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
 
 
 def problem(layout, one) -> None:
-    """A checks.Problem with its button."""
+    """Draws a checks.Problem with the button that fixes it."""
     wrapped(layout, one.text, "ERROR" if one.is_error else "INFO", alert=one.is_error)
-    if one.mend:
-        layout.operator(one.mend)
+    if one.fix:
+        layout.operator(one.fix)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lenses, chips, spectra and glasses to choose from, those of PECS and the user's own; and what their files say."""
+"""Lists of lenses, chips, spectra and glasses, of PECS and of the user; cached data of lens and chip files."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ import bpy
 from ..render.chip import Chip, load_chip
 from .preferences import own_folder
 
-_ROOMS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
-SCENES_CAMERA = "none"  # instead of a lens
+_FOLDERS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
+SCENES_CAMERA = "none"  # value of the lens setting for the scene's own camera
 
 
 def names(kind: str) -> list[tuple[str, str]]:
-    """Each with what its file says it is. kind: "lens" or "chip"."""
+    """Names and descriptions. kind: "lens" or "chip"."""
     import pecs
 
     own = own_folder(kind)
-    folders = [pecs.data_dir(_ROOMS[kind]), *([own] if own else [])]
+    folders = [pecs.data_dir(_FOLDERS[kind]), *([own] if own else [])]
     files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
-    return [(name, _said(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
+    return [(name, _description(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
 
 
 @lru_cache(maxsize=256)
-def _said(path: Path, _version: int) -> str:
+def _description(path: Path, _version: int) -> str:
     try:
-        said = json.loads(path.read_text(errors="replace"))
-        return str(said.get("description") or said.get("name", ""))
-    except (OSError, ValueError, AttributeError):  # chosen, checks.py says what is wrong with it
+        content = json.loads(path.read_text(errors="replace"))
+        return str(content.get("description") or content.get("name", ""))
+    except (OSError, ValueError, AttributeError):  # checks.py reports the error if this one is chosen
         return ""
 
 
 @lru_cache
-def _stems(room: str, pattern: str = "*.json") -> list[str]:
+def _stems(folder: str, pattern: str = "*.json") -> list[str]:
     import pecs
 
-    folder = pecs.data_dir(room)
+    folder = pecs.data_dir(folder)
     return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.glob(pattern))
 
 
@@ -55,8 +55,8 @@ def glasses() -> list[str]:
 
 
 def lenses(film_mm: tuple[float, float] | None) -> list[tuple[str, str]]:
-    """`names`, with the field of view on a film of that width and height. The first time takes half a second."""
-    return [(name, ", ".join(filter(None, (said, _field(name, film_mm))))) for name, said in names("lens")]
+    """`names` of lenses with the field of view on a film of this width and height. The first call takes 0.5 s."""
+    return [(name, ", ".join(filter(None, (text, _field(name, film_mm))))) for name, text in names("lens")]
 
 
 def _field(name: str, film_mm: tuple[float, float] | None) -> str:
@@ -64,13 +64,13 @@ def _field(name: str, film_mm: tuple[float, float] | None) -> str:
         return ""
     try:
         info = lens_info(name, film_width_mm=film_mm[0], film_height_mm=film_mm[1], field_rows=2)
-    except RuntimeError:  # chosen, checks.py says what is wrong with it
+    except RuntimeError:  # checks.py reports the error if this one is chosen
         return ""
     return f"{info['hfov_deg']:.3g}° x {info['vfov_deg']:.3g}°"
 
 
 def search(names_of: Callable[[], Iterable[str | tuple[str, str]]]) -> Callable[..., list]:
-    """Of a StringProperty: names, or names with a text beside them, which is looked through, too."""
+    """Search callback of a StringProperty, over names or pairs of name and description; searches both."""
 
     def found(_self, _context, text: str) -> list:
         return [one for one in names_of() if text.lower() in " ".join([one] if isinstance(one, str) else one).lower()]
@@ -79,7 +79,7 @@ def search(names_of: Callable[[], Iterable[str | tuple[str, str]]]) -> Callable[
 
 
 def find(kind: str, name: str) -> str:
-    """What the program takes: a path of the user's own, or a name of the library."""
+    """Argument for the program: a path of the user's file, or a name of the library."""
     if name.endswith(".json") or name.startswith("//"):
         return bpy.path.abspath(name)
     own = own_folder(kind)
@@ -97,7 +97,7 @@ def lens_info(name: str, **setting: float | int | None) -> dict[str, Any]:
 
 
 def version(kind: str, name: str) -> tuple[str, int]:
-    """A file that has changed, or has gone, is read anew."""
+    """Path and modification time: the cache key of a file. 0 if it does not exist."""
     path = find(kind, name)
     try:
         return path, Path(path).stat().st_mtime_ns

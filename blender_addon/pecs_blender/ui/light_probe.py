@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How bright the scene is, by a probe render of a second: lux, photocurrent, corner; and the light scale for wanted
-lux."""
+"""Probe render of about a second: illuminance, photocurrent and photoreceptor bandwidth; light scale for a target
+illuminance."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from . import operators, paths
 from .background import BackgroundJob
 from .interface import say
 
-DIM_HZ = 100.0  # a corner below it smears what moves
+DIM_HZ = 100.0  # photoreceptor bandwidth below which moving edges blur
 
 
 class _State:
-    found: dict[str, dict[str, Any]] = {}  # by the scene's name
+    found: dict[str, dict[str, Any]] = {}  # by scene name
 
 
 state = _State()
@@ -27,21 +27,21 @@ state = _State()
 
 class PecsLight(bpy.types.PropertyGroup):
     wanted_lux: FloatProperty(
-        name="Wanted (lux)",
+        name="Target (lux)",
         default=500,
         min=1e-3,
         soft_max=1e5,
         precision=1,
-        description="On the median surface in view: 1 is a street at night, 100 a corridor, 500 an office, 10,000 an "
-        "overcast sky, 100,000 the sun",
+        description="Illuminance of the median surface in view: street at night 1, corridor 100, office 500, overcast "
+        "sky 10,000, sun 100,000",
     )
 
 
 class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
-    """Say how many lux fall on what the camera sees, and what photocurrent and corner the chip has of it"""
+    """Measure the illuminance in view, and the chip's photocurrent and bandwidth at this light"""
 
     bl_idname = "pecs.probe_light"
-    bl_label = "Probe light"
+    bl_label = "Probe Light"
 
     @staticmethod
     def job(context) -> BackgroundJob:
@@ -49,12 +49,12 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         name = scene.name
 
         def done(job: BackgroundJob) -> str:
-            found = json.loads(next(line for line in job.answer if line.startswith("{")))  # Blender speaks, too
+            found = json.loads(next(line for line in job.answer if line.startswith("{")))  # beside Blender's own output
             state.found[name] = found
             return rows(found)[0]
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
-        return BackgroundJob("Probe light", command, paths.stack(scene), done, for_file=True)
+        return BackgroundJob("Probe Light", command, paths.stack(scene), done, for_file=True)
 
 
 def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
@@ -62,10 +62,10 @@ def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
 
 
 class PECS_OT_set_lux(bpy.types.Operator):
-    """Set the light scale so that the wanted light falls on what the camera sees"""
+    """Set the light scale for the target illuminance"""
 
     bl_idname = "pecs.set_lux"
-    bl_label = "Set the light scale"
+    bl_label = "Set Light Scale"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -86,7 +86,7 @@ CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux)
 
 @bpy.app.handlers.persistent
 def _forget(*_) -> None:
-    """Another file is opened."""
+    """Runs when another file is opened."""
     state.found.clear()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""3-D viewport > N panel > PECS: events while the animation plays or things are dragged (live_view.py)."""
+"""3-D viewport > N panel > PECS: settings and operators of the live view (live_view.py)."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def _restart(_self, context) -> None:
         return
     try:
         state.view.settings(context.scene)
-    except Exception as e:  # a chip that is not one, a disk that is full
+    except Exception as e:  # invalid chip, full disk
         live_view.end(state.view, say(live_view.STOPPED, reason=e))
 
 
 class PecsLive(bpy.types.PropertyGroup):
     source: EnumProperty(
-        name="Seen from",
+        name="View From",
         items=[
-            ("CAMERA", "Camera", "The scene's camera, as Blender has it (without the lens)"),
-            ("VIEW", "Viewport", "What this viewport shows, its middle in the chip's shape"),
+            ("CAMERA", "Camera", "The scene's camera, without the lens"),
+            ("VIEW", "Viewport", "This viewport, cropped to the aspect ratio of the chip"),
         ],
         update=_restart,
     )
@@ -36,8 +36,8 @@ class PecsLive(bpy.types.PropertyGroup):
     pixel: EnumProperty(
         name="Pixel",
         items=[
-            ("QUICK", "Quick", "Contrast thresholds alone: no noise, no delay"),
-            ("CHIP", "Chip", "The chip of the render settings, with noise and delay; white is 1 pA. Slower"),
+            ("QUICK", "Quick", "Contrast thresholds only, without noise and latency"),
+            ("CHIP", "Chip", "Chip of the render settings with noise and latency; white is 1 pA. Slower"),
         ],
         update=_restart,
     )
@@ -47,34 +47,36 @@ class PecsLive(bpy.types.PropertyGroup):
         min=0.01,
         max=2,
         update=_restart,
-        description="Contrast threshold of the quick pixel, ON and OFF, in natural log",
+        description="ON and OFF contrast threshold of the quick pixel, in natural log units",
     )
-    instants: IntProperty(
-        name="Instants",
+    subframes: IntProperty(
+        name="Subframes",
         default=8,
         min=1,
         max=64,
-        description="While the animation plays: at most as many pictures per frame, fewer where time lacks. "
-        "With 1 the light fades from one frame to the next",
+        description="Maximum number of rendered subframes per animation frame during playback; fewer on a slow "
+        "machine. With 1, the light is interpolated between frames",
     )
     decay_ms: FloatProperty(
-        name="Decay (ms)", default=40, min=1, max=2000, description="In which an event fades, by 1/e, in scene time"
+        name="Decay (ms)", default=40, min=1, max=2000, description="Scene time in which an event fades to 1/e"
     )
-    alone: BoolProperty(name="Events alone", description="On a dark ground, instead of over the viewport")
+    alone: BoolProperty(
+        name="Events Only", description="Draw the events on a dark background instead of the viewport's image"
+    )
     record: StringProperty(
         name="File",
         subtype="FILE_PATH",
         options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
         default="//live.raw",
-        description="Of recorded events; the format by its end: .raw, .hdf5, .aedat4, .npz, .csv …",
+        description="Event file to record to. The extension sets the format: .raw, .hdf5, .aedat4, .npz, .csv …",
     )
 
 
 class PECS_OT_live(bpy.types.Operator):
-    """Show what an event camera sees, over this viewport: a preview in relative light. Press again to stop"""
+    """Draw simulated events over this viewport, as a preview in relative light. Press again to stop"""
 
     bl_idname = "pecs.live"
-    bl_label = "Live events"
+    bl_label = "Live Events"
 
     @classmethod
     def poll(cls, context) -> bool:
@@ -94,7 +96,7 @@ class PECS_OT_live(bpy.types.Operator):
 
 
 class PECS_OT_live_record(bpy.types.Operator):
-    """Write the live events to the file, until pressed again or the live view stops"""
+    """Record the live events to the file until pressed again or the live view stops"""
 
     bl_idname = "pecs.live_record"
     bl_label = "Record"
@@ -110,7 +112,7 @@ class PECS_OT_live_record(bpy.types.Operator):
                 count = sensor.stop_recording()
                 self.report({"INFO"}, say("{path}: {count:,} events", path=recording.path, count=count))
             elif name.startswith("//") and not bpy.data.filepath:
-                text = "{name}: the file is not saved yet: choose a full path, or save it first"
+                text = "{name}: the .blend has no folder yet. Save it, or choose an absolute path"
                 raise ValueError(say(text, name=name))
             else:
                 live_view.record(state.view, Path(bpy.path.abspath(name)))
@@ -121,7 +123,7 @@ class PECS_OT_live_record(bpy.types.Operator):
 
 
 class PECS_PT_live(bpy.types.Panel):
-    bl_label = "Live events"
+    bl_label = "Live Events"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "PECS"
@@ -132,10 +134,10 @@ class PECS_PT_live(bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("pecs.live", text="Stop" if view else "Start", icon="PAUSE" if view else "PLAY")
         recording = view and view.sensor.recording
-        row.operator("pecs.live_record", text="Stop recording" if recording else "Record", icon="REC")
+        row.operator("pecs.live_record", text="Stop Recording" if recording else "Record", icon="REC")
         if state.message:
             wrapped(layout, state.message, "ERROR")
-        wrapped(layout, say("A preview: relative light, without spectrum and lens"), "INFO")
+        wrapped(layout, say("Preview in relative light, without spectra and lens"), "INFO")
 
         column = layout.column(align=True)
         column.prop(s, "source")
@@ -145,7 +147,7 @@ class PECS_PT_live(bpy.types.Panel):
         if s.pixel == "QUICK":
             column.prop(s, "threshold")
         column = layout.column(align=True)
-        column.prop(s, "instants")
+        column.prop(s, "subframes")
         column.prop(s, "decay_ms")
         column.prop(s, "alone")
         layout.prop(s, "record")
@@ -156,12 +158,12 @@ CLASSES = (PecsLive, PECS_OT_live, PECS_OT_live_record, PECS_PT_live)
 
 @bpy.app.handlers.persistent
 def _stop(*_) -> None:
-    """Another file is opened: what the view looks at goes."""
+    """Runs when another file is opened."""
     live_view.end(state.view)
 
 
 def _in_view_menu(self, _context) -> None:
-    """And so F3."""
+    """In a menu, so that F3 finds it."""
     self.layout.separator()
     self.layout.operator("pecs.live")
 

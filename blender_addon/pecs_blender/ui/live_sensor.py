@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live view's part that needs no Blender: pictures of linear light become events, and the time of each pixel's last
-one. Pictures have their row 0 at the bottom, as the GPU gives them; events at the top."""
+"""The part of the live view that needs no Blender: simulates events from frames of linear light, and keeps the time of
+each pixel's last event. Row 0 of a frame is at the bottom, as on the GPU; of events, at the top."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ if TYPE_CHECKING:
     import pecs
 
 RGB_NM = (610.0, 550.0, 465.0)  # as pecs sense takes R, G and B (docs/reference/sensor.md)
-MAX_WALL_S = 0.1  # a pause is no slow motion
-RATE_S = 0.5  # over which the rate is averaged
-QUICK = "ideal"  # the chip without noise, delay or limits
-DARK_A = 1e-15  # its dark current here, a thousandth of white: nobody can take the logarithm of black
+MAX_WALL_S = 0.1  # longer pauses count as this
+RATE_S = 0.5  # time constant of the mean event rate
+QUICK = "ideal"  # chip without noise, latency or limits
+DARK_A = 1e-15  # dark current of QUICK, a thousandth of white, which keeps the logarithm of black finite
 
 
 def rgba_weights(chip: pecs.Chip) -> np.ndarray:
-    """[4] What a pixel of the chip makes of linear RGBA; white is 1."""
+    """[4] weights of linear RGBA in the photocurrent of the chip; white is 1."""
     amperes = chip.amperes_per_unit([{"lambda_nm": nm, "weight_nm": 1.0} for nm in RGB_NM], "relative")
     return np.array([*(np.array(amperes) / sum(amperes)), 0], np.float32)
 
 
 def shrink(light: np.ndarray, height: int, width: int) -> np.ndarray:
-    """[height, width] from any other size: means of the pixels that fall into each; the nearest where there is none."""
+    """Resamples to [height, width]: box mean, and nearest neighbour where it enlarges."""
     for axis, wanted in enumerate((height, width)):
         size = light.shape[axis]
         if size == wanted:
             continue
         edges = np.arange(wanted + 1) * size // wanted
-        sums = np.add.reduceat(light, edges[:-1], axis)  # where two edges meet: the pixel itself
+        sums = np.add.reduceat(light, edges[:-1], axis)  # equal edges: the pixel itself
         counts = np.maximum(np.diff(edges), 1).astype(np.float32)
         light = sums / (counts[:, None] if axis == 0 else counts)
     return light
@@ -41,7 +41,7 @@ def shrink(light: np.ndarray, height: int, width: int) -> np.ndarray:
 
 @dataclass
 class Step:
-    """From one picture to the next: time, the frames it covers, and whether it can be divided."""
+    """Step from one frame of the view to the next: scene time, scene frames, and whether subframes can divide it."""
 
     dt_s: float  # 0: no time has passed
     frames: float = 0.0
@@ -49,14 +49,14 @@ class Step:
 
 
 class Clock:
-    """Time of the live view: the scene's while the animation plays, else the clock on the wall."""
+    """Time of the live view: scene time during playback, otherwise wall-clock time."""
 
     def __init__(self) -> None:
         self._last: tuple[float, float, bool] | None = None
-        self.dropped = 0  # frames that were not shown
+        self.dropped = 0  # scene frames that were skipped
 
     def step(self, frame: float, wall_s: float, playing: bool, fps: float, frames: int) -> Step:
-        """frame: the scene's; frames: of its range, after which a playing animation begins again."""
+        """frame: current scene frame. frames: length of the scene's range, after which playback wraps around."""
         if self._last is None:
             self._last = (frame, wall_s, playing)
             return Step(0.0)
@@ -67,22 +67,22 @@ class Clock:
         moved = frame - old_frame
         forward = moved > 0
         if moved < 0 and moved + frames < -moved:
-            moved += frames  # began again
+            moved += frames  # wrapped around
         moved = abs(moved)
         self.dropped += max(0, round(moved) - 1)
         return Step(moved / fps, moved, forward)
 
 
-def instants_that_fit(most: int, cost_s: float, frame_s: float) -> int:
-    """How many pictures of `cost_s` each fill half a frame, 1 ... most: the other half is the viewport's own."""
+def subframes_that_fit(most: int, cost_s: float, frame_s: float) -> int:
+    """Number of subframes (1 to most) of `cost_s` each that fit in half a frame time; the rest is the viewport's."""
     return max(1, min(most, int(0.5 * frame_s / cost_s) if cost_s > 0 else most))
 
 
 class LiveSensor:
-    """Pictures [height, width] or [height, width, 4] (RGBA), one after the other, into events.
+    """Simulates events from a sequence of frames.
 
-    last_s [height, width] float32, row 0 at the bottom: when (in s, from 1 on) each pixel last fired, negative for OFF,
-    0 for never. Events come one picture late, so these times reach to `known_s`, light to `now_s`. Raises
+    last_s [height, width] float32, row 0 at the bottom: time of each pixel's last event in s (from 1 on), negative for
+    OFF, 0 for none. Events lag by one frame: they are complete up to `known_s`, the light up to `now_s`. Raises
     pecs.PecsError as pecs.Sensor does.
     """
 
@@ -107,17 +107,17 @@ class LiveSensor:
         self.now_s = self.known_s = 1.0
         self.last_s = np.zeros((height, width), np.float32)
         self.rate_hz = 0.0
-        self.recording: Recording | None = None
+        self.recording: EventRecording | None = None
 
     def light(self, rgba: np.ndarray) -> np.ndarray:
-        """[height, width] of linear RGBA [height, width, 4]; white is 1."""
-        light = np.empty(rgba.shape[:2], np.float32)[::-1]  # row 0 last in memory: `push` takes it without a copy
+        """Light [height, width] from linear RGBA [height, width, 4]; white is 1."""
+        light = np.empty(rgba.shape[:2], np.float32)[::-1]  # row 0 last in memory, so that `push` needs no copy
         return np.matmul(rgba, self._weights, out=light)
 
     def push(self, light: np.ndarray, dt_s: float) -> np.ndarray:
-        """`light` as it is `dt_s` after the last one (the first: when it begins). The new events, times in us.
+        """Adds the light `dt_s` after the previous frame; returns the new events, times in us.
 
-        Raises PecsOutputError when they cannot be recorded; the recording has then ended.
+        Raises PecsOutputError if they cannot be recorded, and ends the recording.
         """
         self.known_s = self.now_s
         self.now_s += dt_s
@@ -135,7 +135,7 @@ class LiveSensor:
         height, width = self.last_s.shape
         index = (height - 1 - events["y"].astype(np.int32)) * width
         index += events["x"]
-        # The events are in order: a pixel's last one stays.
+        # Events are sorted by time, so the last one of each pixel remains.
         signed_s = events["t"].astype(np.float32) * (events["p"].astype(np.float32) * 2e-6 - 1e-6)
         self.last_s.reshape(-1)[index] = signed_s
 
@@ -148,12 +148,12 @@ class LiveSensor:
             raise
 
     def record(self, path: Path) -> None:
-        """From here on events also go to a file, whose time begins with the first of them."""
+        """Starts to write events to a file, whose time begins with the first of them."""
         height, width = self.last_s.shape
-        self.recording = Recording(path, width, height)
+        self.recording = EventRecording(path, width, height)
 
     def stop_recording(self) -> int:
-        """Completes the file; how many events it has."""
+        """Completes the file; returns its number of events."""
         recording, self.recording = self.recording, None
         return recording.finish() if recording else 0
 
@@ -164,8 +164,8 @@ class LiveSensor:
             self._sensor.close()
 
 
-class Recording:
-    """Events on their way to a file: FILE.partial until it is whole."""
+class EventRecording:
+    """Writes events to FILE.partial, renamed to FILE when complete."""
 
     def __init__(self, path: Path, width: int, height: int):
         import pecs

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live view: a timer takes pictures of a 3-D viewport's scene in linear light, the sensor makes events of them, and
-a draw handler shows them. Without a window there is no GPU to draw with: what needs no GPU is in live_sensor.py.
+"""The live view: a timer renders frames of a 3-D viewport in linear light, the sensor (live_sensor.py) simulates their
+events, and a draw handler shows them. It requires a window, for its GPU context.
 
-Solid, material preview and EEVEE are drawn a second time, at the chip's resolution, into a buffer of their own, without
-colour management and overlays. Other engines (Cycles) do not draw there: of them the viewport's own picture is taken,
-which its framebuffer still holds, in linear light, when the next redraw begins.
+Solid, material preview and EEVEE views are drawn a second time, at the chip's resolution, into an offscreen buffer
+without colour management and overlays. Other engines (Cycles) cannot draw there. For them, the view is read from the
+viewport's framebuffer, which still has the last redraw in linear light when the next one begins.
 """
 
 from __future__ import annotations
@@ -25,60 +25,60 @@ from mathutils import Matrix, Vector
 from . import library, live_sensor
 from .interface import redraw, say
 
-MANY_PX = 640 * 480  # from here on the sensor, for which Blender waits, has two threads
-BUSY_S, REST_S = 1 / 120, 0.1  # between two looks
-FADED = 4  # decay times after which nothing is left to see
-MIN_AFTER_S = 0.1  # until the sensor has given the events of its last interval
+MANY_PX = 640 * 480  # sensor size from which on it uses two threads, since Blender waits for it
+BUSY_S, REST_S = 1 / 120, 0.1  # timer interval while the view changes, and at rest
+FADED = 4  # decay times after which events are invisible
+MIN_AFTER_S = 0.1  # lets the sensor finish its last interval
 DRAWS_OFFSCREEN = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
-MOST_FRAMES = 4  # of a step that sub-instants may divide
-INSET = 0.35  # of the viewport's width, for a camera that it does not look through
+MOST_FRAMES = 4  # longest step that subframes divide
+INSET = 0.35  # share of the viewport's width, if it does not look through the camera
 MARGIN_PX = 12
-WORDS = "PECS live preview: relative light, no spectrum, no lens"
-STOPPED = "Stopped: {reason}"
+WORDS = "PECS live preview: relative light, no spectra, no lens"
+STOPPED = "Live view stopped: {reason}"
 WHITE, RED = (0.9, 0.92, 0.93, 1), (1, 0.35, 0.3, 1)
 
 
 class Cost:
-    """Milliseconds, smoothed."""
+    """Smoothed cost of each step in ms."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
 
     def add(self, name: str, since_s: float) -> float:
-        """Returns the time now, s."""
+        """Adds the time since `since_s`; returns the current time in s."""
         now_s = time.perf_counter()
         spent = 1e3 * (now_s - since_s)
         self.ms[name] = spent if name not in self.ms else 0.9 * self.ms[name] + 0.1 * spent
         return now_s
 
-    def one_picture_s(self) -> float:
+    def one_frame_s(self) -> float:
         return sum(self.ms.values()) / 1e3
 
 
 class LiveView:
-    """Runs from its making to `stop`. Raises PecsError for a chip or size that is not one."""
+    """Runs from its construction to `stop`. Raises PecsError for an invalid chip or size."""
 
     def __init__(self, context) -> None:
         self._space = context.space_data.as_pointer()
         self.cost = Cost()
-        self._instants = 1
-        self._pictures: deque[float] = deque(maxlen=30)  # when they came, s
+        self._subframes = 1
+        self._frame_times_s: deque[float] = deque(maxlen=30)  # of the last frames, s
         self._changed, self._taking = True, False
-        self._seen: tuple | None = None  # view and shading of the last picture
+        self._seen: tuple | None = None  # view and shading of the last frame
         self._changed_s = time.perf_counter()
         self._drawn: tuple | None = None  # clock and rectangle of the viewport's last redraw
-        self._gpu: _Gpu | None = None
+        self._gpu: _GpuResources | None = None
         self.sensor: live_sensor.LiveSensor | None = None
         self.settings(context.scene)
         add = bpy.types.SpaceView3D.draw_handler_add
         self._handles = [add(self._before_view, (), "WINDOW", "PRE_VIEW"), add(self._draw, (), "WINDOW", "POST_PIXEL")]
         for handlers in _changes():
             handlers.append(self._note_change)
-        self._timer = self._tick  # the same object each time, by which it is known
+        self._timer = self._tick  # one bound method: Blender identifies timers by object
         bpy.app.timers.register(self._timer, first_interval=0)
 
     def settings(self, scene) -> None:
-        """The sensor as the scene's settings say; a recording ends."""
+        """Creates the sensor from the scene's settings; ends a recording."""
         s = scene.pecs_live
         chip, threshold = (
             (live_sensor.QUICK, s.threshold) if s.pixel == "QUICK" else (library.find("chip", scene.pecs.chip), None)
@@ -93,7 +93,7 @@ class LiveView:
         self._gpu, self._changed = None, True
 
     def stop(self) -> None:
-        """Nothing stays behind. Also where the view or its file has gone."""
+        """Removes handlers and timer; works after the viewport or its file was closed."""
         for handle in self._handles:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         for handlers in _changes():
@@ -105,13 +105,13 @@ class LiveView:
         self.sensor.close()
         redraw("VIEW_3D")
 
-    # What changes.
+    # Detection of changes.
 
     def _note_change(self, *_) -> None:
         self._changed = self._changed or not self._taking
 
     def _find(self):
-        """Window, area, region and space: the viewport may have moved to another area, as when one is maximised."""
+        """Window, area, region and space: found anew each time, since a maximised viewport has another area."""
         for window in bpy.context.window_manager.windows:
             for area in window.screen.areas:
                 if area.type == "VIEW_3D" and area.spaces.active.as_pointer() == self._space:
@@ -123,7 +123,7 @@ class LiveView:
         try:
             found = self._find()
             if not found:
-                end(self, say(STOPPED, reason=say("its viewport is gone")))
+                end(self, say(STOPPED, reason=say("its viewport was closed")))
                 return None
             return self._step(*found)
         except Exception as e:
@@ -131,7 +131,7 @@ class LiveView:
             raise
 
     def _step(self, window, area, region, space) -> float:
-        """Pictures of what has changed since the last ones; seconds to the next look."""
+        """Simulates the changes since the last call; returns seconds until the next one."""
         scene, playing = window.scene, window.screen.is_animation_playing
         looked_at = _view(space)
         changed = self._changed or looked_at != self._seen or playing
@@ -143,24 +143,24 @@ class LiveView:
             self.clock.step(*_clock(scene, playing))
             return REST_S
         if not draws_offscreen(scene, space):
-            area.tag_redraw()  # _before_view takes it
+            area.tag_redraw()  # _before_view reads it
             return BUSY_S
         step = self.clock.step(*_clock(scene, playing))
         if self._light is not None and step.dt_s * 1e6 < 2:
-            return BUSY_S  # the same frame as before
+            return BUSY_S  # same scene frame
         if not changed and self._light is not None:
             self._push(self._light, step.dt_s)
         else:
-            self._take_pictures(window, region, space, step, playing)
+            self._push_frames(window, region, space, step, playing)
         area.tag_redraw()
         return BUSY_S
 
-    def _take_pictures(self, window, region, space, step: live_sensor.Step, playing: bool) -> None:
+    def _push_frames(self, window, region, space, step: live_sensor.Step, playing: bool) -> None:
         scene, count = window.scene, 1
         if playing and step.forward and step.frames <= MOST_FRAMES:
             frame_s = scene.render.fps_base / scene.render.fps
-            count = live_sensor.instants_that_fit(scene.pecs_live.instants, self.cost.one_picture_s(), frame_s)
-        self._instants = count
+            count = live_sensor.subframes_that_fit(scene.pecs_live.subframes, self.cost.one_frame_s(), frame_s)
+        self._subframes = count
         frame, subframe = scene.frame_current, scene.frame_subframe
         self._taking = True
         try:
@@ -169,18 +169,18 @@ class LiveView:
                 if left:
                     scene.frame_set(int(at // 1), subframe=at % 1)
                 elif count > 1:
-                    scene.frame_set(frame, subframe=subframe)  # exactly: the animation goes on from here
-                self._push(self._picture(window, region, space), step.dt_s / count)
+                    scene.frame_set(frame, subframe=subframe)  # exact frame, from which playback continues
+                self._push(self._draw_frame(window, region, space), step.dt_s / count)
         finally:
             self._taking = False
-        self._pictures.append(time.perf_counter())
+        self._frame_times_s.append(time.perf_counter())
 
-    # Pictures.
+    # Frames.
 
-    def _picture(self, window, region, space) -> np.ndarray:
-        """[height, width] linear light, drawn at the chip's resolution."""
+    def _draw_frame(self, window, region, space) -> np.ndarray:
+        """Draws the view at the chip's resolution; [height, width] linear light."""
         height, width = self.sensor.last_s.shape
-        self._gpu = self._gpu or _Gpu(self.sensor.last_s)
+        self._gpu = self._gpu or _GpuResources(self.sensor.last_s)
         view, projection, _ = self._matrices(window, region, space)
         start_s = time.perf_counter()
         overlay = space.overlay
@@ -207,7 +207,7 @@ class LiveView:
         return light
 
     def _matrices(self, window, region, space):
-        """View, projection and where in the region their picture lies."""
+        """View matrix, projection matrix, and rectangle of their image in the region."""
         height, width = self.sensor.last_s.shape
         scene, region_3d = window.scene, space.region_3d
         if scene.pecs_live.source == "VIEW" or not scene.camera:
@@ -231,7 +231,7 @@ class LiveView:
             self._gpu.texture = None
 
     def _before_view(self) -> None:
-        """What the viewport's framebuffer still has of its last redraw, for engines that draw only there."""
+        """Reads the last redraw from the viewport's framebuffer, for engines that draw only there."""
         context = bpy.context
         drawn, self._drawn = self._drawn, None
         if self._taking or drawn is None or context.space_data.as_pointer() != self._space:
@@ -251,15 +251,15 @@ class LiveView:
         corner = gpu.state.viewport_get()[:2]
         shared, read = _shared(top - low, right - left, 4)
         framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT", data=shared)
-        seen = np.zeros((high, wide), np.float32)  # dark where the viewport does not reach
+        seen = np.zeros((high, wide), np.float32)  # dark outside the viewport
         seen[low - y : top - y, left - x : right - x] = self.sensor.light(read)
         light = live_sensor.shrink(seen, *self.sensor.last_s.shape)
-        self.cost.ms.pop("draw", None)  # by the viewport itself
+        self.cost.ms.pop("draw", None)  # the viewport itself draws
         self.cost.add("read", start_s)
         self._push(light, step.dt_s)
-        self._pictures.append(time.perf_counter())
+        self._frame_times_s.append(time.perf_counter())
 
-    # What is shown.
+    # Drawing.
 
     def _draw(self) -> None:
         context = bpy.context
@@ -273,7 +273,7 @@ class LiveView:
             rectangle = rectangle if through_camera else centred(width, height, region)
             self._drawn = (_clock(scene, context.screen.is_animation_playing), rectangle)
         s = scene.pecs_live
-        self._gpu = self._gpu or _Gpu(self.sensor.last_s)
+        self._gpu = self._gpu or _GpuResources(self.sensor.last_s)
         self._gpu.draw(rectangle, self.sensor.known_s, s.decay_ms / 1e3, 1.0 if s.alone else 0.0)
         _write(self._lines(), context.area)
 
@@ -281,28 +281,28 @@ class LiveView:
         height, width = self.sensor.last_s.shape
         spent = ", ".join(f"{say(name)} {ms:.1f}" for name, ms in self.cost.ms.items())
         size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
-        speed = {"pictures": self.pictures_per_s(), "dropped": self.clock.dropped, "spent": spent}
-        instants = say("{width} x {height}, {rate}, instants per frame: {count}", **size, count=self._instants)
-        cost = say("{pictures:.0f} pictures/s, dropped frames: {dropped}, ms: {spent}", **speed)
-        lines = [(say(WORDS), WHITE), (instants, WHITE), (cost, WHITE)]
+        speed = {"frames": self.frames_per_s(), "dropped": self.clock.dropped, "spent": spent}
+        first = say("{width} x {height}, {rate}, subframes: {count}", **size, count=self._subframes)
+        cost = say("{frames:.0f} frames/s, dropped frames: {dropped}, ms: {spent}", **speed)
+        lines = [(say(WORDS), WHITE), (first, WHITE), (cost, WHITE)]
         if recording := self.sensor.recording:
             text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)
             lines.append((text, RED))
         return lines
 
-    def pictures_per_s(self) -> float:
-        times = self._pictures
+    def frames_per_s(self) -> float:
+        times = self._frame_times_s
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
 def _shared(*shape: int) -> tuple[gpu.types.Buffer, np.ndarray]:
-    """A buffer and an array over its memory. Of one dimension: of more, Blender up to 5.0 says their order wrongly."""
+    """A buffer and an array over its memory. Flat, since Blender up to 5.0 reports wrong strides for more dimensions."""
     buffer = gpu.types.Buffer("FLOAT", math.prod(shape))
     return buffer, np.asarray(buffer).reshape(shape)
 
 
-class _Gpu:
-    """What lives on the GPU, and the memory that it shares with NumPy."""
+class _GpuResources:
+    """Offscreen buffer, texture and shader, and the memory shared with NumPy."""
 
     def __init__(self, last_s: np.ndarray) -> None:
         height, width = last_s.shape
@@ -311,7 +311,7 @@ class _Gpu:
         self._last_s = gpu.types.Buffer("FLOAT", last_s.size, last_s.reshape(-1))
         self._size = width, height
         self._shader = EventShader()
-        self.texture = None  # of last_s; None: to be made
+        self.texture = None  # of last_s; None if it is outdated
 
     def draw(self, rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
         self.texture = self.texture or gpu.types.GPUTexture(self._size, format="R32F", data=self._last_s)
@@ -332,7 +332,7 @@ def rate_text(rate_hz: float) -> str:
 
 
 def _clock(scene, playing: bool) -> tuple:
-    """For live_sensor.Clock.step."""
+    """Arguments of live_sensor.Clock.step."""
     first, last = scene.frame_start, scene.frame_end
     if scene.use_preview_range:
         first, last = scene.frame_preview_start, scene.frame_preview_end
@@ -355,7 +355,7 @@ void main() {
   gl_Position = ModelViewProjectionMatrix * vec4(corner + pos * size, 0.0, 1.0);
 }
 """
-# The hues of pecs view on dark ground, sky blue for ON and orange for OFF; linear: the viewport's framebuffer is sRGB.
+# Colours of pecs view on a dark background: sky blue for ON, orange for OFF; linear, since the framebuffer is sRGB.
 _FRAGMENT = """
 void main() {
   float t_s = texture(last_s, uv).r;
@@ -368,7 +368,7 @@ void main() {
 
 
 class EventShader:
-    """Draws a picture of signed times: `live_sensor.LiveSensor.last_s`."""
+    """Draws the signed event times of `live_sensor.LiveSensor.last_s`."""
 
     def __init__(self) -> None:
         info = gpu.types.GPUShaderCreateInfo()
@@ -405,7 +405,7 @@ Rectangle = tuple[float, float, float, float]  # x, y of the lower left corner, 
 
 
 def centred(width: float, height: float, region) -> Rectangle:
-    """The largest of that shape in the middle of the region."""
+    """The largest centred rectangle of this aspect ratio."""
     scale = min(region.width / width, region.height / height)
     width, height = width * scale, height * scale
     return (region.width - width) / 2, (region.height - height) / 2, width, height
@@ -417,7 +417,7 @@ def inset(width: float, height: float, region) -> Rectangle:
 
 
 def of_camera(camera_matrix: Matrix, projection: Matrix, region, region_3d) -> Rectangle | None:
-    """Where a viewport that looks through the camera shows what `projection` shows."""
+    """Rectangle of the camera's image in a viewport that looks through the camera."""
     from_clip = camera_matrix @ projection.inverted()
     corners = []
     for x, y in ((-1, -1), (1, 1)):
@@ -430,12 +430,12 @@ def of_camera(camera_matrix: Matrix, projection: Matrix, region, region_3d) -> R
 
 
 def part_of_view(projection: Matrix, rectangle: Rectangle, region) -> Matrix:
-    """The viewport's projection, of a rectangle in its middle."""
+    """The viewport's projection, cropped to a centred rectangle."""
     return Matrix.Diagonal((region.width / rectangle[2], region.height / rectangle[3], 1, 1)) @ projection
 
 
 def _write(lines: list[tuple[str, tuple]], area) -> None:
-    """Lines with their colour, from the lower left corner up, beside the tools."""
+    """Draws lines of text in the lower left corner, beside the toolbar."""
     scale = bpy.context.preferences.system.ui_scale
     left = sum(r.width for r in area.regions if r.type == "TOOLS") + MARGIN_PX
     blf.size(0, 12 * scale)
@@ -450,14 +450,14 @@ def _write(lines: list[tuple[str, tuple]], area) -> None:
 
 class _State:
     view: LiveView | None = None
-    message = ""  # how the last one ended
+    message = ""  # why the last view stopped
 
 
 state = _State()
 
 
 def end(view: LiveView | None, message: str = "") -> None:
-    """Stops it, if it runs."""
+    """Stops the view if it is the running one."""
     if not view or state.view is not view:
         return
     state.view, state.message = None, message

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where else the buttons are: the Render menu, and so F3; the progress in the status bar, and Esc; the manual."""
+"""The Render menu (which F3 searches), progress in the status bar, Esc, and the manual page of this version, for
+the operator and for Blender's *Online Manual*."""
 
 from __future__ import annotations
 
@@ -10,24 +11,24 @@ import bpy
 from . import background, event_operators, paths
 from .interface import say
 
-_TRIED = (
+_PAGES = (
     Path(__file__).parents[1] / "manual/panel.html",
     Path(__file__).parents[3] / "docs/start/panel.md",
 )  # zip; checkout
 
 
 def _page() -> Path:
-    return next((path for path in _TRIED if path.is_file()), _TRIED[0])
+    return next((path for path in _PAGES if path.is_file()), _PAGES[0])
 
 
 def _manual_pages() -> tuple[str, tuple[tuple[str, str], ...]]:
-    """As bpy.utils.register_manual_map wants it."""
+    """For bpy.utils.register_manual_map."""
     ours = ("bpy.ops.pecs.*", "bpy.types.pecs*", "bpy.types.scene.pecs*")
     return _page().as_uri(), tuple((pattern, "") for pattern in ours)
 
 
 class PECS_OT_manual(bpy.types.Operator):
-    """Open the manual's page in the browser"""
+    """Open the manual in the browser"""
 
     bl_idname = "pecs.manual"
     bl_label = "Manual"
@@ -38,7 +39,7 @@ class PECS_OT_manual(bpy.types.Operator):
 
 
 class PECS_MT_render(bpy.types.Menu):
-    bl_label = "PECS: event camera"
+    bl_label = "PECS: Event Camera"
 
     def draw(self, context) -> None:
         layout = self.layout
@@ -49,7 +50,7 @@ class PECS_MT_render(bpy.types.Menu):
             layout.operator(f"pecs.{name}")
         layout.separator()
         for kind, (label, _) in event_operators.KINDS.items():
-            layout.operator("pecs.view", text=say("View events: {kind}", kind=say(label))).kind = kind
+            layout.operator("pecs.view", text=say("View Events: {kind}", kind=say(label))).kind = kind
         for name in ("reconstruct", "report", "compare", "open_folder"):
             layout.operator(f"pecs.{name}")
         layout.separator()
@@ -67,7 +68,7 @@ def _in_render_menu(self, _context) -> None:
 def _in_status_bar(self, _context) -> None:
     if job := background.state.job:
         row = self.layout.row(align=True)
-        row.ui_units_x = 16  # wide enough for its words
+        row.ui_units_x = 16  # fits the text
         row.progress(factor=job.progress, text=job.text)
         row.operator("pecs.stop", icon="CANCEL", text="")
 
@@ -75,7 +76,7 @@ def _in_status_bar(self, _context) -> None:
 CLASSES = (PECS_OT_manual, PECS_MT_render)
 
 
-_keys: list[tuple] = []  # of ours
+_keys: list[tuple] = []  # keymap and item
 
 
 def register() -> None:

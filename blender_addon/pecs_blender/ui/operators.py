@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Buttons that render. Renders run in a Blender of their own, on the file as saved; this one stays usable."""
+"""Operators that render. Renders run in a second Blender process on the saved file; this one stays usable."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .interface import areas, say
 from .preferences import ROOT, preferences
 
 PREVIEW_WIDTH = 320
-# For the eye.
+# Visible light only.
 PREVIEW_BANDS = "--bands 12 --placement uniform --min-wavelength 400nm --max-wavelength 700nm".split()
-AT_ONCE = ("--time", "uniform")
+UNIFORM = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
-BUSY = "A job is running: wait, or stop it"
+BUSY = "A job is running. Wait for it or stop it"
 
 
 class InBackground:
-    """Starts a job, whose end background.poll notices. Subclasses have job(context)."""
+    """Starts the BackgroundJob of job(context), a method of the subclass."""
 
     bl_options = {"REGISTER"}
 
@@ -42,7 +42,7 @@ class InBackground:
             return {"CANCELLED"}
         try:
             background.start(self.job(context))
-        except (OSError, RuntimeError) as e:  # no program; a chip that cannot be read
+        except (OSError, RuntimeError) as e:  # no program; invalid chip
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
         return {"FINISHED"}
@@ -52,8 +52,8 @@ def is_saved() -> bool:
     return bool(bpy.data.filepath) and not bpy.data.is_dirty
 
 
-def wants_saving() -> bool:
-    """By the user: a file that has a name is saved by the button, where that is preferred."""
+def needs_saving() -> bool:
+    """Whether the user has to save; with the preference save_first, the button saves a file that has a name."""
     return not is_saved() and not (bpy.data.filepath and preferences().save_first)
 
 
@@ -62,8 +62,8 @@ class Renders(InBackground):
     def poll(cls, context) -> bool:
         if not super().poll(context):
             return False
-        if wants_saving():
-            cls.poll_message_set(say("Save the file first: it is rendered as saved"))
+        if needs_saving():
+            cls.poll_message_set(say("Save the file first; the render reads the saved file"))
             return False
         wrong = [one.text for one in checks.problems(context.scene) if one.is_error]
         if wrong:
@@ -71,7 +71,7 @@ class Renders(InBackground):
         return not wrong
 
     def execute(self, context):
-        if not is_saved():  # as wanted
+        if not is_saved():  # preference save_first
             try:
                 bpy.ops.wm.save_mainfile()
             except RuntimeError as e:
@@ -81,16 +81,16 @@ class Renders(InBackground):
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
-    """The command of a verb of cli.py that renders; without output, it answers."""
+    """Command line of a render command of cli.py."""
     command = program(verb, bpy.data.filepath)
     return [*command, *(["-o", str(output)] if output else []), *settings.render_arguments(scene), *words]
 
 
 def program(verb: str, *blend: str) -> list[str]:
-    """cli.py in a process of its own."""
+    """Command line that runs cli.py in another process."""
     if not bpy.app.binary_path:
-        return [sys.executable, "-m", "pecs_blender", verb, *blend]  # the wheel has no program
-    ours = ["--addons", ROOT]  # also where the preferences are not saved yet
+        return [sys.executable, "-m", "pecs_blender", verb, *blend]  # bpy as a module
+    ours = ["--addons", ROOT]  # works before the preferences are saved
     return [bpy.app.binary_path, "--background", *blend, *ours, "--command", "pecs", verb]
 
 
@@ -99,17 +99,17 @@ def frame_words(scene) -> list[str]:
 
 
 def remember_stack(scene_name: str, folder: Path) -> None:
-    """A new version has a name of its own."""
+    """Keeps the folder of a new version, whose name has a suffix."""
     scene = bpy.data.scenes.get(scene_name)
     if scene and paths.stack(scene).parent == folder.parent:
         scene.pecs.last_stack = str(folder)
 
 
 class PECS_OT_render(Renders, bpy.types.Operator):
-    """Render the EXR stack. A stopped render continues where it was"""
+    """Render the EXR stack. A stopped render resumes"""
 
     bl_idname = "pecs.render"
-    bl_label = "Render stack"
+    bl_label = "Render Stack"
 
     @staticmethod
     def job(context) -> BackgroundJob:
@@ -121,14 +121,14 @@ class PECS_OT_render(Renders, bpy.types.Operator):
             return say("{path}: rendered", path=job.folder)
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
-        return BackgroundJob("Render stack", command, output, done, continues=True)
+        return BackgroundJob("Render Stack", command, output, done, continues=True)
 
 
 class PECS_OT_run(Renders, bpy.types.Operator):
-    """Render the EXR stack, then simulate its events. A stopped render continues where it was"""
+    """Render the EXR stack, then simulate its events. A stopped render resumes"""
 
     bl_idname = "pecs.run"
-    bl_label = "Render and simulate"
+    bl_label = "Render and Simulate"
 
     @staticmethod
     def job(context) -> BackgroundJob:
@@ -141,11 +141,11 @@ class PECS_OT_run(Renders, bpy.types.Operator):
 
         words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
         command = blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-        return BackgroundJob("Render and simulate", command, events, done, continues=True)
+        return BackgroundJob("Render and Simulate", command, events, done, continues=True)
 
 
 class PECS_OT_plan(Renders, bpy.types.Operator):
-    """Say how many frames, hours and gigabytes the stack will take, from a probe of seconds"""
+    """Estimate the frames, time and disk space of the stack from a short probe render"""
 
     bl_idname = "pecs.plan"
     bl_label = "Plan"
@@ -158,7 +158,7 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
 
 
 class PECS_OT_preview(Renders, bpy.types.Operator):
-    """Render the current frame, small, and show its colours through CIE 1931"""
+    """Render the current frame at low resolution and show it in CIE 1931 colours"""
 
     bl_idname = "pecs.preview"
     bl_label = "Preview"
@@ -170,12 +170,12 @@ class PECS_OT_preview(Renders, bpy.types.Operator):
         index = max(0, round(t_s * scene.pecs.fps))
         width = min(PREVIEW_WIDTH, render.resolution_x)
         folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / "preview_stack"
-        words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *AT_ONCE]
+        words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *UNIFORM]
         return BackgroundJob("Preview", blender(scene, "render", folder, *words), folder, _show, for_file=True)
 
 
 def _show(job: BackgroundJob) -> str:
-    """The preview, in the image editor."""
+    """Shows the preview in the image editor."""
     import numpy as np
     import pecs
 
@@ -194,16 +194,16 @@ def _show(job: BackgroundJob) -> str:
 
 
 def show_image(image: bpy.types.Image) -> str:
-    """In every image editor that is open."""
+    """Shows an image in all open image editors; the message about it."""
     editors = list(areas("IMAGE_EDITOR"))
     for area in editors:
         area.spaces.active.image = image
-    text = "{image}: in the image editor" if editors else "{image}: in the image editor (open one)"
+    text = "{image}: shown in the image editor" if editors else "{image}: open an image editor to see it"
     return say(text, image=image.name)
 
 
 class PECS_OT_stop(bpy.types.Operator):
-    """Stop the job; finished instants are kept. A second time: at once. Esc does it over the properties"""
+    """Stop the job and keep the finished frames. Press again to kill it. Shortcut in the properties editor: Esc"""
 
     bl_idname = "pecs.stop"
     bl_label = "Stop"

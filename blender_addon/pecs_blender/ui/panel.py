@@ -22,9 +22,7 @@ from .interface import CONTEXT, problem, say, wrapped
 from .presets import PECS_PT_presets
 
 
-class Sub:
-    """A sub-panel."""
-
+class SubPanel:
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
@@ -36,7 +34,7 @@ class Sub:
 
 
 class PECS_PT_render(bpy.types.Panel):
-    bl_label = "PECS: event camera"
+    bl_label = "PECS: Event Camera"
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
@@ -58,15 +56,15 @@ class PECS_PT_render(bpy.types.Panel):
                 wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
             if state.is_error and "exists and differs" in state.message:
                 layout.prop(context.scene.pecs, "exists")
-        if operators.wants_saving():
-            wrapped(layout, say("Save the file: it is rendered as saved"), "INFO")
+        if operators.needs_saving():
+            wrapped(layout, say("Save the file; the render reads the saved file"), "INFO")
             layout.operator("wm.save_mainfile", text="Save", icon="FILE_TICK")
         for one in checks.problems(context.scene):
             problem(layout, one)
 
 
-class PECS_PT_camera(Sub, bpy.types.Panel):
-    bl_label = "Event camera"
+class PECS_PT_camera(SubPanel, bpy.types.Panel):
+    bl_label = "Event Camera"
 
     def fill(self, layout, scene, s) -> None:
         row = layout.row(align=True)
@@ -76,25 +74,29 @@ class PECS_PT_camera(Sub, bpy.types.Panel):
         layout.prop(scene.pecs_camera, "show_field")
         try:
             wanted = frustum.setting(scene)
-        except RuntimeError:  # an unknown chip: checks.py says it above
+        except RuntimeError:  # invalid chip: checks.py reports it above
             return
         found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
         if wrong:
             wrapped(layout, wrong, "ERROR", alert=True)
         elif found:
-            layout.label(text=say("{lens}; widest f/{number:.3g}", lens=found.words(), number=found.widest))
+            layout.label(text=say("{lens}; maximum aperture f/{number:.3g}", lens=found.words(), number=found.widest))
 
 
-class PECS_PT_sensor(Sub, bpy.types.Panel):
+class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     bl_label = "Sensor"
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "chip")
         try:
             chip = library.chip(s.chip).profile
-        except RuntimeError:  # checks.py says it above
+        except RuntimeError:  # checks.py reports it above
             return
-        text = "{width} x {height} pixels of {pitch:.4g} µm" if chip.width else "Any number of pixels of {pitch:.4g} µm"
+        text = (
+            "{width} x {height} pixels, pitch {pitch:.4g} µm"
+            if chip.width
+            else "Any resolution, pixel pitch {pitch:.4g} µm"
+        )
         layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
         width, height = settings.size(scene)
         if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
@@ -104,7 +106,7 @@ class PECS_PT_sensor(Sub, bpy.types.Panel):
             layout.prop(sensor, name)
 
 
-class PECS_PT_parameters(Sub, bpy.types.Panel):
+class PECS_PT_parameters(SubPanel, bpy.types.Panel):
     bl_label = "Parameters"
     bl_parent_id = "PECS_PT_sensor"
     bl_options = {"DEFAULT_CLOSED"}
@@ -118,7 +120,7 @@ class PECS_PT_parameters(Sub, bpy.types.Panel):
             entry = known.get(one.name, {"unit": "?", "range": (0, 0)})
             column = layout.column(align=True)
             row = column.row(align=True)
-            row.alert = bool(settings.wrong(one, known))
+            row.alert = bool(settings.override_error(one, known))
             row.prop(one, "value", text=one.name)
             row.operator("pecs.override_remove", icon="X", text="").index = index
             low, high = entry["range"]
@@ -129,7 +131,7 @@ class PECS_PT_parameters(Sub, bpy.types.Panel):
         layout.operator("pecs.override_add", icon="ADD")
 
 
-class PECS_PT_lens(Sub, bpy.types.Panel):
+class PECS_PT_lens(SubPanel, bpy.types.Panel):
     bl_label = "Lens"
     bl_translation_context = CONTEXT
 
@@ -147,25 +149,27 @@ class PECS_PT_lens(Sub, bpy.types.Panel):
             column.prop(s, name)
         try:
             info = settings.lens_now(scene)
-        except RuntimeError:  # checks.py says it above
+        except RuntimeError:  # checks.py reports it above
             return
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
-        column.label(text=say("Sees {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"]))
+        column.label(
+            text=say("Field of view {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"])
+        )
         row = layout.row(align=True)
-        row.operator("pecs.match_lens", text="Match the camera", icon="CAMERA_DATA")
+        row.operator("pecs.match_lens", text="Match Camera", icon="CAMERA_DATA")
         row.operator("pecs.draw_lens", icon="VIEW_ORTHO")
 
 
-class PECS_PT_light(Sub, bpy.types.Panel):
-    bl_label = "Light and bands"
+class PECS_PT_light(SubPanel, bpy.types.Panel):
+    bl_label = "Light and Bands"
 
     def fill(self, layout, scene, s) -> None:
         for name in ("bands", "placement", "illuminant", "light_scale", "samples", "device"):
             layout.prop(s, name)
 
 
-class PECS_PT_light_more(Sub, bpy.types.Panel):
+class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_label = "More"
     bl_parent_id = "PECS_PT_light"
     bl_options = {"DEFAULT_CLOSED"}
@@ -178,7 +182,7 @@ class PECS_PT_light_more(Sub, bpy.types.Panel):
         layout.prop(s, "allow_scripts")
 
 
-class PECS_PT_time(Sub, bpy.types.Panel):
+class PECS_PT_time(SubPanel, bpy.types.Panel):
     bl_label = "Time"
 
     def fill(self, layout, scene, s) -> None:
@@ -188,13 +192,13 @@ class PECS_PT_time(Sub, bpy.types.Panel):
         layout.prop(s, "whole_range")
         if not s.whole_range:
             layout.prop(s, "frames")
-        count, passes = settings.instants(scene), s.pass_count
-        text = "{count:,} instants, {ms:.4g} ms, {passes} passes each"
-        text = text if passes > 1 else "{count:,} instants, {ms:.4g} ms, 1 pass each"
+        count, passes = settings.frame_count(scene), s.pass_count
+        text = "{count:,} frames, {ms:.4g} ms, {passes} passes each"
+        text = text if passes > 1 else "{count:,} frames, {ms:.4g} ms, 1 pass each"
         layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
 
 
-class PECS_PT_stack(Sub, bpy.types.Panel):
+class PECS_PT_stack(SubPanel, bpy.types.Panel):
     bl_label = "Stack"
 
     def fill(self, layout, scene, s) -> None:
@@ -210,8 +214,8 @@ class PECS_PT_stack(Sub, bpy.types.Panel):
         layout.operator("pecs.render", icon="RENDER_STILL")
 
 
-class PECS_PT_probe(Sub, bpy.types.Panel):
-    bl_label = "How bright"
+class PECS_PT_probe(SubPanel, bpy.types.Panel):
+    bl_label = "Brightness"
     bl_parent_id = "PECS_PT_light"
 
     def fill(self, layout, scene, s) -> None:
@@ -223,25 +227,25 @@ class PECS_PT_probe(Sub, bpy.types.Panel):
                 wrapped(column, row)
             corner = found["corner_hz"]
             if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
-                wrapped(layout, say("Dim: the photoreceptor is slow, and smears what moves"), "INFO")
+                wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
         row = layout.row(align=True)
         row.prop(scene.pecs_light, "wanted_lux")
         row.operator("pecs.set_lux", text="", icon="CHECKMARK")
 
 
-class PECS_PT_checks(Sub, bpy.types.Panel):
-    bl_label = "Before the render"
+class PECS_PT_checks(SubPanel, bpy.types.Panel):
+    bl_label = "Scene Checks"
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
         found = scene_checks.state.found.get(scene.name)
         if found == []:
-            wrapped(layout, say("Nothing found"), "CHECKMARK")
+            wrapped(layout, say("No problems found"), "CHECKMARK")
         for one in found or ():
             problem(layout, one)
 
 
-class PECS_PT_events(Sub, bpy.types.Panel):
+class PECS_PT_events(SubPanel, bpy.types.Panel):
     bl_label = "Events"
 
     def fill(self, layout, scene, s) -> None:
@@ -249,12 +253,12 @@ class PECS_PT_events(Sub, bpy.types.Panel):
         layout.prop(s.sensor, "format")
         for one in checks.sensor_problems(scene):
             problem(layout, one)
-        layout.label(text=say("From {name}", name=paths.rendered(scene).name))
+        layout.label(text=say("Input: {name}", name=paths.rendered(scene).name))
         layout.operator("pecs.sense", icon="PARTICLES")
 
 
-class PECS_PT_view(Sub, bpy.types.Panel):
-    bl_label = "Look"
+class PECS_PT_view(SubPanel, bpy.types.Panel):
+    bl_label = "View"
     bl_translation_context = CONTEXT
     bl_parent_id = "PECS_PT_events"
 
@@ -265,7 +269,7 @@ class PECS_PT_view(Sub, bpy.types.Panel):
         for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
             row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
         if event_operators.sequencer_scene(bpy.context):
-            strip = layout.operator("pecs.view", text="Video into the sequencer", icon="SEQUENCE")
+            strip = layout.operator("pecs.view", text="Video to Sequencer", icon="SEQUENCE")
             strip.kind, strip.to_sequencer = "mp4", True
         layout.prop(s.sensor, "cutoff_hz")
         row = layout.row(align=True)
@@ -277,7 +281,7 @@ class PECS_PT_view(Sub, bpy.types.Panel):
         row.operator("pecs.open_folder", icon="FILE_FOLDER", text="Folder")
 
 
-class PECS_PT_compare(Sub, bpy.types.Panel):
+class PECS_PT_compare(SubPanel, bpy.types.Panel):
     bl_label = "Compare"
     bl_parent_id = "PECS_PT_events"
 

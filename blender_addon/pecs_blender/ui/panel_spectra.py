@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spectra of materials, lamps and worlds: the custom properties of docs/render.md as fields with a search menu. The
-.blend keeps the custom properties alone."""
+"""Spectra of materials, lamps and worlds: the custom properties of docs/reference/render.md as fields with a search
+menu. The .blend stores only the custom properties."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from bpy.props import StringProperty
 from . import library
 
 _TEXTS = {
-    "pecs_reflectance": ("Reflectance", "What the surface reflects, instead of its colours", library.spectra),
+    "pecs_reflectance": ("Reflectance", "Reflectance spectrum of the surface, instead of its colours", library.spectra),
     "pecs_emission": (
         "Emission",
-        "Spectrum of what the material emits; the colour keeps its luminance",
+        "Emission spectrum of the material; the luminance of its colour is kept",
         library.spectra,
     ),
-    "pecs_glass": ("Glass", "Dispersion: a glass by its name, or an Abbe number", library.glasses),
-    "pecs_spectrum": ("Spectrum", "Spectrum of the light; the colour keeps its luminance", library.spectra),
+    "pecs_glass": ("Glass", "Dispersion: name of a glass, or an Abbe number", library.glasses),
+    "pecs_spectrum": ("Spectrum", "Spectrum of the light; the luminance of its colour is kept", library.spectra),
 }
 _HOLDERS = {
     bpy.types.Material: ("pecs_reflectance", "pecs_emission", "pecs_glass"),
@@ -27,7 +27,7 @@ _HOLDERS = {
 
 
 def field(key: str) -> str:
-    """The name of the property that shows a custom property: another one, as 4.5 would keep both in one place."""
+    """Name of the RNA property of a custom property; it differs, since Blender 4.5 stores both in one place."""
     return f"{key}_field"
 
 
@@ -39,7 +39,7 @@ def _property(key: str):
         return value if isinstance(value, str) else f"{value:g}"
 
     def set_(self, value: str) -> None:
-        """A number is one, as the renderer takes it; nothing is no property."""
+        """Stores a number as a float, as the renderer requires; an empty text deletes the property."""
         try:
             self[key] = float(value)
         except ValueError:
@@ -61,7 +61,7 @@ def _property(key: str):
 
 
 class _Spectra:
-    bl_label = "PECS: spectra"
+    bl_label = "PECS: Spectra"
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_options = {"DEFAULT_CLOSED"}

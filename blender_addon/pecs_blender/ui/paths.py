@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where stacks, events and what is made of them lie; and what shows them outside."""
+"""Paths of stacks and events, and opening files outside Blender."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .interface import say
 from .preferences import preferences
 
 
-def _beside(text: str, ending: str) -> Path:
-    """The place given, or the preferred folder and the .blend's name."""
+def _path(text: str, extension: str) -> Path:
+    """The path set in the panel, or the .blend's name in the preferred folder."""
     if text:
         return Path(bpy.path.abspath(text))
-    return Path(bpy.path.abspath(preferences().output_folder or "//"), (default_name() or "untitled") + ending)
+    return Path(bpy.path.abspath(preferences().output_folder or "//"), (default_name() or "untitled") + extension)
 
 
 def default_name() -> str:
@@ -24,30 +24,30 @@ def default_name() -> str:
 
 
 def stack(scene) -> Path:
-    """That the next render writes."""
-    return _beside(scene.pecs.output, ".stack")
+    """Stack of the next render."""
+    return _path(scene.pecs.output, ".stack")
 
 
 def rendered(scene) -> Path:
-    """That the next simulation reads: what was rendered last, where a new version has another name."""
+    """Stack that the next simulation reads: the last new version, if one was rendered."""
     last = scene.pecs.last_stack
     return Path(last) if last and Path(last).parent == stack(scene).parent else stack(scene)
 
 
 def events(scene) -> Path:
-    return _beside(scene.pecs.sensor.output, ending(scene.pecs.sensor.format))
+    return _path(scene.pecs.sensor.output, extension(scene.pecs.sensor.format))
 
 
 def open_outside(path: Path) -> str:
-    """A page, a picture or a video, in what the system opens it with; what to say of it."""
+    """Opens a file in the system's program; the message about it."""
     try:
         opened = webbrowser.open(path.as_uri())
     except (OSError, webbrowser.Error):
         opened = False
-    return str(path) if opened else say("{path}: nothing here opens it", path=path)
+    return str(path) if opened else say("{path}: the system has no program to open it", path=path)
 
 
-def ending(event_format: str) -> str:
+def extension(event_format: str) -> str:
     import pecs
 
     return next((f["extensions"][0] for f in pecs.event_formats() if f["name"] == event_format), ".raw")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preferences of the extension, and what they are where it is not installed as one (bpy as a module)."""
+"""Preferences of the extension; their defaults if it is not installed as one (bpy as a module)."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,24 +19,30 @@ class PecsPreferences(bpy.types.AddonPreferences):
         default=_DEFAULTS["threads"],
         min=0,
         max=1024,
-        description="Of renders and simulations where the scene does not say; 0: all cores. The result is the same",
+        description="Threads of renders and simulations if the scene sets none; 0: all cores. The result does not "
+        "depend on it",
     )
     output_folder: StringProperty(
-        name="Output folder",
+        name="Output Folder",
         default=_DEFAULTS["output_folder"],
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Where stacks and events go whose place is not given; // is the .blend's own folder",
+        description="Default folder of stacks and events; // is the folder of the .blend",
     )
     lens_folder: StringProperty(
-        name="Own lenses", subtype="DIR_PATH", description="A folder of lens prescriptions (.json) to choose from"
+        name="Own Lenses",
+        subtype="DIR_PATH",
+        description="Folder with lens prescriptions (.json), offered beside those of PECS",
     )
     chip_folder: StringProperty(
-        name="Own chips", subtype="DIR_PATH", description="A folder of chip profiles (.json) to choose from"
+        name="Own Chips",
+        subtype="DIR_PATH",
+        description="Folder with chip profiles (.json), offered beside those of PECS",
     )
     save_first: BoolProperty(
-        name="Save before a render",
-        description="Renders are of the file as saved: save it first. Otherwise their buttons wait until it is",
+        name="Save before Render",
+        description="Save the file before each render, which reads the saved file. Otherwise the render buttons are "
+        "disabled until it is saved",
     )
 
     def draw(self, _context) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presets of the panel: Blender's own menu; those that ship lie in presets/pecs."""
+"""Presets of the panel in Blender's preset menu; presets/pecs has those of PECS."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from bl_ui.utils import PresetPanel
 from . import settings
 
 _SUBDIR = "pecs"
-_OF_RENDER = ["resolution_x", "resolution_y", "resolution_percentage"]
-_MORE = ["lens", "layers", "frames", "whole_range"]
-_OF_SENSOR = ["model", "readout", "no_noise", "overrides", "format"]
+_RENDER_KEYS = ["resolution_x", "resolution_y", "resolution_percentage"]
+_OTHER_KEYS = ["lens", "layers", "frames", "whole_range"]
+_SENSOR_KEYS = ["model", "readout", "no_noise", "overrides", "format"]
 
 
 class PECS_PT_presets(PresetPanel, bpy.types.Panel):
-    bl_label = "PECS presets"
+    bl_label = "PECS Presets"
     preset_subdir = _SUBDIR
     preset_operator = "script.execute_preset"
     preset_add_operator = "pecs.preset_add"
 
 
 class PECS_OT_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add or remove a preset of the event camera"""
+    """Add or remove a PECS preset"""
 
     bl_idname = "pecs.preset_add"
-    bl_label = "PECS preset"
+    bl_label = "PECS Preset"
     preset_menu = "PECS_PT_presets"
     preset_subdir = _SUBDIR
     preset_defines = ["render = bpy.context.scene.render", "pecs = bpy.context.scene.pecs"]
     preset_values = [
-        *(f"render.{name}" for name in _OF_RENDER),
-        *(f"pecs.{name}" for name in (*_MORE, *settings.SHOWN)),
-        *(f"pecs.sensor.{name}" for name in _OF_SENSOR),
+        *(f"render.{name}" for name in _RENDER_KEYS),
+        *(f"pecs.{name}" for name in (*_OTHER_KEYS, *settings.SHOWN)),
+        *(f"pecs.sensor.{name}" for name in _SENSOR_KEYS),
     ]
 
 

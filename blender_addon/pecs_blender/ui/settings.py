@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panel asks for: options of `pecs render` (render/options.py), kept in the .blend."""
+"""Settings of the panel, stored in the .blend: options of `pecs render` (render/options.py) and of `pecs sense`, `view`
+and `compare`."""
 
 import dataclasses
 import math
@@ -26,59 +27,67 @@ from . import library
 from .interface import CONTEXT, say
 from .preferences import preferences
 
-# Options in the panel: their label, and what Blender adds. 0 stands for one that is not given.
+# Render options in the panel: label, and arguments of the Blender property. 0 stands for an option that is not set.
 SHOWN = {
     "focus_m": (
         "Focus",
-        {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH", "description": "What is sharp; 0: infinity"},
+        {"precision": 3, "subtype": "DISTANCE", "unit": "LENGTH", "description": "Focus distance; 0: infinity"},
     ),
-    "fnumber": ("f-number", {"description": "Of the lens; 0: wide open"}),
-    "film_width_mm": ("Film width (mm)", {"precision": 4, "description": "Of the lens camera; 0: the chip's"}),
-    "film_shift_mm": ("Film shift (mm)", {"size": 2, "precision": 3}),
+    "fnumber": ("f-number", {"description": "f-number of the lens; 0: wide open"}),
+    "film_width_mm": (
+        "Film Width (mm)",
+        {"precision": 4, "description": "Film width of the lens camera; 0: width of the chip"},
+    ),
+    "film_shift_mm": ("Film Shift (mm)", {"size": 2, "precision": 3}),
     "bands": ("Bands", {}),
-    "bands_per_pass": ("Bands in a pass", {}),
+    "bands_per_pass": ("Bands per Pass", {}),
     "placement": ("Placement", {}),
-    "min_nm": ("Shortest wavelength (nm)", {}),
-    "max_nm": ("Longest wavelength (nm)", {}),
+    "min_nm": ("Min Wavelength (nm)", {}),
+    "max_nm": ("Max Wavelength (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
     "illuminant": (
-        "Lamps' spectrum",
+        "Lamp Spectrum",
         {
             "search": library.search(library.spectra),
-            "description": "Of lamps and skies that have only a colour: a name, FILE.csv, blackbody:T or daylight:T",
+            "description": "Spectrum of lamps and skies that have only a colour: a name, FILE.csv, blackbody:T or "
+            "daylight:T",
         },
     ),
-    "light_scale": ("Light scale", {}),
+    "light_scale": ("Light Scale", {}),
     "samples": ("Samples", {}),
     "noise_target": (
-        "Noise target",
+        "Noise Target",
         {
             "precision": 3,
-            "description": "Chooses the samples: noise of the log of light, in the chip's contrast thresholds; 0: off",
+            "description": "Chooses the number of samples for this noise in log light, in contrast thresholds of the "
+            "chip; 0: off",
         },
     ),
     "denoise": ("Denoise", {}),
-    "light_tree": ("Light tree", {}),
+    "light_tree": ("Light Tree", {}),
     "seed": ("Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
-    "fps": ("Instants per second", {}),
-    "time": ("Steps", {"default": "adaptive"}),  # few see the frames
-    "step_px": ("Most motion (px)", {}),
+    "fps": ("Frame Rate (Hz)", {}),
+    "time": ("Steps", {"default": "adaptive"}),  # adaptive by default: most users want events, not frames
+    "step_px": ("Max Motion (px)", {}),
     "moving_px": (
-        "Moving part (px)",
-        {"description": "X0:Y0:X1:Y1 from the top left: only this changes, the rest is rendered once; if empty, all"},
+        "Moving Region (px)",
+        {
+            "description": "Region X0:Y0:X1:Y1 from the top left that changes; the rest is rendered once. If empty, "
+            "everything changes"
+        },
     ),
 }
-_CHOICES = {
-    "gauss": "Quadrature nodes for the chip's response under all lamps together",
-    "strata": "Medians of equal shares of the light",
-    "uniform": "Evenly",
+_DESCRIPTIONS = {
+    "gauss": "Quadrature nodes for the chip's response to the sum of all lamps",
+    "strata": "Medians of strata of equal light",
+    "uniform": "Equally spaced",
     "adaptive": "Keyframes, and the motion between them",
 }
-_OF_LENS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
-CHIPS_OWN = "pecs"  # the pixel model whose parameters are the chip's
-UNKNOWN = "{name}: no parameter of this chip or pixel"
+_LENS_OPTIONS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
+DEFAULT_MODEL = "pecs"
+UNKNOWN = "{name}: not a parameter of this chip or pixel model"
 _KINDS = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
 
 
@@ -89,10 +98,11 @@ def _property(name: str):
     text = own_text or rule.help[0].upper() + rule.help[1:]
     more = {key: value for key, value in more.items() if key not in ("default", "description")}
     if name == "fnumber":
-        more["update"] = _not_wider
+        more["update"] = _limit_aperture
     if rule.choices:
         items = [
-            (str(c), str(c).capitalize() if str(c).islower() else str(c), _CHOICES.get(c, "")) for c in rule.choices
+            (str(c), str(c).capitalize() if str(c).islower() else str(c), _DESCRIPTIONS.get(c, ""))
+            for c in rule.choices
         ]
         return EnumProperty(name=label, items=items, default=str(default), description=text)
     if kind == "bool":
@@ -107,21 +117,21 @@ def _property(name: str):
     return make(name=label, default=default or 0, description=text, **bounds, **more)
 
 
-def _not_wider(self, _context) -> None:
-    """A stop beyond the lens's own becomes wide open."""
+def _limit_aperture(self, _context) -> None:
+    """Sets an f-number below the lens's minimum to wide open."""
     try:
         widest = library.lens_info(self.lens)["fnumber"] if has_lens(self) else 0
-    except RuntimeError:  # checks.py says so
+    except RuntimeError:  # checks.py reports it
         return
     if 0 < self.fnumber < widest:
         self.fnumber = 0
 
 
 def lenses(self, context, text: str) -> list:
-    """To choose from, by a part of the name or of what it is."""
+    """Search callback over names and descriptions of the lenses."""
     try:
         film = film_mm(context.scene)
-    except RuntimeError:  # an unknown chip
+    except RuntimeError:  # invalid chip
         film = None
     every = [(library.SCENES_CAMERA, say("The scene's camera")), *library.lenses(film)]
     return library.search(lambda: every)(self, context, text)
@@ -131,7 +141,7 @@ def _forget_version(self, _context) -> None:
     self.last_stack = ""
 
 
-@cache  # Blender wants the very same texts each time
+@cache  # Blender requires the same string objects at each call
 def _model_items() -> list[tuple]:
     import pecs
 
@@ -143,64 +153,75 @@ def _format_items() -> list[tuple]:
     import pecs
 
     known = [_item(f["name"], f["name"], f["description"]) for f in pecs.event_formats() if f["writes"]]
-    return [("auto", "By the file's name", "The ending says it", 0), *known]
+    return [("auto", "From File Name", "The file extension sets the format", 0), *known]
 
 
 def _item(identifier: str, name: str, text: str) -> tuple:
-    """An enum is saved as its number: one that does not change when others are added. The default's is 0."""
-    return identifier, name, text, 0 if identifier == CHIPS_OWN else crc32(identifier.encode()) >> 1
+    """Blender stores an enum as its number, so the number is a hash of the name; the default has 0."""
+    return identifier, name, text, 0 if identifier == DEFAULT_MODEL else crc32(identifier.encode()) >> 1
 
 
 class PecsOverride(bpy.types.PropertyGroup):
-    """A value in place of the profile's. Text: floats of Blender show 3e-06 as 0.000."""
+    """A value that overrides the profile's. A text, since Blender shows the float 3e-06 as 0.000."""
 
     name: StringProperty(name="Parameter")
-    value: StringProperty(name="Value", description="A number in the parameter's unit and range")
+    value: StringProperty(name="Value", description="Number in the parameter's unit and range")
 
 
 class PecsSensor(bpy.types.PropertyGroup):
-    model: EnumProperty(name="Pixel", items=lambda _s, _c: _model_items(), description="How pixels make events")
-    seed: IntProperty(name="Seed", default=1, min=0, description="Of all random numbers of the sensor")
+    model: EnumProperty(
+        name="Pixel", items=lambda _s, _c: _model_items(), description="Pixel model that generates the events"
+    )
+    seed: IntProperty(name="Seed", default=1, min=0, description="Seed of the sensor's random numbers")
     no_noise: BoolProperty(
-        name="Without noise", description="No photon noise, leak, background events and mismatch of pixels"
+        name="Disable Noise", description="Disables photon noise, leak, background activity and pixel mismatch"
     )
     readout: EnumProperty(
         name="Readout",
         items=[
-            ("chip", "Chip", "Row arbiter, rate limit and time base of the chip"),
-            ("ideal", "Ideal", "Every event at once"),
+            ("chip", "Chip", "Row arbiter, rate limit and timestamp resolution of the chip"),
+            ("ideal", "Ideal", "Events leave the chip without delay or loss"),
         ],
-        description="How events leave the chip",
+        description="Readout of the events from the pixel array",
     )
     overrides: CollectionProperty(type=PecsOverride)
     output: StringProperty(
         name="Events",
         subtype="FILE_PATH",
         options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Event file; if empty, the .blend's name. Its ending says the format, unless that is chosen",
+        description="Event file; if empty, named after the .blend. The extension sets the format unless Format is set",
     )
-    format: EnumProperty(name="Format", items=lambda _s, _c: _format_items(), description="Of the event file")
+    format: EnumProperty(name="Format", items=lambda _s, _c: _format_items(), description="Format of the event file")
     window_ms: FloatProperty(
-        name="Picture (ms)", min=0, max=1e6, description="Time of the events in one picture; 0: what is readable"
+        name="Frame Duration (ms)",
+        min=0,
+        max=1e6,
+        description="Time span of the events in one image; 0: chosen for legibility",
     )
     slow_motion: FloatProperty(
-        name="Slow motion", min=0, max=1e7, description="How many times slower a video is; 0: about 10 s of video"
+        name="Slow Motion",
+        min=0,
+        max=1e7,
+        description="Slow-motion factor of videos; 0: chosen for about 10 s of video",
     )
     cutoff_hz: FloatProperty(
-        name="Filter (Hz)",
+        name="Filter Cutoff (Hz)",
         default=1.0,
         min=0.01,
         max=1e6,
-        description="Video of the light: how fast the sum of a pixel's events is forgotten",
+        description="Cutoff frequency of the filter that reconstructs the video",
     )
     recording: StringProperty(
         name="Recording",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Events of a real camera, in any format, to compare with",
+        description="Event file of a real camera for the comparison, in any supported format",
     )
     compare_ms: FloatProperty(
-        name="Compare (ms)", min=0, max=1e7, description="Only so much from each first event; 0: all"
+        name="Duration (ms)",
+        min=0,
+        max=1e7,
+        description="Compared duration from the first event of each file on; 0: all",
     )
 
 
@@ -210,21 +231,26 @@ class PecsSettings(bpy.types.PropertyGroup):
         subtype="DIR_PATH",
         options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
         update=_forget_version,
-        description="Folder of the rendered pictures (EXR stack); if empty, the .blend's name with the ending .stack",
+        description="Folder of the rendered EXR stack; if empty, named after the .blend with the extension .stack",
     )
-    last_stack: StringProperty(options={"HIDDEN"})  # a new version's folder
+    last_stack: StringProperty(options={"HIDDEN"})  # folder of the last new version
     exists: EnumProperty(
-        name="If it exists",
+        name="If It Exists",
         items=[
-            ("continue", "Continue", "Render what is missing; refused where settings differ"),
-            ("overwrite", "Overwrite", "Remove it first"),
-            ("new", "New version", "Where settings differ, write another beside it: _002, _003, …"),
+            ("continue", "Continue", "Render the missing frames; an error if the settings differ"),
+            ("overwrite", "Overwrite", "Delete the existing stack first"),
+            ("new", "New Version", "If settings differ, write another stack with the suffix _002, _003, …"),
         ],
-        description="What to do with a stack that is there",
+        description="Action if the stack exists",
     )
-    whole_range: BoolProperty(name="Scene's frame range", description="From the scene's first frame to its last")
+    whole_range: BoolProperty(
+        name="Scene Frame Range", description="Render from the scene's start frame to its end frame"
+    )
     frames: IntProperty(
-        name="Instants", default=int(DEFAULTS["frames"]), min=1, description="From the scene's first frame on"
+        name="Frames",
+        default=int(DEFAULTS["frames"]),
+        min=1,
+        description="Number of frames, from the scene's start frame on",
     )
     lens: StringProperty(
         name="Lens",
@@ -232,17 +258,19 @@ class PecsSettings(bpy.types.PropertyGroup):
         default=library.SCENES_CAMERA,
         search=lenses,
         search_options={"SORT", "SUGGESTION"},
-        update=_not_wider,
-        description="A lens by its name, a prescription's file (.json), or none: the scene's camera as Blender has it. "
-        "A lens stands where the scene's camera does",
+        update=_limit_aperture,
+        description="Lens by name, a prescription file (.json), or none for the scene's own camera. A lens takes the "
+        "position of the scene's camera",
     )
     layers: EnumProperty(
         name="Layers",
         items=[(name, name.capitalize(), "") for name in LAYERS],
         options={"ENUM_FLAG"},
-        description="What to render beside the light",
+        description="Ground-truth layers to render beside the light",
     )
-    allow_scripts: BoolProperty(name="Allow scripts", description="Run the .blend's Python (drivers, registered texts)")
+    allow_scripts: BoolProperty(
+        name="Allow Scripts", description="Run the Python scripts of the .blend (drivers, registered texts)"
+    )
     sensor: PointerProperty(type=PecsSensor)
 
     @property
@@ -255,7 +283,7 @@ class PecsSettings(bpy.types.PropertyGroup):
         return self.bands + sum(len(KINDS[name].channels) for name in self.layers)
 
 
-# Not in the class's body: from Python 3.14 on (Blender 5.2) it has no annotations yet.
+# After the class body, which has no annotations yet from Python 3.14 (Blender 5.2) on.
 PecsSettings.__annotations__.update({name: _property(name) for name in SHOWN})
 
 
@@ -270,7 +298,7 @@ def size(scene: bpy.types.Scene) -> tuple[int, int]:
     return width, height
 
 
-def instants(scene: bpy.types.Scene) -> int:
+def frame_count(scene: bpy.types.Scene) -> int:
     settings = scene.pecs
     if not settings.whole_range:
         return settings.frames
@@ -281,23 +309,23 @@ def instants(scene: bpy.types.Scene) -> int:
 def stack_bytes(scene: bpy.types.Scene) -> int:
     """Upper limit: uncompressed, and every frame rendered."""
     width, height = size(scene)
-    return instants(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
+    return frame_count(scene) * scene.pecs.channels * width * height * BYTES_PER_VALUE
 
 
 def focus_m(scene: bpy.types.Scene) -> float | None:
-    """Blender keeps lengths in units of the scene."""
+    """Focus distance; None if not set. Blender stores lengths in units of the scene."""
     return scene.pecs.focus_m * scene.unit_settings.scale_length or None
 
 
 def film_mm(scene: bpy.types.Scene) -> tuple[float, float]:
-    """Raises pecs.PecsError of a chip that cannot be read."""
+    """Width and height of the film. Raises pecs.PecsError for an invalid chip."""
     width, height = size(scene)
     width_mm = scene.pecs.film_width_mm or library.chip(scene.pecs.chip).film_width_mm(width)
     return width_mm, width_mm * height / width
 
 
 def lens_now(scene: bpy.types.Scene) -> dict:
-    """What is known of the lens, as it is set; raises pecs.PecsError."""
+    """pecs.Lens.info at the current settings. Raises pecs.PecsError."""
     width_mm, height_mm = film_mm(scene)
     return library.lens_info(
         scene.pecs.lens,
@@ -309,7 +337,7 @@ def lens_now(scene: bpy.types.Scene) -> dict:
 
 
 def plain(value: float) -> float:
-    """Blender's floats are short: 4.15 is not 4.150000095."""
+    """Undoes Blender's rounding to single precision: 4.150000095 is 4.15."""
     return float(f"{value:.6g}")
 
 
@@ -318,7 +346,7 @@ def _words(scene: bpy.types.Scene, name: str) -> list[str]:
     value = focus_m(scene) if name == "focus_m" else getattr(s, name)
     if name == "threads":
         value = value or preferences().threads
-    if not value or name in _OF_LENS and not has_lens(s) or name == "moving_px" and s.time != "uniform":
+    if not value or name in _LENS_OPTIONS and not has_lens(s) or name == "moving_px" and s.time != "uniform":
         return []
     kind = _KINDS[name]
     if kind == "bool":
@@ -331,7 +359,7 @@ def _words(scene: bpy.types.Scene, name: str) -> list[str]:
 
 
 def render_arguments(scene: bpy.types.Scene) -> list[str]:
-    """Of `pecs render`, but for output and size of the picture."""
+    """Arguments of `pecs render`, without output and image size."""
     s = scene.pecs
     lens = library.find("lens", s.lens) if has_lens(s) else library.SCENES_CAMERA
     words = ["--scene-name", scene.name, "--lens", lens]
@@ -346,8 +374,8 @@ def exists_words(scene: bpy.types.Scene) -> list[str]:
 
 
 def parameters(settings) -> dict[str, dict]:
-    """Of the chip, and of the pixel model where it has some: {key: {"unit", "value", "range": (min, max)}}. Raises
-    pecs.PecsError of a chip that cannot be read."""
+    """Parameters of the chip and of the pixel model: {key: {"unit", "value", "range": (min, max)}}. Raises
+    pecs.PecsError for an invalid chip."""
     import pecs
 
     values = library.chip(settings.chip).profile.info["values"]
@@ -358,21 +386,21 @@ def parameters(settings) -> dict[str, dict]:
     return known
 
 
-def wrong(override, known: dict[str, dict]) -> str:
-    """What is wrong with an override; nothing if it is well."""
+def override_error(override, known: dict[str, dict]) -> str:
+    """The error in an override; empty if it is valid."""
     if override.name not in known:
         return say(UNKNOWN, name=override.name)
     low, high = known[override.name]["range"]
     try:
-        well = low <= float(override.value) <= high
+        valid = low <= float(override.value) <= high
     except ValueError:
-        well = False
+        valid = False
     text = "{name}: got {value!r}, wanted a number in [{low:g}, {high:g}]"
-    return "" if well else say(text, name=override.name, value=override.value, low=low, high=high)
+    return "" if valid else say(text, name=override.name, value=override.value, low=low, high=high)
 
 
 def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
-    """Of `pecs sense`, but for stack, output, chip and threads."""
+    """Arguments of `pecs sense`, without stack, output, chip and threads."""
     sensor = scene.pecs.sensor
     words = ["--seed", str(sensor.seed), "--model", sensor.model, "--readout", sensor.readout]
     words += ["--format", sensor.format] if sensor.format != "auto" else []

@@ -32,7 +32,7 @@ options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_f
 assert options == Options(lens="none", time="adaptive"), options  # the panel's defaults are those of `pecs run`
 p = scene.pecs
 p.layers = {"depth", "motion"}
-assert p.channels == p.bands + 2 + 6, p.channels
+assert p.channels == p.bands + 2 + 12, p.channels
 p.lens, p.focus_m = "pecs_lab_15mm", 150.0
 arguments = settings.render_arguments(scene)
 assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
@@ -66,7 +66,7 @@ bpy.ops.pecs.preview()
 bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
 assert ended()[0].startswith("Stopped"), background.state.message
 bpy.ops.pecs.preview()
-assert ended()[0].startswith("PECS preview: in the image editor"), background.state.message
+assert ended()[0].startswith("PECS preview: open an image editor"), background.state.message
 assert bpy.data.images["PECS preview"].size[0] == 48
 ui.unregister()
 """

@@ -116,7 +116,7 @@ scene.camera = added
 # The frustum: the thread finds it, its border lies at the distance asked for.
 wanted = frustum.setting(scene)
 assert frustum.fields.ask(wanted) == (None, "")
-while frustum.fields.looking():
+while frustum.fields.computing():
     time.sleep(0.01)
 found, wrong = frustum.fields.ask(wanted)
 assert found and not wrong
@@ -127,7 +127,7 @@ assert abs((segments[:, 0].max() - segments[:, 0].min()) / 5 / found.width_per_d
 s.lens = "no_such_lens"
 wanted = frustum.setting(scene)
 frustum.fields.ask(wanted)
-while frustum.fields.looking():
+while frustum.fields.computing():
     time.sleep(0.01)
 found, wrong = frustum.fields.ask(wanted)
 assert found is None and "no_such_lens" in wrong

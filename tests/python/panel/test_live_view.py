@@ -108,11 +108,11 @@ def test_clock_takes_the_walls_time_while_things_are_dragged():
     assert clock.dropped == 0
 
 
-def test_instants_fill_half_a_frame():
-    assert live_sensor.instants_that_fit(8, 0.0, 1 / 24) == 8
-    assert live_sensor.instants_that_fit(8, 0.001, 1 / 24) == 8
-    assert live_sensor.instants_that_fit(8, 0.005, 1 / 24) == 4
-    assert live_sensor.instants_that_fit(8, 0.1, 1 / 24) == 1
+def test_subframes_fill_half_a_frame():
+    assert live_sensor.subframes_that_fit(8, 0.0, 1 / 24) == 8
+    assert live_sensor.subframes_that_fit(8, 0.001, 1 / 24) == 8
+    assert live_sensor.subframes_that_fit(8, 0.005, 1 / 24) == 4
+    assert live_sensor.subframes_that_fit(8, 0.1, 1 / 24) == 1
 
 
 def test_recording(tmp_path):

@@ -22,7 +22,7 @@ bulb = lamp()
 bulb["pecs_spectrum"] = "d65"
 thing = ball(material("grey", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))[0])
 floor(material("floor", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))[0])
-remarks = lambda: [one.text for one in scene_checks.look(scene, bpy.context.view_layer)]
+remarks = lambda: [one.text for one in scene_checks.check(scene, bpy.context.view_layer)]
 assert remarks() == [], remarks()
 
 def only(start):
@@ -32,7 +32,7 @@ def only(start):
 
 # A lamp without a spectrum; with a temperature it has one.
 del bulb["pecs_spectrum"]
-assert only("Lamps without a spectrum, lit as d65: lamp")
+assert only("Lamps without a spectrum, rendered as d65: lamp")
 bulb["pecs_spectrum"] = "d65"
 
 # Motion: 2 units in 4 frames of 40 ms at about 4.5 units: 48 px wide, 50 mm on 36 mm.
@@ -44,17 +44,17 @@ for curve in thing.animation_data.action.layers[0].strips[0].channelbags[0].fcur
     for point in curve.keyframe_points:
         point.interpolation = "LINEAR"
 scene.frame_set(3, subframe=0.25)
-assert remarks() == []  # at 1000 instants per second
+assert remarks() == []  # at 1000 frames per second
 s.time = "uniform"
 s.fps = 25
-words = only("Things move up to ")
+words = only("Objects move up to ")
 moved = float(words.split()[4])
 distance = 3.4  # of the ball's near side from the camera, at least
 assert 0.5 * 48 * 50 / 36 / 4.2 < moved < 0.5 * 48 * 50 / 36 / distance, moved
 assert (scene.frame_current, round(scene.frame_subframe, 3)) == (3, 0.25)
 bpy.ops.pecs.check_scene()
 assert len(scene_checks.state.found[scene.name]) == 1
-bpy.ops.pecs.take_adaptive()
+bpy.ops.pecs.use_adaptive()
 assert s.time == "adaptive" and scene_checks.state.found[scene.name] == []
 s.time = "uniform"
 thing.animation_data_clear()
@@ -65,7 +65,7 @@ camera.rotation_euler.z = 0
 camera.keyframe_insert("rotation_euler", index=2, frame=1)
 camera.rotation_euler.z = 1
 camera.keyframe_insert("rotation_euler", index=2, frame=50)
-assert only("Things move up to ")
+assert only("Objects move up to ")
 camera.animation_data_clear()
 camera.rotation_euler.z = 0
 bpy.context.view_layer.update()
@@ -73,11 +73,11 @@ assert remarks() == []
 
 # Beyond the clip range; a lens has none.
 camera.data.clip_end = 3
-assert only("The camera sees nothing beyond 3, and things reach")
+assert only("The camera's clip end is 3, but objects extend to ")
 s.lens = "pecs_lab_15mm"
-assert not [words for words in remarks() if "beyond" in words]
+assert not [words for words in remarks() if "clip end" in words]
 s.lens = "none"
-bpy.ops.pecs.clip_far()
+bpy.ops.pecs.extend_clip_end()
 assert remarks() == [] and camera.data.clip_end > 3
 
 # What has no spectrum, also inside a group.
@@ -90,26 +90,26 @@ assert remarks() == []
 # Noise: denoised, and by a probe's word.
 s.denoise = True
 assert only("Denoising flickers")
-bpy.ops.pecs.no_denoise()
+bpy.ops.pecs.turn_off_denoising()
 assert not s.denoise and remarks() == []
 light_probe.state.found[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
 s.samples = 4
-assert "Take 12 samples or more" in only("Noise of about 0.5 contrast thresholds")
+assert "Use at least 12 samples" in only("Render noise of about 0.5 contrast thresholds")
 s.samples = 16
 assert remarks() == []
 s.samples = 4
-bpy.ops.pecs.take_noise_target()
+bpy.ops.pecs.set_noise_target()
 assert abs(s.noise_target - 0.1) < 1e-6 and remarks() == []
 light_probe.state.found.clear()
 
 # Files and scripts.
 image = bpy.data.images.new("gone", 4, 4)
 image.source, image.filepath, image.use_fake_user = "FILE", "/no/such/picture.png", True
-assert "image 'gone'" in only("Missing: ")
+assert "image 'gone'" in only("Missing files: ")
 bpy.data.images.remove(image)
 driver = thing.driver_add("location", 0).driver
 driver.expression = "__import__('os').getpid()"
-assert "thin" not in only("Python to run: ")
+assert "thin" not in only("Python scripts to run: ")
 bpy.ops.pecs.allow_scripts()
 assert s.allow_scripts and remarks() == []
 assert len(scene_checks._list("Lamps", [str(i) for i in range(9)]).split(", ")) == 6

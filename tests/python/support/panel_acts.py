@@ -121,7 +121,8 @@ def line(folder):
     scene = scene_file(folder)
     sensor = scene.pecs.sensor
     drawn()
-    assert "no stack" in refused("sense") and "no events" in refused("view") and "no events" in refused("compare")
+    assert "render the stack first" in refused("sense")
+    assert "simulate the events first" in refused("view") and "simulate the events first" in refused("compare")
     bpy.ops.pecs.override_add(name="contrast_threshold_on")
     sensor.overrides[0].value = "0.2"
     message = pressed("run")
@@ -137,7 +138,7 @@ def line(folder):
     pressed("sense")
     assert events.read_bytes() != first
     _saves_first(scene)
-    assert "in the image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
+    assert "image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
     pressed("view", kind="html")
     assert (folder / "scene.html").stat().st_size > 1000
     assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
@@ -150,12 +151,12 @@ def line(folder):
     sensor.recording = str(events)
     pressed("compare")
     title, rows = background.state.scores
-    assert title.startswith("scene.raw and scene.raw, ") and dict(rows)["Chamfer"].startswith("0, its halves ")
+    assert title.startswith("scene.raw / scene.raw, ") and dict(rows)["Chamfer"].startswith("0 (halves of recording: ")
     assert {title, dict(rows)["Events"]} <= set(drawn())
     nothing = {"events": 1, "rate_hz": None, "on_fraction": 1.0, "interval_median_us": None}
     few = {key: None for key in ("chamfer", "gaussian", "rate_correlation", "map_correlation")}
     few |= {"real": nothing, "sim": nothing, "split_half": {"chamfer": None, "gaussian": None}}
-    assert ("Events per second", "none and none") in event_operators.score_rows(few)
+    assert ("Event Rate (Hz)", "none / none") in event_operators.score_rows(few)
     bpy.ops.pecs.close_scores()
     assert title not in drawn()
     sensor.format = "npz"
@@ -198,11 +199,11 @@ def wrong(folder):
 
     assert not checks.problems(scene)
     scene.render.resolution_x = 2000
-    said("2000 x 18 pixels are more than the chip's 1280 x 720")
+    said("2000 x 18 pixels exceed the chip's 1280 x 720")
     bpy.ops.pecs.chip_resolution()
     assert settings.size(scene) == (1280, 720) and not checks.problems(scene)
     s.frames = 100_000_000
-    said("at most 1,000,000")
+    said("exceed the maximum of 1,000,000")
     s.frames = 8
     s.whole_range, scene.frame_start, scene.frame_end = True, 5, 5
     scene.frame_start = 9  # Blender moves the end along
@@ -217,7 +218,7 @@ def wrong(folder):
     assert settings.size(scene) == (346, 260)
     own.unlink()
     said(str(own))
-    assert "own.json" in refused("sense") or "no stack" in refused("sense")
+    assert "own.json" in refused("sense") or "render the stack" in refused("sense")
     s.chip = "imx636"
     own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
     s.lens = str(own)
@@ -230,21 +231,21 @@ def wrong(folder):
     s.lens, s.fnumber = "pecs_lab_15mm", 4.0
     assert s.fnumber == 0 and not checks.problems(scene)  # wide open
     s.device = "CUDA"
-    said("A lens needs the device CPU or OPTIX")
+    said("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
-    said("Lamps' spectrum: moonlight: no such spectrum")
+    said("Lamp spectrum: moonlight: no such spectrum")
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
-    said("Moving part: got 5, wanted X0:Y0:X1:Y1")
+    said("Moving region: got 5, wanted X0:Y0:X1:Y1")
     s.moving_px = "0:0:8:8"
     assert not checks.problems(scene) and settings.render_arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
     s.time = "adaptive"
     assert "--moving-px" not in settings.render_arguments(scene)
     (folder / "file").write_text("")
     s.output = str(folder / "file")
-    said("a file, wanted a folder")
+    said("is a file; choose a folder")
     s.output = str(folder / "file/below")
-    said("a file, wanted a folder")
+    said("is a file; choose a folder")
     s.output = "/proc/pecs"  # nobody may, not even root
     bpy.ops.pecs.render()
     message, is_error = ended()
@@ -252,7 +253,7 @@ def wrong(folder):
     s.output = ""
     cycles = bpy.context.preferences.addons["cycles"].preferences
     cycles.compute_device_type = "CUDA"
-    said("Cycles has CUDA in the preferences", is_error=False)
+    said("Cycles' preferences select CUDA", is_error=False)
     s.lens = "pecs_lab_15mm"  # which needs OptiX
     assert not checks.problems(scene)
     s.lens = "none"
@@ -285,7 +286,7 @@ def busy(folder):
     bpy.ops.pecs.render()
     job = background.state.job
     assert "A job is running" in refused("render") and "A job is running" in refused("sense")
-    assert any("Render stack: starting" in text for text in drawn())
+    assert any("Render Stack: starting" in text for text in drawn())
     bpy.data.objects.remove(scene.camera)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "elsewhere.blend"))
     while job.progress == 0:
@@ -295,7 +296,7 @@ def busy(folder):
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
     assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()
-    assert job.text == "Render stack: stopping"
+    assert job.text == "Render Stack: stopping"
     message, is_error = ended()
     assert message.startswith("Stopped at") and not is_error, message
     done = len(list((folder / "scene.stack").glob("frame_*.exr")))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel in other languages. LOCALE.json (Blender's name of the language, such as de_DE) has each English text and
-its translation; {names} stay as they are. What the programs say, and names of lenses, chips and formats, stays English.
-"""
+"""Translations of the panel. LOCALE.json (Blender's name of the language, such as de_DE) maps English texts to
+translations, which keep the {names}; a missing text stays English. Messages of the programs, and names of lenses, chips
+and formats, are not translated."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ import bpy
 
 from ..interface import CONTEXT
 
-CONTEXTS = ("*", "Operator", CONTEXT)  # where Blender looks for labels and tooltips, for buttons, and for ours
+CONTEXTS = ("*", "Operator", CONTEXT)  # of labels and tooltips, of buttons, of interface.say
 
 
 def texts(path: Path) -> dict[str, str]:
@@ -20,8 +20,8 @@ def texts(path: Path) -> dict[str, str]:
 def register() -> None:
     found = {path.stem: texts(path) for path in Path(__file__).parent.glob("*.json")}
     by_context = {
-        locale: {(context, text): said for text, said in of.items() for context in CONTEXTS}
-        for locale, of in found.items()
+        locale: {(context, text): translation for text, translation in table.items() for context in CONTEXTS}
+        for locale, table in found.items()
     }
     bpy.app.translations.register(__name__, by_context)
 
