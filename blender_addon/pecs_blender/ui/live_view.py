@@ -296,7 +296,7 @@ class LiveView:
 
 
 def _shared(*shape: int) -> tuple[gpu.types.Buffer, np.ndarray]:
-    """A buffer and an array over its memory. Flat, since Blender up to 5.0 reports wrong strides for more dimensions."""
+    """A buffer and an array over its memory. Flat: Blender up to 5.0 reports wrong strides for more dimensions."""
     buffer = gpu.types.Buffer("FLOAT", math.prod(shape))
     return buffer, np.asarray(buffer).reshape(shape)
 
