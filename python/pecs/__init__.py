@@ -1,20 +1,44 @@
-"""PECS: a physically based event-camera simulator. Thin ctypes over one C library (python/c/include/pecs.h;
-docs/reference/python.md)."""
+"""PECS: a physically based event-camera simulator. Python binding of the C library (docs/reference/python.md).
 
-from ._library import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, data_dir, version
-from ._program import program
-from ._sense import sense
-from .chip import Chip, bands, models
-from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
-from .lens import Camera, Lens
-from .light import Light
-from .metrics import compare, delays
-from .motion import carry, carry_labels, event_labels
-from .representations import event_histogram, time_surface, voxel_grid
-from .sensor import Sensor, simulate
-from .stack import StackReader, StackWriter
+`import pecs` loads neither NumPy nor libpecs: a name loads its module, and the first call into the library loads it.
+"""
 
-__version__ = version()
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ._errors import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError
+    from ._library import data_dir, version
+    from ._program import program
+    from ._sense import sense
+    from .chip import Chip, bands, models
+    from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
+    from .lens import Camera, Lens
+    from .light import Light
+    from .metrics import compare, delays
+    from .motion import carry, carry_labels, event_labels
+    from .representations import event_histogram, time_surface, voxel_grid
+    from .sensor import Sensor, simulate
+    from .stack import StackReader, StackWriter
+
+_MODULES = {
+    "_errors": "PecsError PecsInputError PecsNotFoundError PecsOutputError",
+    "_library": "data_dir version",
+    "_program": "program",
+    "_sense": "sense",
+    "chip": "Chip bands models",
+    "events": "EVENT_DTYPE EventReader Events EventWriter event_formats read write",
+    "lens": "Camera Lens",
+    "light": "Light",
+    "metrics": "compare delays",
+    "motion": "carry carry_labels event_labels",
+    "representations": "event_histogram time_surface voxel_grid",
+    "sensor": "Sensor simulate",
+    "stack": "StackReader StackWriter",
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = [
     "Camera",
     "Chip",
@@ -50,3 +74,20 @@ __all__ = [
     "voxel_grid",
     "write",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULE_OF:
+        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+    elif name == "__version__":
+        value = __getattr__("version")()
+    elif name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_MODULES, "__version__"})

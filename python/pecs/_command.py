@@ -1,5 +1,4 @@
-"""Commands that are Python: exit codes (docs/reference/exit_codes.md), errors of one line, a line that says how far it
-is."""
+"""Python commands: parsed, run, and ended with an exit code and an error of one line (docs/reference/exit_codes.md)."""
 
 from __future__ import annotations
 
@@ -11,22 +10,20 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from . import _arguments
-from ._library import PecsError
-
-USAGE, NOT_FOUND, BAD_OUTPUT, INTERRUPTED, TERMINATED = 2, 3, 5, 130, 143
+from ._errors import ExitCode, PecsError, one_line
 
 
 class Parser(_arguments.Parser):
-    """Whose errors are one line, "COMMAND: …"."""
+    """Raises errors as PecsError "COMMAND: …"."""
 
     def error(self, message: str) -> NoReturn:
         message = _arguments.said(message)
         command = self.prog.removeprefix("pecs").strip()
-        raise PecsError(f"{command}: {message}" if command else message, USAGE)
+        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
 
 
 def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
-    """Runs a command; its exit code."""
+    """Runs a command and returns its exit code."""
     signal.signal(signal.SIGTERM, _terminated)
     begin = time.monotonic()
     try:
@@ -38,41 +35,15 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
     except SystemExit as e:  # --help, SIGTERM
         return int(e.code or 0)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
     except PecsError as e:
-        print(f"pecs: {e}", file=sys.stderr)
+        print(f"pecs: {one_line(str(e))}", file=sys.stderr)
         return e.code
     except OSError as e:
-        print(f"pecs: {e.filename or 'standard output'}: {e.strerror}", file=sys.stderr)
-        return BAD_OUTPUT
+        print(f"pecs: {one_line(str(e.filename or 'standard output'))}: {e.strerror}", file=sys.stderr)
+        return ExitCode.BAD_OUTPUT
     return 0
 
 
 def _terminated(number: int, frame: object) -> NoReturn:
-    raise SystemExit(TERMINATED)
-
-
-class Line:
-    """Progress: one line that rewrites itself on a terminal; otherwise a line of each `every`th text. quiet: none.
-    verbose: a line of each text."""
-
-    def __init__(self, every: int = 1, *, quiet: bool = False, verbose: bool = False):
-        self._every, self._quiet = 1 if verbose else every, quiet
-        self._terminal = sys.stderr.isatty() and not verbose and not quiet
-
-    def __call__(self, text: str, number: int = 0) -> None:
-        if self._quiet:
-            return
-        if self._terminal:
-            print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
-        elif number % self._every == 0:
-            print(text, file=sys.stderr, flush=True)
-
-    def note(self, text: str) -> None:
-        """What is neither progress nor an error."""
-        if not self._quiet:
-            print(text, file=sys.stderr)
-
-    def end(self) -> None:
-        if self._terminal:
-            print(file=sys.stderr, flush=True)
+    raise SystemExit(ExitCode.TERMINATED)

@@ -1,58 +1,23 @@
-"""Finds and loads libpecs, declares nothing: each module declares the functions it uses through `function`.
-
-A process that also uses Blender must import bpy before pecs: both carry libtbb.so.12, and the first one loaded serves
-both.
-"""
+"""Finds libpecs and loads it at the first call. Each module declares the functions it uses through `function`."""
 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import json
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from ._errors import KINDS, ExitCode, PecsError, PecsInputError
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-
-FLOATS = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")  # arguments that are whole arrays
-DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
-
-
-class PecsError(RuntimeError):
-    """An error from the library, one line. `code` is one of the program's exit codes (docs/reference/exit_codes.md).
-
-    Its kinds are also Python's own: `PecsNotFoundError` a FileNotFoundError, `PecsInputError` a ValueError,
-    `PecsOutputError` an OSError.
-    """
-
-    def __init__(self, message: str, code: int):
-        super().__init__(message)
-        self.code = code
-
-    def __reduce__(self) -> tuple[type[PecsError], tuple[str, int]]:
-        return type(self), (str(self), self.code)
-
-
-class PecsNotFoundError(PecsError, FileNotFoundError):
-    """An input is missing or cannot be opened."""
-
-
-class PecsInputError(PecsError, ValueError):
-    """An argument, or what an input says, is wrong."""
-
-
-class PecsOutputError(PecsError, OSError):
-    """An output cannot be written: no permission, disk full, exists and differs."""
-
-
-_KINDS = {2: PecsInputError, 3: PecsNotFoundError, 4: PecsInputError, 5: PecsOutputError}
 
 
 class _CError(ctypes.Structure):
@@ -78,32 +43,54 @@ def _load(path: Path) -> ctypes.CDLL:
         raise ImportError(f"{path}: {e}; a wheel that pip built needs the libraries of its system") from None
 
 
-_lib = _load(_find())
-_lib.pecs_version.restype = ctypes.c_char_p
-_lib.pecs_text_free.argtypes = [ctypes.c_void_p]
-_lib.pecs_text_free.restype = None
+@cache
+def _library() -> ctypes.CDLL:
+    _load_blender_tbb()
+    lib = _load(_find())
+    lib.pecs_version.restype = ctypes.c_char_p
+    lib.pecs_text_free.argtypes = [ctypes.c_void_p]
+    lib.pecs_text_free.restype = None
+    return lib
+
+
+def _load_blender_tbb() -> None:
+    """Loads oneTBB of the module bpy, if this Python has one that is not imported yet.
+
+    A checkout's libpecs and bpy both require a libtbb.so.12, and the dynamic linker gives both the first one that the
+    process loads. bpy fails with one older than its own, so its own is used in either order of imports. (Wheels contain
+    oneTBB under another name.)
+    """
+    if "bpy" in sys.modules or not (spec := importlib.util.find_spec("bpy")):
+        return
+    for folder in spec.submodule_search_locations or ():
+        if (tbb := Path(folder, "lib", "libtbb.so.12")).is_file():
+            ctypes.CDLL(str(tbb))
 
 
 def version() -> str:
     """The library's version."""
-    text: bytes = _lib.pecs_version()
+    text: bytes = _library().pecs_version()
     return text.decode()
 
 
 def function(name: str, restype: Any, *argtypes: Any, error: bool = True) -> Callable[..., Any]:
-    """A callable for C function `name`. With `error`, the trailing pecs_error* is added and raised as PecsError."""
-    f = _lib[name]  # not shared, unlike an attribute
-    f.restype = restype
-    f.argtypes = [*argtypes, ctypes.POINTER(_CError)] if error else list(argtypes)
-    if not error:
+    """A callable for C function `name`; its first call loads the library. With `error`, the trailing pecs_error* is
+    added and raised as PecsError."""
+
+    @cache
+    def symbol() -> Any:
+        f = _library()[name]  # not shared, unlike an attribute
+        f.restype = restype
+        f.argtypes = [*argtypes, ctypes.POINTER(_CError)] if error else list(argtypes)
         return f
 
     def call(*args: Any) -> Any:
+        if not error:
+            return symbol()(*args)
         status = _CError()
-        result = f(*args, ctypes.byref(status))
+        result = symbol()(*args, ctypes.byref(status))
         if status.code:
-            kind = _KINDS.get(status.code, PecsError)
-            raise kind(status.message.decode(errors="replace"), status.code)
+            raise KINDS.get(status.code, PecsError)(status.message.decode(errors="replace"), status.code)
         return result
 
     return call
@@ -113,7 +100,7 @@ def path_bytes(path: str | bytes | os.PathLike[str]) -> bytes:
     """A path as C takes it; names that are not UTF-8 as Python got them from the system."""
     out = os.fsencode(path)
     if b"\0" in out:
-        raise PecsInputError(f"{out!r}: got a NUL, wanted a path", 2)
+        raise PecsInputError(f"{out!r}: a path cannot contain NUL", ExitCode.USAGE)
     return out
 
 
@@ -122,7 +109,7 @@ def take_text(text: int) -> str:
     try:
         return ctypes.string_at(text).decode()
     finally:
-        _lib.pecs_text_free(text)
+        _library().pecs_text_free(text)
 
 
 def take_json(text: int) -> Any:

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from os import PathLike, fspath
 from typing import Any
 
-from ._library import PecsError, function, path_bytes, take_json
+from ._errors import PecsError
+from ._library import function, path_bytes, take_json
 from .chip import Chip, chip_options
 
 _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import FLOATS, Handle, function, json_function, path_bytes, take_json
+from ._arrays import FLOATS
+from ._library import Handle, function, json_function, path_bytes, take_json
 from .stack import StackReader
 
 _models = function("pecs_models", ctypes.c_void_p)

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ._command import NOT_FOUND, Parser, answer
-from ._library import PecsError, version
+from ._command import Parser, answer
+from ._errors import ExitCode, PecsError
+from ._library import version
 from ._program import program
 from ._sense import sense
 from .chip import Chip, bands, models
@@ -172,7 +173,7 @@ def blender_demo(folder: Path, talk: list[str]) -> None:
     """The lab's rotating disk, rendered small through a real lens."""
     scenes = blender_folder()
     if scenes is None:
-        raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", NOT_FOUND)
+        raise PecsError("demo --blender: got no bpy, wanted the wheel of pecs_blender installed", ExitCode.NOT_FOUND)
     if "--quiet" not in talk:
         print(f"Rendering {scenes / 'rotating_disk'} through the lens pecs_lab_15mm", flush=True)
     options = "--bands 3 --width 160 --height 90 --samples 4 --fps 2800 --frames period --time adaptive"

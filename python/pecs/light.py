@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import DOUBLES, FLOATS, Handle, function, path_bytes, take_json
+from ._arrays import DOUBLES, FLOATS
+from ._library import Handle, function, path_bytes, take_json
 from .chip import Chip, chip_options
 
 _open = function("pecs_light_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import FLOATS, function
+from ._arrays import FLOATS, INTEGERS
+from ._library import function
 from .events import as_events
 from .stack import StackReader
-
-_INTEGERS = np.ctypeslib.ndpointer(np.int32, flags="C_CONTIGUOUS")
 
 _carry = function(
     "pecs_carry",
@@ -27,11 +26,11 @@ _carry = function(
 _carry_labels = function(
     "pecs_carry_labels",
     ctypes.c_int,
-    *(_INTEGERS, _INTEGERS),
+    *(INTEGERS, INTEGERS),
     *(FLOATS, ctypes.c_int),
     *(ctypes.c_int, ctypes.c_int),
     ctypes.c_double,
-    *(_INTEGERS, ctypes.c_int64),
+    *(INTEGERS, ctypes.c_int64),
 )
 _event_labels = function(
     "pecs_event_labels",

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import FLOATS, function
+from ._arrays import FLOATS
+from ._library import function
 from .events import as_events
 
 _events = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_int)

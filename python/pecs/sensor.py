@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._library import DOUBLES, FLOATS, Handle, function
+from ._arrays import DOUBLES, FLOATS
+from ._library import Handle, function
 from .chip import Chip, chip_options
 from .events import EVENT_DTYPE, Events
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import FLOATS, Handle, function, path_bytes, take_json
+from ._arrays import FLOATS
+from ._library import Handle, function, path_bytes, take_json
 
 LIGHT = "light"  # the layer of the bands
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .files import write_json, write_text
+from .._files import write_json, write_text
 from .recipe import Recipe
 
 CONTEXT = {

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._poses import interpolate
 from .imu import integrate
-from .poses import interpolate
 from .rig import along, rig_from_camera, transformed
 from .sequence import Camera, Sequence
 

@@ -10,12 +10,12 @@ import time
 from pathlib import Path
 from statistics import mean
 
-from .._command import USAGE, Line, Parser, answer
-from .._library import PecsError
+from .._command import Parser, answer
+from .._errors import ExitCode, PecsError, bad_input
+from .._progress import Line
 from . import manifest, recipe, report, run, writers
 from .card import write_cards
 from .sequence import Sequence, sequences
-from .table import bad_input
 
 SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> None:
     found = recipe.load(args.recipe)
     if args.sequences is not None:
         if not 1 <= args.sequences <= recipe.MOST_SEQUENCES:
-            raise PecsError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}", USAGE)
+            raise PecsError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}", ExitCode.USAGE)
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
     if args.plan:
@@ -83,7 +83,7 @@ def _wanted(only: str | None, count: int) -> list[int]:
     except ValueError:
         begin, end = -1, -1
     if not 0 <= begin < end <= count:
-        raise PecsError(f"--only {only}: wanted N or A:B within 0 to {count}", USAGE)
+        raise PecsError(f"--only {only}: wanted N or A:B within 0 to {count}", ExitCode.USAGE)
     return list(range(begin, end))
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._errors import bad_input, optional_module
 from ..events import EVENT_DTYPE, Events
-from ._check import fault, library
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -50,15 +50,15 @@ class EventFile:
         return self._opened[1]
 
     def _open(self) -> Any:
-        h5py = library("h5py", "h5py", "reading parts of an event file")
+        h5py = optional_module("h5py", "h5py", "reading parts of an event file")
         try:
             file = h5py.File(self.path, "r")
         except OSError as e:
-            fault(self.path, "file", str(e), "an HDF5 file")
+            raise bad_input(self.path, "file", str(e), "an HDF5 file") from None
         for name in ("events/t", "events/x", "events/y", "events/p", "ms_to_idx", "t_offset"):
             if name not in file:
                 file.close()
-                fault(self.path, name, None, "a data set of DSEC's layout")
+                raise bad_input(self.path, name, None, "a data set of DSEC's layout")
         return file
 
     @cached_property

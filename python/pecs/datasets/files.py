@@ -1,39 +1,57 @@
-"""Files that appear whole or not at all, with the same bytes for the same content; arrays and pictures as bytes."""
+"""Contents of data-set files: arrays, pictures and tables, with the same bytes for the same content."""
 
 from __future__ import annotations
 
+import csv
 import io
-import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsInputError, PecsOutputError
-from ._check import library
+from .._config import read_json
+from .._errors import PecsInputError, bad_input, existing, optional_module
+from .._files import read_text
+
+_MAX_BYTES = 1 << 28
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    partial = path.with_name(path.name + ".partial")
+def read_object(path: Path, what: str) -> dict[str, Any]:
+    """The top of a JSON file."""
+    value = read_json(existing(path, what), _MAX_BYTES)
+    if not isinstance(value, dict):
+        raise bad_input(path, "", value, "an object")
+    return value
+
+
+def read_rows(path: Path, header: tuple[str, ...], what: str) -> list[list[int]]:
+    """A CSV file of integers under exactly this header."""
+    rows = list(csv.reader(read_text(existing(path, what), _MAX_BYTES).splitlines()))
+    if not rows or tuple(rows[0]) != header:
+        raise bad_input(path, "line 1", ",".join(rows[0]) if rows else "nothing", ",".join(header))
+    out = []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            out.append([int(word) for word in row])
+        except ValueError:
+            raise bad_input(path, f"line {number}", ",".join(row), "integers") from None
+        if len(row) != len(header):
+            raise bad_input(path, f"line {number}", ",".join(row), f"{len(header)} integers")
+    return out
+
+
+def read_array(path: Path, what: str, dtype: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An NPY file, mapped into memory. -1 in `shape` is any length."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as e:
-        raise PecsOutputError(f"{e.filename or path}: cannot be written: {e.strerror}", 5) from None
-
-
-def write_json(path: Path, value: Any) -> None:
-    write_whole(path, (json.dumps(value, indent=1) + "\n").encode())
-
-
-def write_text(path: Path, text: str) -> None:
-    write_whole(path, text.encode())
+        array = np.load(existing(path, what), mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError) as e:
+        raise PecsInputError(f"{path}: not an NPY file: {e}") from None
+    if not isinstance(array, np.ndarray) or array.dtype != np.dtype(dtype):
+        raise bad_input(path, "dtype", str(getattr(array, "dtype", type(array))), dtype)
+    if array.ndim != len(shape) or any(s not in (-1, n) for s, n in zip(shape, array.shape, strict=True)):
+        raise bad_input(path, "shape", array.shape, f"{list(shape)} (-1: any)")
+    return array
 
 
 def npy_bytes(array: NDArray[Any]) -> bytes:
@@ -43,8 +61,8 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
 
 
 def png_bytes(picture: NDArray[Any], level: int | None = None) -> bytes:
-    """uint8 or uint16, [H, W] or [H, W, 3] RGB. level: of compression, OpenCV's own if None."""
-    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
+    """uint8 or uint16, [H, W] or [H, W, 3] RGB. level: of compression, OpenCV's default if None."""
+    cv2 = optional_module("cv2", "opencv-python-headless", "writing pictures")
     options = [] if level is None else [cv2.IMWRITE_PNG_COMPRESSION, level]
     ok, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture, options)
     assert ok
@@ -53,8 +71,8 @@ def png_bytes(picture: NDArray[Any], level: int | None = None) -> bytes:
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
     """[H, W, 3] RGB, 8 bit."""
-    cv2 = library("cv2", "opencv-python-headless", "reading pictures")
+    cv2 = optional_module("cv2", "opencv-python-headless", "reading pictures")
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if picture is None:
-        raise PecsInputError(f"{path}: got no picture that can be read, wanted PNG", 4)
+        raise PecsInputError(f"{path}: not a readable picture; PNG is required")
     return np.asarray(picture[..., ::-1])

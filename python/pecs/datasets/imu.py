@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import poses
-from .parameters import number
+from .. import _poses as poses
+from .._config import Fields
+from .._errors import PecsInputError
 from .paths import GRAVITY_M_S2, Trajectory
-from .poses import bad_input
 
 PARTS = Path(__file__).parent / "imus"
 # Allan deviation's peak over the standard deviation of a first-order Gauss-Markov process: 0.437 q_c sqrt(T) with
@@ -91,12 +91,13 @@ class Imu:
         """A part of imus/ (or "ideal": exact) at its own rate and widest ranges, unless said otherwise."""
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
         if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
-            raise bad_input(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
-        number("imu: turn_on", turn_on, 0, 10, "")
-        if name == "ideal":
-            return cls(number("imu: rate_hz", rate_hz or 1000.0, 1, 1e6, "Hz"), rig_from_imu=rig)
-        part = _part(name)
-        rate = number("imu: rate_hz", part["rate_hz"] if rate_hz is None else rate_hz, 1, 1e6, "Hz")
+            raise PecsInputError(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
+        part = None if name == "ideal" else _part(name)
+        fields = Fields({"turn_on": turn_on, "rate_hz": rate_hz}, "imu")
+        fields.number("turn_on", low=0, high=10)
+        rate = fields.number("rate_hz", part["rate_hz"] if part else 1000.0, low=1, high=1e6)
+        if not part:
+            return cls(rate, rig_from_imu=rig)
         gyro = _errors(part["gyro"], "gyro", "dps", math.radians(1), math.radians(1), gyro_range_dps)
         accel = _errors(part["accel"], "accel", "g", 1e-6 * GRAVITY_M_S2, 1e-3 * GRAVITY_M_S2, accel_range_g)
         return cls(rate, gyro, accel, rig, turn_on, name)
@@ -118,7 +119,7 @@ def parts() -> list[str]:
 
 def _part(name: str) -> Mapping:
     if name not in parts():
-        raise bad_input(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
+        raise PecsInputError(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
     return json.loads((PARTS / f"{name}.json").read_text())
 
 
@@ -128,7 +129,7 @@ def _errors(data: Mapping, sensor: str, unit: str, small: float, turn_on: float,
     ranges = data[f"ranges_{unit}"]
     if wanted is not None and wanted not in ranges:
         listed = ", ".join(f"{r:g}" for r in ranges)
-        raise bad_input(f"imu: {sensor}_range_{unit}: got {wanted!r}, wanted one of {listed}")
+        raise PecsInputError(f"imu: {sensor}_range_{unit}: got {wanted!r}, wanted one of {listed}")
     full = (ranges[-1] if wanted is None else wanted) * (math.radians(1) if unit == "dps" else GRAVITY_M_S2)
     return Errors(
         noise=data[f"noise_{small_name}_per_sqrt_hz"] * small,

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from .._files import write_json
 from .._library import version
-from .files import write_json
 from .recipe import Recipe
 
 OWN = "files.json"

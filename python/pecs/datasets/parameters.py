@@ -1,4 +1,4 @@
-"""Parameters of trajectories: for every kind a table of name, default, range and unit. read() refuses the rest."""
+"""Parameters of trajectories: for every kind a table of name, default, range and unit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .poses import bad_input
+from .._config import Fields
 
 REQUIRED = object()
 
@@ -21,8 +21,8 @@ class Number:
     high: float
     unit: str
 
-    def read(self, place: str, value: Any) -> float:
-        return number(place, value, self.low, self.high, self.unit)
+    def read(self, fields: Fields, key: str) -> float:
+        return float(fields.number(key, low=self.low, high=self.high))
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,8 @@ class Count:
     low: int
     high: int
 
-    def read(self, place: str, value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not self.low <= value <= self.high:
-            raise bad_input(f"{place}: got {value!r}, wanted a whole number from {self.low} to {self.high}")
-        return value
+    def read(self, fields: Fields, key: str) -> int:
+        return fields.integer(key, low=self.low, high=self.high)
 
 
 @dataclass(frozen=True)
@@ -46,15 +44,10 @@ class Numbers:
     low: float = -1e6
     high: float = 1e6
 
-    def read(self, place: str, value: Any):
-        try:
-            array = np.array(value, float)
-        except (TypeError, ValueError):
-            array = np.zeros(0)
-        fits = array.ndim == len(self.shape) and all(w in (-1, n) for n, w in zip(array.shape, self.shape, strict=True))
-        if not fits or not array.size or not ((array >= self.low) & (array <= self.high)).all():
-            shape = " x ".join("n" if n < 0 else str(n) for n in self.shape)
-            raise bad_input(f"{place}: got {value!r}, wanted {shape} numbers from {self.low:g} to {self.high:g}")
+    def read(self, fields: Fields, key: str) -> Any:
+        array = fields.array(key, *self.shape)
+        if not array.size or not ((array >= self.low) & (array <= self.high)).all():
+            raise fields.wrong(key, f"numbers from {self.low:g} to {self.high:g}")
         listed = array.tolist()
         return tuple(listed) if array.ndim == 1 else listed
 
@@ -64,24 +57,21 @@ class Text:
     default: Any
     choices: tuple[str, ...] = ()
 
-    def read(self, place: str, value: Any) -> str:
-        text = str(value)
-        if not text or self.choices and text not in self.choices:
-            raise bad_input(f"{place}: got {text!r}, wanted {' or '.join(self.choices) or 'some text'}")
-        return text
+    def read(self, fields: Fields, key: str) -> str:
+        return fields.text(key, choices=self.choices) if self.choices else str(fields.any(key))
 
 
 class Speed:
-    """One factor, or two: from, to."""
+    """One factor, or the factors at the begin and at the end."""
 
     default = 1.0
 
-    def read(self, place: str, value: Any) -> tuple[float, float]:
-        pair = value if isinstance(value, (list, tuple)) else (value, value)
-        if len(pair) != 2:
-            raise bad_input(f"{place}: got {value!r}, wanted a number or two")
-        first, last = (number(place, v, 1e-3, 1e3, "") for v in pair)
-        return first, last
+    def read(self, fields: Fields, key: str) -> tuple[float, float]:
+        if isinstance(fields.any(key), (list, tuple)):
+            first, last = fields.numbers(key, count=2, low=1e-3, high=1e3)
+            return float(first), float(last)
+        factor = float(fields.number(key, low=1e-3, high=1e3))
+        return factor, factor
 
 
 class Pauses:
@@ -89,19 +79,13 @@ class Pauses:
 
     default = 0
 
-    def read(self, place: str, value: Any):
-        if not isinstance(value, (list, tuple)):
-            return Count(0, 0, 1000).read(place, value)
-        pauses = [Numbers(None, (2,), 0).read(place, pause) for pause in value]
+    def read(self, fields: Fields, key: str) -> Any:
+        if not isinstance(value := fields.any(key), (list, tuple)):
+            return Count(0, 0, 1000).read(fields, key)
+        pauses = [tuple(pause) for pause in Numbers(None, (-1, 2), 0).read(fields, key)] if len(value) else []
         if pauses != sorted(pauses):
-            raise bad_input(f"{place}: got {value!r}, wanted them in order")
+            raise fields.wrong(key, "pauses in the order of time")
         return pauses
-
-
-def number(place: str, value: Any, low: float, high: float, unit: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:  # nor NaN
-        raise bad_input(f"{place}: got {value!r}, wanted a number from {low:g} to {high:g} {unit}".rstrip())
-    return float(value)
 
 
 IDENTITY = np.eye(4).tolist()
@@ -174,24 +158,23 @@ PARAMETERS: dict[str, dict[str, Any]] = {
 
 
 def read(kind: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a kind's parameters, defaults filled in; None where a default is drawn or absent."""
-    table = PARAMETERS[kind]
-    for key in given:
-        if key not in table:
-            raise bad_input(f"{kind}: got an unknown parameter {key!r}, wanted one of {', '.join(table)}")
-    values = {}
-    for key, entry in table.items():
-        value = given.get(key, entry.default)
-        if value is REQUIRED:
-            raise bad_input(f"{kind}: got no {key}, wanted it")
-        values[key] = None if value is None else entry.read(f"{kind}: {key}", value)
+    """The values of a kind's parameters with defaults filled in; None where a default is drawn or absent. Raises
+    PecsInputError for an unknown parameter and for a wrong value."""
+    fields = Fields(dict(given), kind)
+    values: dict[str, Any] = {}
+    for key, entry in PARAMETERS[kind].items():
+        if fields.has(key) or entry.default is REQUIRED:
+            values[key] = entry.read(fields, key)
+        else:
+            values[key] = None if entry.default is None else entry.read(Fields({key: entry.default}, kind), key)
+    fields.done()
     for key in ("volume", "step_m"):
         pair = values.get(key)
         if pair is not None and (np.array(pair[0]) > np.array(pair[1])).any():
-            raise bad_input(f"{kind}: {key}: got {pair}, wanted the lower end first")
+            raise fields.wrong(key, "the lower end first")
     for key in ("world_from_recorded", "body_from_camera"):
         if key in values and not _rigid(np.array(values[key])):
-            raise bad_input(f"{kind}: {key}: got {values[key]}, wanted a rotation and a translation")
+            raise fields.wrong(key, "a rotation and a translation")
     return values
 
 

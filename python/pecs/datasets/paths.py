@@ -14,8 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import poses, taylor
-from .poses import bad_input
+from .. import _poses as poses
+from .._errors import PecsInputError
+from . import taylor
 from .taylor import Piecewise, Rotation, Series, Vector, cross, unit
 
 GRAVITY_M_S2 = 9.80665  # standard gravity, 3rd CGPM 1901
@@ -44,7 +45,7 @@ class Clock:
     def __post_init__(self):
         for (start, length), (following, _) in zip(self.pauses, self.pauses[1:], strict=False):
             if following - start - length < 2 * self.ramp_s * (1 - 1e-9):
-                raise bad_input(
+                raise PecsInputError(
                     f"pauses: got {start:g} s + {length:g} s, then {following:g} s, wanted {2 * self.ramp_s:g} s apart"
                 )
 
@@ -162,7 +163,7 @@ class Trajectory:
     def _series(self, t_s: ArrayLike, order: int) -> tuple[Vector, Rotation]:
         t = np.atleast_1d(np.asarray(t_s, float))
         if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration_s + 1e-9):
-            raise bad_input(f"times: got {t.min():g} to {t.max():g} s, wanted within 0 to {self.duration_s:g} s")
+            raise PecsInputError(f"times: got {t.min():g} to {t.max():g} s, wanted within 0 to {self.duration_s:g} s")
         return self.path.frame(*self.clock(np.clip(t, 0.0, self.duration_s), order))
 
 

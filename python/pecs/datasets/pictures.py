@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._files import write_text, write_whole
 from ..chip import Chip
 from ..events import read
 from ..light import Light
 from ..motion import event_labels
 from . import rgb, rig
-from .files import npy_bytes, png_bytes, write_text, write_whole
+from .files import npy_bytes, png_bytes
 from .recipe import CameraEntry
 
 if TYPE_CHECKING:

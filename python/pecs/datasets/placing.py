@@ -23,8 +23,8 @@ class Pool:
     files: tuple[str, ...]
     textures: tuple[str, ...]
     count: Value
-    low_m: tuple[float, ...]
-    high_m: tuple[float, ...]
+    low_m: list[float]
+    high_m: list[float]
     size_m: Value
     speed_m_s: Value
     spin_deg_s: Value
@@ -65,16 +65,16 @@ def read(table: Table, beside: Path) -> Pool:
         files=_files(table, "files", beside, (".blend",)),
         textures=_files(table, "textures", beside, (".png", ".jpg", ".jpeg", ".exr")) if table.has("textures") else (),
         count=table.value("count", 1, 0, 10000),
-        low_m=table.numbers("low_m", 3),
-        high_m=table.numbers("high_m", 3),
+        low_m=table.numbers("low_m", count=3),
+        high_m=table.numbers("high_m", count=3),
         size_m=table.value("size_m", low=1e-4, high=1e4),
         speed_m_s=table.value("speed_m_s", 0.0, 0, 1e4),
         spin_deg_s=table.value("spin_deg_s", 0.0, -1e6, 1e6),
         turn=table.text("turn", "z", ("z", "any")),
-        name=table.text("class") if table.has("class") else None,
+        name=table.optional(table.text, "class"),
     )
     if any(a > b for a, b in zip(found.low_m, found.high_m, strict=True)):
-        raise table.fail("low_m", list(found.low_m), "a corner below high_m")
+        raise table.wrong("low_m", "a corner below high_m")
     table.done()
     return found
 

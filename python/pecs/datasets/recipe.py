@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from .._config import read_toml
 from . import placing
-from .table import Table, Value, read_toml
+from .table import Table, Value
+from .writers import WRITERS
 
 SPLITS = ("train", "val", "test")
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
@@ -25,6 +27,7 @@ RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
 TRUTH_LAYERS = ("depth", "normal", "objects", "motion")
 
 MOST_SEQUENCES = 1_000_000
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 def generator(seed: int, index: int, name: str) -> np.random.Generator:
@@ -55,8 +58,8 @@ class CameraEntry:
 
     name: str
     kind: str
-    position_m: tuple[float, ...]
-    rotation_deg: tuple[float, ...]
+    position_m: list[float]
+    rotation_deg: list[float]
     width: int | None
     height: int | None
     chip: str | None
@@ -160,19 +163,14 @@ def _drawn(recipe: Recipe, index: int, name: str, value: Any) -> Any:
 def load(path: Path) -> Recipe:
     top = Table(read_toml(path), path)
     cameras = _rig(rig := top.table("rig"))
-    imu = rig.table("imu") if rig.has("imu") else None
+    imu = rig.optional(rig.table, "imu")
     rig.done()
-    common = _trajectory(top.table("trajectory")) if top.has("trajectory") else {}
-    scenes = tuple(_scene(table, path.parent, common) for table in top.tables("scene"))
+    common = _trajectory(top.table("trajectory", {}))
+    scenes = tuple(_scene(table, path.parent, common) for table in top.tables("scene", least=1))
     _unique(top, "scene", [s.name for s in scenes])
-    splits = top.table("split")
-    about = top.table("about")
-    export = top.any("export") if top.has("export") else []
-    from .writers import WRITERS  # they import more than a recipe needs
-
-    for name in export:
-        if name not in WRITERS:
-            raise top.fail("export", name, f"a list of {', '.join(WRITERS)}")
+    splits = top.table("split", {})
+    about = top.table("about", {})
+    export = top.texts("export", [], choices=tuple(WRITERS))
     recipe = Recipe(
         path=path,
         name=top.text("name", path.stem),
@@ -185,13 +183,13 @@ def load(path: Path) -> Recipe:
         imu={
             "part": imu.text("part", "ideal"),
             "rate_hz": imu.number("rate_hz", 1000, 1, 1e5),
-            "position_m": imu.numbers("position_m", 3, (0.0, 0.0, 0.0)),
+            "position_m": imu.numbers("position_m", ORIGIN, count=3),
         }
         if imu
         else None,
-        render=_render(top.table("render")),
-        truth=_truth(top.table("truth")),
-        keep=_keep(top.table("keep")),
+        render={"time": "adaptive", "fps": 1000.0} | _options(top.table("render", {})),
+        truth=_truth(top.table("truth", {})),
+        keep=_keep(top.table("keep", {})),
         export=tuple(export),
         about={k: about.text(k) for k in about.keys()},
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -216,34 +214,25 @@ def _scene(table: Table, beside: Path, common: dict[str, Any]) -> SceneEntry:
     path = path if path.is_absolute() else beside / path
     if not path.exists():
         raise table.fail("path", str(path), "a .blend file or a scene folder that is there")
-    parameters = table.table("set")
-    options = table.table("options")
+    parameters = table.table("set", {})
     found = SceneEntry(
         name=table.text("name", path.stem),
         path=path.resolve(),
         weight=table.number("weight", 1.0, 1e-6, 1e6),
-        split=table.text("split", choices=SPLITS) if table.has("split") else None,
+        split=table.optional(table.text, "split", choices=SPLITS),
         parameters={
-            k: parameters.words(k)
-            if k.endswith(("_spectrum", "_reflectance")) and not _numeric(parameters, k)
-            else parameters.value(k)
+            k: (parameters.drawn if k.endswith(("_spectrum", "_reflectance")) else parameters.value)(k)
             for k in parameters.keys()
         },
-        options=_options(options),
+        options=_options(table.table("options", {})),
         light_scale=table.value("light_scale", 1.0, 1e-9, 1e9),
-        pools=tuple(placing.read(t, beside) for t in (table.tables("place") if table.has("place") else ())),
-        trajectory=common | (_trajectory(table.table("trajectory")) if table.has("trajectory") else {}),
+        pools=tuple(placing.read(t, beside) for t in table.tables("place", [])),
+        trajectory=common | _trajectory(table.table("trajectory", {})),
     )
     if "kind" not in found.trajectory:
         raise table.fail("trajectory", "nothing", "a table with kind, here or at the top")
     table.done()
     return found
-
-
-def _numeric(table: Table, key: str) -> bool:
-    value = table.any(key)
-    words = value.get("choice", []) if isinstance(value, dict) else [value]
-    return not any(isinstance(word, str) for word in words)
 
 
 def _trajectory(table: Table) -> dict[str, Any]:
@@ -252,12 +241,8 @@ def _trajectory(table: Table) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key in table.keys():
         value = table.any(key)
-        if isinstance(value, dict) and set(value) == {"choice"} and all(isinstance(v, str) for v in value["choice"]):
-            found[key] = table.words(key)
-        elif isinstance(value, dict) or (_is_pair(value) and key not in TRAJECTORY_LISTS):
-            found[key] = table.value(key)
-        else:
-            found[key] = value
+        drawn = isinstance(value, dict) or (_is_pair(value) and key not in TRAJECTORY_LISTS)
+        found[key] = table.drawn(key) if drawn else value
     return found
 
 
@@ -275,14 +260,8 @@ def _options(table: Table) -> dict[str, Any]:
     return {key: table.any(key) for key in table.keys()}
 
 
-def _render(table: Table) -> dict[str, Any]:
-    return {"time": "adaptive", "fps": 1000.0} | _options(table)
-
-
 def _truth(table: Table) -> dict[str, Any]:
-    layers = table.any("layers") if table.has("layers") else list(TRUTH_LAYERS)
-    if not isinstance(layers, list) or not set(layers) <= set(TRUTH_LAYERS):
-        raise table.fail("layers", layers, f"a list of {', '.join(TRUTH_LAYERS)}")
+    layers = table.texts("layers", list(TRUTH_LAYERS), TRUTH_LAYERS)
     found = {"fps": table.number("fps", 20.0, 1e-3, 1e5), "layers": layers}
     table.done()
     return found
@@ -295,7 +274,7 @@ def _keep(table: Table) -> dict[str, bool]:
 
 
 def _rig(rig: Table) -> tuple[CameraEntry, ...]:
-    tables = rig.tables("camera")
+    tables = rig.tables("camera", least=1)
     cameras = tuple(map(_camera, tables))
     _unique(rig, "camera", [c.name for c in cameras])
     by_name = {c.name: c for c in cameras}
@@ -311,28 +290,24 @@ def _rig(rig: Table) -> tuple[CameraEntry, ...]:
 
 def _camera(table: Table) -> CameraEntry:
     kind = table.text("kind", choices=("events", "rgb"))
-    shared = table.text("pixels_of") if table.has("pixels_of") else None
-    overrides = table.table("set")
+    shared = table.optional(table.text, "pixels_of")
+    overrides = table.table("set", {})
     own = shared is None
-
-    def maybe(key: str, low: float, high: float) -> Value | None:
-        return table.value(key, low=low, high=high) if table.has(key) else None
-
     found = CameraEntry(
         name=table.text("name"),
         kind=kind,
-        position_m=table.numbers("position_m", 3, (0.0, 0.0, 0.0)),
-        rotation_deg=table.numbers("rotation_deg", 3, (0.0, 0.0, 0.0)),
-        width=table.integer("width", low=8, high=8192) if table.has("width") else None,
-        height=table.integer("height", low=8, high=8192) if table.has("height") else None,
+        position_m=table.numbers("position_m", ORIGIN, count=3),
+        rotation_deg=table.numbers("rotation_deg", ORIGIN, count=3),
+        width=table.optional(table.integer, "width", low=8, high=8192),
+        height=table.optional(table.integer, "height", low=8, high=8192),
         chip=table.text("chip") if kind == "events" else None,
         pixel_pitch_um=table.number("pixel_pitch_um", low=0.5, high=100) if kind == "rgb" and own else None,
         lens=table.text("lens") if own else "",
-        fnumber=maybe("fnumber", 0.5, 1000) if own else None,
-        focus_m=maybe("focus_m", 1e-3, 1e9) if own else None,
+        fnumber=table.optional(table.value, "fnumber", low=0.5, high=1000) if own else None,
+        focus_m=table.optional(table.value, "focus_m", low=1e-3, high=1e9) if own else None,
         overrides={k: overrides.value(k) for k in overrides.keys()},
         model=table.text("model", "pecs"),
-        partner=table.text("partner") if table.has("partner") else None,
+        partner=table.optional(table.text, "partner"),
         pixels_of=shared,
         film=_film(table) if kind == "rgb" else None,
     )

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsInputError
+from .._errors import PecsInputError, optional_module
 from ._bilinear import bilinear
-from ._check import library
 from .sequence import Camera, rect_from_rect
 
 _SURFACE_PX = 1.0  # neighbours that differ by more see two surfaces
@@ -25,7 +24,7 @@ _SAME_PX = 0.01  # rectified pixels that do not come back to this have no place 
 
 
 def _cv2() -> Any:
-    return library("cv2", "opencv-python-headless", "rectification")
+    return optional_module("cv2", "opencv-python-headless", "rectification")
 
 
 class Lens:

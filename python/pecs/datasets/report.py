@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._check import library
+from .._errors import optional_module
+from .._files import write_json, write_text
 from .checks import check
-from .files import png_bytes, read_picture, write_json, write_text
+from .files import png_bytes, read_picture
 from .sequence import Camera, Sequence
 
 STYLE = """
@@ -169,7 +170,7 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
 
 def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
     """Of the instant in the middle."""
-    cv2, truth, found = library("cv2", "opencv-python-headless", "the report"), camera.truth, []
+    cv2, truth, found = optional_module("cv2", "opencv-python-headless", "the report"), camera.truth, []
     i = (len(truth) - 1) // 2
     if "depth" in truth.layers:
         z = truth.depth(i)[1]
@@ -213,7 +214,7 @@ def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False)
 
 def _flow_picture(flow: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Hue is the direction, saturation the length; grey is not known."""
-    cv2 = library("cv2", "opencv-python-headless", "the report")
+    cv2 = optional_module("cv2", "opencv-python-headless", "the report")
     length, angle = np.hypot(flow[..., 0], flow[..., 1]), np.arctan2(flow[..., 1], flow[..., 0])
     known = np.isfinite(length)
     most = max(float(np.percentile(length[known], 99)) if known.any() else 1.0, 1e-6)
@@ -223,7 +224,7 @@ def _flow_picture(flow: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _boxes_picture(camera: Camera, i: int) -> NDArray[np.uint8]:
-    cv2 = library("cv2", "opencv-python-headless", "the report")
+    cv2 = optional_module("cv2", "opencv-python-headless", "the report")
     out = np.ascontiguousarray(_colours(camera.truth.instances(i)))
     names = {o["id"]: o["class"] for o in camera.truth.objects}
     for box in camera.truth.boxes(i):

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._errors import bad_input
+from .._files import write_text
 from .._library import data_dir
-from .files import write_text
 from .recipe import Film
-from .table import bad_input
 
 Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], power
 ELECTRON_C = 1.602176634e-19

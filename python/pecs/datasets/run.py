@@ -16,17 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from .._library import PecsOutputError, version
+from .. import _poses as poses
+from .._errors import PecsOutputError, bad_input
+from .._files import write_json, write_whole
+from .._library import version
 from .._sense import sense
 from ..chip import Chip
 from ..lens import Lens
 from . import imu as imus
-from . import pictures, placing, poses, rgb, rig, trajectories
+from . import pictures, placing, rgb, rig, trajectories
 from .blender import blender
-from .files import npy_bytes, write_json, write_whole
+from .files import npy_bytes
 from .manifest import seal, sequence_folder
 from .recipe import CameraEntry, Recipe
-from .table import bad_input
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
@@ -122,7 +124,7 @@ def _same_request(recipe: Recipe, drawn: dict[str, Any], folder: Path) -> None:
     before, now = json.loads((folder / REQUEST).read_text()), request(recipe, drawn)
     for key in now:
         if before.get(key) != now[key]:
-            raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing", 5)
+            raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing")
 
 
 @contextmanager

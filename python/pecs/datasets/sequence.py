@@ -22,11 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._config import Fields
+from .._errors import bad_input, existing
+from .._poses import interpolate, pose_matrix, read_euroc_imu, read_tum
 from ..events import Events, read
 from ..sensor import LABELS
-from ._check import Fields, existing, fault, read_array, read_json, read_rows
 from .event_file import EventFile
-from .poses import interpolate, pose_matrix, read_euroc_imu, read_tum
+from .files import read_array, read_object, read_rows
 from .rig import Optics, along, optics, stack_json, transformed
 from .truth import Truth
 
@@ -53,26 +55,26 @@ class Camera:
 
     def __init__(self, folder: Path, entry: Fields):
         self.name = entry.text("name")
-        self.kind = entry.text("kind", ("events", "rgb"))
+        self.kind = entry.text("kind", choices=("events", "rgb"))
         self.folder = folder / self.name
-        self.pixels_of = entry.optional_text("pixels_of") or self.name  # who has the path and the truth
+        self.pixels_of = entry.optional(entry.text, "pixels_of") or self.name  # who has the path and the truth
         self._pixels = folder / self.pixels_of
-        self.width, self.height = entry.whole("width", 1), entry.whole("height", 1)
-        self.pixel_pitch_m = entry.number("pixel_pitch_um", 1e-3) * 1e-6
+        self.width, self.height = entry.integer("width", low=1), entry.integer("height", low=1)
+        self.pixel_pitch_m = entry.number("pixel_pitch_um", low=1e-3) * 1e-6
         self.K, self.K_rect = entry.array("K", 3, 3), entry.array("K_rect", 3, 3)
         self.R_rect = entry.array("R_rect", 3, 3)
         self.distortion = entry.array("distortion", -1)
-        self.distortion_model = entry.text("distortion_model", ("radtan", "rational"))
+        self.distortion_model = entry.text("distortion_model", choices=("radtan", "rational"))
         self.rig_from_camera = entry.array("rig_from_camera", 4, 4)
-        self.partner = entry.optional_text("partner")
-        self.baseline_m = None if entry.value.get("baseline_m") is None else entry.number("baseline_m", 0)
-        self.info: dict[str, Any] = entry.value
+        self.partner = entry.optional(entry.text, "partner")
+        self.baseline_m = entry.optional(entry.number, "baseline_m", low=0)
+        self.info: dict[str, Any] = entry.content
         if len(self.distortion) not in (4, 5, 8, 12, 14):
-            entry.fault("distortion", "4, 5, 8, 12 or 14 coefficients of OpenCV")
+            raise entry.wrong("distortion", "4, 5, 8, 12 or 14 coefficients of OpenCV")
         for key in ("R_rect", "rig_from_camera"):
             R = getattr(self, key)[:3, :3]
             if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
-                entry.fault(key, "a rotation")
+                raise entry.wrong(key, "a rotation")
 
     def __repr__(self) -> str:
         return f"<Camera {self.name!r}: {self.kind}, {self.width}x{self.height}>"
@@ -85,7 +87,7 @@ class Camera:
         """All events; `event_file` reads parts."""
         events = read(existing(self.events_path, "the events of an event camera"), "dsec")
         if (events.width, events.height) != (self.width, self.height):
-            fault(self.events_path, "size", (events.width, events.height), f"{(self.width, self.height)}")
+            raise bad_input(self.events_path, "size", (events.width, events.height), f"{(self.width, self.height)}")
         return events
 
     def event_file(self) -> EventFile:
@@ -112,9 +114,9 @@ class Camera:
 
     def _per_event(self, values: NDArray[Any], limit: int | None = None) -> NDArray[Any]:
         if len(values) != self._event_count:
-            fault(Path(values.filename), "length", len(values), f"{self._event_count}, one for each event")
+            raise bad_input(Path(values.filename), "length", len(values), f"{self._event_count}, one for each event")
         if limit and len(values) and values.max() >= limit:
-            fault(Path(values.filename), "greatest value", int(values.max()), f"less than {limit}")
+            raise bad_input(Path(values.filename), "greatest value", int(values.max()), f"less than {limit}")
         return values
 
     def rectify_map(self) -> NDArray[np.float32]:
@@ -155,7 +157,9 @@ class Camera:
         out: list[Frame] = []
         for number, (index, start, end) in enumerate(read_rows(path, ("index", "start_us", "end_us"), "frames"), 2):
             if index != len(out) or end < start or (out and start < out[-1].start_us):
-                fault(path, f"line {number}", (index, start, end), f"index {len(out)}, times that do not fall")
+                raise bad_input(
+                    path, f"line {number}", (index, start, end), f"index {len(out)}, times that do not fall"
+                )
             name = f"{index:06d}.png"
             picture = existing(self.folder / "rgb" / name, f"the picture of {path}: line {number}")
             out.append(Frame(start, end, picture, self.folder / "sharp" / name))
@@ -186,17 +190,17 @@ class Sequence:
     def __init__(self, folder: str | PathLike[str]):
         self.folder = Path(folder)
         path = self.folder / "sequence.json"
-        self.info = read_json(path, "a sequence of a data set")
-        fields = Fields(path, "", self.info)
-        if fields.whole("format") != FORMAT:
-            fields.fault("format", f"{FORMAT}")
+        self.info = read_object(path, "a sequence of a data set")
+        fields = Fields(self.info, path)
+        if fields.integer("format") != FORMAT:
+            raise fields.wrong("format", f"{FORMAT}")
         self.name, self.split = fields.text("name"), fields.text("split")
-        self.duration_us = fields.whole("duration_us", 1)
+        self.duration_us = fields.integer("duration_us", low=1)
         self.cameras: dict[str, Camera] = {}
-        for entry in fields.objects("cameras"):
+        for entry in fields.tables("cameras"):
             camera = Camera(self.folder, entry)
-            if camera.name in self.cameras or Path(camera.name).name != camera.name:
-                entry.fault("name", "a folder's name that no other camera has")
+            if camera.name in self.cameras or not camera.name or Path(camera.name).name != camera.name:
+                raise entry.wrong("name", "a folder's name that no other camera has")
             self.cameras[camera.name] = camera
         for camera in self.cameras.values():
             self._check_partner(path, camera)
@@ -204,16 +208,20 @@ class Sequence:
     def _check_partner(self, path: Path, camera: Camera) -> None:
         owner = self.cameras.get(camera.pixels_of)
         if owner is None or not same_pixels(owner, camera):
-            fault(
+            raise bad_input(
                 path, f"camera {camera.name}: pixels_of", camera.pixels_of, "a camera of the same place, lens and size"
             )
         if camera.partner is None:
             return
         other = self.cameras.get(camera.partner)
         if other is None or other is camera or other.partner != camera.name:
-            fault(path, f"camera {camera.name}: partner", camera.partner, "a camera whose partner is this one")
+            raise bad_input(
+                path, f"camera {camera.name}: partner", camera.partner, "a camera whose partner is this one"
+            )
         if not camera.baseline_m or camera.baseline_m != other.baseline_m:
-            fault(path, f"camera {camera.name}: baseline_m", camera.baseline_m, "metres, the same for both partners")
+            raise bad_input(
+                path, f"camera {camera.name}: baseline_m", camera.baseline_m, "metres, the same for both partners"
+            )
 
     def __repr__(self) -> str:
         return f"<Sequence {self.name!r}: {self.duration_us / 1e6:g} s, {', '.join(self.cameras)}>"

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import paths, poses, taylor
+from .. import _poses as poses
+from .._errors import PecsInputError
+from . import paths, taylor
 from .parameters import COMMON, PARAMETERS, read
 from .paths import Clock, Trajectory
-from .poses import bad_input
 from .taylor import Series, spline
 
 KINDS = tuple(PARAMETERS)
@@ -53,7 +54,9 @@ class Surfaces:
         self.times_s, self.spacing_m = np.atleast_1d(np.asarray(times_s, float)), spacing_m
         moving = [np.asarray(p, float).reshape(-1, 3) for p in points]
         if len(moving) != len(self.times_s) or (np.diff(self.times_s) <= 0).any():
-            raise bad_input(f"surfaces: got {len(moving)} sets of points at {self.times_s}, wanted one per rising time")
+            raise PecsInputError(
+                f"surfaces: got {len(moving)} sets of points at {self.times_s}, wanted one per rising time"
+            )
         still = np.zeros((0, 3)) if static is None else np.asarray(static, float).reshape(-1, 3)
         self._few = [p[:: -(-len(p) // FEW) or 1] for p in (still, *moving)]
         self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
@@ -90,7 +93,7 @@ def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rn
     range, a waypoint that cannot be reached, or what no path of `tries` met.
     """
     if kind not in PARAMETERS:
-        raise bad_input(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
+        raise PecsInputError(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
     p = read(kind, parameters)
     clock = _clock(p, rng)
     route, again_from_s, why = None, None, ""
@@ -109,7 +112,7 @@ def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rn
             why, again_from_s = str(e), e.way_s
             if route and not route.given and again_from_s is None:
                 route = None
-    raise bad_input(f"{kind}: no path in {p['tries']} tries: {why}")
+    raise PecsInputError(f"{kind}: no path in {p['tries']} tries: {why}")
 
 
 def _clock(p: dict, rng: np.random.Generator) -> Clock:
@@ -117,7 +120,7 @@ def _clock(p: dict, rng: np.random.Generator) -> Clock:
     if isinstance(pauses, int):
         each = p["pause_s"] + 2 * ramp
         if pauses * each > duration:
-            raise bad_input(
+            raise PecsInputError(
                 f"pauses: got {pauses} of {each:g} s with their ramps, wanted at most {duration:g} s in all"
             )
         starts = np.sort(rng.uniform(0, duration - pauses * each, pauses)) + each * np.arange(pauses) + ramp
@@ -150,7 +153,7 @@ class _Route:
             self._reach()
             return
         if p["volume"] is None:
-            raise bad_input(f"{kind}: got neither volume nor waypoints, wanted one of them")
+            raise PecsInputError(f"{kind}: got neither volume nor waypoints, wanted one of them")
         self._low, self._high = np.array(p["volume"], float)
         self._extend([])
 
@@ -180,7 +183,7 @@ class _Route:
         worst = int(np.argmin(distance))
         if distance[worst] < self._needed():
             point = ", ".join(f"{c:g}" for c in self.points[worst])
-            raise bad_input(
+            raise PecsInputError(
                 f"{self._kind}: unreachable waypoint {worst + 1}: ({point}) m is {distance[worst]:.3g} m from a "
                 f"surface, wanted {self._needed():.3g} m"
             )
@@ -188,7 +191,7 @@ class _Route:
     def _extend(self, points: list) -> None:
         """On to the end of the way, and one further, so that the spline's end is not the path's."""
         if self._p["speed_m_per_s"] * self._clock.way_s > MAX_WAYPOINTS * self._p["step_m"][1]:
-            raise bad_input(
+            raise PecsInputError(
                 f"{self._kind}: got a way of {self._p['speed_m_per_s'] * self._clock.way_s:.4g} m, wanted at most "
                 f"{MAX_WAYPOINTS} steps of {self._p['step_m'][1]:g} m"
             )
@@ -305,7 +308,7 @@ def _still(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
     position = p["position"]
     if position is None:
         if p["volume"] is None:
-            raise bad_input("still: got neither position nor volume, wanted one of them")
+            raise PecsInputError("still: got neither position nor volume, wanted one of them")
         position = tuple(rng.uniform(*np.array(p["volume"], float)).tolist())
     if p["target"] is not None:
         ahead = np.subtract(p["target"], position)
@@ -326,7 +329,7 @@ def _recorded(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
     spare = t[-1] - clock.way_s
     if len(t) < 6 or spare < (p["start_s"] or 0):
         wanted = f"wanted 6 or more of at least {clock.way_s + (p['start_s'] or 0):g} s"
-        raise bad_input(f"{p['file']}: got {len(t)} poses of {t[-1]:g} s, {wanted}")
+        raise PecsInputError(f"{p['file']}: got {len(t)} poses of {t[-1]:g} s, {wanted}")
     start = p["start_s"] if p["start_s"] is not None else float(rng.uniform(0, spare))
     flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1, 1))
     quaternion[1:] *= flips[:, None]

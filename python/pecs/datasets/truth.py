@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._config import Fields
+from .._errors import bad_input, existing
 from ..stack import StackReader
 from ._bilinear import bilinear
-from ._check import Fields, existing, fault, read_json
+from .files import read_object
 
 BOX_DTYPE = np.dtype(
     [("id", "<u4"), ("class_id", "<u4")]
@@ -43,7 +45,9 @@ class Truth:
         stack = StackReader(self.folder)
         size = stack.info["height"], stack.info["width"]
         if size != self.shape or stack.shape[1:] != self.shape:
-            fault(self.folder / "stack.json", "size in samples", stack.shape[1:], f"{self.shape}, one sample a pixel")
+            raise bad_input(
+                self.folder / "stack.json", "size in samples", stack.shape[1:], f"{self.shape}, one sample a pixel"
+            )
         return stack
 
     @cached_property
@@ -73,7 +77,9 @@ class Truth:
         bad = ~((whole == values) & (0 <= whole) & (whole < _LARGEST_ID))
         if bad.any():
             y, x = np.argwhere(bad)[0]
-            fault(self.folder, f"objects {i}: pixel ({x}, {y})", float(values[y, x]), f"an integer below {_LARGEST_ID}")
+            raise bad_input(
+                self.folder, f"objects {i}: pixel ({x}, {y})", float(values[y, x]), f"an integer below {_LARGEST_ID}"
+            )
         return whole.astype(np.int64)
 
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
@@ -144,41 +150,41 @@ class Truth:
     def _channels(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
         layer = next((layer for layer in self._stack.layers if layer["name"] == name), None)
         if layer is None:
-            fault(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")
+            raise bad_input(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")
         count = len(self) - (layer["at"] == "interval")
         if not 0 <= i < count:
             raise IndexError(f"{self.folder}: {name} {i}: got {count} of them")
         missing = set(wanted or ()) - set(layer["channels"])
         if missing:
-            fault(self.folder / "stack.json", f"layer {name}: channels", layer["channels"], ", ".join(sorted(missing)))
+            raise bad_input(
+                self.folder / "stack.json", f"layer {name}: channels", layer["channels"], ", ".join(sorted(missing))
+            )
         values = self._stack.read_layer(name, i)
         return values[[layer["channels"].index(c) for c in wanted]] if wanted else values
 
     @cached_property
     def _json(self) -> dict[str, Any]:
         path = self.folder / "objects.json"
-        top = Fields(path, "", read_json(path, "the objects of the ground truth"))
-        if top.whole("format") != 1:
-            top.fault("format", "1")
-        if not isinstance(top.value.get("classes"), dict):
-            top.fault("classes", "an object of class names by id")
+        top = Fields(read_object(path, "the objects of the ground truth"), path)
+        if top.integer("format") != 1:
+            raise top.wrong("format", "1")
         classes = {}
-        for key, name in top.value["classes"].items():
+        for key, name in top.table("classes").content.items():
             if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str):
-                top.fault("classes", "names by positive ids")
+                raise top.wrong("classes", "names by positive ids")
             classes[int(key)] = name
         known = {}
-        for entry in top.objects("objects"):
-            number, class_id = entry.whole("id", 1), entry.whole("class_id")
+        for entry in top.tables("objects"):
+            number, class_id = entry.integer("id", low=1), entry.integer("class_id")
             if number in known or number >= _LARGEST_ID:
-                entry.fault("id", f"an id below {_LARGEST_ID} that no other object has")
+                raise entry.wrong("id", f"an id below {_LARGEST_ID} that no other object has")
             if class_id and class_id not in classes:
-                entry.fault("class_id", "0 or an id of `classes`")
+                raise entry.wrong("class_id", "0 or an id of `classes`")
             entry.text("name"), entry.array("size_m", 3)
-            known[number] = entry.value
-        instants = top.objects("instants")
-        if [entry.whole("t_ns") for entry in instants] != list(self._stack.info["times_ns"]):
-            fault(path, "instants", len(instants), f"the {len(self)} times of stack.json")
+            known[number] = entry.content
+        instants = top.tables("instants")
+        if [entry.integer("t_ns") for entry in instants] != list(self._stack.info["times_ns"]):
+            raise bad_input(path, "instants", len(instants), f"the {len(self)} times of stack.json")
         return {"classes": classes, "objects": known, "instants": instants}
 
     @property
@@ -192,16 +198,16 @@ class Truth:
     @cached_property
     def deforming(self) -> set[int]:
         """Ids of objects whose shape changes: their instants have a size of their own."""
-        instants = (entry.objects("objects") for entry in self._json["instants"])
-        return {entry.whole("id") for entries in instants for entry in entries if "size_m" in entry.value}
+        instants = (entry.tables("objects") for entry in self._json["instants"])
+        return {entry.integer("id") for entries in instants for entry in entries if "size_m" in entry.content}
 
     def _instant(self, i: int) -> list[Fields]:
         if not 0 <= i < len(self):
             raise IndexError(f"{self.folder}: instant {i}: got {len(self)} of them")
-        entries: list[Fields] = self._json["instants"][i].objects("objects")
+        entries: list[Fields] = self._json["instants"][i].tables("objects")
         for entry in entries:
-            if entry.whole("id", 1) not in self._json["objects"]:
-                entry.fault("id", "an id of `objects`")
+            if entry.integer("id", low=1) not in self._json["objects"]:
+                raise entry.wrong("id", "an id of `objects`")
         return entries
 
     def boxes(self, i: int) -> NDArray[Any]:
@@ -211,19 +217,19 @@ class Truth:
         entries = self._instant(i)
         out = np.zeros(len(entries), BOX_DTYPE)
         for row, entry in zip(out, entries, strict=True):
-            row["id"] = entry.whole("id")
-            row["class_id"] = self._json["objects"][entry.whole("id")]["class_id"]
-            seen = [np.nan] * 4 if entry.value.get("box_px") is None else entry.array("box_px", 4)
-            amodal = [np.nan] * 4 if entry.value.get("amodal_px") is None else entry.array("amodal_px", 4)
+            row["id"] = entry.integer("id")
+            row["class_id"] = self._json["objects"][entry.integer("id")]["class_id"]
+            seen = [np.nan] * 4 if entry.content.get("box_px") is None else entry.array("box_px", 4)
+            amodal = [np.nan] * 4 if entry.content.get("amodal_px") is None else entry.array("amodal_px", 4)
             for name, value in zip(BOX_DTYPE.names[2:10], [*seen, *amodal], strict=True):
                 row[name] = value
-            row["visible_px"] = entry.whole("visible_px")
-            row["occluded"], row["truncated"] = entry.number("occluded", 0), entry.number("truncated", 0)
+            row["visible_px"] = entry.integer("visible_px")
+            row["occluded"], row["truncated"] = entry.number("occluded", low=0), entry.number("truncated", low=0)
         return out
 
     def object_poses(self, i: int) -> dict[int, NDArray[np.float64]]:
         """{id: world_from_object [4, 4]}: the object's axes, its scale left out."""
-        return {entry.whole("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
+        return {entry.integer("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
 
 
 def _follow(

@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsInputError
+from .._errors import ExitCode, PecsInputError, optional_module
 from ..representations import event_histogram, time_surface, voxel_grid
-from ._check import library
 from .event_file import EventFile
 from .files import read_picture
 from .sequence import Camera, Sequence, frames_of
@@ -31,7 +30,6 @@ from .sequence import Camera, Sequence, frames_of
 WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
 FIELDS = ("flow", "depth", "instances", "boxes", "frame", "causes", "objects")
 _PLANES = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
-_USAGE = 2
 _OPEN_FILES = 16  # of events, a process
 
 
@@ -83,18 +81,20 @@ class Windows:
         if by not in ("time", "count") or self.size < 1 or self.step < 1:
             raise PecsInputError(
                 f"windows: got by {by!r} of {self.size} every {self.step}, wanted 'time' or 'count' and 1 or more",
-                _USAGE,
+                ExitCode.USAGE,
             )
         unknown = set(self.fields) - set(FIELDS)
         if unknown:
             raise PecsInputError(
-                f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}", _USAGE
+                f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}", ExitCode.USAGE
             )
         self.cameras: list[tuple[Sequence, Camera]] = [
             (sequence, c) for sequence in self.sequences for c in sequence.of_kind("events") if camera in (None, c.name)
         ]
         if not self.cameras:
-            raise PecsInputError(f"windows: camera: got {camera!r}, which is no event camera of the sequences", _USAGE)
+            raise PecsInputError(
+                f"windows: camera: got {camera!r}, which is no event camera of the sequences", ExitCode.USAGE
+            )
         for sequence, c in self.cameras:
             self._check(sequence, c)
         self._ends = [*accumulate(self._count(sequence, c) for sequence, c in self.cameras)]
@@ -208,7 +208,7 @@ def collate(items: list[dict[str, Any]]) -> dict[str, Any]:
     other; `boxes`: float64 [m, 7], (item, id, class_id, x0, y0, x1, y1); causes and objects follow the events. What
     a transform has made of the events is stacked. Names and times are lists and tensors of one value an item.
     """
-    torch = library("torch", "PyTorch", "collate")
+    torch = optional_module("torch", "PyTorch", "collate")
     out: dict[str, Any] = {}
     for name in items[0]:
         values = [item[name] for item in items]

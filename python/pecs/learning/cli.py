@@ -7,9 +7,9 @@ import dataclasses
 from pathlib import Path
 
 from .._arguments import Quantity
-from .._command import Line, Parser, answer
-from .._library import PecsNotFoundError
-from ..datasets._check import library
+from .._command import Parser, answer
+from .._errors import PecsNotFoundError, optional_module
+from .._progress import Line
 from .reconstruct import METHODS
 
 NETWORK = "network.onnx"
@@ -110,7 +110,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
 
 def _train(args: argparse.Namespace) -> None:
     for name, package in (("torch", "PyTorch"), ("onnx", "onnx")):
-        library(name, package, "training", "learning")
+        optional_module(name, package, "training", "learning")
     from ..datasets.sequence import sequences
     from .clips import ClipConfig, recordings
     from .export import export
@@ -130,7 +130,7 @@ def _train(args: argparse.Namespace) -> None:
     )
     found = sequences(args.set, args.split)
     if not found:
-        raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}", 3)
+        raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}")
     line = Line(50, quiet=args.quiet, verbose=args.verbose)
     net = train(
         recordings(found),

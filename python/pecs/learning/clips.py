@@ -12,9 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from .._library import PecsInputError
+from .._errors import PecsInputError, bad_input
 from ..chip import Chip
-from ..datasets._check import fault
 from ..datasets.rgb import srgb
 from ..datasets.sequence import Camera, Sequence
 from ..light import Light
@@ -48,9 +47,9 @@ class Recording:
 
     def __init__(self, camera: Camera):
         if not camera.has_truth or "motion" not in camera.truth.layers:
-            fault(camera.folder / "truth", "layers", None, "motion: the flow between pictures")
+            raise bad_input(camera.folder / "truth", "layers", None, "motion: the flow between pictures")
         if not (camera.folder / "stack" / "stack.json").is_file():
-            fault(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
+            raise bad_input(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
         self.camera = camera
         self.times_us = camera.truth.times_us
         self._flows: dict[int, NDArray[np.float16]] = {}
@@ -95,7 +94,7 @@ class Recording:
 def recordings(sequences: Iterable[Sequence]) -> list[Recording]:
     found = [Recording(camera) for sequence in sequences for camera in sequence.of_kind("events")]
     if not found:
-        raise PecsInputError("clips: got no event camera, wanted sequences with one", 4)
+        raise PecsInputError("clips: got no event camera, wanted sequences with one")
     return found
 
 
@@ -112,7 +111,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         small = [s.camera.name for s in sources if min(s.camera.width, s.camera.height) < config.crop]
         if small or not self.sources:
             got = f"a picture smaller than that in {small[0]}" if small else "shorter sequences"
-            raise PecsInputError(f"clips: got {got}, wanted {config.windows} windows of {config.crop} px", 4)
+            raise PecsInputError(f"clips: got {got}, wanted {config.windows} windows of {config.crop} px")
 
     def __len__(self) -> int:
         return self.length

@@ -11,8 +11,8 @@ from typing import Any
 
 import torch
 
-from ..datasets._check import library
-from ..datasets.files import write_whole
+from .._errors import optional_module
+from .._files import write_whole
 from .networks import start_states
 from .reconstruct import NETWORK_FORMAT, STATE
 from .train import trained
@@ -35,7 +35,7 @@ class _Flat(torch.nn.Module):
 
 def export(run: Path, output: Path) -> dict[str, Any]:
     """Writes the network of a training's folder; returns its record."""
-    onnx = library("onnx", "onnx", "export", "learning")
+    onnx = optional_module("onnx", "onnx", "export", "learning")
     net, record = trained(run)
     grid = torch.zeros(1, net.config.bins, TRIED_PX, TRIED_PX)
     states = start_states(net, 1, TRIED_PX, TRIED_PX)

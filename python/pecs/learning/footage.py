@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsInputError
-from ..datasets._check import existing, fault
+from .._errors import PecsInputError, bad_input, existing
 from ..datasets.files import read_picture
 from ..datasets.writers._files import grey
 from ..events import EVENT_DTYPE
@@ -57,7 +56,7 @@ def read_footage(folder: str | PathLike[str]) -> Footage:
         return _evreal(folder)
     if (folder / "events_aligned").is_dir():
         return _hs_ergb(folder)
-    raise PecsInputError(f"{folder}: got no events_ts.npy (EVREAL) and no events_aligned (HS-ERGB)", 4)
+    raise PecsInputError(f"{folder}: got no events_ts.npy (EVREAL) and no events_aligned (HS-ERGB)")
 
 
 def _evreal(folder: Path) -> Footage:
@@ -66,14 +65,16 @@ def _evreal(folder: Path) -> Footage:
         try:
             return np.asarray(np.load(path, mmap_mode="r"))
         except ValueError as e:
-            fault(path, "file", str(e), "an array")
+            raise bad_input(path, "file", str(e), "an array") from None
 
     seconds, places = column("events_ts", "times of events"), column("events_xy", "places of events")
     signs, pictures = column("events_p", "polarities"), column("images", "pictures")
     if pictures.ndim == 4 and pictures.shape[3] == 1:
         pictures = pictures[..., 0]
     if pictures.ndim != 3 or pictures.dtype != np.uint8:
-        fault(folder / "images.npy", "shape and type", (pictures.shape, str(pictures.dtype)), "(N, H, W, 1), uint8")
+        raise bad_input(
+            folder / "images.npy", "shape and type", (pictures.shape, str(pictures.dtype)), "(N, H, W, 1), uint8"
+        )
     shown_s = column("images_ts", "times of pictures").reshape(-1)
     return _checked(folder, _us(seconds), places[:, 0], places[:, 1], signs, shown_s * 1e6, pictures)
 
@@ -84,23 +85,23 @@ def _hs_ergb(folder: Path) -> Footage:
     try:
         times_us = np.array(listed, np.float64)
     except ValueError as e:
-        fault(images / "timestamp.txt", "time", str(e), "a number of microseconds a line")
+        raise bad_input(images / "timestamp.txt", "time", str(e), "a number of microseconds a line") from None
     paths = sorted(images.glob("*.png"))
     if len(paths) < len(times_us):
-        fault(images, "pictures", len(paths), f"{len(times_us)}, as timestamp.txt has")
+        raise bad_input(images, "pictures", len(paths), f"{len(times_us)}, as timestamp.txt has")
     pictures = np.stack([grey(read_picture(path)) for path in paths[: len(times_us)]])
     columns: list[list[NDArray[Any]]] = []
     for path in sorted((folder / "events_aligned").glob("*.npz")):
         with np.load(path) as file:
             names = [next((k for k in keys if k in file), "") for keys in HS_ERGB_KEYS]
             if "" in names:
-                fault(path, "arrays", sorted(file), "x, y, t or timestamp, p or polarity")
+                raise bad_input(path, "arrays", sorted(file), "x, y, t or timestamp, p or polarity")
             t, x, y, p = (file[name].reshape(-1) for name in names)
         x, y = (v // SUBPIXELS if v.dtype.kind in "iu" else v for v in (x, y))
         inside = (x >= 0) & (x < pictures.shape[2]) & (y >= 0) & (y < pictures.shape[1])  # remapped events leave it
         columns.append([v[inside] for v in (np.round(t).astype(np.int64), x, y, p)])
     if not columns:
-        fault(folder / "events_aligned", "files", 0, "*.npz")
+        raise bad_input(folder / "events_aligned", "files", 0, "*.npz")
     t, x, y, p = (np.concatenate(parts) for parts in zip(*columns, strict=True))
     return _checked(folder, t, x, y, p, times_us, pictures)
 
@@ -120,9 +121,11 @@ def _checked(
 ) -> Footage:
     lengths = {len(t), len(x), len(y), len(p)}
     if len(lengths) > 1:
-        fault(folder, "lengths of the events' arrays", sorted(lengths), "the same for all")
+        raise bad_input(folder, "lengths of the events' arrays", sorted(lengths), "the same for all")
     if len(times_us) != len(pictures) or len(times_us) < 2 or (np.diff(times_us) <= 0).any():
-        fault(folder, "pictures and their times", (len(pictures), len(times_us)), "two or more, at rising times")
+        raise bad_input(
+            folder, "pictures and their times", (len(pictures), len(times_us)), "two or more, at rising times"
+        )
     events = np.empty(len(t), EVENT_DTYPE)
     order = np.argsort(t, kind="stable")
     for name, values in zip("txyp", (t, x, y, np.asarray(p) > 0), strict=True):
@@ -131,5 +134,5 @@ def _checked(
     if outside.any():
         bad = events[outside][0]
         size = f"one of {pictures.shape[2]} x {pictures.shape[1]}"
-        fault(folder, "pixel", (int(bad["x"]), int(bad["y"])), size)
+        raise bad_input(folder, "pixel", (int(bad["x"]), int(bad["y"])), size)
     return Footage(folder.name, events, np.asarray(times_us, np.float64), np.ascontiguousarray(pictures))

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from ..datasets._check import existing, fault
+from .._errors import bad_input, existing
 
 # Of a picture in -1 ... 1, red, green, blue: what ImageNet's mean and standard deviation become there.
 MEAN, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
@@ -85,9 +85,9 @@ class Lpips:
             if name not in found or tuple(found[name].shape) != shape:
                 got = tuple(found[name].shape) if name in found else "nothing"
                 place = name if name.startswith("lin") else f"features.{name}"
-                fault(path, place, got, f"{shape} of {self.trunk.name} with LPIPS' linear layers")
+                raise bad_input(path, place, got, f"{shape} of {self.trunk.name} with LPIPS' linear layers")
             if not torch.isfinite(found[name]).all():
-                fault(path, name, "values that are no numbers", "finite weights")
+                raise bad_input(path, name, "values that are no numbers", "finite weights")
         self._weights = {name: found[name].float().to(device) for name in wanted}
         self._mean, self._scale = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (MEAN, SCALE))
 
@@ -119,9 +119,9 @@ def _tensors(path: Path) -> dict[str, Tensor]:
     try:
         values: Any = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as e:  # of many kinds
-        fault(path, "file", (str(e).splitlines() or [type(e).__name__])[0], wanted)
+        raise bad_input(path, "file", (str(e).splitlines() or [type(e).__name__])[0], wanted) from None
     if not isinstance(values, dict) or not all(isinstance(v, Tensor) for v in values.values()):
-        fault(path, "file", type(values).__name__, wanted)
+        raise bad_input(path, "file", type(values).__name__, wanted)
     out = {}
     for name, value in values.items():
         if match := _NAMES.fullmatch(name):

@@ -12,8 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsInputError
-from ..datasets._check import existing, fault, library
+from .._errors import ExitCode, PecsInputError, bad_input, existing, optional_module
 from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
@@ -78,17 +77,19 @@ class Network:
 
     def __init__(self, path: Path, width: int, height: int, threads: int = 0):
         existing(path, "a network (.onnx)")
-        runtime = library("onnxruntime", "onnxruntime", "a network", "learning")
+        runtime = optional_module("onnxruntime", "onnxruntime", "a network", "learning")
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # it takes time from other work
         try:
             self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as e:  # of many kinds
-            raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a network in ONNX", 4) from None
+            raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a network in ONNX") from None
         said = self._session.get_modelmeta().custom_metadata_map
         if said.get("pecs_network") != NETWORK_FORMAT:
-            fault(path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`")
+            raise bad_input(
+                path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`"
+            )
         self.record: dict[str, Any] = json.loads(said["record"])
         config = self.record["network"]
         self.kind = str(config["kind"])
@@ -136,11 +137,11 @@ def reconstruct(
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
-            raise PecsInputError(f"{source}: size: got nothing that says it, wanted --size WxH", 2)
+            raise PecsInputError(f"{source}: size: got nothing that says it, wanted --size WxH", ExitCode.USAGE)
         chosen = _weights(method, weights)
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
-            fault(chosen or source, "network", make.kind, f"{method}, as --method says")
+            raise bad_input(chosen or source, "network", make.kind, f"{method}, as --method says")
         events = 0
         with VideoWriter(output, width, height, playback_fps or fps) as video:
             for window in windows(reader, 1e6 / fps):
@@ -150,7 +151,7 @@ def reconstruct(
                 if progress:
                     progress(video.count)
             if not events:
-                raise PecsInputError(f"{source}: events: got none, wanted some", 4)
+                raise PecsInputError(f"{source}: events: got none, wanted some")
             return {
                 "source": str(source),
                 "method": make.kind,
@@ -166,11 +167,13 @@ def reconstruct(
 def _weights(method: str | None, weights: str | PathLike[str] | None) -> Path | None:
     """None: the filter."""
     if method not in (None, *METHODS):
-        raise PecsInputError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}", 2)
+        raise PecsInputError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}", ExitCode.USAGE)
     if method == "filter" and weights is not None:
-        raise PecsInputError(f"--weights: got {weights}, wanted none: the filter has no weights", 2)
+        raise PecsInputError(f"--weights: got {weights}, wanted none: the filter has no weights", ExitCode.USAGE)
     if method == "e2vid" and weights is None:
-        raise PecsInputError("--weights: got none, wanted a network of `pecs train --network e2vid`: none ships", 2)
+        raise PecsInputError(
+            "--weights: got none, wanted a network of `pecs train --network e2vid`: none ships", ExitCode.USAGE
+        )
     if weights is not None:
         return Path(weights)
     return WEIGHTS if method == "firenet" else None
@@ -180,4 +183,4 @@ def _inside(source: Path, events: NDArray[np.void], width: int, height: int) -> 
     outside = (events["x"] >= width) | (events["y"] >= height)
     if outside.any():
         bad = events[outside][0]
-        fault(source, "pixel", (int(bad["x"]), int(bad["y"])), f"one of {width} x {height}")
+        raise bad_input(source, "pixel", (int(bad["x"]), int(bad["y"])), f"one of {width} x {height}")

@@ -14,8 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .._library import PecsError, PecsInputError, PecsOutputError, version
-from ..datasets.files import write_json, write_text, write_whole
+from .._errors import ExitCode, PecsError, PecsInputError, PecsOutputError
+from .._files import write_json, write_text, write_whole
+from .._library import version
 from .clips import Augmentation, ClipConfig, Clips, Recording
 from .losses import ms_ssim, temporal
 from .lpips import Lpips
@@ -113,7 +114,7 @@ def train(
     lpips = Lpips(lpips_weights, device) if lpips_weights else None
     if lpips and config.clips.crop < lpips.least_px:
         wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.trunk.name}"
-        raise PecsInputError(f"clips: got {config.clips.crop} px, wanted {wanted}", 2)
+        raise PecsInputError(f"clips: got {config.clips.crop} px, wanted {wanted}", ExitCode.USAGE)
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
     _claim(run, config)
     torch.manual_seed(config.seed)
@@ -157,7 +158,9 @@ def _check_device(name: str) -> None:
         torch.empty(1, device=name)
     except Exception as e:  # of many kinds
         why = str(e).splitlines()[0]
-        raise PecsInputError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}", 2) from None
+        raise PecsInputError(
+            f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}", ExitCode.USAGE
+        ) from None
 
 
 def _claim(run: Path, config: TrainConfig) -> None:
@@ -167,7 +170,7 @@ def _claim(run: Path, config: TrainConfig) -> None:
         for key in wanted:
             if there[key] != wanted[key]:
                 got = f"{key}: got {there[key]!r}, wanted {wanted[key]!r}"
-                raise PecsOutputError(f"{run / CONFIG}: {got}, or another folder", 5)
+                raise PecsOutputError(f"{run / CONFIG}: {got}, or another folder")
         return
     write_json(run / CONFIG, {"config": wanted, "versions": {"pecs": version(), "torch": torch.__version__}})
 
@@ -191,7 +194,7 @@ def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
     except Exception as e:  # of many kinds
         why = " ".join(str(e).split())
         kind = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
-        raise PecsInputError(f"{path}: {why if len(why) < 160 else why[:157] + '...'}, wanted {kind}", 4) from None
+        raise PecsInputError(f"{path}: {why if len(why) < 160 else why[:157] + '...'}, wanted {kind}") from None
     return found
 
 

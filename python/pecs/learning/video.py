@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._library import PecsOutputError
-from ..datasets._check import library
-from ..datasets.files import png_bytes, write_whole
+from .._errors import PecsOutputError, optional_module
+from .._files import write_whole
+from ..datasets.files import png_bytes
 
 LOW, HIGH = 1.0, 99.0  # percent of the pixels that end black and white
 FOLLOW = 0.2  # share of a new picture in the range that is shown
@@ -38,16 +38,16 @@ class VideoWriter:
         self.path, self.count = path, 0
         self._video: Any = None
         if path.suffix.lower() == ".mp4":
-            cv2 = library("cv2", "opencv-python-headless", "writing video", "learning")
+            cv2 = optional_module("cv2", "opencv-python-headless", "writing video", "learning")
             self._partial = path.with_name(f"{path.stem}.partial.mp4")  # its end tells OpenCV what it is
             self._video = cv2.VideoWriter(str(self._partial), cv2.VideoWriter_fourcc(*"mp4v"), fps, (width, height))
             if not self._video.isOpened():
-                raise PecsOutputError(f"{path}: cannot be written", 5)
+                raise PecsOutputError(f"{path}: cannot be written")
         elif path.suffix:
-            raise PecsOutputError(f"{path}: got {path.suffix}, wanted .mp4, or a folder for PNG", 5)
+            raise PecsOutputError(f"{path}: got {path.suffix}, wanted .mp4, or a folder for PNG")
         else:
             if path.exists():
-                raise PecsOutputError(f"{path}: is there already", 5)
+                raise PecsOutputError(f"{path}: is there already")
             self._partial = path.with_name(f"{path.name}.partial")
             shutil.rmtree(self._partial, ignore_errors=True)
 
@@ -73,4 +73,4 @@ class VideoWriter:
             try:
                 self._partial.replace(self.path)
             except OSError as e:
-                raise PecsOutputError(f"{self.path}: cannot be written: {e.strerror}", 5) from None
+                raise PecsOutputError(f"{self.path}: cannot be written: {e.strerror}") from None

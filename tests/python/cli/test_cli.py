@@ -10,7 +10,7 @@ import pecs
 import pytest
 from pecs import _command, demo
 from pecs._arguments import Quantity
-from pecs._command import Line
+from pecs._progress import Line
 from pecs_blender.render.progress import Progress
 from support import load_script
 

@@ -143,19 +143,19 @@ def camera(i, **values):
     "edit, wanted",
     [
         (lambda info: info.update(format=2), "format: got 2, wanted 1"),
-        (lambda info: info.pop("cameras"), "cameras: missing, wanted a list"),
-        (lambda info: info.update(duration_us=0), "duration_us: got 0, wanted an integer >= 1"),
-        (camera(1, name="left"), "cameras[1].name: got 'left', wanted a folder's name that no other camera has"),
-        (camera(0, name="../left"), "cameras[0].name: got '../left'"),
-        (camera(0, kind="lidar"), "cameras[0].kind: got 'lidar', wanted 'events' or 'rgb'"),
-        (camera(0, width=True), "cameras[0].width: got True"),
-        (camera(0, K=[[1, 0], [0, 1]]), "cameras[0].K: got [[1, 0], [0, 1]], wanted 3x3 finite numbers"),
-        (camera(0, K="x"), "cameras[0].K: got 'x'"),
+        (lambda info: info.pop("cameras"), "cameras: got nothing, wanted a list"),
+        (lambda info: info.update(duration_us=0), "duration_us: got 0, wanted a whole number >= 1"),
+        (camera(1, name="left"), 'cameras[1].name: got "left", wanted a folder\'s name that no other camera has'),
+        (camera(0, name="../left"), 'cameras[0].name: got "../left"'),
+        (camera(0, kind="lidar"), 'cameras[0].kind: got "lidar", wanted one of events, rgb'),
+        (camera(0, width=True), "cameras[0].width: got true"),
+        (camera(0, K=[[1, 0], [0, 1]]), "cameras[0].K: got [[1, 0], [0, 1]], wanted 3 x 3 finite numbers"),
+        (camera(0, K="x"), 'cameras[0].K: got "x"'),
         (camera(0, R_rect=(2 * np.eye(3)).tolist()), "cameras[0].R_rect: got "),
         (camera(0, distortion=[0.1]), "cameras[0].distortion: got [0.1], wanted 4, 5, 8, 12 or 14"),
-        (camera(0, partner="rgb"), "camera left: partner: got 'rgb'"),
-        (camera(3, pixels_of="rgb"), "camera frame: pixels_of: got 'rgb', wanted a camera of the same place"),
-        (camera(0, baseline_m=None), "camera left: baseline_m: got None, wanted metres"),
+        (camera(0, partner="rgb"), "camera left: partner: got rgb"),
+        (camera(3, pixels_of="rgb"), "camera frame: pixels_of: got rgb, wanted a camera of the same place"),
+        (camera(0, baseline_m=None), "camera left: baseline_m: got null, wanted metres"),
     ],
 )
 def test_what_sequence_json_says_wrong(broken, edit, wanted):
@@ -184,19 +184,19 @@ def test_what_other_files_say_wrong(broken):
     np.save(broken / "left" / "causes.npy", np.full(len(left.objects()), 9, "u1"))
     fails(left.causes, "causes.npy: greatest value: got 9, wanted less than 4")
     np.save(broken / "left" / "objects.npy", np.zeros(3))
-    fails(left.objects, "objects.npy: dtype: got dtype('float64'), wanted <u2")
+    fails(left.objects, "objects.npy: dtype: got float64, wanted <u2")
     np.save(broken / "left" / "rectify_map.npy", np.zeros((72, 95, 2), np.float32))
-    fails(left.rectify_map, "rectify_map.npy: shape: got (72, 95, 2), wanted (72, 96, 2)")
+    fails(left.rectify_map, "rectify_map.npy: shape: got [72, 95, 2], wanted [72, 96, 2]")
     spoil(broken / "left" / "truth" / "objects.json", '"class_id": 1', '"class_id": 7')
     fails(lambda: left.truth.boxes(0), "objects[0].class_id: got 7")
     (broken / "rgb" / "rgb" / "000003.png").unlink()
     fails(rgb.frames, "000003.png: no such file", pecs.PecsNotFoundError)
     spoil(broken / "rgb" / "rgb.csv", "1,27500", "2,27500")
-    fails(rgb.frames, "rgb.csv: line 3: got (2, 27500, 32500), wanted index 1")
+    fails(rgb.frames, "rgb.csv: line 3: got [2, 27500, 32500], wanted index 1")
     spoil(broken / "imu.csv", "-9.81", "nan")
-    fails(Sequence(broken).imu, "imu.csv: line 2: got '0,0,0,0,0,nan,0', wanted 7")
+    fails(Sequence(broken).imu, 'imu.csv: line 2: got "0,0,0,0,0,nan,0", wanted 7')
     spoil(broken / "poses.txt", "\n0.002 ", "\n0.0005 ")
-    fails(Sequence(broken).poses, "poses.txt: line 4: time: got '0.0005'")
+    fails(Sequence(broken).poses, 'poses.txt: line 4: time: got "0.0005"')
     (broken / "left" / "events.h5").unlink()
     fails(left.events, "events.h5: no such file", pecs.PecsNotFoundError)
     fails(lambda: rgb.truth, "truth/stack.json: no such file", pecs.PecsNotFoundError)

@@ -1,8 +1,6 @@
 """EXR stacks through Python: round trip, resume, other software's reader, damage."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pecs
@@ -212,17 +210,6 @@ def test_colour_science_reads_our_frames(tmp_path):
     wavelengths, image = components["S0"]
     np.testing.assert_allclose(wavelengths, [486.25, 550])
     np.testing.assert_allclose(np.moveaxis(image, -1, 0), values, rtol=2**-12)
-
-
-def test_works_after_bpy(tmp_path):
-    """bpy brings a libtbb.so.12 and an OpenEXR of its own."""
-    pytest.importorskip("bpy")
-    code = (
-        "import bpy, numpy as np, json, sys\nfrom pecs.stack import StackWriter, read_frame\n"
-        "s = StackWriter(sys.argv[1], json.loads(sys.argv[2]))\n"
-        "s.write_frame(0, np.ones((2, 17, 20), np.float32))\nassert read_frame(sys.argv[1], 0).sum() == 680\n"
-    )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path), json.dumps(stack_json())], check=True)
 
 
 def test_subpixels_are_averaged_for_the_sensor(tmp_path):

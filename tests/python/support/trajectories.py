@@ -1,7 +1,7 @@
 """Parameters of a gentle trajectory of each kind."""
 
 import numpy as np
-from pecs.datasets import poses
+from pecs import _poses as poses
 
 VOLUME = [[-2, -2, -1], [2, 2, 1]]
 FLAT = [[-2, -2, 0.2], [2, 2, 0.2]]

@@ -20,11 +20,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..._library import PecsInputError
-from .._check import cannot_write
+from ..._errors import ExitCode, PecsInputError, PecsOutputError
 from ..sequence import Sequence
-
-_USAGE = 2
 
 # Name -> what it is, in a few words.
 WRITERS = {
@@ -53,15 +50,15 @@ def write(
     cannot be written.
     """
     if name not in WRITERS:
-        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}", _USAGE)
+        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}", ExitCode.USAGE)
     if not sequences:
-        raise PecsInputError(f"{name}: got no sequences", _USAGE)
+        raise PecsInputError(f"{name}: got no sequences", ExitCode.USAGE)
     names = [s.name for s in sequences]
     if len(set(names)) != len(names):
-        raise PecsInputError(f"{name}: sequences: got a name twice in {', '.join(names)}", _USAGE)
+        raise PecsInputError(f"{name}: sequences: got a name twice in {', '.join(names)}", ExitCode.USAGE)
     folder = Path(folder)
     if folder.exists() and not replace:
-        cannot_write(folder, "exists")
+        raise PecsOutputError(f"{folder}: exists")
     partial = folder.with_name(folder.name + ".partial")
     writer = importlib.import_module(f".{name}", __name__)
     try:
@@ -73,9 +70,9 @@ def write(
             shutil.rmtree(folder)
         partial.rename(folder)
     except PermissionError as e:
-        cannot_write(Path(e.filename or folder), "permission denied")
+        raise PecsOutputError(f"{e.filename or folder}: permission denied") from None
     except OSError as e:
         if hasattr(e, "code"):  # one of ours
             raise
-        cannot_write(folder, e)
+        raise PecsOutputError(f"{folder}: {e}") from None
     return report

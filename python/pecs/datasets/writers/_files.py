@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import library
+from ..._errors import optional_module
 from ..event_file import EventFile
 from ..files import png_bytes
 
@@ -56,7 +56,7 @@ class _Sink(io.RawIOBase):
 
 @contextmanager
 def hdf5(path: Path) -> Iterator[Any]:
-    h5py = library("h5py", "h5py", f"writing {path.name}")
+    h5py = optional_module("h5py", "h5py", f"writing {path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
     sink = _Sink(path)
     try:
@@ -121,7 +121,7 @@ def write_png(path: Path, picture: NDArray[Any]) -> None:
 
 def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Luma of BT.601, as OpenCV's."""
-    cv2 = library("cv2", "opencv-python-headless", "reading pictures")
+    cv2 = optional_module("cv2", "opencv-python-headless", "reading pictures")
     out: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
     return out
 

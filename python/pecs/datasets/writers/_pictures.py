@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import library
+from ..._errors import optional_module
 
 
 def event_picture(events: NDArray[Any], height: int, width: int) -> NDArray[np.uint8]:
@@ -31,7 +31,7 @@ def smaller(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     """At most `width` pixels wide, averaged over areas."""
     if picture.shape[1] <= width:
         return picture
-    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
+    cv2 = optional_module("cv2", "opencv-python-headless", "writing pictures")
     height = max(1, round(picture.shape[0] * width / picture.shape[1]))
     out: NDArray[np.uint8] = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     return out

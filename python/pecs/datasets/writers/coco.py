@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import library
+from ..._errors import optional_module
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from ._files import write_json, write_png
@@ -74,7 +74,7 @@ def _add_camera(
     min_px: int,
     report: Report,
 ) -> None:
-    mask = library("pycocotools.mask", "pycocotools", "writing COCO")
+    mask = optional_module("pycocotools.mask", "pycocotools", "writing COCO")
     for i, picture in _pictures(camera):
         image_id = len(coco["images"]) + 1
         name = f"images/{camera.name}/{sequence.name}_{i:06d}.png"

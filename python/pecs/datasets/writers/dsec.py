@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._library import PecsInputError
+from ..._errors import PecsInputError
 from ..files import read_picture
 from ..rectify import Rectifier, Stereo
 from ..sequence import Camera, Sequence
@@ -58,7 +58,7 @@ def roles(sequence: Sequence) -> dict[str, Camera]:
         elif cameras:
             out[left] = cameras[0]
     if "cam0" not in out:
-        raise PecsInputError(f"{sequence.folder}: got no event camera, wanted one or a stereo pair", 4)
+        raise PecsInputError(f"{sequence.folder}: got no event camera, wanted one or a stereo pair")
     return out
 
 
@@ -113,7 +113,7 @@ def _write_images(folder: Path, cameras: dict[str, Camera], sequence: Sequence, 
         times.append([int(frame.middle_us) for frame in frames])
         report.count(sequence.name, images=len(frames))
     if len(times) == 2 and times[0] != times[1]:
-        raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same", 4)
+        raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same")
     if times:
         write_lines(folder / "timestamps.txt", [str(t) for t in times[0]])
 

@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._library import PecsInputError
-from .._check import library
+from ..._errors import PecsInputError, optional_module
 from ..files import npy_bytes, read_picture
 from ..rectify import Lens
 from ..sequence import Camera, Sequence
@@ -40,7 +39,7 @@ def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -
     """flow_us: as of `dsec`. Classes of other names than dsec-det's eight get numbers behind them."""
     numbers = class_numbers(sequences, CLASSES)
     if len(numbers) > 256:
-        raise PecsInputError(f"dsec_detection: classes: got {len(numbers)}, wanted at most 256", 4)
+        raise PecsInputError(f"dsec_detection: classes: got {len(numbers)}, wanted at most 256")
     report = dsec.write(sequences, folder, flow_us)
     report.more["classes"] = numbers
     write_json(folder / "classes.json", numbers)
@@ -89,7 +88,7 @@ def _far_map(events: Camera, pictures: Camera) -> NDArray[np.float32]:
 
 
 def _write_distorted(folder: Path, events: Camera, pictures: Camera) -> None:
-    cv2 = library("cv2", "opencv-python-headless", "writing pictures")
+    cv2 = optional_module("cv2", "opencv-python-headless", "writing pictures")
     at = _far_map(events, pictures)
     for i, frame in enumerate(pictures.frames()):
         write_png(folder / f"{i:06d}.png", cv2.remap(read_picture(frame.path), at, None, cv2.INTER_CUBIC))

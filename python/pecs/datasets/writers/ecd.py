@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import events as event_io
+from ..._poses import position_quaternion, write_euroc_imu
 from ..files import npy_bytes, read_picture
-from ..poses import position_quaternion, write_euroc_imu
 from ..sequence import Camera, Sequence
 from ._files import BLOCK, grey, write_lines, write_png
 from ._frames import NO_FRAMES, event_cameras, frames_of

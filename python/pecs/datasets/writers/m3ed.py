@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._library import PecsInputError
+from ..._errors import PecsInputError
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from . import dsec
@@ -96,7 +96,7 @@ def _put_pictures(file: Any, cameras: dict[str, Camera], sequence: Sequence, rep
             put(file, "ovc/ts_map_prophesee_left_t", _first_events(cameras["cam0"], times))
             report.count(sequence.name, pictures=len(frames))
         elif not np.array_equal(times, file["ovc/ts"][:]):
-            raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same", 4)
+            raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same")
 
 
 def _first_events(camera: Camera, times_us: NDArray[Any]) -> NDArray[np.uint64]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import events as event_io
-from ..._library import PecsInputError
+from ..._errors import PecsInputError
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
 from ._files import BLOCK, hdf5, put, put_events, write_json

@@ -1,5 +1,4 @@
-"""Poses: rotations, interpolation, and the files of TUM and EuRoC, read strictly and written so that they read back bit
-by bit.
+"""Poses: rotations, interpolation, and the files of TUM and EuRoC, which read back bit by bit.
 
 Quaternions are (x y z w), world_from_body; [4, 4] matrices map body points to the world. TUM rows are
 `t_s tx ty tz qx qy qz qw`; EuRoC csv has nanoseconds and the quaternion's w first.
@@ -15,9 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._library import PecsInputError
-from ._check import existing, fault
-from .files import write_text
+from ._errors import PecsInputError, bad_input, existing, shown
+from ._files import read_text, write_text
 
 TUM_HEADER = "# t_s tx ty tz qx qy qz qw"
 EUROC_IMU_HEADER = (
@@ -25,11 +23,8 @@ EUROC_IMU_HEADER = (
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
 )
 EUROC_POSE_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+MAX_BYTES = 1 << 28
 UNIT_TOLERANCE = 1e-2  # of a quaternion's length: files have few digits
-
-
-def bad_input(message: str) -> PecsInputError:
-    return PecsInputError(message, 4)  # docs/reference/exit_codes.md
 
 
 def matrix_from_quaternion(q: ArrayLike) -> NDArray[np.float64]:
@@ -113,7 +108,9 @@ def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray
     same unit of time. Raises ValueError outside the times."""
     at, times = np.asarray(at, float), np.asarray(times, float)
     if at.size and (at.min() < times[0] or at.max() > times[-1]):
-        raise bad_input(f"poses: got {at.min():g} to {at.max():g}, wanted times within {times[0]:g} to {times[-1]:g}")
+        raise PecsInputError(
+            f"poses: got {at.min():g} to {at.max():g}, wanted times within {times[0]:g} to {times[-1]:g}"
+        )
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(len(times) - 2, 0))
     j = np.minimum(i + 1, len(times) - 1)
     f = (at - times[i]) / np.where(j > i, times[j] - times[i], 1.0)
@@ -170,15 +167,11 @@ def _write(path: str | PathLike, lines: list[str]) -> None:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and text of every line that is no comment."""
-    existing(path, "a file of poses or of an IMU")
-    try:
-        text = path.read_text(errors="replace")
-    except OSError as e:
-        raise bad_input(f"{path}: {e.strerror}, wanted text") from None
+    """Number and text of every line with content; `#` begins a comment."""
+    text = read_text(existing(path, "a file of poses or of an IMU"), MAX_BYTES)
     for number, line in enumerate(text.splitlines(), 1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            yield number, line
+        if content := line.partition("#")[0].strip():
+            yield number, content
 
 
 def _table(path: Path, comma: str | None, columns: int, names: str, more: bool = False) -> NDArray[np.float64]:
@@ -191,12 +184,12 @@ def _table(path: Path, comma: str | None, columns: int, names: str, more: bool =
         except ValueError:
             row = []
         if not (len(row) == columns or more and len(row) > columns) or not all(map(math.isfinite, row)):
-            fault(path, f"line {number}", line.strip(), f"{columns} finite numbers: {names}")
+            raise bad_input(path, f"line {number}", shown(line), f"{columns} finite numbers: {names}")
         if rows and row[0] <= rows[-1][0]:
-            fault(path, f"line {number}: time", words[0].strip(), "a time after the one before")
+            raise bad_input(path, f"line {number}: time", shown(words[0]), "a time after the one before")
         rows.append(row[:columns])
     if not rows:
-        fault(path, "rows", 0, f"at least one of {names}")
+        raise bad_input(path, "rows", 0, f"at least one of {names}")
     return np.array(rows)
 
 
@@ -206,7 +199,7 @@ def _nanoseconds(path: Path) -> NDArray[np.int64]:
     for number, line in _lines(path):
         word = line.split(",")[0].strip()
         if not word.isdigit():
-            fault(path, f"line {number}: time", word, "whole nanoseconds")
+            raise bad_input(path, f"line {number}: time", shown(word), "whole nanoseconds")
         times.append(int(word))
     return np.array(times, np.int64)
 
@@ -216,6 +209,8 @@ def _unit_quaternions(path: Path, q: NDArray[np.float64]) -> NDArray[np.float64]
     wrong = np.flatnonzero(np.abs(length - 1) > UNIT_TOLERANCE)
     if len(wrong):
         number = [n for n, _ in _lines(path)][wrong[0]]
-        fault(path, f"line {number}: length of the quaternion", float(length[wrong[0]]), "1")
+        raise bad_input(
+            path, f"line {number}: length of the quaternion", float(length[wrong[0]]), f"1 within {UNIT_TOLERANCE:g}"
+        )
     exact = np.abs(length - 1) < 1e-12  # as written: bits stay
     return np.where(exact[:, None], q, q / length[:, None])
