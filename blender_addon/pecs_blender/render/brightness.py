@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What probe.py has found, in words. `say` translates a text, and puts values into its {names}."""
+"""The measurements of probe.py as rows of text. `say` translates a text and inserts values for its {names}."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 Say = Callable[..., str]
 
 _LINES = (
-    ("lux", "light on what is in view", "lux", 1.0),
+    ("lux", "illuminance in view", "lux", 1.0),
     ("luminance_cd_m2", "luminance", "cd/m2", 1.0),
     ("photocurrent_a", "photocurrent", "pA", 1e12),
-    ("corner_hz", "photoreceptor's corner", "Hz", 1.0),
+    ("corner_hz", "photoreceptor bandwidth", "Hz", 1.0),
 )
 
 
@@ -21,8 +21,8 @@ def _plain(text: str, **values: Any) -> str:
 
 
 def light_rows(found: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
-    """(what, "MEDIAN UNIT (P5 to P95)"). scale: how much brighter all is now; the corner goes with it, but for dark
-    current."""
+    """Pairs of name and "MEDIAN UNIT (P5 to P95)". scale: factor on the light since the measurement; the bandwidth is
+    scaled with it, neglecting the dark current."""
     rows = []
     for name, what, unit, factor in _LINES:
         if spread := found[name]:
@@ -30,15 +30,15 @@ def light_rows(found: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> 
             text = "{middle} {unit} ({low} to {high})"
             rows.append((say(what), say(text, middle=middle, unit=unit, low=low, high=high)))
         else:
-            missing = "no surface in view scatters any" if name == "lux" else "the camera has no f-number: --fnumber"
+            missing = "no diffuse surface in view" if name == "lux" else "the camera has no f-number; set --fnumber"
             rows.append((say(what), say(missing)))
     if found["noise_thresholds"] is not None:
         text = "{noise} contrast thresholds with {samples} samples"
         noise = say(text, noise=_number(found["noise_thresholds"]), samples=found["samples"])
-        rows.append((say("noise of the light"), noise))
+        rows.append((say("render noise"), noise))
     if found["events_per_s"] is not None and scale == 1:
         rate = say("{events} per second, without noise", events=_number(found["events_per_s"]))
-        rows.append((say("events expected"), rate))
+        rows.append((say("expected events"), rate))
     return rows
 
 
