@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import bpy
+import pecs
 from bpy.props import IntProperty, StringProperty
 
 from ..render.errors import RenderError
@@ -110,8 +111,6 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
     bl_label = "Draw Lens"
 
     def execute(self, context):
-        import pecs
-
         s = context.scene.pecs
         path = Path(bpy.app.tempdir, f"{Path(s.lens).stem}.svg")
         try:

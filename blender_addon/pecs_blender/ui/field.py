@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import pecs
 
 SIDE = 12  # steps along a side of the film
 
@@ -60,8 +61,6 @@ def around(width: int, height: int) -> np.ndarray:
 @lru_cache(32)
 def field(setting: Setting) -> Field:
     """Takes 0.25 s. Raises pecs.PecsError for an invalid lens or setting."""
-    import pecs
-
     s = setting
     film_height_mm = s.film_width_mm * s.height / s.width
     stop = {"focus_m": s.focus_m, "fnumber": s.fnumber}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import pecs
 
 from ..render.chip import Chip, load_chip
 from .preferences import own_folder
@@ -20,8 +21,6 @@ SCENES_CAMERA = "none"  # value of the lens setting for the scene's own camera
 
 def names(kind: str) -> list[tuple[str, str]]:
     """Names and descriptions. kind: "lens" or "chip"."""
-    import pecs
-
     own = own_folder(kind)
     folders = [pecs.data_dir(_FOLDERS[kind]), *([own] if own else [])]
     files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
@@ -39,8 +38,6 @@ def _description(path: Path, _version: int) -> str:
 
 @lru_cache
 def _stems(folder: str, pattern: str = "*.json") -> list[str]:
-    import pecs
-
     folder = pecs.data_dir(folder)
     return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.glob(pattern))
 
@@ -112,7 +109,5 @@ def _chip(path: str, _version: int) -> Chip:
 
 @lru_cache(maxsize=64)
 def _lens_info(path: str, _version: int, setting: tuple) -> dict[str, Any]:
-    import pecs
-
     with pecs.Lens(path) as lens:
         return lens.info(**dict(setting))

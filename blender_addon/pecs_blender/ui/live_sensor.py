@@ -6,12 +6,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import pecs
+import pecs
 
 RGB_NM = (610.0, 550.0, 465.0)  # as pecs sense takes R, G and B (docs/reference/sensor.md)
 MAX_WALL_S = 0.1  # longer pauses count as this
@@ -95,8 +92,6 @@ class LiveSensor:
         seed: int = 1,
         threads: int = 1,
     ):
-        import pecs
-
         overrides = {"dark_current_a": DARK_A} if chip == QUICK else {}
         if threshold:
             overrides |= {"contrast_threshold_on": threshold, "contrast_threshold_off": threshold}
@@ -168,8 +163,6 @@ class EventRecording:
     """Writes events to FILE.partial, renamed to FILE when complete."""
 
     def __init__(self, path: Path, width: int, height: int):
-        import pecs
-
         self.path, self.count = path, 0
         self._begin_us: int | None = None
         self._writer = pecs.EventWriter(path, width, height)

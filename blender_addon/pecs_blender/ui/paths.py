@@ -7,6 +7,7 @@ import webbrowser
 from pathlib import Path
 
 import bpy
+import pecs
 
 from .interface import say
 from .preferences import preferences
@@ -48,6 +49,4 @@ def open_outside(path: Path) -> str:
 
 
 def extension(event_format: str) -> str:
-    import pecs
-
     return next((f["extensions"][0] for f in pecs.event_formats() if f["name"] == event_format), ".raw")

@@ -8,6 +8,7 @@ from functools import cache
 from zlib import crc32
 
 import bpy
+import pecs
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -143,15 +144,11 @@ def _forget_version(self, _context) -> None:
 
 @cache  # Blender requires the same string objects at each call
 def _model_items() -> list[tuple]:
-    import pecs
-
     return [_item(m["name"], m["name"], m["source"]) for m in pecs.models()]
 
 
 @cache
 def _format_items() -> list[tuple]:
-    import pecs
-
     known = [_item(f["name"], f["name"], f["description"]) for f in pecs.event_formats() if f["writes"]]
     return [("auto", "From File Name", "The file extension sets the format", 0), *known]
 
@@ -376,8 +373,6 @@ def exists_words(scene: bpy.types.Scene) -> list[str]:
 def parameters(settings) -> dict[str, dict]:
     """Parameters of the chip and of the pixel model: {key: {"unit", "value", "range": (min, max)}}. Raises
     pecs.PecsError for an invalid chip."""
-    import pecs
-
     values = library.chip(settings.chip).profile.info["values"]
     known = {key: {**entry, "of": "chip"} for key, entry in values.items()}
     model = next((m for m in pecs.models() if m["name"] == settings.sensor.model), {"parameters": []})
