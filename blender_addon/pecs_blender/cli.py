@@ -11,6 +11,8 @@ import time
 from pathlib import Path
 from typing import NoReturn
 
+from pecs._progress import report
+
 from .render import programs, stop, streams
 from .render.arguments import Parser, Quantity, account
 from .render.brightness import light_words
@@ -207,7 +209,7 @@ def _render(args: dict) -> Path:
             exists = "overwrite" if overwrite else "new" if new_version else "continue"
             folder = render(source, output, options, exists, plan_only)
     if folder != output:
-        print(f"render: into {folder}", file=sys.stderr, flush=True)
+        report(f"render: into {folder}", folder=str(folder))
     return folder
 
 

@@ -4,11 +4,25 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <cstdlib>
+#include <string_view>
 
 namespace pecs {
+namespace {
 
-Progress::Progress(std::string what, std::uint64_t total, bool quiet)
-    : what_(std::move(what)), total_(total), terminal_(isatty(STDERR_FILENO) != 0), quiet_(quiet) {}
+bool wants_json() {
+  const char* form = std::getenv("PECS_PROGRESS");
+  return form && std::string_view(form) == "json";
+}
+
+}  // namespace
+
+Progress::Progress(std::string task, std::uint64_t total, bool quiet)
+    : task_(std::move(task)),
+      total_(total),
+      json_(wants_json()),
+      terminal_(!json_ && isatty(STDERR_FILENO) != 0),
+      quiet_(quiet) {}
 
 Progress::~Progress() {
   if (terminal_ && drawn_) std::fputc('\n', stderr);
@@ -21,23 +35,35 @@ void Progress::at(std::uint64_t done) {
   const double elapsed_s = std::chrono::duration<double>(now - start_).count();
   const double fraction = total_ ? static_cast<double>(done_) / static_cast<double>(total_) : 0.0;
   const double left_s = fraction > 0 ? elapsed_s * (1 - fraction) / fraction : 0.0;
-  if (terminal_) {
+  if (json_ || terminal_) {
     if (now - last_draw_ < std::chrono::milliseconds(100) && done_ != total_) return;
     last_draw_ = now;
+  }
+  if (json_) {
+    print_json(left_s);
+  } else if (terminal_) {
     drawn_ = true;
     const int filled = static_cast<int>(fraction * 30);
     if (total_)
-      fmt::print(stderr, "\r{} [{:#<{}}{:.<{}}] {}/{} {:.0f} s left \033[K", what_, "", filled, "", 30 - filled, done_,
+      fmt::print(stderr, "\r{} [{:#<{}}{:.<{}}] {}/{} {:.0f} s left \033[K", task_, "", filled, "", 30 - filled, done_,
                  total_, left_s);
     else
-      fmt::print(stderr, "\r{} {}\033[K", what_, done_);
+      fmt::print(stderr, "\r{} {}\033[K", task_, done_);
     std::fflush(stderr);
   } else if (total_) {
     const int tenth = static_cast<int>(fraction * 10);
     if (tenth <= last_tenth_) return;
     last_tenth_ = tenth;
-    fmt::print(stderr, "{}: {}/{}, {:.0f} s left\n", what_, done_, total_, left_s);
+    fmt::print(stderr, "{}: {}/{}, {:.0f} s left\n", task_, done_, total_, left_s);
   }
+}
+
+void Progress::print_json(double left_s) const {
+  if (total_)
+    fmt::print(stderr, "{{\"progress\": \"{}\", \"done\": {}, \"total\": {}, \"left_s\": {:.1f}}}\n", task_, done_,
+               total_, left_s);
+  else
+    fmt::print(stderr, "{{\"progress\": \"{}\", \"done\": {}}}\n", task_, done_);
 }
 
 }  // namespace pecs

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pecs._progress import Progress
 
 from . import keyframes, layers, stop
 from .between import Between, Interval
@@ -19,7 +20,6 @@ from .judge import Judge
 from .options import Options
 from .output import Output, as_written
 from .plan import Timeline
-from .progress import Progress
 from .resources import Restart, resident_mb
 from .shared import shared
 from .still import ANCHOR_EVERY, Frames

@@ -9,12 +9,12 @@ from pathlib import Path
 import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
+from pecs._progress import Progress
 from pecs.learning.reconstruct import Filter, windows
 
 from . import stop
 from .cycles import quiet as no_words
 from .errors import USAGE, RenderError, bad_input
-from .progress import Progress
 
 MOST_PICTURES = 100_000
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy  # before pecs: both carry libtbb.so.12
 import numpy as np
 import pecs
+from pecs._progress import Progress
 
 from . import adaptive, cycles, layers, lens, noise, stop
 from .camera_path import read_camera_path
@@ -23,7 +24,6 @@ from .options import Options
 from .output import Output
 from .plan import Timeline, passes, timeline
 from .probe import light_scale
-from .progress import Progress
 from .resources import BYTES_PER_VALUE, Restart, check_disk, peak_mb, readable, resident_mb
 from .source import Source
 from .spectra import spectrum

@@ -4,34 +4,26 @@ operator, so that it continues when another file is opened."""
 
 from __future__ import annotations
 
-import ctypes
+import json
+import os
 import re
-import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
+from pecs._child import mortal
+from pecs._errors import ExitCode
 
 from .interface import redraw, say
 
 POLL_S, STATUS_S = 0.2, 1.0  # interval of polls, and of redraws of the status bar
-STOPPED = (130, 143, -15, -9)  # docs/reference/exit_codes.md; by signal before its handler is installed
-PHASES = {"render": "Render", "sense": "Simulate", "reconstruct": "Video"}  # by what a program calls its work
+STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
 READ_S = 2.0  # timeout for the remaining output of a process that has ended
 MAX_LINES = 10_000  # kept of standard output
-PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
-
-
-def _die_with_us() -> None:
-    """Nobody would stop a job whose Blender was killed (Linux, prctl(2)); exec keeps it."""
-    if hasattr(_libc, "prctl"):
-        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def clock(seconds: float) -> str:
@@ -40,10 +32,19 @@ def clock(seconds: float) -> str:
     return f"{hours}:{minutes:02}:{s:02}" if hours else f"{minutes}:{s:02}"
 
 
+def _json_object(line: str) -> dict:
+    """Empty if the line is not a JSON object."""
+    try:
+        return json.loads(line) if line.startswith("{") else {}
+    except ValueError:
+        return {}
+
+
 @dataclass
 class BackgroundJob:
     """label: name in the panel. done: makes the message of success. for_file: the result belongs to the open file, so
-    that opening another one stops the job. continues: a stopped job resumes when it is run again."""
+    that opening another one stops the job. continues: a stopped job resumes when it is run again. tasks: labels of the
+    tasks in its JSON progress lines (docs/reference/exit_codes.md) that differ from the job's label."""
 
     label: str
     command: list[str]
@@ -51,19 +52,16 @@ class BackgroundJob:
     done: Callable[[BackgroundJob], str]
     for_file: bool = False
     continues: bool = False
+    tasks: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
         self.last_line, self.progress, self.answer, self.folder = "", 0.0, [], self.output
-        self._said, self._phase, self._left_s, self._left_at, self._stopping = "", "", None, 0.0, False
+        self._error, self._task, self._left_s, self._left_at, self._stopping = "", "", None, 0.0, False
         self._start = time.monotonic()
         pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        self._process = subprocess.Popen(
-            self.command,
-            **pipes,
-            text=True,
-            errors="replace",
-            preexec_fn=_die_with_us if sys.platform == "linux" else None,
-        )
+        environment = os.environ | {"PECS_PROGRESS": "json"}
+        command = mortal(self.command)  # no job survives its Blender
+        self._process = subprocess.Popen(command, env=environment, text=True, errors="replace", **pipes)
         readers = ((self._read, self._process.stderr), (self._read_answer, self._process.stdout))
         self._readers = [threading.Thread(target=read, args=(stream,), daemon=True) for read, stream in readers]
         for reader in self._readers:
@@ -71,14 +69,19 @@ class BackgroundJob:
 
     def _read(self, stream) -> None:
         for line in stream:
-            if found := re.match(r"pecs\w*: (.*)", line):  # what Blender says at its end does not count
-                self._said, line = found[1], ""
-            self.last_line = self._said or line.strip() or self.last_line
-            if found := re.match(r"([\w-]+): (\d+)(?:/| of )(\d+)(?:, (\d+) s left)?", line):
-                self._phase, self.progress = found[1], int(found[2]) / max(1, int(found[3]))
-                self._left_s, self._left_at = found[4] and float(found[4]), time.monotonic()
-            elif found := re.match(r"render: into (.*)", line):
-                self.folder = Path(found[1])
+            if status := _json_object(line):
+                self._take_status(status)
+                continue
+            if found := re.match(r"pecs\w*: (.*)", line):  # an error; later lines of Blender do not replace it
+                self._error = found[1]
+            self.last_line = self._error or line.strip() or self.last_line
+
+    def _take_status(self, status: dict) -> None:
+        if "folder" in status:
+            self.folder = Path(status["folder"])
+        if status.get("total"):
+            self._task, self.progress = status["progress"], status["done"] / status["total"]
+            self._left_s, self._left_at = status.get("left_s"), time.monotonic()
 
     def _read_answer(self, stream) -> None:
         for line in stream:
@@ -91,8 +94,8 @@ class BackgroundJob:
         now = time.monotonic()
         if self._stopping:
             return say("{job}: stopping", job=say(self.label))
-        begun = f"{say(PHASES.get(self._phase, self.label))} {self.progress:.0%}"
-        parts = [begun if self._phase else say("{job}: starting", job=say(self.label))]
+        begun = f"{say(self.tasks.get(self._task, self.label))} {self.progress:.0%}"
+        parts = [begun if self._task else say("{job}: starting", job=say(self.label))]
         if self._left_s is not None and self.progress < 1:
             parts.append(say("{time} left", time=clock(self._left_s - (now - self._left_at))))
         return ", ".join([*parts, say("{time} so far", time=clock(now - self._start))])
@@ -114,6 +117,7 @@ class BackgroundJob:
 class _State:
     job: BackgroundJob | None = None
     message, is_error = "", False  # result of the last job
+    offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
     status_at = 0.0  # time of the last redraw of the status bar
     scores: tuple[str, list[tuple[str, str]]] = "", []  # last comparison: title; rows of label and value
 
@@ -122,7 +126,7 @@ state = _State()
 
 
 def start(job: BackgroundJob) -> None:
-    state.job, state.message = job, ""
+    state.job, state.message, state.offer_exists = job, "", False
     bpy.app.timers.register(poll, first_interval=POLL_S, persistent=True)
 
 
@@ -136,6 +140,7 @@ def poll() -> float | None:
     if code is None:
         return POLL_S
     state.job, state.is_error = None, code != 0 and code not in STOPPED
+    state.offer_exists = job.continues and code == ExitCode.BAD_OUTPUT
     try:
         state.message = _ending(job, code)
     except Exception as e:  # the result cannot be shown; the panel must accept the next job

@@ -9,6 +9,8 @@ import tempfile
 from pathlib import Path
 
 import bpy
+import numpy as np
+import pecs
 
 from ..render.colour import linear_rgb
 from . import background, checks, paths, settings
@@ -141,7 +143,8 @@ class PECS_OT_run(Renders, bpy.types.Operator):
 
         words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
         command = blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-        return BackgroundJob("Render and Simulate", command, events, done, continues=True)
+        tasks = {"render": "Render", "sense": "Simulate"}
+        return BackgroundJob("Render and Simulate", command, events, done, continues=True, tasks=tasks)
 
 
 class PECS_OT_plan(Renders, bpy.types.Operator):
@@ -176,9 +179,6 @@ class PECS_OT_preview(Renders, bpy.types.Operator):
 
 def _show(job: BackgroundJob) -> str:
     """Shows the preview in the image editor."""
-    import numpy as np
-    import pecs
-
     with pecs.StackReader(job.output) as stack:
         picture = linear_rgb(stack.read_frame(0), stack.info["bands"])
     height, width, _ = picture.shape

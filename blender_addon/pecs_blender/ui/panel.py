@@ -54,7 +54,7 @@ class PECS_PT_render(bpy.types.Panel):
             row.operator("pecs.run", icon="RENDER_ANIMATION")
             if state.message:
                 wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
-            if state.is_error and "exists and differs" in state.message:
+            if state.offer_exists:
                 layout.prop(context.scene.pecs, "exists")
         if operators.needs_saving():
             wrapped(layout, say("Save the file; the render reads the saved file"), "INFO")

@@ -1,5 +1,6 @@
 #pragma once
-// Progress of long work on stderr: a bar with the time left on a terminal, a plain line every tenth otherwise.
+// Progress of long work on stderr: a bar with the time left on a terminal, a plain line every tenth otherwise. With
+// PECS_PROGRESS=json in the environment, JSON lines for the calling program (docs/reference/exit_codes.md).
 #include <chrono>
 #include <cstdint>
 #include <string>
@@ -8,8 +9,8 @@ namespace pecs {
 
 class Progress {
  public:
-  // total = 0: unknown, only counts are shown. quiet: nothing is printed.
-  Progress(std::string what, std::uint64_t total, bool quiet = false);
+  // total = 0: unknown, only counts are printed. quiet: nothing is printed.
+  Progress(std::string task, std::uint64_t total, bool quiet = false);
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -17,10 +18,12 @@ class Progress {
 
  private:
   using Clock = std::chrono::steady_clock;
-  std::string what_;
+  void print_json(double left_s) const;
+
+  std::string task_;
   std::uint64_t total_, done_ = 0;
   int last_tenth_ = 0;
-  bool terminal_, quiet_, drawn_ = false;
+  bool json_, terminal_, quiet_, drawn_ = false;
   Clock::time_point start_ = Clock::now(), last_draw_{};
 };
 

@@ -51,7 +51,7 @@ def main(argv: list[str]) -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
-    line = Line(quiet=args.quiet, verbose=args.verbose)
+    line = Line(task="dataset", quiet=args.quiet, verbose=args.verbose)
     if args.export:
         _export(args.recipe, args.export, args.output, line)
         return
@@ -97,7 +97,7 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
         more = "" if math.isnan(left) else f", about {left / 60:.0f} min left"
 
         def say(what: str, index: int = index, done: int = done, more: str = more) -> None:
-            line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}")
+            line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}", done, len(wanted))
 
         try:
             run.make(found, index, output, threads, say)

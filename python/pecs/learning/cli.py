@@ -91,7 +91,7 @@ def main(argv: list[str]) -> int:
 def _reconstruct(args: argparse.Namespace) -> None:
     from .reconstruct import reconstruct
 
-    line = Line(100, quiet=args.quiet, verbose=args.verbose)
+    line = Line(100, task="reconstruct", quiet=args.quiet, verbose=args.verbose)
     done = reconstruct(
         args.events,
         args.output,
@@ -131,7 +131,7 @@ def _train(args: argparse.Namespace) -> None:
     found = sequences(args.set, args.split)
     if not found:
         raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}")
-    line = Line(50, quiet=args.quiet, verbose=args.verbose)
+    line = Line(50, task="train", quiet=args.quiet, verbose=args.verbose)
     net = train(
         recordings(found),
         args.output,
@@ -139,7 +139,7 @@ def _train(args: argparse.Namespace) -> None:
         lpips_weights=args.lpips_weights,
         workers=args.workers,
         device=args.device,
-        progress=lambda step, loss: line(f"train: {step}/{args.steps}, loss {loss:.4f}", step),
+        progress=lambda step, loss: line(f"train: {step}/{args.steps}, loss {loss:.4f}", step, args.steps),
     )
     line.end()
     export(args.output, args.output / NETWORK)

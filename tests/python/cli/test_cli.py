@@ -10,9 +10,8 @@ import pecs
 import pytest
 from pecs import _command, demo
 from pecs._arguments import Quantity
-from pecs._progress import Line
-from pecs_blender.render.progress import Progress
-from support import load_script
+from pecs._progress import Line, Progress
+from support import load_script, small_stacks
 
 
 def events_of_a_bar():
@@ -153,7 +152,7 @@ def test_what_the_demo_says_comes_next_is_there(helps):
 
 
 def test_help_is_in_one_case(helps):
-    """Descriptions of options start in lower case, except proper names."""
+    """What an option does begins in lower case, but for names that are written otherwise."""
     seen = 0
     for name, text in helps.items():
         for said in re.findall(r"^  -.*?(?:  +|\n {20,})(\S.*)$", text, re.MULTILINE):
@@ -242,6 +241,22 @@ def test_progress_of_commands_in_python(talk, lines, capsys):
     for step in range(1, 101):
         progress.at(step)
     assert capsys.readouterr().err.count("\n") == {5: 21}.get(lines, lines)
+
+
+def test_progress_for_a_calling_program(pecs_program, tmp_path, monkeypatch, capsys):
+    """PECS_PROGRESS=json, in Python and in the program: JSON lines, at most ten a second and the last one."""
+    monkeypatch.setenv("PECS_PROGRESS", "json")
+    progress = Progress("render", 1000)
+    for step in range(1, 1001):
+        progress.at(step)
+    small_stacks.write(tmp_path / "stack")
+    sense = pecs_program("sense", tmp_path / "stack", "-o", tmp_path / "events.raw").stderr
+    for task, text in (("render", capsys.readouterr().err), ("sense", sense)):
+        lines = [json.loads(line) for line in text.splitlines()]
+        assert 1 <= len(lines) < 50 and lines[-1]["done"] == lines[-1]["total"] > 0, lines
+        assert all(line.keys() == {"progress", "done", "total", "left_s"} for line in lines), lines
+        assert {line["progress"] for line in lines} == {task}
+    assert not pecs_program("sense", tmp_path / "stack", "-o", tmp_path / "events.raw", "--quiet").stderr
 
 
 def test_nothing_is_coloured_in_a_pipe(helps, pecs_program):

@@ -72,6 +72,26 @@ ui.unregister()
 """
 
 
+PROGRESS = """
+import sys, time
+from pathlib import Path
+from pecs_blender.ui import background
+
+lines = ['{"progress": "sense", "done": 1, "total": 4, "left_s": 3.2}', "render: 3/4, 1 s left", '{"folder": "/s_002"}',
+    "{no JSON", "pecs: stack.json: the error", "Blender quit"]
+command = [sys.executable, "-c", f"import sys; print({chr(10).join(lines)!r}, file=sys.stderr)"]
+job = background.BackgroundJob("Simulate Events", command, Path("/s"), str, tasks={"sense": "Simulate"})
+while job.returncode() is None:
+    time.sleep(0.02)
+assert (job.progress, job.folder, job.last_line) == (0.25, Path("/s_002"), "stack.json: the error"), vars(job)
+assert job.text.startswith("Simulate 25%, 0:03 left, "), job.text
+"""
+
+
+def test_progress_is_read_from_json_lines():
+    in_bpy(PROGRESS)
+
+
 def test_a_job_outlives_its_file(root, tmp_path):
     make_blends("files", tmp_path, "centimetres")
     in_bpy(PANEL, tmp_path / "centimetres.blend", tmp_path / "s")

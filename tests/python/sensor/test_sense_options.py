@@ -1,4 +1,4 @@
-"""Every option of `pecs sense` changes the output or is an error."""
+"""No option of `pecs sense` is without effect and without a word: each changes what comes out, or is refused."""
 
 import json
 import re

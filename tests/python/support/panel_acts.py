@@ -4,6 +4,7 @@ called by hand; layouts check what is drawn into them."""
 import json
 import os
 import signal
+import subprocess
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -119,14 +120,24 @@ def scene_file(folder):
 def line(folder):
     """From the scene to scores, by the buttons."""
     scene = scene_file(folder)
-    sensor = scene.pecs.sensor
     drawn()
     assert "render the stack first" in refused("sense")
     assert "simulate the events first" in refused("view") and "simulate the events first" in refused("compare")
+    _runs(scene, folder)
+    _saves_first(scene)
+    _views(scene, folder)
+    _compares(scene, folder / "scene.raw")
+    scene.pecs.sensor.format = "npz"
+    assert paths.events(scene) == folder / "scene.npz"
+    _renders_a_new_version(scene, folder)
+
+
+def _runs(scene, folder):
+    """Render and simulate with an override, then simulate without it, with another seed."""
+    sensor, events = scene.pecs.sensor, folder / "scene.raw"
     bpy.ops.pecs.override_add(name="contrast_threshold_on")
     sensor.overrides[0].value = "0.2"
     message = pressed("run")
-    events, stack = folder / "scene.raw", folder / "scene.stack"
     assert message.startswith(f"{events}: ") and " events, 32x18" in message, message
     record = json.loads((folder / "scene.raw.run.json").read_text())
     assert record["config"]["chip"]["values"]["contrast_threshold_on"]["value"] == 0.2
@@ -137,39 +148,48 @@ def line(folder):
     sensor.seed = 2
     pressed("sense")
     assert events.read_bytes() != first
-    _saves_first(scene)
+
+
+def _views(scene, folder):
+    """Images, page, video, strip, reconstruction and report."""
     assert "image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
     pressed("view", kind="html")
     assert (folder / "scene.html").stat().st_size > 1000
     assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
-    event_operators.sequencer_scene = lambda context: context.scene  # as if one were open
+    event_operators.sequencer_scene = lambda context: context.scene  # as if a sequencer were open
     assert "channel 1" in pressed("view", kind="mp4", to_sequencer=True) and not scene.render.use_sequencer
     assert str(folder / "scene.light.mp4") in pressed("reconstruct")
     assert scene.sequence_editor.strips[0].frame_final_duration > 10
     pressed("report")
     assert (folder / "scene.report.html").stat().st_size > 1000
-    sensor.recording = str(events)
+
+
+def _compares(scene, events):
+    """With the events themselves as the recording."""
+    scene.pecs.sensor.recording = str(events)
     pressed("compare")
     title, rows = background.state.scores
     assert title.startswith("scene.raw / scene.raw, ") and dict(rows)["Chamfer"].startswith("0 (halves of recording: ")
     assert {title, dict(rows)["Events"]} <= set(drawn())
+    bpy.ops.pecs.close_scores()
+    assert title not in drawn()
     nothing = {"events": 1, "rate_hz": None, "on_fraction": 1.0, "interval_median_us": None}
     few = {key: None for key in ("chamfer", "gaussian", "rate_correlation", "map_correlation")}
     few |= {"real": nothing, "sim": nothing, "split_half": {"chamfer": None, "gaussian": None}}
     assert ("Event Rate (Hz)", "none / none") in event_operators.score_rows(few)
-    bpy.ops.pecs.close_scores()
-    assert title not in drawn()
-    sensor.format = "npz"
-    assert paths.events(scene) == folder / "scene.npz"
-    # other settings: refused, then beside it
+
+
+def _renders_a_new_version(scene, folder):
+    """Other settings are an error, unless the panel is set to a new version."""
     scene.pecs.samples = 8
     bpy.ops.wm.save_mainfile()
+    assert not background.state.offer_exists
     bpy.ops.pecs.render()
     message, is_error = ended()
-    assert is_error and "differs in 'render.samples'" in message, message
+    assert is_error and background.state.offer_exists and "differs in 'render.samples'" in message, message
     scene.pecs.exists = "new"
-    assert pressed("render") == f"{folder / 'scene_002.stack'}: rendered" and (stack / "stack.json").is_file()
-    assert paths.rendered(scene) == folder / "scene_002.stack"
+    assert pressed("render") == f"{folder / 'scene_002.stack'}: rendered"
+    assert (folder / "scene.stack/stack.json").is_file() and paths.rendered(scene) == folder / "scene_002.stack"
     pressed("sense")
     assert "scene_002.stack" in json.dumps(json.loads((folder / "scene.npz.run.json").read_text()))
 
@@ -186,10 +206,11 @@ def _saves_first(scene):
 
 
 def wrong(folder):
-    """The panel reports each mistake, and nothing hangs."""
+    """What a person does wrong is said, and nothing hangs."""
     scene = scene_file(folder)
+    s = scene.pecs
 
-    def shown(part, is_error=True):
+    def said(part, is_error=True):
         texts = [one.text for one in checks.problems(scene) if one.is_error >= is_error]
         assert any(part in text for text in texts), (part, texts)
         assert part.split()[0] in "".join(drawn()), part  # long words are broken
@@ -197,43 +218,26 @@ def wrong(folder):
             assert texts[0].split("\n")[0][:30] in refused("render")
 
     assert not checks.problems(scene)
-    _wrong_size_and_frames(scene, shown)
-    _wrong_chip_and_lens(scene, shown, folder / "own.json")
-    _wrong_options(scene, shown, folder)
-    _wrong_device(scene, shown)
-    wrong_parameters(scene)
-    drawn()
-    scene.camera = None
-    shown("no camera")
-    assert "no camera" in refused("match_lens")
-
-
-def _wrong_size_and_frames(scene, shown):
-    s = scene.pecs
     scene.render.resolution_x = 2000
-    shown("2000 x 18 pixels exceed the chip's 1280 x 720")
+    said("2000 x 18 pixels exceed the chip's 1280 x 720")
     bpy.ops.pecs.chip_resolution()
     assert settings.size(scene) == (1280, 720) and not checks.problems(scene)
     s.frames = 100_000_000
-    shown("exceed the maximum of 1,000,000")
+    said("exceed the maximum of 1,000,000")
     s.frames = 8
     s.whole_range, scene.frame_start, scene.frame_end = True, 5, 5
     scene.frame_start = 9  # Blender moves the end along
     assert scene.frame_end >= scene.frame_start
     s.whole_range = False
-
-
-def _wrong_chip_and_lens(scene, shown, own):
-    """own: a path for files of the user's."""
+    own = folder / "own.json"
     import pecs
 
-    s = scene.pecs
     own.write_text((pecs.data_dir("sensor/chips") / "davis346.json").read_text())
     s.chip = str(own)
     bpy.ops.pecs.chip_resolution()
     assert settings.size(scene) == (346, 260)
     own.unlink()
-    shown(str(own))
+    said(str(own))
     assert "own.json" in refused("sense") or "render the stack" in refused("sense")
     s.chip = "imx636"
     own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
@@ -243,47 +247,44 @@ def _wrong_chip_and_lens(scene, shown, own):
     found = settings.lenses(s, bpy.context, "Double Gauss")
     assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
     own.unlink()
-    shown(str(own))
+    said(str(own))
     s.lens, s.fnumber = "pecs_lab_15mm", 4.0
     assert s.fnumber == 0 and not checks.problems(scene)  # wide open
-
-
-def _wrong_options(scene, shown, folder):
-    s = scene.pecs
     s.device = "CUDA"
-    shown("A lens requires the device CPU or OPTIX")
+    said("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
-    shown("Lamp spectrum: moonlight: no such spectrum")
+    said("Lamp spectrum: moonlight: no such spectrum")
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
-    shown("Moving region: got 5, wanted X0:Y0:X1:Y1")
+    said("Moving region: got 5, wanted X0:Y0:X1:Y1")
     s.moving_px = "0:0:8:8"
     assert not checks.problems(scene) and settings.render_arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
     s.time = "adaptive"
     assert "--moving-px" not in settings.render_arguments(scene)
     (folder / "file").write_text("")
     s.output = str(folder / "file")
-    shown("is a file; choose a folder")
+    said("is a file; choose a folder")
     s.output = str(folder / "file/below")
-    shown("is a file; choose a folder")
-    s.output = "/proc/pecs"  # not writable, even for root
+    said("is a file; choose a folder")
+    s.output = "/proc/pecs"  # nobody may, not even root
     bpy.ops.pecs.render()
     message, is_error = ended()
     assert is_error and message.startswith("/proc/pecs") and any("/proc/pecs" in text for text in drawn()), message
     s.output = ""
-
-
-def _wrong_device(scene, shown):
-    s = scene.pecs
     cycles = bpy.context.preferences.addons["cycles"].preferences
     cycles.compute_device_type = "CUDA"
-    shown("Cycles' preferences select CUDA", is_error=False)
+    said("Cycles' preferences select CUDA", is_error=False)
     s.lens = "pecs_lab_15mm"  # which needs OptiX
     assert not checks.problems(scene)
     s.lens = "none"
     bpy.ops.pecs.use_gpu()
     assert s.device == "CUDA" and not checks.problems(scene)
     s.device, cycles.compute_device_type = "CPU", "NONE"
+    wrong_parameters(scene)
+    drawn()
+    scene.camera = None
+    said("no camera")
+    assert "no camera" in refused("match_lens")
 
 
 def wrong_parameters(scene):
@@ -334,7 +335,10 @@ def killed(folder):
     scene = scene_file(folder)
     scene.pecs.frames, scene.pecs.fps = 500, 1000.0
     bpy.ops.wm.save_mainfile()
+    popen, options = subprocess.Popen, {}
+    background.subprocess.Popen = lambda *words, **given: options.update(given) or popen(*words, **given)
     bpy.ops.pecs.render()
+    assert "preexec_fn" not in options  # may deadlock, since Blender has threads
     (folder / "pid").write_text(str(background.state.job._process.pid))
     os.kill(os.getpid(), signal.SIGKILL)
 
