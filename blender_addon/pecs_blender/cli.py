@@ -29,7 +29,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="pecs_blender",
         description="PECS: spectral renders through a real lens.\n\n"
-        f"Also what the program `pecs` does: {', '.join(programs.VERBS)}; and dataset.",
+        "All other commands are those of the program `pecs`.",
         examples=["pecs_blender render FILE.blend -o out/stack", "pecs_blender run FILE.blend -o events.raw"],
     )
     commands = parser.add_commands()
@@ -39,8 +39,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_light(commands)
     bands = commands.add_parser(
         "bands",
-        help="wavelengths to render for a chip, and their weights",
-        description="Wavelengths to render for a chip, and their weights.",
+        help="list wavelengths to render for a chip, and their weights",
+        description="Lists wavelengths to render for a chip, and their weights.",
         examples=["pecs_blender bands -n 6", "pecs_blender bands --chip davis346 --max-wavelength 700nm"],
     )
     for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     merge = commands.add_parser(
         "merge",
         help="join shards of a stack",
-        description="Joins stacks that differ in their instants alone into the stack that one run would have written.",
+        description="Joins stacks that differ only in their instants into the stack that one run would have written.",
         examples=["pecs_blender merge out/part_0 out/part_1 -o out/stack"],
     )
     merge.add_argument("shards", type=Path, nargs="+", help="folders of stacks")
@@ -62,8 +62,8 @@ def _add_render(commands) -> None:
     command = commands.add_parser(
         "render",
         help="render a scene into an EXR stack",
-        description="Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). Run "
-        "again, a stopped job continues. The .blend is never written.",
+        description="Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). To "
+        "continue a stopped job, run it again. The .blend is never written.",
         examples=[
             "pecs_blender render FILE.blend -o out/stack --frames all --fps 1kHz --lens pecs_lab_15mm --focus 0.5m",
             "pecs_blender render scenes/rotating_disk -o out/stack --frames period --width 320 --plan",
@@ -73,7 +73,7 @@ def _add_render(commands) -> None:
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
-    add("--plan", action="store_true", help="print how many instants, hours and gigabytes, and render nothing")
+    add("--plan", action="store_true", help="print the number of instants, time and disk space, and render nothing")
     _add_job(command)
 
 
@@ -81,8 +81,8 @@ def _add_run(commands) -> None:
     command = commands.add_parser(
         "run",
         help="render a scene and simulate its events",
-        description="Renders a .blend file or a scene folder, as `render` does, and hands the stack to `pecs sense`. "
-        "Run again, a stopped job continues.",
+        description="Renders a .blend file or a scene folder like `render`, and passes the stack to `pecs sense`. "
+        "To continue a stopped job, run it again.",
         examples=[
             "pecs run FILE.blend -o events.raw --frames all --width 346 --chip davis346",
             "pecs run FILE.blend -o events.raw --lux 500lx --sense --seed 2 --no-noise",
@@ -90,15 +90,22 @@ def _add_run(commands) -> None:
     )
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
-    add("-o", "--output", type=Path, required=True, metavar="EVENTS", help="event file; its name says the format")
-    add("--stack", type=Path, help="folder of the stack, which is kept; EVENTS with the ending .stack if not given")
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="EVENTS",
+        help="event file; the extension selects the format",
+    )
+    add("--stack", type=Path, help="folder of the stack, which is kept; by default EVENTS with the extension .stack")
     _add_job(command)
     add(
         "--sense",
         nargs=argparse.REMAINDER,
         default=[],
         metavar="…",
-        help="all that follows goes to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise",
+        help="options that follow are passed to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise",
     )
     command.set_defaults(time="adaptive")
 
@@ -108,8 +115,8 @@ def _add_job(command) -> None:
     _add_scene(command)
     exists = command.add_mutually_exclusive_group()
     add = exists.add_argument
-    add("--overwrite", action="store_true", help="remove a stack that is there, instead of continuing it")
-    add("--new-version", action="store_true", help="where a stack is that differs, write STACK_002, STACK_003, …")
+    add("--overwrite", action="store_true", help="remove an existing stack instead of continuing it")
+    add("--new-version", action="store_true", help="if a different stack exists, write STACK_002, STACK_003, …")
 
 
 def _add_scene(command) -> None:
@@ -119,32 +126,31 @@ def _add_scene(command) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="a parameter of the scene folder; @FILE: those of an aligned.json",
+        help="set a parameter of the scene folder; @FILE sets those of an aligned.json",
     )
-    add("--place", type=Path, metavar="FILE", help="puts objects of other .blend files into the scene: a JSON file")
-    add("--scene-name", help="which scene of the .blend")
+    add("--place", type=Path, metavar="FILE", help="JSON file of objects from other .blend files to add to the scene")
+    add("--scene-name", help="scene of the .blend; by default the active one")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
 
 
 def _add_survey(commands) -> None:
     command = commands.add_parser(
         "survey",
-        help="points on the surfaces of a scene",
+        help="sample points on the surfaces of a scene",
         description="Writes points on all surfaces of a scene, at several instants, into an .npz file "
-        "(docs/reference/render.md), for what plans a camera's path outside Blender.",
+        "(docs/reference/render.md), for planning a camera trajectory outside Blender.",
         examples=["pecs_blender survey FILE.blend -o points.npz --fps 10 --spacing 5cm"],
     )
     add = command.add_argument
     add("scene", type=Path, help="FILE.blend, or a scene folder")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.npz", help="where the points go")
-    add("--frames", help=f"{RULES['frames'].help}; the period or the range if not given")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.npz", help="file of the points")
+    add("--frames", help=f"{RULES['frames'].help}; by default the period or the range")
     add("--fps", type=Quantity("Hz", above=0, below=1e9), default=10.0, help="instants per second")
     add(
         "--spacing",
-        "--spacing-m",
         dest="spacing_m",
         type=Quantity("m", above=0, below=1e9),
-        help="distance of neighbouring points; such that they are 200,000 if not given",
+        help="distance of neighbouring points; by default chosen for 200,000 points",
     )
     _add_scene(command)
 
@@ -152,27 +158,27 @@ def _add_survey(commands) -> None:
 def _add_reconstruct(commands) -> None:
     command = commands.add_parser(
         "reconstruct",
-        help="video from an event file, by a filter",
-        description="Writes a video of the light that events tell, by the filter of `pecs reconstruct` "
-        "(docs/reference/reconstruct.md), which also takes networks.",
+        help="reconstruct video from an event file with a filter",
+        description="Writes a video reconstructed from events with the filter of `pecs reconstruct` "
+        "(docs/reference/reconstruct.md), which also supports networks.",
         examples=["pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25"],
     )
     add = command.add_argument
-    add("events", type=Path, help="an event file of any format")
-    add("-o", "--output", type=Path, required=True, metavar="VIDEO.mp4", help="the video")
+    add("events", type=Path, help="event file of any format")
+    add("-o", "--output", type=Path, required=True, metavar="VIDEO.mp4", help="video file")
     rate = Quantity("Hz", above=0, below=1e9)
-    add("--fps", type=rate, default=50.0, help="pictures per second of the recording")
-    add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="of the video (default: as --fps)")
+    add("--fps", type=rate, default=50.0, help="video frames per second of recorded time")
+    add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="frame rate of the video (default: as --fps)")
     add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
 
 
 def _add_light(commands) -> None:
     command = commands.add_parser(
         "light",
-        help="how bright a scene is, and what a chip makes of it",
-        description="Renders the first instant small, by the scene's own camera, and says the light on the surfaces in "
-        "view, the photocurrent and the photoreceptor's corner: 5 %, median and 95 % over the pixels. Options are "
-        "those of `render`.",
+        help="measure the light of a scene and its effect on a chip",
+        description="Renders a small picture of the first instant with the scene's own camera, and prints the "
+        "illuminance of the surfaces in view, the photocurrent and the photoreceptor's corner frequency: 5 %, median "
+        "and 95 % over the pixels. Options are those of `render`.",
         examples=["pecs_blender light FILE.blend", "pecs_blender light FILE.blend --chip davis346 --json"],
     )
     command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
@@ -196,18 +202,19 @@ def _library_errors():
 
 def _render(args: dict) -> Path:
     """The stack's folder."""
-    where, output, plan_only = _where(args), args.pop("output"), args.pop("plan")
+    where, output, cost_only = _where(args), args.pop("output"), args.pop("plan")
     overwrite, new_version = args.pop("overwrite"), args.pop("new_version")
     options = Options(**args)
     if options.lux and where[0] and where[0].suffix != ".blend":
-        raise RenderError(USAGE, "--lux: got a scene folder, wanted its own --set illuminance_lux=…")
+        raise RenderError(USAGE, "--lux requires a .blend; a scene folder has --set illuminance_lux=…")
     with _writing(output):
         source = _source(*where, options.illuminant)
         with _library_errors():
+            from .render.plan import resolve
             from .render.render import render
 
             exists = "overwrite" if overwrite else "new" if new_version else "continue"
-            folder = render(source, output, options, exists, plan_only)
+            folder = render(source, output, resolve(options, source), exists, cost_only)
     if folder != output:
         report(f"render: into {folder}", folder=str(folder))
     return folder
@@ -217,7 +224,8 @@ def _run(args: dict) -> None:
     events, stack, sense = args.pop("output"), args.pop("stack"), args.pop("sense")
     if args["no_light"] or args["only"]:
         name = "--no-light" if args["no_light"] else "--only"
-        raise RenderError(USAGE, f"{name}: got it for run, wanted the whole stack: render, then sense")
+        message = f"{name} cannot be combined with run, which needs the whole stack; use render, then sense"
+        raise RenderError(USAGE, message)
     pecs = programs.pecs()  # before hours of rendering
     chip = args["chip"]
     folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
@@ -228,7 +236,7 @@ def _run(args: dict) -> None:
 
 
 def _where(args: dict) -> tuple:
-    """What names a scene, for _source."""
+    """Arguments of _source."""
     return tuple(args.pop(key) for key in ("scene", "set", "place", "scene_name", "allow_scripts"))
 
 
@@ -250,12 +258,12 @@ def _source(
 
     path = path or Path(bpy.data.filepath)
     if path == Path():
-        raise RenderError(USAGE, "render: got no scene, wanted FILE.blend or a scene folder")
+        raise RenderError(USAGE, "render requires a scene: FILE.blend or a scene folder")
     with _library_errors():
         if path.suffix != ".blend":
             source = FolderScene(load_scene(path, overrides))
         elif overrides:
-            raise RenderError(USAGE, f"--set {overrides[0]}: got a .blend, wanted a scene folder")
+            raise RenderError(USAGE, f"--set {overrides[0]}: only scene folders have parameters, not a .blend")
         else:
             source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
         source.placed = Placed(place, source.scene, source.unit_m) if place else None
@@ -264,7 +272,7 @@ def _source(
 
 @contextlib.contextmanager
 def _writing(output: Path):
-    """With the disk's errors as ours."""
+    """Translates OSError into RenderError."""
     try:
         yield
     except OSError as e:
@@ -274,7 +282,7 @@ def _writing(output: Path):
 def _survey(args: dict) -> None:
     output = args["output"]
     if output.suffix != ".npz":
-        raise RenderError(USAGE, f"-o {output}: got no .npz, wanted FILE.npz")
+        raise RenderError(USAGE, f"-o {output}: the extension must be .npz")
     with _writing(output):
         source = _source(*_where(args), DEFAULTS["illuminant"])
         from .render.survey import survey
@@ -287,9 +295,10 @@ def _light(args: dict) -> None:
     options = Options(**args)
     source = _source(*where, options.illuminant)
     with _library_errors():
+        from .render.plan import resolve
         from .render.probe import probe
 
-        found = probe(source, options)
+        found = probe(source, resolve(options, source))
     streams.say(json.dumps(found) + "\n" if as_json else light_words(found))
 
 
@@ -301,7 +310,7 @@ def _reconstruct(args: dict) -> None:
         from .render import filter_video
 
         count = filter_video.write(**args)
-    streams.say(f"{args['output']}: {count} pictures, by filter\n")
+    streams.say(f"{args['output']}: {count} video frames, by filter\n")
 
 
 def _bands(args: dict) -> None:
@@ -357,16 +366,16 @@ def main(argv: list[str]) -> int:
         print(line, file=sys.stderr)
         return e.code
     except Restart:
-        _start_afresh(argv)
+        _restart(argv)
     except stop.Stopped:
         stop.leave()
     return 0
 
 
-def _start_afresh(argv: list[str]) -> NoReturn:
+def _restart(argv: list[str]) -> NoReturn:
     import bpy
 
     command = [sys.executable, "-m", "pecs_blender", *argv]
     if bpy.app.binary_path:
         command = [bpy.app.binary_path, *sys.argv[1:]]
-    programs.become([word for word in command if word != "--overwrite"])  # what was begun anew is continued
+    programs.become([word for word in command if word != "--overwrite"])  # continue what this process has written

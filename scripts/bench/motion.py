@@ -34,7 +34,7 @@ class Scene:
     arguments: tuple = ()
 
 
-PINHOLE = ("--lens", "none", "--focal-mm", 15.02, "--width", 96)
+PINHOLE = ("--lens", "none", "--focal", 15.02, "--width", 96)
 BLENDS = ("room", "shadow", "mirror", "glass", "flicker", "character")
 SCENES = [Scene(name, 1000, 0.063) for name in BLENDS]
 SCENES += [Scene("rotating_disk", 875, 0.0731, PINHOLE), Scene("board", 150, 0.4266, PINHOLE)]
@@ -136,9 +136,9 @@ VARIANTS = {
     "uniform": (),
     "seed": ("--seed", 2),
     "adaptive": ("--time", "adaptive"),
-    "step 8": ("--time", "adaptive", "--step-px", 8),
-    "step 32": ("--time", "adaptive", "--step-px", 32),
-    "step 64": ("--time", "adaptive", "--step-px", 64),
+    "step 8": ("--time", "adaptive", "--step", 8),
+    "step 32": ("--time", "adaptive", "--step", 32),
+    "step 64": ("--time", "adaptive", "--step", 64),
     "tolerance 0.5": ("--time", "adaptive", "--time-tolerance", 0.5),
     "tolerance 1": ("--time", "adaptive", "--time-tolerance", 1),
     "no sharing": ("--time", "adaptive", "--share", 0),

@@ -42,8 +42,19 @@ def bands(placement: str, n: int, lamp) -> tuple[np.ndarray, np.ndarray]:
 def render(folder: Path, args, grey: int) -> np.ndarray:
     """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
     command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
-    command += ["--lens", "none", "--focal-mm", 25, "--placement", "uniform", "--bands", 61, "--min-nm", LO_NM]
-    command += ["--max-nm", HI_NM, "--width", args.width, "--samples", 4, "--fps", args.fps, "--frames", args.frames]
+    command += ["--lens", "none", "--focal", 25, "--placement", "uniform", "--bands", 61, "--min-wavelength", LO_NM]
+    command += [
+        "--max-wavelength",
+        HI_NM,
+        "--width",
+        args.width,
+        "--samples",
+        4,
+        "--fps",
+        args.fps,
+        "--frames",
+        args.frames,
+    ]
     command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={args.lamp}"]
     subprocess.run(list(map(str, command)), check=True)
     with pecs.StackReader(folder) as stack:

@@ -1,36 +1,51 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders keyframes, the motion between them, and where motion does not explain the light, pictures between them.
+"""Adaptive steps: keyframes, the motion between them, and pictures between keyframes where motion does not explain the
+light (docs/reference/motion.md).
 
-A keyframe is done when its layers are there, its light last; the interval behind it when its motion is there, which
-comes after its pictures between.
+A keyframe is complete when its layers are written, the light last; the interval after it is complete when its motion is
+written, which follows the pictures between.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
-from pecs._progress import Progress
+import pecs
 
-from . import keyframes, layers, stop
-from .between import Between, Interval
-from .job import Job
-from .judge import Judge
-from .options import Options
+from . import keyframes
+from .layers.layer import Layer
+from .layers.light import Light
 from .output import Output, as_written
-from .plan import Timeline
-from .resources import Restart, resident_mb
-from .shared import shared
-from .still import ANCHOR_EVERY, Frames
-from .surfaces import Surfaces
+from .plan import Instants
+from .stage import Stage
+from .surfaces import HitCache, SurfaceHits, Surfaces
+from .tiles import TILE_PX, boxes, differing, differing_tiles, grown, probe_strips, tiles_with
+from .timeline import Timeline
 
-PLAN_SCALE = 0.25  # of the picture that motion is measured on, for planning
+PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
+SHARED = 2  # keyframes on each side whose samples are shared
+
+# Rendering only what changed since the anchor
+ANCHOR_EVERY = 64  # keyframes
+MAX_CHANGED = 0.7  # of the picture; beyond it the whole picture is rendered
+
+# Sharing samples
+SAME_DEPTH = 0.02  # relative difference of depth within which two hits are on one surface
+SKY_M = 1e6  # depth of the sky: finite, so that it can be warped
+ALMOST_ONE = 1 - 2.0**-20  # at 1 itself, pecs.carry returns the other keyframe unchanged
+SAME_LIGHT = 0.02  # relative difference of light within which samples are averaged
+SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
+
+# Pictures between keyframes
+ROUNDS = 3  # of growing the rendered tiles until they agree with the prediction at their border
+MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
 
 
 @dataclass(frozen=True)
-class Plan:
-    """grid: the finest instants; keys: which of them are keyframes. With a period, the last interval ends at `end`."""
+class Keyframes:
+    """grid: the finest instants; keys: indices of the keyframes. With a period, the last interval ends at its end."""
 
     grid: Timeline
     keys: list[int]
@@ -41,96 +56,306 @@ class Plan:
 
     @property
     def ends(self) -> list[int]:
-        """Grid steps at which the intervals end."""
+        """Grid indices at which the intervals end."""
         return self.keys[1:] + ([len(self.grid.times_ns)] if self.grid.period_ns else [])
 
+    def time_s(self, index: int) -> float:
+        return self.grid.times_ns[self.keys[index]] * 1e-9
 
-def plan(job: Job, grid: Timeline, step_px: float, scratch: Path) -> Plan:
-    scale = PLAN_SCALE / job.subpixels
-    small = Surfaces(job, scratch, scale, name="plan_rays")
-    return Plan(grid, keyframes.choose(grid, keyframes.Paths(small, job.set_time, scale * job.subpixels), step_px))
+
+def choose_keyframes(stage: Stage, instants: Instants) -> Keyframes:
+    scale = PLAN_SCALE / stage.subpixels
+    paths = keyframes.Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
+    return Keyframes(instants.grid, keyframes.choose(instants.grid, paths, instants.step_px))
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Compares pictures of one instant as a chip sees them. weights: photocurrent per light in each band. tolerance: of
+    ln(photocurrent). subpixels: per sensor pixel, in x and y."""
+
+    weights: np.ndarray
+    tolerance: float
+    subpixels: int
+
+    def photocurrent(self, light: np.ndarray, bands: slice = slice(None)) -> np.ndarray:
+        """[height, width] of some bands of [bands, height, width]."""
+        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[bands])
+
+    def strips_differing(
+        self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
+    ) -> np.ndarray:
+        """Tiles in which strips of the current instant, rendered in the brightest pass, differ from the photocurrent
+        that `expected` gives for the pass's bands. index: selects the strips' rows."""
+        brightest = int(np.argmax([self.weights[one.bands].sum() for one in stage.passes]))
+        bands = stage.passes[brightest].bands
+        rendered = light.fresh(probe_strips(*stage.size, index), slice(brightest, brightest + 1))
+        return self.differing(expected(bands), self.photocurrent(rendered, bands))
+
+    def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Tiles [rows, columns] in which two photocurrents differ; NaN pixels are ignored."""
+        return differing(a, b, self.tolerance, self.subpixels)
+
+    def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""
+        return ~(self.differing(a, b) | differing_tiles(a, b, SAME_LIGHT, self.subpixels, SUSPECT_SIGMAS))
 
 
 class Adaptive:
+    """Writes keyframes and intervals of a stack."""
+
+    warm_up = 2 * SHARED  # frames until the caches are full
+
     def __init__(
         self,
-        job: Job,
-        plan: Plan,
-        light: layers.Light,
-        beside: list[layers.Layer],
-        judge: Judge,
-        options: Options,
+        stage: Stage,
+        keyframes: Keyframes,
+        light: Light,
+        layers: list[Layer],
+        hits: HitCache,
+        tolerance: float,
+        output: Output,
     ):
-        self._job, self._plan, self._light, self._judge, self._options = job, plan, light, judge, options
-        self._motion = next(layer for layer in beside if isinstance(layer, layers.Motion))
-        self._look = self._motion.look
-        self._look.keep = 2 * options.share + 2
-        self._instants = [layer for layer in beside if layer.at == "instant"]
-        self._frames = Frames(job, light, self._look, judge)
-        self._raw: dict[int, np.ndarray] = {}
-        self._clean: dict[int, np.ndarray] = {}
+        self._stage, self._keyframes, self._hits, self._output = stage, keyframes, hits, output
+        self._motion = next(layer for layer in layers if layer.name == "motion")
+        self._instant_layers = [layer for layer in layers if layer.at == "instant"]
+        self._judge = Judge(stage.weights, tolerance, stage.subpixels)
+        self._changes = ChangedParts(stage, light, hits, self._judge)
+        self._grid_s = [t * 1e-9 for t in keyframes.grid.bounds_ns]
+        self._between = Between(stage, light, self._judge, self._grid_s, output)
+        self._own: dict[int, np.ndarray] = {}  # light before samples are shared
+        self._shared: dict[int, np.ndarray] = {}
+        hits.keep = 2 * SHARED + 2
 
-    def render(self, output: Output) -> None:
-        count, ends = len(self._plan.keys), self._plan.ends
-        wanted = range(count)[self._options.only or slice(None)]
-        missing = [i for i in wanted if not self._is_done(i, output)]
-        o = self._options
-        progress = Progress("render", len(wanted), len(wanted) - len(missing), quiet=o.quiet, verbose=o.verbose)
-        grid_s = [t * 1e-9 for t in self._plan.grid.bounds_ns]
-        between = Between(self._job, self._light, self._judge, grid_s, output)
-        first_mb = None
-        for done, index in enumerate(missing, len(wanted) - len(missing) + 1):
-            t_s = self._time_s(index)
-            for layer in self._instants:
-                if not output.has_layer(layer.name, index):
-                    self._job.set_time(t_s)
-                    layers.write(layer, output, index, t_s)
-            first = self._clean_light(index, output)
-            if not output.has_layer("light", index):
-                output.write_layer("light", index, first)
-            if index < len(ends):
-                second = self._clean_light((index + 1) % count, output)
-                motion = self._motion.render(t_s, grid_s[ends[index]])
-                between.refine(Interval(index, self._plan.keys[index], ends[index], first, second, motion))
-                output.write_layer("motion", index, motion)
-            progress.at(done)
-            stop.check()
-            if done > len(wanted) - len(missing) + 2 * self._options.share:  # all that is kept is there
-                first_mb = first_mb or resident_mb()
-                if resident_mb() > first_mb + self._options.restart_growth_mb and done < len(wanted):
-                    raise Restart
+    def is_written(self, index: int) -> bool:
+        due = [*self._instant_layers, *([self._motion] if index < len(self._keyframes.ends) else [])]
+        return self._output.has_layer("light", index) and all(one.is_written(self._output, index) for one in due)
 
-    def _is_done(self, index: int, output: Output) -> bool:
-        due = [layer.name for layer in self._instants] + ["light"]
-        due += ["motion"] if index < len(self._plan.ends) else []
-        return all(output.has_layer(name, index) for name in due)
+    def write(self, index: int) -> None:
+        keys, ends, output = self._keyframes.keys, self._keyframes.ends, self._output
+        t_s = self._keyframes.time_s(index)
+        for layer in self._instant_layers:
+            if not layer.is_written(output, index):
+                self._stage.set_time(t_s)
+                layer.write(output, index, t_s)
+        first = self._light(index)
+        if not output.has_layer("light", index):
+            output.write_layer("light", index, first)
+        if index < len(ends):
+            second = self._light((index + 1) % len(keys))
+            motion = self._motion.render(t_s, self._grid_s[ends[index]])
+            self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, motion))
+            output.write_layer("motion", index, motion)
 
-    def _time_s(self, index: int) -> float:
-        return self._plan.grid.times_ns[self._plan.keys[index]] * 1e-9
-
-    def _clean_light(self, index: int, output: Output) -> np.ndarray:
-        """As it is read from the file."""
-        if index not in self._clean:
-            if output.has_layer("light", index):
-                self._clean[index] = output.read_layer("light", index)
+    def _light(self, index: int) -> np.ndarray:
+        """A keyframe's light after sample sharing, rounded as in the file."""
+        if index not in self._shared:
+            if self._output.has_layer("light", index):
+                self._shared[index] = self._output.read_layer("light", index)
             else:
-                self._clean[index] = as_written(self._shared_light(index))
-            while len(self._clean) > 3:
-                self._clean.pop(next(iter(self._clean)))
-        return self._clean[index]
+                self._shared[index] = as_written(self._share_samples(index))
+            while len(self._shared) > 3:
+                self._shared.pop(next(iter(self._shared)))
+        return self._shared[index]
 
-    def _shared_light(self, index: int) -> np.ndarray:
-        count, reach = len(self._plan.keys), self._options.share
-        near = range(index - reach, index + reach + 1)
-        near = [i % count if self._plan.grid.period_ns else i for i in near]
+    def _share_samples(self, index: int) -> np.ndarray:
+        """Averages a keyframe with its neighbours, each warped to the keyframe's instant, where they show the same
+        surface in the same light.
+
+        All frames have the same seed, so noise stays where it is on the film while surfaces move: it averages out where
+        something moves, and still parts stay bit-identical.
+        """
+        count, periodic = len(self._keyframes.keys), self._keyframes.grid.period_ns
+        near = range(index - SHARED, index + SHARED + 1)
+        near = [i % count if periodic else i for i in near]
         near = list(dict.fromkeys(i for i in near if 0 <= i < count))
-        at_ends = {*range(reach), *range(count - reach, count)} if self._plan.grid.period_ns else set()
-        self._raw = {i: frame for i, frame in self._raw.items() if i in near or i in at_ends}
+        at_ends = {*range(SHARED), *range(count - SHARED, count)} if periodic else set()
+        self._own = {i: frame for i, frame in self._own.items() if i in near or i in at_ends}
+        time_s = self._keyframes.time_s
         for i in near:
-            if i not in self._raw:
-                self._raw[i] = self._frames.render(i, self._time_s(i), self._time_s(i - i % ANCHOR_EVERY))
+            if i not in self._own:
+                self._own[i] = self._changes.render(i, time_s(i), time_s(i - i % ANCHOR_EVERY))
         if len(near) == 1:
-            return self._raw[index]
-        seen = {i: self._look.seen(self._time_s(i)) for i in near}
-        others = [(self._raw[i], seen[i]) for i in near if i != index]
-        return shared(self._raw[index], seen[index], others, self._look.surfaces, self._judge)
+            return self._own[index]
+        hits = {i: self._hits.at(time_s(i)) for i in near}
+        neighbours = [(self._own[i], hits[i]) for i in near if i != index]
+        return average_samples(self._own[index], hits[index], neighbours, self._hits.surfaces, self._judge)
+
+
+class ChangedParts:
+    """Renders a keyframe's light only where something moved since an earlier keyframe, the anchor, or where the light
+    changed with it (a shadow, a reflection). Such changes are found at the border of what moved and by strips across
+    the picture. The result does not depend on which keyframes were rendered before."""
+
+    def __init__(self, stage: Stage, light: Light, hits: HitCache, judge: Judge):
+        self._stage, self._light, self._hits, self._judge = stage, light, hits, judge
+        self._anchor: tuple[float, np.ndarray, SurfaceHits] | None = None  # time, light before diffraction, hits
+
+    def render(self, index: int, t_s: float, anchor_s: float) -> np.ndarray:
+        """[bands, height, width] of keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
+        if self._anchor is None or self._anchor[0] != anchor_s:
+            hits = self._hits.at(anchor_s)
+            self._stage.set_time(anchor_s)
+            self._anchor = anchor_s, self._light.fresh(), hits
+        _, still, before = self._anchor
+        if t_s == anchor_s:
+            return self._light.blur(still.copy())
+        now = self._hits.at(t_s)
+        self._stage.set_time(t_s)
+        changed = self._judge.strips_differing(
+            self._stage, self._light, index, lambda bands: self._judge.photocurrent(still, bands)
+        )
+        frame, current = still.copy(), self._judge.photocurrent(still)
+        more = grown(self._moved(before, now) | changed)
+        done = np.zeros_like(more)
+        while more.any():
+            done |= more
+            if done.mean() > MAX_CHANGED:
+                return self._light.blur(self._light.fresh())
+            fresh = self._light.fresh(boxes(more, *self._stage.size))
+            frame = np.where(np.isnan(fresh), frame, fresh)
+            more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
+        return self._light.blur(frame)
+
+    def _moved(self, before: SurfaceHits, now: SurfaceHits) -> np.ndarray:
+        """Tiles with a surface point that has moved, or whose place at the other instant is unknown."""
+        surfaces = self._hits.surfaces
+        centres, moved = surfaces.centres(), np.zeros(before.depth.shape, bool)
+        for hits, poses in ((before, now.poses), (now, before.poses)):
+            moved |= ~(surfaces.place(hits, poses)[:2] == centres).all(0)
+        return tiles_with(moved)
+
+
+def average_samples(
+    own: np.ndarray,
+    hits: SurfaceHits,
+    neighbours: list[tuple[np.ndarray, SurfaceHits]],
+    surfaces: Surfaces,
+    judge: Judge,
+) -> np.ndarray:
+    """Mean light [bands, height, width] of a keyframe and those parts of its neighbours that show the same light."""
+    depth = np.minimum(hits.depth, SKY_M)
+    total, count, current = own.astype(np.float64), np.ones(own.shape[1:]), judge.photocurrent(own)
+    for light, there in neighbours:
+        warped = _warped(light, there, hits, surfaces)
+        if warped is None:
+            continue
+        warped, z = warped[:-1], warped[-1]
+        same = np.isfinite(warped).all(0) & (np.abs(z - depth) <= SAME_DEPTH * depth)
+        agree = judge.same_light(np.where(same, current, np.nan), np.where(same, judge.photocurrent(warped), np.nan))
+        height, width = same.shape
+        same &= np.kron(agree, np.ones((TILE_PX, TILE_PX), bool))[:height, :width]
+        total[:, same] += warped[:, same]
+        count[same] += 1
+    return (total / count).astype(np.float32)
+
+
+def _warped(light: np.ndarray, there: SurfaceHits, hits: SurfaceHits, surfaces: Surfaces) -> np.ndarray | None:
+    """Light and depth at the instant of `hits`; None if nothing moves."""
+    place = surfaces.place(there, hits.poses)
+    move = place[:2] - surfaces.centres()
+    if not np.any(move):
+        return None
+    z = np.minimum(place[2], SKY_M)
+    motion = np.full((12, *z.shape), np.nan, np.float32)
+    motion[:6] = [*(move / 2), *move, there.depth, place[2]]
+    bands = np.concatenate([light, z[None].astype(np.float32)])
+    return pecs.carry(bands, bands, motion, ALMOST_ONE, side="first")
+
+
+@dataclass
+class KeyframeInterval:
+    """Between keyframes `first` and `second` (light [bands, height, width]) at grid indices `start` and `end`."""
+
+    index: int
+    start: int
+    end: int
+    first: np.ndarray
+    second: np.ndarray
+    motion: np.ndarray
+    photocurrents: tuple[np.ndarray, ...] = ()  # of both
+    residual: dict[int, np.ndarray] = field(default_factory=dict)  # ln(rendered / warped), NaN where not rendered
+
+
+class Between:
+    """Renders pictures between two keyframes where motion does not explain the light.
+
+    Both keyframes, warped along the motion to the interval's middle, must agree there (in photocurrent, by blocks of
+    pixels, beyond noise). They must also agree with strips rendered in the middle: when a lamp flickers, both keyframes
+    may agree and be wrong. Where they disagree, the middle is rendered; where that picture differs from the sensor's
+    prediction, each half is treated in the same way, down to the grid's instants (docs/reference/motion.md).
+    """
+
+    def __init__(self, stage: Stage, light: Light, judge: Judge, grid_s: list[float], output: Output):
+        self._stage, self._light, self._judge, self._grid_s, self._output = stage, light, judge, grid_s, output
+
+    def refine(self, it: KeyframeInterval) -> None:
+        if it.end - it.start > 1:
+            it.photocurrents = self._judge.photocurrent(it.first), self._judge.photocurrent(it.second)
+            self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
+
+    def _fraction(self, it: KeyframeInterval, step: int) -> float:
+        start_s, end_s = self._grid_s[it.start], self._grid_s[it.end]
+        return (self._grid_s[step] - start_s) / (end_s - start_s)
+
+    def _disagreeing(self, it: KeyframeInterval) -> np.ndarray:
+        first, second = it.photocurrents
+        fraction = self._fraction(it, (it.start + it.end) // 2)
+        a, b = (pecs.carry(first, second, it.motion, fraction, side=side) for side in ("first", "second"))
+        nowhere = np.isnan(a) & np.isnan(b)
+        return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
+
+    def _probed(self, it: KeyframeInterval) -> np.ndarray:
+        middle = (it.start + it.end) // 2
+
+        def warped(bands: slice) -> np.ndarray:
+            photocurrents = (self._judge.photocurrent(light, bands) for light in (it.first, it.second))
+            return pecs.carry(*photocurrents, it.motion, self._fraction(it, middle))
+
+        self._stage.set_time(self._grid_s[middle])
+        return self._judge.strips_differing(self._stage, self._light, it.index, warped)
+
+    def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
+        """The sensor's prediction: warped photocurrent, times the residual interpolated between rendered pictures."""
+        shape = it.first.shape[1:]
+        before, after = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        t_before = np.full(shape, self._grid_s[it.start])
+        t_after = np.full(shape, self._grid_s[it.end])
+        for node in sorted(it.residual):
+            known = np.isfinite(it.residual[node])
+            t, values = self._grid_s[node], it.residual[node]
+            earlier = known & (node < step)
+            before[earlier], t_before[earlier] = values[earlier], t
+            later = known & (node > step) & (t < t_after)
+            after[later], t_after[later] = values[later], t
+        part = (self._grid_s[step] - t_before) / (t_after - t_before)
+        return warped * np.exp(before + part * (after - before))
+
+    def _halve(self, it: KeyframeInterval, low: int, high: int, wrong: np.ndarray) -> None:
+        middle = (low + high) // 2
+        if middle == low or not wrong.any():
+            return
+        warped = pecs.carry(*it.photocurrents, it.motion, self._fraction(it, middle))
+        predicted = self._predicted(it, middle, warped)
+        self._stage.set_time(self._grid_s[middle])
+
+        # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
+        wanted, picture = np.zeros_like(wrong), np.full(it.first.shape, np.nan, np.float32)
+        for _ in range(ROUNDS):
+            more = grown(wrong) & ~wanted
+            if not more.any():
+                break
+            if (wanted | more).mean() > MAX_BETWEEN:
+                more = ~wanted
+            fresh = self._light.parts(boxes(more, *self._stage.size), it.first)
+            picture = np.where(np.isnan(fresh), picture, fresh)
+            wanted |= more
+            current = self._judge.photocurrent(picture)
+            wrong = self._judge.differing(predicted, current)
+        self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), picture)
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            residual = np.log(current / warped)
+        it.residual[middle] = np.where(np.isinf(residual), 0, residual)
+        self._halve(it, low, middle, wrong)
+        self._halve(it, middle, high, wrong)

@@ -15,7 +15,7 @@ from mathutils.bvhtree import BVHTree
 
 from .mesh_points import Geometry
 from .sight import Sight, View, transformed
-from .surfaces import Seen
+from .surfaces import SurfaceHits
 
 NEAREST = 1e-2  # of its largest extent: nearer to the camera's plane a thing is cut off
 EDGE_PX = 8.0  # a lens bends edges: points along them are so far apart
@@ -188,7 +188,7 @@ def outside(box: Box | None, size: tuple[int, int]) -> float:
 class Hidden:
     """What other things hide, by the chief rays that go past the camera's eye to a thing alone."""
 
-    def __init__(self, sight: Sight, seen: Seen, ids: np.ndarray):
+    def __init__(self, sight: Sight, seen: SurfaceHits, ids: np.ndarray):
         self._seen, self._ids, self._view = seen, ids, seen.poses.view
         self._rays = sight.rays(self._view)
 

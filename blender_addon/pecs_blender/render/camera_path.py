@@ -17,7 +17,7 @@ import numpy as np
 
 from .errors import bad_input
 from .files import read_text
-from .plan import Timeline
+from .timeline import Timeline
 
 MAX_BYTES = 1 << 28
 UNIT = 1e-3  # how far a quaternion's length may be from 1

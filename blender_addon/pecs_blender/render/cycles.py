@@ -7,7 +7,6 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -15,6 +14,7 @@ import numpy as np
 
 from . import stop
 from .errors import UNSUPPORTED, RenderError
+from .plan import Sampling
 
 SETTINGS = {  # what is the same for every render, and recorded with it
     "use_adaptive_sampling": False,  # the number of samples must not depend on the picture
@@ -59,21 +59,6 @@ def white_furnace() -> bpy.types.Scene:
     background = scene.world.node_tree.nodes["Background"].inputs
     background["Color"].default_value, background["Strength"].default_value = (1.0, 1.0, 1.0, 1.0), 1.0
     return scene
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """samples: per pixel. device: CPU, or a compute device type of Cycles. denoise: OpenImageDenoise with albedo and
-    normals. threads 0: all. bounces: Cycles settings. light_tree: where a lamp moves, pixels that it does not light get
-    other samples, too."""
-
-    samples: int
-    seed: int
-    bounces: dict
-    threads: int = 0
-    device: str = "CPU"
-    denoise: bool = False
-    light_tree: bool = False
 
 
 def device_names(device: str) -> list[str]:
@@ -191,22 +176,22 @@ class Film:
         """[3, height, width], float32, row 0 at the top."""
         return self.passes("Combined")["Combined"][:3]
 
-    def passes(self, *names: str, look: Callable | None = None) -> dict[str, np.ndarray]:
-        """Passes of Cycles by name, each [channels, height, width]. look: called with the render's own depsgraph, which
-        has what a viewport's has not, before Cycles takes the scene from it."""
-        results = self._run(look, True)
+    def passes(self, *names: str, inspect: Callable | None = None) -> dict[str, np.ndarray]:
+        """Passes of Cycles by name, each [channels, height, width]. inspect: called with the render's own depsgraph
+        before Cycles reads the scene from it; a viewport's depsgraph lacks what only renders show."""
+        results = self._run(inspect, True)
         if not results or any(name not in results[-1] for name in names):
             raise RenderError(UNSUPPORTED, f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}")
         return {name: self._whole(results[-1][name]) for name in names}
 
-    def look(self, look: Callable) -> None:
+    def inspect(self, inspect: Callable) -> None:
         """As `passes`, but Cycles renders nothing."""
-        self._run(look, False)
+        self._run(inspect, False)
 
-    def _run(self, look: Callable | None, renders: bool) -> list[dict[str, np.ndarray]]:
+    def _run(self, inspect: Callable | None, renders: bool) -> list[dict[str, np.ndarray]]:
         stop.check()
-        self._scene.update_tag()  # else Cycles, which keeps its data, would not look at its own settings
-        with _engine_results(look, renders) as results, quiet():
+        self._scene.update_tag()  # else Cycles, which keeps its data, ignores changes of its own settings
+        with _engine_results(inspect, renders) as results, quiet():
             bpy.ops.render.render(scene=self._scene.name)
         stop.check()
         return results
@@ -224,7 +209,7 @@ class Film:
 
 
 @contextlib.contextmanager
-def _engine_results(look: Callable | None, renders: bool):
+def _engine_results(inspect: Callable | None, renders: bool):
     """What Cycles' engine renders meanwhile: for each view layer its passes by name, row 0 at the top."""
     from cycles import CyclesRender  # Blender's add-on
 
@@ -232,8 +217,8 @@ def _engine_results(look: Callable | None, renders: bool):
 
     def render_and_keep(engine, depsgraph):
         try:
-            if look:
-                look(depsgraph)
+            if inspect:
+                inspect(depsgraph)
         except Exception as e:  # Blender would print it, and go on
             errors.append(e)
             return

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .plan import Timeline
-from .surfaces import Poses, Seen, Surfaces
+from .surfaces import Poses, SurfaceHits, Surfaces
+from .timeline import Timeline
 
 BEND_PX = 0.05
 LONGEST = 256  # steps of the plan; what comes back to where it was must not go unseen
@@ -25,7 +25,7 @@ class Paths:
 
     def __init__(self, surfaces: Surfaces, set_time: Callable[[float], None], scale: float):
         self._surfaces, self._set_time, self._scale = surfaces, set_time, scale
-        self._seen: dict[float, Seen] = {}
+        self._seen: dict[float, SurfaceHits] = {}
         self._poses: dict[float, Poses] = {}
 
     def path(self, from_s: float, to_s: float) -> tuple[float, float]:
@@ -35,7 +35,7 @@ class Paths:
         return max(forward[0], backward[0]), max(forward[1], backward[1])
 
     def _one_way(self, from_s: float, to_s: float) -> tuple[float, float]:
-        seen = self._look(from_s)
+        seen = self._hits_at(from_s)
         at = [self._surfaces.place(seen, self._pose(from_s + f * (to_s - from_s)))[:2] for f in (0.0, *FRACTIONS)]
         height, width = at[0].shape[1:]
         limits = np.array([width, height])[:, None, None]
@@ -49,10 +49,10 @@ class Paths:
         bend = [np.linalg.norm(at[i] - at[0] - parabola(middle, end, FRACTIONS[i - 1]), axis=0) for i in (1, 3)]
         return float(length.max()), float(np.max(bend))
 
-    def _look(self, t_s: float) -> Seen:
+    def _hits_at(self, t_s: float) -> SurfaceHits:
         if t_s not in self._seen:
             self._set_time(t_s)
-            self._keep(self._seen, t_s, self._surfaces.seen(), 3)
+            self._keep(self._seen, t_s, self._surfaces.hits(), 3)
         return self._seen[t_s]
 
     def _pose(self, t_s: float) -> Poses:

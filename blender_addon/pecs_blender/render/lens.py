@@ -19,7 +19,8 @@ import pecs
 
 from . import cycles
 from .errors import USAGE, RenderError
-from .options import Options, flag
+from .options import flag
+from .plan import Sampling, View
 from .source import Source
 
 
@@ -63,33 +64,26 @@ class LensCameras:
     rays_per_sample: int  # so that every band gets its samples
 
 
-def choose(source: Source, options: Options, width: int, height: int) -> Lens | None:
-    """None: the scene's own camera. A stop that is asked for must be within the lens's; the scene's gives way to it."""
-    name = options.lens or source.lens["lens"]
+def choose(source: Source, view: View) -> Lens | None:
+    """None: the scene's own camera. A stop beyond the lens's widest is an error if an option asks for it; one from
+    scene.json is clamped."""
+    name = view.lens or source.lens["lens"]
     if name == "none":
         return None
     beside = source.folder / name
     lens = pecs.Lens(name if "/" in name or not beside.is_file() else beside)
-    stop_mm = options.stop_diameter_mm
-    if options.fnumber:
-        _check_stop(lens, name, "fnumber", options.fnumber)
+    stop_mm = view.stop_diameter_mm
+    if view.fnumber:
+        _check_stop(lens, name, "fnumber", view.fnumber)
     elif stop_mm:
         _check_stop(lens, name, "stop_diameter_mm", stop_mm)
     elif own_mm := source.lens["stop_diameter_mm"]:
         stop_mm = min(own_mm, lens.info(field_rows=2)["stop_diameter_mm"])
-    setting = {
-        "focus_m": options.focus_m or source.lens["focus_m"],
-        "stop_diameter_mm": stop_mm,
-        "fnumber": options.fnumber,
-    }
-    return Lens(
-        lens,
-        setting,
-        (options.film_width_mm, options.film_width_mm * height / width),
-        tuple(options.film_shift_mm),
-        tuple(options.film_tilt_deg),
-        options.film_width_mm / width,
-    )
+    focus_m = view.focus_m or source.lens["focus_m"]
+    setting = {"focus_m": focus_m, "stop_diameter_mm": stop_mm, "fnumber": view.fnumber}
+    width, height = view.size
+    film_mm = view.film_width_mm, view.film_width_mm * height / width
+    return Lens(lens, setting, film_mm, view.film_shift_mm, view.film_tilt_deg, view.film_width_mm / width)
 
 
 def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
@@ -148,7 +142,7 @@ def cameras(
 
 
 def even_out(
-    lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: cycles.Sampling
+    lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: Sampling
 ) -> np.ndarray:
     """RI / <w> for each band and pixel, see above; infinite where no ray gets through the lens."""
     (width, height), pitch_mm = size, lens.pixel_pitch_mm

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The options of a render, each with its help and range: the command line and the panel are made from them."""
+"""The options of a render with help and range, from which the command line and the panel are generated."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 
 from .arguments import Quantity
 from .errors import USAGE, RenderError
+from .layers import LAYERS
 
 TIMES = ("uniform", "adaptive")
 PLACEMENTS = ("gauss", "strata", "uniform")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
-LAYERS = ("depth", "normal", "motion", "objects")  # beside the light
 
 
 def _range(text: str) -> slice:
@@ -43,18 +43,18 @@ def _layers(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Rule:
-    """help and range of an option. parse: from text, where its type does not say. recorded: whether it decides the
-    picture and so stands in stack.json."""
+    """Help and range of an option. parse: from text, if the type does not suffice. recorded: whether stack.json lists
+    the option, because it decides the picture."""
 
     help: str
     low: float = -math.inf
     high: float = math.inf
-    above: float = -math.inf  # as low, but excluded
+    above: float = -math.inf  # exclusive
     choices: tuple = ()
     parse: Callable[[str], Any] | None = None
     metavar: str | tuple[str, ...] | None = None
     recorded: bool = True
-    unit: str = ""  # of plain numbers; others may carry theirs
+    unit: str = ""  # of numbers without a unit
 
     def wanted(self) -> str:
         parts = [f"above {self.above:g}"] if self.above > -math.inf else []
@@ -72,75 +72,82 @@ def option(default: Any, help: str, **rule: Any) -> Any:
 
 @dataclass(frozen=True)
 class Options:
-    bands: int = option(6, "number of wavelengths; three share an RGB pass", low=1, high=256, recorded=False)
-    placement: str = option("gauss", "where the bands lie", choices=PLACEMENTS)
-    bands_per_pass: int = option(3, "1: dispersion in glass objects is exact", choices=(1, 2, 3))
-    chip: str = option("imx636", "the chip whose response places the bands")
+    bands: int = option(6, "number of wavelengths; an RGB pass renders three", low=1, high=256, recorded=False)
+    placement: str = option("gauss", "placement of the bands", choices=PLACEMENTS)
+    bands_per_pass: int = option(
+        3, "wavelengths per RGB pass; 1 makes dispersion in glass objects exact", choices=(1, 2, 3)
+    )
+    chip: str = option("imx636", "chip whose response places the bands")
     min_nm: float | None = option(
         None,
-        "shortest wavelength; where chip and lamps begin if not given",
+        "shortest wavelength; by default, where the response of chip and lamps begins",
         low=100,
         high=20000,
         unit="nm",
     )
     max_nm: float | None = option(
         None,
-        "longest wavelength; where chip and lamps end if not given",
+        "longest wavelength; by default, where the response of chip and lamps ends",
         low=100,
         high=20000,
         unit="nm",
     )
-    illuminant: str = option("d65", "spectrum of RGB lamps and skies: a name, CSV, blackbody:T or daylight:T")
-    light_scale: float = option(1.0, "multiplies all light", above=0)
+    illuminant: str = option("d65", "spectrum of RGB lamps and skies: a name, a CSV file, blackbody:T or daylight:T")
+    light_scale: float = option(1.0, "factor for all light", above=0)
     lux: float | None = option(
         None,
-        "of a .blend: sets the light scale, so that the median surface in view is lit so at the first instant",
+        ".blend only: illuminance of the median surface in view at the first instant; sets the light scale",
         above=0,
         high=1e9,
-        recorded=False,  # the light scale is
+        recorded=False,  # the light scale is recorded
         unit="lx",
     )
-    fps: float = option(10000.0, "instants per second of the scene", above=0, high=1e9, unit="Hz")
+    fps: float = option(10000.0, "instants per second of scene time", above=0, high=1e9, unit="Hz")
     frames: str = option(
-        "100", "N, A:B, 'period' for one period in equal steps, 'all' for a .blend's range", recorded=False
+        "100", "N, A:B, 'period' for one period in equal steps, or 'all' for a .blend's frame range", recorded=False
     )
-    time: str = option("uniform", "every instant, or keyframes and the motion between them", choices=TIMES)
-    step_px: float = option(24.0, "adaptive: how far anything may move between keyframes", above=0, high=256, unit="px")
+    time: str = option(
+        "uniform",
+        "uniform renders every instant; adaptive renders keyframes and the motion between them",
+        choices=TIMES,
+    )
+    step_px: float = option(24.0, "adaptive: maximum motion between keyframes", above=0, high=256, unit="px")
     time_tolerance: float = option(
-        0.5, "adaptive: error of ln(photocurrent) that is left between keyframes, in contrast thresholds", above=0
+        0.5, "adaptive: tolerated error of ln(photocurrent) between keyframes, in contrast thresholds", above=0
     )
     subpixels: int | None = option(
-        None, "light per pixel in x and y; if not given, 1, and 2 where motion carries it", choices=(1, 2, 4)
+        None, "rendered pixels per sensor pixel, in x and y; by default 1, with adaptive steps 2", choices=(1, 2, 4)
     )
-    share: int = option(2, "adaptive: keyframes on each side whose samples are shared", low=0, high=16)
     only: slice | None = option(
-        None, "render these frames of the plan (a shard)", parse=_range, metavar="A:B", recorded=False
+        None, "render only these frames of the stack (a shard)", parse=_range, metavar="A:B", recorded=False
     )
     moving_px: tuple[int, int, int, int] | None = option(
         None,
-        "only this part of the picture changes: render the rest once",
+        "the only part of the picture that changes; the rest is rendered once",
         parse=_box,
         metavar="X0:Y0:X1:Y1",
     )
     layers: tuple[str, ...] = option(
-        (), f"what to render beside the light: a list of {', '.join(LAYERS)}", parse=_layers, recorded=False
+        (), f"layers to render besides the light: a list of {', '.join(LAYERS)}", parse=_layers, recorded=False
     )
-    no_light: bool = option(False, "only the --layers, no light", recorded=False)
+    no_light: bool = option(False, "render only the --layers, no light", recorded=False)
     camera_path: str | None = option(
         None,
-        "moves the camera: a text file of rows t_s tx ty tz qx qy qz qw (TUM), in metres, from camera axes x right, "
-        "y down, z forward to the scene's",
+        "camera trajectory: a TUM text file, rows t_s tx ty tz qx qy qz qw of world_from_camera in metres; camera axes "
+        "x right, y down, z forward",
         metavar="FILE",
         recorded=False,
     )
-    width: int | None = option(None, "pixels; the scene's if not given", low=1, high=8192, recorded=False)
-    height: int | None = option(None, "pixels; in the scene's shape if not given", low=1, high=8192, recorded=False)
+    width: int | None = option(None, "width in pixels; by default the scene's", low=1, high=8192, recorded=False)
+    height: int | None = option(
+        None, "height in pixels; by default from the scene's aspect ratio", low=1, high=8192, recorded=False
+    )
     film_width_mm: float | None = option(
-        None, "of a lens camera; the chip's if not given", low=0.01, high=1000, unit="mm"
+        None, "width of a lens camera's film; by default the chip's", low=0.01, high=1000, unit="mm"
     )
     film_shift_mm: Sequence[float] = option(
         (0.0, 0.0),
-        "the film's centre off the lens' axis",
+        "offset of the film's centre from the lens's axis",
         low=-1000,
         high=1000,
         metavar=("X", "Y"),
@@ -148,44 +155,45 @@ class Options:
     )
     film_tilt_deg: Sequence[float] = option(
         (0.0, 0.0),
-        "about its x, then y axis",
+        "tilt of the film about its x, then y axis",
         low=-80,
         high=80,
         metavar=("X", "Y"),
         unit="deg",
     )
-    samples: int = option(8, "paths per pixel and band, those of its subpixels together", low=1, high=65536)
+    samples: int = option(8, "paths per sensor pixel and band", low=1, high=65536)
     noise_target: float | None = option(
-        None, "choose --samples: noise of ln(light), in contrast thresholds of the chip", above=0
+        None, "target noise of ln(light), in contrast thresholds of the chip; replaces --samples", above=0
     )
-    denoise: bool = option(False, "OpenImageDenoise with albedo and normals")
+    denoise: bool = option(False, "denoise with OpenImageDenoise, guided by albedo and normals")
     light_tree: bool = option(
-        False, "less noise with several lamps; where a lamp moves, noise changes in the whole picture"
+        False, "reduces noise in scenes with several lamps; if a lamp moves, noise changes in the whole picture"
     )
-    device: str = option("CPU", "what Cycles computes on; a lens needs CPU or OPTIX", choices=DEVICES)
-    seed: int = option(1, "of the sampling", low=0, high=2**31 - 1)
+    device: str = option("CPU", "Cycles device; a lens requires CPU or OPTIX", choices=DEVICES)
+    seed: int = option(1, "random seed", low=0, high=2**31 - 1)
     lens: str | None = option(
-        None, "name, file, or 'none': a pinhole or the .blend's camera (radiance); the scene's if not given"
+        None, "name or file; 'none' for a pinhole or the .blend's camera (radiance); by default the scene's"
     )
     stop_diameter_mm: float | None = option(
-        None, "of the lens; the scene's if not given", above=0, high=1000, unit="mm"
+        None, "diameter of the lens's stop; by default the scene's", above=0, high=1000, unit="mm"
     )
-    fnumber: float | None = option(None, "of the lens, instead of a stop diameter", above=0, high=1000)
-    focus_m: float | None = option(None, "of the lens; the scene's if not given", above=0, high=1e9, unit="m")
-    focal_mm: float = option(15.02, "of a scene folder's pinhole", above=0, high=1e4, unit="mm")
+    fnumber: float | None = option(None, "f-number of the lens, instead of a stop diameter", above=0, high=1000)
+    focus_m: float | None = option(
+        None, "focus distance of the lens; by default the scene's", above=0, high=1e9, unit="m"
+    )
+    focal_mm: float = option(15.02, "focal length of a scene folder's pinhole", above=0, high=1e4, unit="mm")
     colour_tolerance_px: float = option(
         0.1,
-        "bands of a pass that lie closer on the film share their rays (at their mean wavelength); else every ray "
-        "carries one band, which is noisier",
+        "if lateral colour within a pass is below this, its bands share rays at their mean wavelength; otherwise each "
+        "ray carries one band, which is noisier",
         low=0,
         unit="px",
     )
-    threads: int = option(0, "0: all cores; does not change the result", low=0, high=1024, recorded=False)
-    restart_growth_mb: float = option(
-        1000.0, "memory growth at which the process starts afresh", recorded=False, unit="MB"
+    threads: int = option(
+        0, "number of threads, 0 for all cores; does not change the result", low=0, high=1024, recorded=False
     )
 
-    quiet: bool = False  # these two: as of every command, from the parser
+    quiet: bool = False  # from the parser, like verbose
     verbose: bool = False
 
     def __post_init__(self):
@@ -212,20 +220,15 @@ _TYPES: dict[str, str] = {f.name: f.type for f in dataclasses.fields(Options)}
 _FLAGS = {"min_nm": "--min-wavelength", "max_nm": "--max-wavelength"}
 
 
-def _long(name: str) -> str:
-    return "--" + name.replace("_", "-")
-
-
 def flag(name: str) -> str:
-    """Without the unit that the option's name here has: its values carry theirs."""
+    """--NAME without the unit, which values may carry."""
     unit = RULES[name].unit.lower()
-    return _FLAGS.get(name) or _long(name.removesuffix(f"_{unit}") if unit else name)
+    bare = name.removesuffix(f"_{unit}") if unit else name
+    return _FLAGS.get(name) or "--" + bare.replace("_", "-")
 
 
 def add_argument(parser: argparse._ActionsContainer, name: str, *short: str) -> None:
-    """An option; under the name that it had with a unit in it, too."""
-    rule, kind = RULES[name], _TYPES[name].removesuffix(" | None")
-    flags = [*short, *dict.fromkeys((flag(name), _long(name)))]
+    rule, kind, flags = RULES[name], _TYPES[name].removesuffix(" | None"), [*short, flag(name)]
     if kind == "bool":
         parser.add_argument(*flags, dest=name, action="store_true", help=rule.help)
         return

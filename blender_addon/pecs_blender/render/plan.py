@@ -1,60 +1,191 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which instants and which bands are rendered, in which passes."""
+"""A render's options, resolved once: each stage takes its part of the plan."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from .camera_path import CameraPath, read_camera_path
+from .chip import Chip, load_chip
 from .errors import USAGE, RenderError
+from .options import Options
+from .spectra import Spectrum, spectrum
+from .timeline import Timeline, timeline
 
-MAX_INSTANTS = 1_000_000  # of a stack
+if TYPE_CHECKING:
+    from .source import Source
+
+Box = tuple[int, int, int, int]  # left, top, right, bottom
 
 
 @dataclass(frozen=True)
-class Timeline:
-    times_ns: list[int]
-    period_ns: int | None  # set when the frames cover exactly one period
+class View:
+    """The picture and its camera. None: the scene's own value."""
+
+    pixels: tuple[int, int]  # of the sensor: width, height
+    subpixels: int  # rendered pixels per sensor pixel, in x and in y
+    film_width_mm: float
+    film_shift_mm: tuple[float, float]
+    film_tilt_deg: tuple[float, float]
+    lens: str | None
+    stop_diameter_mm: float | None
+    fnumber: float | None
+    focus_m: float | None
+    focal_mm: float  # of a scene folder's pinhole
+    colour_tolerance_px: float  # rendered pixels
+    moving_px: Box | None  # rendered pixels; None: everything may move
+    path: CameraPath | None
 
     @property
-    def bounds_ns(self) -> list[int]:
-        """Of the intervals between neighbouring instants; in a scene that repeats the last instant begins one, too."""
-        return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
-
-    @property
-    def ends_ns(self) -> list[int]:
-        """Of the intervals that begin at times_ns."""
-        return self.bounds_ns[1:]
+    def size(self) -> tuple[int, int]:
+        """Rendered pixels: width, height."""
+        return self.pixels[0] * self.subpixels, self.pixels[1] * self.subpixels
 
 
-def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
-    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as
-    fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
-    if frames == "period":
-        if period_s is None:
-            raise RenderError(USAGE, "--frames: got 'period', wanted a number: this scene does not repeat")
-        n = _checked(round(period_s * fps))
-        return Timeline([round(i * period_s * 1e9 / n) for i in range(n)], round(period_s * 1e9))
-    if frames == "all":
-        if duration_s is None:
-            raise RenderError(USAGE, "--frames: got 'all', wanted a number: only a .blend has a range of frames")
-        return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
-    first, colon, last = frames.partition(":")
-    try:
-        begin, end = (int(first), int(last)) if colon else (0, int(first))
-    except ValueError:
-        begin, end = 0, 0
-    if not 0 <= begin < end:
-        raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
-    _checked(end - begin)
-    return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
+@dataclass(frozen=True)
+class Bands:
+    """The light and the wavelengths at which it is rendered."""
+
+    chip: Chip
+    count: int
+    placement: str
+    per_pass: int
+    min_nm: float | None
+    max_nm: float | None
+    illuminant: Spectrum  # of emitters that name no spectrum
+    light_scale: float
+    lux: float | None  # replaces light_scale
 
 
-def _checked(instants: int) -> int:
-    if instants > MAX_INSTANTS:
-        raise RenderError(USAGE, f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
-    return max(1, instants)
+@dataclass(frozen=True)
+class Sampling:
+    """How Cycles samples. samples: per rendered pixel. bounces: Cycles settings. threads 0: all cores."""
+
+    samples: int
+    seed: int
+    bounces: dict[str, Any]
+    threads: int = 0
+    device: str = "CPU"
+    denoise: bool = False
+    light_tree: bool = False
+    variance: float | None = None  # of ln(light) per rendered pixel; replaces samples
 
 
-def passes(n_bands: int, per_pass: int = 3) -> list[slice]:
-    """Neighbouring bands share an RGB pass; the last pass may have fewer."""
-    return [slice(i, min(i + per_pass, n_bands)) for i in range(0, n_bands, per_pass)]
+@dataclass(frozen=True)
+class Instants:
+    """grid: the finest instants. only: the part of the stack's instants to render. step_px: longest motion [sensor
+    pixels] between keyframes; None renders every instant. tolerance: of ln(photocurrent) between keyframes."""
+
+    grid: Timeline
+    only: slice | None
+    step_px: float | None
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """layers: names of the layers besides the light. recorded: options for stack.json. verbosity: for Progress."""
+
+    view: View
+    bands: Bands
+    sampling: Sampling
+    instants: Instants
+    light: bool
+    layers: tuple[str, ...]
+    recorded: dict[str, Any]
+    verbosity: dict[str, bool]
+
+
+def resolve(options: Options, source: Source) -> Plan:
+    """Fills in the defaults that depend on the scene, on the chip and on other options. Throws RenderError for options
+    that exclude each other."""
+    _check(options)
+    chip = load_chip(options.chip)
+    subpixels = options.subpixels or (2 if options.is_adaptive else 1)
+    pixels = _pixels(source.size, options.width, options.height)
+    film_width_mm = options.film_width_mm or chip.film_width_mm(pixels[0])
+    view = View(
+        pixels,
+        subpixels,
+        film_width_mm,
+        tuple(options.film_shift_mm),
+        tuple(options.film_tilt_deg),
+        options.lens,
+        options.stop_diameter_mm,
+        options.fnumber,
+        options.focus_m,
+        options.focal_mm,
+        options.colour_tolerance_px * subpixels,
+        _moving_px(options.moving_px, pixels, subpixels),
+        read_camera_path(Path(options.camera_path)) if options.camera_path else None,
+    )
+    bands = Bands(
+        chip,
+        options.bands,
+        options.placement,
+        options.bands_per_pass,
+        options.min_nm,
+        options.max_nm,
+        spectrum(options.illuminant, source.folder),
+        options.light_scale,
+        options.lux,
+    )
+    noise = options.noise_target and options.noise_target * chip.contrast_threshold * subpixels
+    sampling = Sampling(
+        -(-options.samples // subpixels**2),
+        options.seed,
+        source.bounces,
+        options.threads,
+        options.device,
+        options.denoise,
+        options.light_tree,
+        noise and noise**2,
+    )
+    instants = Instants(
+        timeline(options.frames, options.fps, source.period_s, source.duration_s),
+        options.only,
+        options.step_px if options.is_adaptive else None,
+        options.time_tolerance * chip.contrast_threshold,
+    )
+    if view.path:
+        view.path.check(instants.grid)
+    needs_motion = options.is_adaptive and "motion" not in options.layers
+    layers = (*options.layers, "motion") if needs_motion else options.layers
+    recorded = options.recorded() | {"film_width_mm": film_width_mm, "subpixels": subpixels}
+    verbosity = {"quiet": options.quiet, "verbose": options.verbose}
+    return Plan(view, bands, sampling, instants, not options.no_light, layers, recorded, verbosity)
+
+
+def _check(options: Options) -> None:
+    if options.lux and options.no_light:
+        raise RenderError(USAGE, "--lux cannot be combined with --no-light")
+    if options.lux and options.light_scale != 1:
+        raise RenderError(USAGE, "--lux and --light-scale exclude each other")
+    if options.no_light:
+        if not options.layers:
+            raise RenderError(USAGE, "--no-light requires --layers")
+        for name, given in (("--time adaptive", options.is_adaptive), ("--noise-target", options.noise_target)):
+            if given:
+                raise RenderError(USAGE, f"{name} cannot be combined with --no-light")
+    if options.is_adaptive and options.moving_px:
+        raise RenderError(USAGE, "--moving-px requires --time uniform; adaptive steps find what moves by themselves")
+
+
+def _pixels(own: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:
+    """A width or a height alone keeps the scene's aspect ratio."""
+    if width:
+        return width, height or max(1, round(width * own[1] / own[0]))
+    if height:
+        return max(1, round(height * own[0] / own[1])), height
+    return own
+
+
+def _moving_px(box: Box | None, pixels: tuple[int, int], subpixels: int) -> Box | None:
+    if not box:
+        return None
+    (left, top, right, bottom), (width, height) = box, pixels
+    if not (0 <= left < right <= width and 0 <= top < bottom <= height):
+        raise RenderError(USAGE, f"--moving-px: got {box}, wanted a part of {width} x {height} pixels")
+    return tuple(n * subpixels for n in box)

@@ -13,7 +13,7 @@ pixel fires as often in a small picture as in a large one, but for texture too f
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Any
 
 import bpy  # before pecs: both carry libtbb.so.12
@@ -21,12 +21,10 @@ import numpy as np
 import pecs
 
 from . import cycles, lens
-from .chip import load_chip
 from .errors import BAD_INPUT, RenderError
-from .options import Options
-from .plan import timeline
+from .plan import Plan, Sampling, View
 from .source import Source
-from .spectra import illuminance_lux, spectrum
+from .spectra import illuminance_lux
 from .spectral import SpectralScene
 
 WIDTH, SAMPLES = 32, 16
@@ -37,43 +35,50 @@ MEDIAN_OF_NORMAL = 0.6745  # of its absolute value, in standard deviations
 PERCENT = {"p5": 5, "median": 50, "p95": 95}
 
 
-def probe(source: Source, options: Options) -> dict[str, Any]:
-    """lux (None where nothing in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None of a camera
-    without f-number), each {p5, median, p95} over the pixels; `light_scale`, with which they were found; `fnumber`;
+def probe(source: Source, plan: Plan) -> dict[str, Any]:
+    """lux (None if no surface in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None without an
+    f-number), each {p5, median, p95} over the pixels; `light_scale`, at which they were measured; `fnumber`;
     `noise_thresholds` of the light with `samples`."""
-    chip = load_chip(options.chip)
-    profile = chip.profile
-    cycles.device_names(options.device)
-    sampling = cycles.Sampling(SAMPLES, options.seed, source.bounces, options.threads, options.device)
+    profile, own = plan.bands.chip.profile, plan.sampling
+    cycles.device_names(own.device)
+    sampling = Sampling(SAMPLES, own.seed, source.bounces, own.threads, own.device)
     cycles.configure(source.scene, *_size(source), sampling)
-    spectral = SpectralScene(spectrum(options.illuminant, source.folder), source.folder, source.unit_m)
+    spectral = SpectralScene(plan.bands.illuminant, source.folder, source.unit_m)
+    if plan.view.path:
+        source.follow(plan.view.path)
     source.set_time(0.0)
-    scale = source.radiance_per_unit(spectral) * options.light_scale
-    source.scene.camera = source.camera(options.focal_mm, options.film_width_mm or 1.0)
+    scale = source.radiance_per_unit(spectral) * plan.bands.light_scale
+    source.scene.camera = source.camera(plan.view.focal_mm, plan.view.film_width_mm)
     lux, luminance = _photometry(source.scene, spectral)
     found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
     lamps = spectral.emitters.mean_pairs()
-    bands = pecs.bands(options.chip, 3, options.placement, lamps, options.min_nm, options.max_nm)
+    bands = pecs.bands(profile, 3, plan.bands.placement, lamps, plan.bands.min_nm, plan.bands.max_nm)
     lambda_nm = np.array([band["lambda_nm"] for band in bands])
-    amperes, fnumber = _amperes(source, options, profile, bands)
+    amperes, fnumber = _amperes(source, plan.view, profile, bands)
     current = rate = noise = None
+    all_samples = own.samples * plan.view.subpixels**2
     if amperes is not None:
         weights = amperes * spectral.emitters.norm(lambda_nm) * scale
-        current = _current(source.scene, spectral, lambda_nm, weights)
-        samples, pair = min(SAMPLES, options.samples), []  # few samples are noisier than the root of their number says
-        for seed in (options.seed, options.seed + 1):
+
+        def look() -> np.ndarray:
+            return _current(source.scene, spectral, lambda_nm, weights)
+
+        current = look()
+        # Measured with the render's samples up to SAMPLES: at few samples, noise exceeds 1 / sqrt(samples).
+        samples, pair = min(SAMPLES, all_samples), []
+        for seed in (own.seed, own.seed + 1):
             with cycles.changed(((source.scene.cycles, {"samples": samples, "seed": seed}),)):
-                pair.append(_current(source.scene, spectral, lambda_nm, weights))
+                pair.append(look())
         noise = _noise(*pair)
-        rate = _event_rate(source, options, lambda: _current(source.scene, spectral, lambda_nm, weights), spectral)
+        rate = _event_rate(source, plan, look, spectral)
     found["photocurrent_a"] = _spread(current)
     corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
     found |= {"corner_hz": _spread(corner), "events_per_s": rate}
     if noise is not None:
-        noise = float(f"{noise * math.sqrt(samples / options.samples) / chip.contrast_threshold:.3g}")
-    found |= {"noise_thresholds": noise, "samples": options.samples}
-    return found | {"fnumber": fnumber, "light_scale": options.light_scale}
+        noise = float(f"{noise * math.sqrt(samples / all_samples) / plan.bands.chip.contrast_threshold:.3g}")
+    found |= {"noise_thresholds": noise, "samples": all_samples}
+    return found | {"fnumber": fnumber, "light_scale": plan.bands.light_scale}
 
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
@@ -108,16 +113,16 @@ def _noise(one: np.ndarray, other: np.ndarray) -> float | None:
     return float(np.median(np.abs(np.log(one[lit] / other[lit])))) / (MEDIAN_OF_NORMAL * math.sqrt(2))
 
 
-def _event_rate(source: Source, options: Options, look, spectral: SpectralScene) -> float | None:
-    """Of the whole picture, in the range's first moments."""
-    times_s = np.array(timeline(options.frames, options.fps, source.period_s, source.duration_s).times_ns) * 1e-9
+def _event_rate(source: Source, plan: Plan, look: Callable[[], np.ndarray], spectral: SpectralScene) -> float | None:
+    """Events per second of the whole picture, over the first EVENT_S of the range."""
+    times_s = np.array(plan.instants.grid.times_ns) * 1e-9
     begin_s, end_s = times_s[0], min(times_s[-1], times_s[0] + EVENT_S)
     if end_s <= begin_s:
         return None
     width, height = source.size
     size = EVENT_WIDTH, max(1, round(EVENT_WIDTH * height / width))
     render, count = source.scene.render, 0
-    sensor = pecs.Sensor(*size, options.chip, noise=False, readout="ideal", photocurrent_a=1e-12)
+    sensor = pecs.Sensor(*size, plan.bands.chip.profile, noise=False, readout="ideal", photocurrent_a=1e-12)
     with cycles.changed(((render, dict(zip(("resolution_x", "resolution_y"), size, strict=True))),)), sensor:
         for t_s in np.linspace(begin_s, end_s, EVENT_LOOKS):
             spectral.before_instant()
@@ -151,14 +156,12 @@ def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.nda
     return math.pi * white[colour > DIFFUSE], luminance
 
 
-def _amperes(source: Source, options: Options, profile: pecs.Chip, bands: list[dict]) -> tuple:
+def _amperes(source: Source, view: View, profile: pecs.Chip, bands: list[dict]) -> tuple:
     """Photocurrent [A] per spectral radiance in each band, and the f-number."""
-    width, height = source.size
-    film = options.film_width_mm or load_chip(options.chip).film_width_mm(width)
-    if chosen := lens.choose(source, replace(options, film_width_mm=film), width, height):
+    if chosen := lens.choose(source, view):
         info = chosen.lens.info(**chosen.setting, **chosen.frame, field_rows=2)
         return info["e0_sr"] * np.array(profile.amperes_per_unit(bands)), info["fnumber"]
-    fnumber = options.fnumber or source.fnumber
+    fnumber = view.fnumber or source.fnumber
     if not fnumber:
         return None, None
     return np.array(profile.amperes_per_unit(bands, "radiance", fnumber=fnumber)), fnumber

@@ -8,40 +8,57 @@ from pathlib import Path
 
 from .errors import BAD_OUTPUT, RenderError
 
-BYTES_PER_VALUE = 4  # what a frame file takes at most, before compression
+BYTES_PER_VALUE = 4  # upper bound of a frame file, before compression
+RESTART_GROWTH_MB = 1000.0  # growth of memory at which the process restarts
 
 
 class Restart(Exception):
-    """The process has grown: start it afresh; finished frames are kept."""
+    """The process has grown and must be restarted; finished frames are kept."""
 
 
-def check_disk(folder: Path, values: int) -> None:
-    """Before a job starts: room for all its frames."""
+class MemoryGuard:
+    """Throws Restart when memory has grown by RESTART_GROWTH_MB since the caches were full, `warm_up` frames after the
+    first."""
+
+    def __init__(self, warm_up: int):
+        self._warm_up, self._first_mb = warm_up, 0.0
+
+    def check(self) -> None:
+        """Call after each frame but the last."""
+        if self._warm_up > 0:
+            self._warm_up -= 1
+            return
+        self._first_mb = self._first_mb or resident_mb()
+        if resident_mb() > self._first_mb + RESTART_GROWTH_MB:
+            raise Restart
+
+
+def check_disk(folder: Path, needed_bytes: int) -> None:
     place = folder.absolute()
     while not place.exists() and place != place.parent:
         place = place.parent
     if not place.is_dir():
-        return  # the writer says what is wrong with it
-    disk, wanted = shutil.disk_usage(place), values * BYTES_PER_VALUE
-    if disk.total and disk.free < wanted:  # /proc has none: the writer says what is wrong with it, too
+        return  # the writer reports the error
+    disk = shutil.disk_usage(place)
+    if disk.total and disk.free < needed_bytes:  # total 0: /proc; the writer reports the error
         raise RenderError(
-            BAD_OUTPUT, f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(wanted)} for all frames"
+            BAD_OUTPUT,
+            f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(needed_bytes)} for the frames to render",
         )
 
 
 def readable(size_bytes: float) -> str:
-    """In the unit that one reads best."""
     unit, factor = next(((u, f) for u, f in (("TB", 1e12), ("GB", 1e9)) if size_bytes >= f), ("MB", 1e6))
     return f"{size_bytes / factor:.3g} {unit}"
 
 
 def resident_mb() -> float:
-    """This process's resident memory; 0 where /proc is not."""
+    """This process's resident memory; 0 without /proc."""
     return _memory_mb("VmRSS")
 
 
 def peak_mb() -> float:
-    """The most that it has been."""
+    """The peak of resident_mb()."""
     return _memory_mb("VmHWM")
 
 

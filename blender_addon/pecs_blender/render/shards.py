@@ -12,8 +12,8 @@ from pathlib import Path
 
 from . import objects_json
 from .errors import bad_input
-from .plan import Timeline
 from .strict_json import JsonObject, read_json, shown
+from .timeline import Timeline
 
 
 def merge(shards: list[Path], output: Path) -> None:

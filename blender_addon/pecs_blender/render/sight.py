@@ -13,14 +13,13 @@ first one has its centre at (0.5, 0.5).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
 import numpy as np
 
 from . import cycles
-from .job import Job
 from .source import FLIP
+from .stage import Stage
 
 CHIEF_RAYS = """
 shader chief_rays(output point position = 0, output vector direction = 0, output color throughput = 1) {{
@@ -52,30 +51,30 @@ class View:
 
 
 class Sight:
-    """name: of its camera and files. size: of the picture, the job's or a smaller one."""
+    """name: of its camera and files. size: of the picture, the stage's or a smaller one."""
 
-    def __init__(self, job: Job, scratch: Path, name: str, size: tuple[int, int] | None = None):
-        self._job, self.size = job, size or job.size
-        self._per_pixel = np.array(self.size) / job.size  # pixels here per pixel of the job
+    def __init__(self, stage: Stage, name: str, size: tuple[int, int] | None = None):
+        self._stage, self.size = stage, size or stage.size
+        self._per_pixel = np.array(self.size) / stage.size  # pixels here per pixel of the stage
         self._sharp: dict[bpy.types.Camera, bpy.types.Camera] = {}
-        if job.lens:
+        if stage.lens:
             self._directions = self._lens_directions()
             self._field = self._lens_field()
             seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; no chief ray, no surface
-            path = scratch / f"{name}.exr"
+            path = stage.scratch / f"{name}.exr"
             # Twice, the second one upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
             both = np.concatenate([seen, seen[::-1]])
-            cycles.save_picture(both.astype(np.float32), path, job.source.scene)
-            self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), scratch)
+            cycles.save_picture(both.astype(np.float32), path, stage.source.scene)
+            self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), stage.scratch)
         else:
-            self._camera = bpy.data.objects.new(name, job.source.scene.camera.data)
-            job.source.scene.collection.objects.link(self._camera)
+            self._camera = bpy.data.objects.new(name, stage.source.scene.camera.data)
+            stage.source.scene.collection.objects.link(self._camera)
             bpy.context.view_layer.update()  # a scene folder's camera may just have been made
 
     def camera(self) -> bpy.types.Object:
         """Where the scene's camera is now."""
-        source = self._job.source
-        if self._job.lens:
+        source = self._stage.source
+        if self._stage.lens:
             source.place([self._camera])
         else:
             own = source.scene.camera
@@ -98,7 +97,7 @@ class Sight:
 
     def view(self, depsgraph: bpy.types.Depsgraph) -> View:
         """Of the camera as a render's depsgraph has it."""
-        camera, lens = self._camera.evaluated_get(depsgraph), self._job.lens is not None
+        camera, lens = self._camera.evaluated_get(depsgraph), self._stage.lens is not None
         world = np.array(camera.matrix_world, float)
         world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
         clip, (width, height) = None, self.size
@@ -152,13 +151,13 @@ class Sight:
     # The lens
 
     def _setting(self) -> dict:
-        lens, (width, height) = self._job.lens, self._job.size
+        lens, (width, height) = self._stage.lens, self._stage.size
         return {
             "width": width,
             "height": height,
             "pixel_pitch_mm": lens.pixel_pitch_mm,
-            "lambda_nm": float(self._job.lambda_nm.mean()),
-            "focus_bands_nm": self._job.lambda_nm.tolist(),
+            "lambda_nm": float(self._stage.lambda_nm.mean()),
+            "focus_bands_nm": self._stage.lambda_nm.tolist(),
             "film_shift_mm": lens.shift_mm,
             "film_tilt_deg": lens.tilt_deg,
             **lens.setting,
@@ -167,7 +166,7 @@ class Sight:
     def _lens_directions(self) -> np.ndarray:
         """[height, width, 3]"""
         pixels = np.moveaxis(self.centres(), 0, -1) / self._per_pixel
-        return self._job.lens.lens.directions(pixels, **self._setting())
+        return self._stage.lens.lens.directions(pixels, **self._setting())
 
     def _lens_field(self) -> float:
         """The tangent of the angle up to which the lens's image map is known in all directions."""
@@ -176,7 +175,7 @@ class Sight:
         for _ in range(30):
             middle = (low + high) / 2
             rim = np.stack([middle * np.cos(azimuth), middle * np.sin(azimuth), np.ones(8)], -1)
-            known = np.isfinite(self._job.lens.lens.pixels(rim, **self._setting())).all()
+            known = np.isfinite(self._stage.lens.lens.pixels(rim, **self._setting())).all()
             low, high = (middle, high) if known else (low, middle)
         return low * (1 - 1e-6)
 
@@ -192,7 +191,7 @@ class Sight:
         rim[:2] *= self._field / tangent[beyond]
         seen = np.concatenate([points, rim * [[NEAR_FIELD], [NEAR_FIELD], [1]]], 1)
         seen[:, beyond] = rim
-        pixels = self._job.lens.lens.pixels(seen.T, **self._setting()).T
+        pixels = self._stage.lens.lens.pixels(seen.T, **self._setting()).T
         pixels, near = pixels[:, : points.shape[1]], pixels[:, points.shape[1] :]
         further = (tangent[beyond] / self._field - 1) / (1 - NEAR_FIELD)
         pixels[:, beyond] += further * (pixels[:, beyond] - near)

@@ -60,4 +60,4 @@ class Source(ABC):
 
     @abstractmethod
     def radiance_per_unit(self, spectral) -> float:
-        """Spectral radiance [W m^-2 sr^-1 nm^-1] = rendered * n_k * this (light.py)."""
+        """Spectral radiance [W m^-2 sr^-1 nm^-1] = rendered * n_k * this (emitters.py)."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from .emitters import LUMINANCE, Emitters, band_matrix
 from .errors import RenderError, bad_input
 from .glass import Glass, glass
-from .light import LUMINANCE, Emitters, band_matrix
 from .spectra import Spectrum, spectrum
 
 # Sockets that emit; all other colours of shaders reflect, transmit or absorb.

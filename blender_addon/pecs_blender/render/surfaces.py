@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -22,9 +21,9 @@ import numpy as np
 
 from . import cycles
 from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
-from .job import Job
 from .mesh_points import Geometries, Geometry, carried
 from .sight import Sight, View, transformed
+from .stage import Stage
 
 SKY, UNKNOWN = -1, -2
 
@@ -51,7 +50,7 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SurfaceHits:
     """poses: of the same instant. depth: [h, w] along the optical axis [m], infinite where there is no surface.
     instance: [h, w] index into poses, SKY or UNKNOWN. points: [3, h, w] in camera axes. polygon: [h, w] from 0, -1
     where it is not known. random: [h, w] Cycles' Random of the instance. normals: [3, h, w] in camera axes, towards the
@@ -73,10 +72,10 @@ class Surfaces:
     normals = False
     note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any] | None = None
 
-    def __init__(self, job: Job, scratch: Path, scale: float = 1.0, name: str = "surfaces"):
-        self.size = tuple(max(1, round(n * scale)) for n in job.size)
-        self._job, self._identity, self._geometries = job, Identity(), Geometries()
-        self._sight, self._film = Sight(job, scratch, name, self.size), cycles.Film(job.source.scene)
+    def __init__(self, stage: Stage, scale: float = 1.0, name: str = "surfaces"):
+        self.size = tuple(max(1, round(n * scale)) for n in stage.size)
+        self._stage, self._identity, self._geometries = stage, Identity(), Geometries()
+        self._sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
 
     @property
     def sight(self) -> Sight:
@@ -86,33 +85,33 @@ class Surfaces:
         """[2, h, w]: film x, y of the pixels' centres."""
         return self._sight.centres()
 
-    def seen(self) -> Seen:
-        """At the instant at which the job's scene stands."""
-        found, scene = [], self._job.source.scene
+    def hits(self) -> SurfaceHits:
+        """At the instant at which the stage's scene stands."""
+        found, scene = [], self._stage.source.scene
         own = (INSTANCE, POLYGON, NORMAL) if self.normals else (INSTANCE, POLYGON)
         with (
             cycles.for_one_sample(scene, self._sight.camera(), self.size),
             self._identity.on(scene.view_layers[0], own),
         ):
             names = "Position", "Depth", *own
-            passes = self._film.passes(*names, look=lambda d: found.append(self._poses(d, self._identity.mark)))
+            passes = self._film.passes(*names, inspect=lambda d: found.append(self._poses(d, self._identity.mark)))
         poses = found[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
-        depth = np.where(surface, points[2] * self._job.source.unit_m, np.inf)
+        depth = np.where(surface, points[2] * self._stage.source.unit_m, np.inf)
         instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
         polygon = passes[POLYGON][0].astype(np.int32) - 1
         normals = _normals(passes[NORMAL][:3], surface, poses.view) if self.normals else None
-        return Seen(poses, depth, instance.astype(np.int32), points, polygon, passes[INSTANCE][0], normals)
+        return SurfaceHits(poses, depth, instance.astype(np.int32), points, polygon, passes[INSTANCE][0], normals)
 
     def poses(self) -> Poses:
-        """At the instant at which the job's scene stands."""
-        found, scene, camera = [], self._job.source.scene, self._sight.camera()
+        """At the instant at which the stage's scene stands."""
+        found, scene, camera = [], self._stage.source.scene, self._sight.camera()
         scene.camera = scene.camera or camera  # without one, Blender renders nothing
-        self._film.look(lambda d: found.append(self._poses(d)))
+        self._film.inspect(lambda d: found.append(self._poses(d)))
         return found[-1]
 
-    def place(self, seen: Seen, poses: Poses) -> np.ndarray:
+    def place(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
         """[3, h, w] float64: film x, y [px of this picture; pixel centres at .5] and depth z [m] of the points seen, at
         the poses' instant; NaN where it is not known. Bit by bit the pixel's centre where nothing moves."""
         before, view, instance = seen.poses, poses.view, seen.instance.ravel()
@@ -132,7 +131,7 @@ class Surfaces:
         out[2, moving], out[2, sky] = now[2], np.inf
         stays = sky[~turned[2].astype(bool)]
         out[:2, stays] = centres[:, stays]
-        out[2] *= self._job.source.unit_m
+        out[2] *= self._stage.source.unit_m
         return out.reshape(3, *seen.instance.shape)
 
     def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
@@ -175,23 +174,23 @@ def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjec
             yield instance
 
 
-class Look:
-    """What is seen at the last few instants: layers share it. times_s: of the job's plan."""
+class HitCache:
+    """What is seen at the last few instants: layers share it. times_s: of the stage's plan."""
 
-    def __init__(self, job: Job, scratch: Path, times_s: list[float]):
-        self.job, self.scratch, self.times_s = job, scratch, times_s
-        self._kept: dict[float, Seen] = {}
+    def __init__(self, stage: Stage, times_s: list[float]):
+        self.stage, self.times_s = stage, times_s
+        self._kept: dict[float, SurfaceHits] = {}
         self.keep = 1  # the next interval begins with one
 
     @cached_property
     def surfaces(self) -> Surfaces:
-        return Surfaces(self.job, self.scratch, name="chief_rays")
+        return Surfaces(self.stage, name="chief_rays")
 
-    def seen(self, t_s: float) -> Seen:
+    def at(self, t_s: float) -> SurfaceHits:
         """Moves the scene there, if it is not known."""
         if t_s not in self._kept:
-            self.job.set_time(t_s)
-            self._kept[t_s] = self.surfaces.seen()
+            self.stage.set_time(t_s)
+            self._kept[t_s] = self.surfaces.hits()
             while len(self._kept) > self.keep:
                 self._kept.pop(next(iter(self._kept)))
         return self._kept[t_s]

@@ -20,10 +20,10 @@ from .boxes import Shape, shape
 from .errors import USAGE, RenderError
 from .files import whole as whole_file
 from .mesh_points import Geometries, Geometry
-from .plan import timeline
 from .source import Source
 from .surfaces import renders
 from .things import Key, Things
+from .timeline import timeline
 
 POINTS = 200_000  # at the first instant, where no spacing is given
 MOST_POINTS = 50_000_000  # in all
@@ -108,7 +108,7 @@ class _Eye:
     def instances(self, things: Things, t_s: float) -> list[Instance]:
         found: list[Instance] = []
         self._source.set_time(t_s)
-        self._film.look(lambda depsgraph: found.extend(self._all(depsgraph, things)))
+        self._film.inspect(lambda depsgraph: found.extend(self._all(depsgraph, things)))
         return sorted(found, key=lambda instance: instance.key)
 
     def _all(self, depsgraph: bpy.types.Depsgraph, things: Things):

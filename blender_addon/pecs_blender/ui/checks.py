@@ -15,9 +15,9 @@ import bpy
 
 from ..render.errors import RenderError
 from ..render.options import DEVICES, RULES
-from ..render.plan import MAX_INSTANTS
 from ..render.resources import readable
 from ..render.spectra import spectrum
+from ..render.timeline import MAX_INSTANTS
 from . import library, paths, settings
 from .interface import say
 

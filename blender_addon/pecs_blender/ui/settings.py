@@ -20,10 +20,10 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..render.layers import KINDS
-from ..render.options import DEFAULTS, LAYERS, RULES, Options, flag
-from ..render.plan import passes
+from ..render.layers import LAYERS, layer_class
+from ..render.options import DEFAULTS, RULES, Options, flag
 from ..render.resources import BYTES_PER_VALUE
+from ..render.timeline import passes
 from . import library
 from .interface import CONTEXT, say
 from .preferences import preferences
@@ -277,7 +277,7 @@ class PecsSettings(bpy.types.PropertyGroup):
     @property
     def channels(self) -> int:
         """Channels per frame, of the light and all layers."""
-        return self.bands + sum(len(KINDS[name].channels) for name in self.layers)
+        return self.bands + sum(len(layer_class(name).channels) for name in self.layers)
 
 
 # After the class body, which has no annotations yet from Python 3.14 (Blender 5.2) on.

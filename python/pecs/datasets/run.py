@@ -7,6 +7,7 @@ import fcntl
 import json
 import math
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,7 +34,7 @@ from .recipe import CameraEntry, Recipe
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
 REQUEST = "drawn.json"  # all that decides a sequence
-OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels", "share")
+OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels")
 
 
 class Busy(PecsOutputError):
@@ -245,7 +246,7 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
 def _flags(options: dict[str, Any]) -> list[str]:
     found = []
     for key, value in options.items():
-        flag = "--" + key.replace("_", "-")
+        flag = "--" + re.sub(r"_(m|px)$", "", key).replace("_", "-")
         if value is True:
             found.append(flag)
         elif value is not None and value is not False:

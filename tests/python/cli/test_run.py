@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pecs
 import pytest
-from support import make_blends, pecs_blender
+from support import growing_pecs_blender, make_blends, pecs_blender
 
 SMALL = ("--bands", 1, "--samples", 1, "--fps", 1000, "--width", 24, "--frames", 4)
 
@@ -104,5 +104,5 @@ def test_versions_of_a_stack(blend, tmp_path):
 def test_a_process_that_grows_does_not_overwrite_itself(blend, tmp_path):
     words = ("render", blend, "-o", tmp_path / "s", *SMALL, "--overwrite")
     pecs_blender(*words)
-    result = pecs_blender(*words, "--restart-growth-mb", -1)
-    assert "are there already" in result.stderr
+    result = growing_pecs_blender(*words)
+    assert "1 of 4 are there already" in result.stderr

@@ -36,3 +36,15 @@ def test_a_render_asks_for_its_space_first(root, small_disk):
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 5 and "disk: got" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1 and not (small_disk / "s").exists()
+
+
+def test_a_continued_render_asks_for_missing_frames_only(root, small_disk):
+    """Four frames of 28 kB are there; eight fit only if these four are not counted again."""
+    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/rotating_disk", "-o", small_disk / "s"]
+    command += ["--lens", "none", "--width", "64", "--bands", "3", "--samples", "1", "--fps", "1000", "--frames", "12"]
+    for part in ("0:4", "0:8"):
+        result = subprocess.run([*map(str, command), "--only", part], capture_output=True, text=True)
+        assert result.returncode == 0, result.stderr
+    assert len(list((small_disk / "s").glob("frame_*.exr"))) == 8
+    result = subprocess.run([*map(str, command), "--only", "0:8", "--overwrite"], capture_output=True, text=True)
+    assert result.returncode == 5 and "disk: got" in result.stderr

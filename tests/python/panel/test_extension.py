@@ -79,7 +79,7 @@ def test_it_carries_its_libraries(root, extension):
             listed = json.loads(inside.read(next(n for n in held if n.endswith("sboms/pecs.spdx.json"))))
             record = inside.read(next(n for n in held if n.endswith("/RECORD"))).decode()
     libraries = [n for n in held if n.startswith("pecs.libs/lib")]
-    assert "__init__.py" in names and "render/job.py" in names and not [n for n in names if n.endswith(".pyc")]
+    assert "__init__.py" in names and "render/stage.py" in names and not [n for n in names if n.endswith(".pyc")]
     assert page.count('src="data:image/png;base64,') == 7 and "href=" not in page
     assert manifest["version"] == (root / "VERSION").read_text().strip()
     assert any("OpenEXR" in n for n in libraries) and any("libtbb" in n for n in libraries)

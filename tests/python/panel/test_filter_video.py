@@ -39,7 +39,7 @@ def pictures(path):
 def test_it_shows_what_reconstruct_shows(events, tmp_path):
     words = (events, "--fps", "500Hz", "--playback-fps", 25, "--cutoff", "5Hz")
     said = pecs_blender("reconstruct", *words, "-o", tmp_path / "b.mp4", "--quiet")
-    assert said.stdout == f"{tmp_path / 'b.mp4'}: 20 pictures, by filter\n" and said.stderr == ""
+    assert said.stdout == f"{tmp_path / 'b.mp4'}: 20 video frames, by filter\n" and said.stderr == ""
     command = [sys.executable, "-m", "pecs.learning", "reconstruct", *words, "-o", tmp_path / "p.mp4", "--quiet"]
     subprocess.run(list(map(str, command)), check=True)
     (ours, fps), (theirs, _) = pictures(tmp_path / "b.mp4"), pictures(tmp_path / "p.mp4")

@@ -96,7 +96,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
     """The lens camera stands where the file's camera does; its field is the lens's."""
     import pecs
 
-    common = ("--lens", "cmount_8mm_f2p8", "--stop-diameter-mm", 2, "--focus-m", 4, *SMALL, "--samples", 16)
+    common = ("--lens", "cmount_8mm_f2p8", "--stop-diameter", 2, "--focus", 4, *SMALL, "--samples", 16)
     result = render(blends / "instances.blend", "-o", tmp_path / "s", *common)
     assert result.returncode == 0, result.stderr
     with pecs.StackReader(tmp_path / "s") as reader:

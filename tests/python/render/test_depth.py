@@ -9,7 +9,7 @@ from support import make_blends, pecs_blender
 pecs = pytest.importorskip("pecs")
 
 SIZE = WIDTH, HEIGHT = 48, 32
-LENS = ("--lens", "cmount_8mm_f2p8", "--focus-m", 3, "--fnumber", 2.8)
+LENS = ("--lens", "cmount_8mm_f2p8", "--focus", 3, "--fnumber", 2.8)
 COMMON = ("--bands", 1, "--frames", 1, "--samples", 1)
 
 
@@ -82,7 +82,7 @@ def test_depth_of_the_scenes_own_camera(own, name):
 @pytest.fixture(scope="module")
 def lensed(blends):
     for name in ("measured", "centimetres"):
-        args = ("--layers", "depth", "--samples", 8, "--film-shift-mm", 0.3, -0.2)
+        args = ("--layers", "depth", "--samples", 8, "--film-shift", 0.3, -0.2)
         pecs_blender("render", blends / f"{name}.blend", "-o", blends / f"lens_{name}", *COMMON, *LENS, *args)
     return blends
 

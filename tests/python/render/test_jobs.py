@@ -7,6 +7,8 @@ import sys
 import time
 
 import pytest
+from pecs_blender.render.output import Output
+from support import growing_pecs_blender
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
 
@@ -80,11 +82,33 @@ def test_strange_shards_do_not_merge(root, whole, tmp_path):
     assert result.returncode == 3 and len(result.stderr.strip().splitlines()) == 1
 
 
-def test_a_process_that_grows_starts_afresh(root, whole, tmp_path):
-    """Any growth at all is too much here: a restart after every frame or two."""
-    result = run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6, "--restart-growth-mb", -1))
-    assert result.stderr.count("are there already") >= 2
+def test_a_process_that_grows_restarts(root, whole, tmp_path):
+    words = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *SMALL, "--frames", 6)
+    assert "1 of 6 are there already" in growing_pecs_blender(*words).stderr
     assert files(tmp_path / "s") == files(whole)
+
+
+def test_frames_stay_locked_while_their_process_reads_the_stack(whole, tmp_path):
+    """A lock that a reader's close() of stack.json would end lets a second process write the same frames."""
+    import json
+    import shutil
+
+    folder = shutil.copytree(whole, tmp_path / "s")
+    stack = json.loads((folder / "stack.json").read_text())
+    body = """
+import json, sys
+from pathlib import Path
+from pecs_blender.render.output import Output
+folder = Path(sys.argv[1])
+Output(folder, json.loads((folder / "stack.json").read_text()), slice(2, 3), sys.argv[2] == "overwrite")
+"""
+    with Output(folder, stack, slice(0, 3), False) as output:
+        output.read_layer("light", 0)
+        for exists in ("continue", "overwrite"):
+            second = run(sys.executable, "-c", body, folder, exists, check=False)
+            assert "another process renders these frames" in second.stderr, exists
+    run(sys.executable, "-c", body, folder, "continue")
+    assert files(folder) == files(whole)
 
 
 def test_kill_9_at_any_moment(root, whole, tmp_path):

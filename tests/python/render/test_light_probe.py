@@ -176,8 +176,8 @@ def test_noise_is_that_of_a_render(scenes, tmp_path):
 @pytest.mark.parametrize(
     "words, says",
     [
-        (("--lux", 300, "--light-scale", 2), "--lux: got --light-scale as well"),
-        (("--lux", 300, "--no-light", "--layers", "depth"), "--lux: got --no-light"),
+        (("--lux", 300, "--light-scale", 2), "--lux and --light-scale exclude each other"),
+        (("--lux", 300, "--no-light", "--layers", "depth"), "--lux cannot be combined with --no-light"),
         (("--lux", -1), "--lux: got -1.0, wanted a finite number above 0"),
     ],
 )

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from support import make_blends, pecs_blender
+from support import growing_pecs_blender, make_blends, pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -81,7 +81,7 @@ def test_rigid_things(blends, name, interval):
 
 
 def test_through_a_lens(blends):
-    args = ("--lens", LENS_NAME, "--focus-m", 4, "--fnumber", 4, "--film-shift-mm", 0.3, -0.2)
+    args = ("--lens", LENS_NAME, "--focus", 4, "--fnumber", 4, "--film-shift", 0.3, -0.2)
     folder = render(blends, "rigid", *args, "--samples", 16)
     for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
         check_way(way, LensCamera(folder), RIGID, times, least=0.99)
@@ -92,7 +92,7 @@ def test_through_a_lens(blends):
 
 def test_through_a_lens_with_distortion(blends):
     """Of 5 % in the corners."""
-    args = ("--lens", "fisheye_10mm_f4_muller", "--focus-m", 4, "--fnumber", 8, "--chip", "davis346", "--samples", 16)
+    args = ("--lens", "fisheye_10mm_f4_muller", "--focus", 4, "--fnumber", 8, "--chip", "davis346", "--samples", 16)
     folder = render(blends, "rigid", *args)
     for way, times in zip(motion(folder), ([0, 0.5, 1], [1, 0.5, 0]), strict=True):
         check_way(way, LensCamera(folder), RIGID, times, least=0.9)
@@ -119,7 +119,7 @@ def test_a_camera_that_travels(blends):
 
 def test_markers_change_the_camera(blends):
     """Of a lens, too, and of what is seen; the samples are those of the command line."""
-    args = ("--lens", LENS_NAME, "--focus-m", 4, "--fnumber", 4, "--film-shift-mm", 0.3, -0.2, "--samples", 16)
+    args = ("--lens", LENS_NAME, "--focus", 4, "--fnumber", 4, "--film-shift", 0.3, -0.2, "--samples", 16)
     changes, stays = (render(blends, name, *args, frames=3) for name in ("cut", "uncut"))
     for light, same in (("frame_000000.exr", False), ("frame_000001.exr", True), ("frame_000002.exr", True)):
         assert ((changes / light).read_bytes() == (stays / light).read_bytes()) == same
@@ -224,11 +224,11 @@ def test_shards_of_a_plan_have_all_intervals(blends, tmp_path):
 
 
 def test_a_stopped_job_goes_on(blends, tmp_path):
-    """After a restart at every step, and where files are missing."""
+    """After a restart, and where files are missing."""
     whole = files(render(blends, "rigid", frames=3))
     args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *COMMON, "--frames", 3, "--layers", "motion")
-    result = pecs_blender(*args, "--restart-growth-mb", -1)
-    assert result.stderr.count("are there already") >= 2 and files(tmp_path / "s") == whole
+    result = growing_pecs_blender(*args)
+    assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == whole
     (tmp_path / "s/motion_000001.exr").unlink()
     (tmp_path / "s/motion_000000.exr").write_bytes(whole["motion_000000.exr"][:-9])
     before = (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns

@@ -11,7 +11,7 @@ from support.views import LensCamera, Pinhole  # noqa: E402
 
 SIZE = WIDTH, HEIGHT = 64, 36
 ARGS = ("--frames", 1, "--bands", 1, "--no-light", "--layers", "normal,depth,objects", "--width", WIDTH)
-LENS = ("--lens", "cmount_8mm_f2p8", "--focus-m", 4, "--fnumber", 4)
+LENS = ("--lens", "cmount_8mm_f2p8", "--focus", 4, "--fnumber", 4)
 CAMERA_FROM_WORLD = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
 
 

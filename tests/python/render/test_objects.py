@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from support import make_blends, pecs_blender, run_support
+from support import growing_pecs_blender, make_blends, pecs_blender, run_support
 
 pecs = pytest.importorskip("pecs")
 
@@ -14,7 +14,7 @@ from support.views import FLIP, LensCamera, Pinhole, shift, turn  # noqa: E402
 
 SIZE = WIDTH, HEIGHT = 160, 120
 ARGS = ("--frames", 2, "--fps", 1, "--bands", 1, "--no-light", "--layers", "objects,depth")
-FISHEYE = ("--lens", "fisheye_10mm_f4_muller", "--focus-m", 4, "--fnumber", 8, "--chip", "davis346")
+FISHEYE = ("--lens", "fisheye_10mm_f4_muller", "--focus", 4, "--fnumber", 8, "--chip", "davis346")
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +236,8 @@ def test_a_stopped_job_goes_on(blends, whole, tmp_path):
     args = ("render", blends / "things.blend", "-o", tmp_path / "s", *ARGS)
     pecs_blender(*args, "--only", "0:1")
     assert not (tmp_path / "s/objects.json").exists()
-    pecs_blender(*args, "--restart-growth-mb", -1)
+    (tmp_path / "s/objects_000000.exr").unlink()
+    growing_pecs_blender(*args)
     assert files(tmp_path / "s") == files(whole)
     (tmp_path / "s/objects_000001.json").unlink()
     (tmp_path / "s/objects.json").unlink()

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp  # noqa: E402
 from support.views import HEIGHT, WIDTH, LensCamera, Pinhole, check_travel, motion  # noqa: E402
 
 COMMON = ("--bands", 1, "--samples", 1)
-LENS = ("--lens", "cmount_8mm_f2p8", "--focus-m", 4, "--fnumber", 4, "--film-shift-mm", 0.3, -0.2)
+LENS = ("--lens", "cmount_8mm_f2p8", "--focus", 4, "--fnumber", 4, "--film-shift", 0.3, -0.2)
 AHEAD = Rotation.from_euler("x", -90, degrees=True)  # world_from_camera of one that looks along +y
 TIMES = [-0.5, 0.7, 1.3, 4.0]
 POSITIONS = np.array([[0, 0, 0], [0.1, 0.2, 0.05], [0.3, 0.1, -0.1], [0.0, -0.5, 0.1]])
@@ -89,7 +89,7 @@ def test_a_scene_folders_camera_follows(root, tmp_path, lens):
     positions = np.array([[0.1, 0, 0], [-0.2, -0.1, 0.2]])
     path = write(tmp_path / "p.txt", [0.002, 0.012], positions, turns)
     args = ("--frames", "2:12", "--fps", 1000, "--width", WIDTH, "--height", HEIGHT, "--layers", "depth", "--no-light")
-    more = ("--focal-mm", 6, "--film-width-mm", 6) if lens == "none" else ()
+    more = ("--focal", 6, "--film-width", 6) if lens == "none" else ()
     args = (*COMMON, *args, "--lens", lens, *more, "--camera-path", path)
     pecs_blender("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *args)
     camera = Pinhole() if lens == "none" else LensCamera(tmp_path / "s")
@@ -123,7 +123,7 @@ def test_light_follows(blends, tmp_path):
 
 def test_keyframes_follow(blends, path, tmp_path):
     """--time adaptive takes as many as the path asks for; the motion between them is the path's."""
-    args = ("--frames", 33, "--fps", 16, "--time", "adaptive", "--subpixels", 1, "--step-px", 4)
+    args = ("--frames", 33, "--fps", 16, "--time", "adaptive", "--subpixels", 1, "--step", 4)
     pecs_blender("render", blends / "led.blend", "-o", tmp_path / "s", *COMMON, *args, "--camera-path", path)
     stack = json.loads((tmp_path / "s/stack.json").read_text())
     times = np.array(stack["times_ns"]) * 1e-9

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-light = pytest.importorskip("pecs_blender.render.light")
+light = pytest.importorskip("pecs_blender.render.emitters")
 spectra = pytest.importorskip("pecs_blender.render.spectra")
 glass = pytest.importorskip("pecs_blender.render.glass")
 NM = np.arange(400.0, 701.0, 5)

@@ -25,7 +25,7 @@ def survey(scene, output, *args):
 
 @pytest.fixture(scope="module")
 def whole(blends):
-    return survey(blends / "things.blend", blends / "s.npz", "--frames", 3, "--fps", 2, "--spacing-m", SPACING_M)
+    return survey(blends / "things.blend", blends / "s.npz", "--frames", 3, "--fps", 2, "--spacing", SPACING_M)
 
 
 def of(found, name, instant=None):
@@ -91,12 +91,12 @@ def test_metres_whatever_the_unit(blends, tmp_path):
 
 
 def test_a_scene_folder_covers_its_period(root, tmp_path):
-    found = survey(root / "scenes/room", tmp_path / "s.npz", "--spacing-m", 0.1, "--set", "swing_hz=2")
+    found = survey(root / "scenes/room", tmp_path / "s.npz", "--spacing", 0.1, "--set", "swing_hz=2")
     assert found["period_s"] == 0.5 and found["times_s"] == pytest.approx(np.arange(5) * 0.1)
     hanging = [of(found, "hanging ball", i)[0].mean(0) for i in range(5)]
     assert np.abs(np.diff(np.array(hanging)[:, 0])).max() > 0.1
     again = tmp_path / "again.npz"
-    survey(root / "scenes/room", again, "--spacing-m", 0.1, "--set", "swing_hz=2")
+    survey(root / "scenes/room", again, "--spacing", 0.1, "--set", "swing_hz=2")
     assert again.read_bytes() == (tmp_path / "s.npz").read_bytes()
 
 
@@ -105,8 +105,8 @@ def test_a_scene_folder_covers_its_period(root, tmp_path):
     [
         ("things.blend", "s.txt", (), 2, "wanted FILE.npz"),
         ("things.blend", "no/s.npz", (), 2, "got no such folder"),
-        ("things.blend", "s.npz", ("--spacing-m", 0), 2, "--spacing: got 0, wanted a finite number"),
-        ("things.blend", "s.npz", ("--spacing-m", 1e-6), 2, "wanted at most"),
+        ("things.blend", "s.npz", ("--spacing", 0), 2, "--spacing: got 0, wanted a finite number"),
+        ("things.blend", "s.npz", ("--spacing", 1e-6), 2, "wanted at most"),
         ("things.blend", "s.npz", ("--fps", "nan"), 2, "--fps: got 'nan'"),
         ("things.blend", "s.npz", ("--frames", "x"), 2, "--frames"),
         ("bad_class.blend", "s.npz", (), 4, "'thing'.pecs_class: got 3"),

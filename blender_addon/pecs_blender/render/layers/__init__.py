@@ -1,47 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a stack holds of each instant (docs/reference/exr_stack.md), one file each. To add one: a class with the
-protocol Layer, a line in KINDS, its name in options.py."""
+"""The layers of a stack besides its light (docs/reference/exr_stack.md), one file each. To add one:
+
+1. Write NAME.py with a class Name(Layer), see layer.py. Its constructor takes a HitCache.
+2. Add NAME to LAYERS.
+3. Add a row to the table of layers in docs/reference/exr_stack.md.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    from .layer import Layer
 
-from ..output import Output
-from .depth import Depth
-from .light import Light
-from .motion import Motion
-from .normal import Normal
-from .objects import Objects
+LAYERS = ("depth", "normal", "motion", "objects")
 
 
-class Layer(Protocol):
-    name: str
-    channels: tuple[str, ...]
-    unit: str
-    at: str  # "instant" or "interval"
-
-    def render(self, *t_s: float) -> np.ndarray:
-        """[channels, height, width] of the instant t_s, at which the scene stands; or of the interval between two,
-        from one to the other of which this moves the scene."""
-
-
-def write(layer: Layer, output: Output, index: int, *t_s: float) -> None:
-    """Renders it, and what is known beside it."""
-    values = layer.render(*t_s)
-    if isinstance(layer, Objects):
-        output.write_objects(index, layer.described)
-    output.write_layer(layer.name, index, values)
-
-
-KINDS = {kind.name: kind for kind in (Depth, Normal, Motion, Objects)}  # beside the light; each is made of a Look
-
-
-def entry(layer: Layer) -> dict:
-    """Of stack.json."""
-    files = f"{layer.name}_%06d.exr"
-    return {"name": layer.name, "files": files, "channels": list(layer.channels), "unit": layer.unit, "at": layer.at}
-
-
-__all__ = ["KINDS", "Layer", "Light", "entry", "write"]
+def layer_class(name: str) -> type[Layer]:
+    """Imports bpy."""
+    return getattr(import_module(f".{name}", __name__), name.capitalize())

@@ -8,21 +8,22 @@ import numpy as np
 
 from .. import cycles
 from ..sight import Sight, transformed
-from ..surfaces import Look
+from ..surfaces import HitCache
+from .layer import Layer
 
 
-class Depth:
+class Depth(Layer):
     name, channels, unit, at = "depth", ("distance", "z"), "m", "instant"
 
-    def __init__(self, look: Look):
-        self._job, self._film = look.job, cycles.Film(look.job.source.scene)
-        self._sight = Sight(look.job, look.scratch, "depth_rays")
+    def __init__(self, hits: HitCache):
+        self._stage, self._film = hits.stage, cycles.Film(hits.stage.source.scene)
+        self._sight = Sight(hits.stage, "depth_rays")
 
     def render(self, t_s: float) -> np.ndarray:
         views = []
-        with cycles.for_one_sample(self._job.source.scene, camera := self._sight.camera()):
-            passes = self._film.passes("Position", "Depth", look=lambda d: views.append(self._sight.view(d)))
+        with cycles.for_one_sample(self._stage.source.scene, camera := self._sight.camera()):
+            passes = self._film.passes("Position", "Depth", inspect=lambda d: views.append(self._sight.view(d)))
         points = transformed(views[-1].camera_from_world, passes["Position"].astype(float))
         distance = points[2] if camera.data.type == "ORTHO" else np.linalg.norm(points, axis=0)
-        depth = np.stack([distance, points[2]]) * self._job.source.unit_m
+        depth = np.stack([distance, points[2]]) * self._stage.source.unit_m
         return np.where(passes["Depth"] < cycles.NO_SURFACE, depth, np.inf).astype(np.float32)

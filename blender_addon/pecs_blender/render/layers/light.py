@@ -2,7 +2,7 @@
 """The light: film irradiance, or radiance, in every band.
 
 Radiance in Cycles is relative so that values are O(1): in band k every lamp is divided by the strongest lamp's value
-n_k there (light.py). Absolute radiance = rendered * n_k * s, where s is the scene's (Source.radiance_per_unit).
+n_k there (emitters.py). Absolute radiance = rendered * n_k * s, where s is the scene's (Source.radiance_per_unit).
 """
 
 from __future__ import annotations
@@ -15,39 +15,41 @@ import numpy as np
 from .. import cycles
 from .. import lens as lenses
 from ..errors import bad_input
-from ..job import Job
+from ..plan import Sampling
+from ..stage import Stage
 from ..tiles import Box
+from .layer import Layer
 
 NEAR_PX = 1  # within which some ray must get through the lens
 BLUR_PX, HALO_PX = 16, 64  # so far around, diffraction asks for the instant's own light, and for some other's
 
 
-class Light:
+class Light(Layer):
     name, unit, at = "light", "as stack.json's quantity", "instant"
 
-    def __init__(self, job: Job, sampling: cycles.Sampling):
+    def __init__(self, stage: Stage, sampling: Sampling):
         """Chooses samples and seed, and renders with them what is the same in every frame."""
-        scene = job.source.scene
-        self.channels = tuple(f"{nm:g} nm" for nm in job.lambda_nm)
-        self._job, self._film = job, cycles.Film(scene)
-        self._shape = (len(job.lambda_nm), *job.size[::-1])
-        rays = replace(sampling, samples=sampling.samples * job.rays_per_sample)
+        scene = stage.source.scene
+        self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
+        self._stage, self._film = stage, cycles.Film(scene)
+        self._shape = (len(stage.lambda_nm), *stage.size[::-1])
+        rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
         scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
-        to_film = job.unit[:, None, None]
-        if job.lens and not any(job.lens.tilt_deg):  # tables of flat films
-            to_film = to_film * lenses.even_out(job.lens, job.passes, job.lambda_nm, job.size, rays)
+        to_film = stage.unit[:, None, None]
+        if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
+            to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
         self._to_film = to_film.astype(np.float32)
-        self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * job.subpixels) for gain in self._to_film]
+        self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * stage.subpixels) for gain in self._to_film]
         self._to_film[~np.isfinite(self._to_film)] = 0
-        if job.moving_px:
-            job.set_time(0.0)
+        if stage.moving_px:
+            stage.set_time(0.0)
             self._still = self.fresh()
 
     def render(self, t_s: float) -> np.ndarray:
-        if not self._job.moving_px:
+        if not self._stage.moving_px:
             return self.blur(self.fresh())
-        left, top, right, bottom = self._job.moving_px
-        fresh, frame = self.fresh([self._job.moving_px]), self._still.copy()
+        left, top, right, bottom = self._stage.moving_px
+        fresh, frame = self.fresh([self._stage.moving_px]), self._still.copy()
         frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
         self._light_up(frame)  # across the box's rim
         return self.blur(frame)
@@ -55,13 +57,13 @@ class Light:
     def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
         """[channels, height, width] of the present instant in these boxes (None: everywhere), before diffraction; NaN
         elsewhere, and in the bands of other passes."""
-        (width, height), scene = self._job.size, self._job.source.scene
+        (width, height), scene = self._stage.size, self._stage.source.scene
         frame = np.full(self._shape, np.nan, np.float32)
         to_film = np.broadcast_to(self._to_film, self._shape)
-        for one in self._job.passes[passes]:
-            if self._job.lens:
+        for one in self._stage.passes[passes]:
+            if self._stage.lens:
                 scene.camera = one.camera
-            self._job.spectral.set_pass(one.rgb_nm)
+            self._stage.spectral.set_pass(one.rgb_nm)
             for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
                 cycles.set_border(scene, box if boxes_px else None)
                 at = (slice(box[1], box[3]), slice(box[0], box[2]))
@@ -78,7 +80,7 @@ class Light:
 
     def blur(self, frame: np.ndarray) -> np.ndarray:
         """By diffraction, in place."""
-        for one in self._job.passes:
+        for one in self._stage.passes:
             for picture, blur in zip(frame[one.bands], one.blurs, strict=False):  # none without diffraction
                 blur(picture)
         return frame
@@ -86,7 +88,7 @@ class Light:
     def parts(self, boxes_px: list[Box], under: np.ndarray) -> np.ndarray:
         """[channels, height, width] of the present instant in these boxes, NaN elsewhere. under: the light of another
         instant, which lies around them when a lens blurs."""
-        if not any(one.blurs for one in self._job.passes):
+        if not any(one.blurs for one in self._stage.passes):
             return self.fresh(boxes_px)
         frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
         around, result = np.where(np.isnan(frame), under, frame), np.full_like(frame, np.nan)
@@ -98,7 +100,7 @@ class Light:
         return result
 
     def _grown(self, box: Box, by_px: int) -> Box:
-        (left, top, right, bottom), (width, height) = box, self._job.size
+        (left, top, right, bottom), (width, height) = box, self._stage.size
         return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
 
 

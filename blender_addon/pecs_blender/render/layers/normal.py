@@ -6,15 +6,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..surfaces import Look
+from ..surfaces import HitCache
+from .layer import Layer
 
 
-class Normal:
+class Normal(Layer):
     name, channels, unit, at = "normal", ("x", "y", "z"), "1", "instant"
 
-    def __init__(self, look: Look):
-        self._look = look
-        look.surfaces.normals = True
+    def __init__(self, hits: HitCache):
+        self._hits = hits
+        hits.surfaces.normals = True
 
     def render(self, t_s: float) -> np.ndarray:
-        return self._look.seen(t_s).normals.astype(np.float32)
+        return self._hits.at(t_s).normals.astype(np.float32)

@@ -10,36 +10,48 @@ from weakref import WeakKeyDictionary
 import bpy
 import numpy as np
 
-from .. import boxes
+from .. import boxes, objects_json
 from ..mesh_points import Geometry
-from ..surfaces import UNKNOWN, Look, Poses, Seen
+from ..output import Output
+from ..surfaces import UNKNOWN, HitCache, Poses, SurfaceHits
 from ..things import Key, Thing, Things
+from .layer import Layer
 
 DIGITS = 7  # after the point: of a pixel, of a metre
 
 
-class Objects:
+class Objects(Layer):
     name, channels, unit, at = "objects", ("instance",), "1", "instant"
 
-    def __init__(self, look: Look):
-        self._look, self._unit_m = look, look.job.source.unit_m
+    def __init__(self, hits: HitCache):
+        self._hits, self._unit_m = hits, hits.stage.source.unit_m
         self._shapes: WeakKeyDictionary[Geometry, boxes.Shape] = WeakKeyDictionary()
-        self._things = Things(look.job.source.scene, look.times_s, self._keys_at)
-        self.described: dict[str, Any] = {}
+        self._things = Things(hits.stage.source.scene, hits.times_s, self._keys_at)
+        self._content: dict[str, Any] = {}  # of the latest instant's file
 
     def _keys_at(self, things: Things, t_s: float) -> set[Key]:
-        self._look.surfaces.note = lambda instance, geometry: (things.key(instance), self._shape(instance, geometry))
-        self._look.job.set_time(t_s)
-        return {key for key, _ in self._look.surfaces.poses().notes}
+        self._hits.surfaces.note = lambda instance, geometry: (things.key(instance), self._shape(instance, geometry))
+        self._hits.stage.set_time(t_s)
+        return {key for key, _ in self._hits.surfaces.poses().notes}
 
     def _shape(self, instance: bpy.types.DepsgraphObjectInstance, geometry: Geometry) -> boxes.Shape:
         if geometry not in self._shapes:
             self._shapes[geometry] = boxes.shape(instance.object.data, geometry)
         return self._shapes[geometry]
 
+    def is_written(self, output: Output, index: int) -> bool:
+        return objects_json.one(output.folder, index).is_file() and super().is_written(output, index)
+
+    def write(self, output: Output, index: int, *t_s: float) -> None:
+        picture = self.render(*t_s)
+        objects_json.write_json(objects_json.one(output.folder, index), self._content)
+        output.write_layer(self.name, index, picture)
+
+    def finish(self, output: Output) -> None:
+        objects_json.join(output.folder, output.times_ns)
+
     def render(self, t_s: float) -> np.ndarray:
-        """And says in `described` what objects_json.py joins."""
-        seen = self._look.seen(t_s)
+        seen = self._hits.at(t_s)
         things = [self._things.of(key) for key, _ in seen.poses.notes]
         ids = self._ids(seen, np.array([thing.id if thing else 0 for thing in things] or [0]))
         parts: dict[Thing, list[boxes.Part]] = {}
@@ -47,22 +59,24 @@ class Objects:
             if thing and len(shape.vertices):
                 parts.setdefault(thing, []).append(boxes.Part(shape, matrix))
         ordered = sorted(parts, key=lambda thing: thing.id)
-        self.described = {
+        self._content = {
             "t_ns": round(t_s * 1e9),
             "classes": {str(k): kind for kind, k in self._things.classes.items()},
             "objects": self._described(seen, ids, {thing: parts[thing] for thing in ordered}),
         }
         return ids[None].astype(np.float32)
 
-    def _ids(self, seen: Seen, of_instance: np.ndarray) -> np.ndarray:
+    def _ids(self, seen: SurfaceHits, of_instance: np.ndarray) -> np.ndarray:
         """[h, w]"""
         ids = np.where(seen.instance >= 0, of_instance[seen.instance], 0)
         if (twice := seen.instance == UNKNOWN).any():
             ids[twice] = _by_place(seen.poses, seen.random[twice], seen.points[:, twice], of_instance)
         return ids
 
-    def _described(self, seen: Seen, ids: np.ndarray, parts: dict[Thing, list[boxes.Part]]) -> list[dict[str, Any]]:
-        sight, view, size = self._look.surfaces.sight, seen.poses.view, self._look.job.size
+    def _described(
+        self, seen: SurfaceHits, ids: np.ndarray, parts: dict[Thing, list[boxes.Part]]
+    ) -> list[dict[str, Any]]:
+        sight, view, size = self._hits.surfaces.sight, seen.poses.view, self._hits.stage.size
         outlines = boxes.Outlines(sight, view)
         for of in parts.values():
             outlines.add(of)

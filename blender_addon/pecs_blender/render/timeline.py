@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which instants and which bands are rendered, in which passes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .errors import USAGE, RenderError
+
+MAX_INSTANTS = 1_000_000  # of a stack
+
+
+@dataclass(frozen=True)
+class Timeline:
+    times_ns: list[int]
+    period_ns: int | None  # set when the frames cover exactly one period
+
+    @property
+    def bounds_ns(self) -> list[int]:
+        """Of the intervals between neighbouring instants; in a scene that repeats the last instant begins one, too."""
+        return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
+
+    @property
+    def ends_ns(self) -> list[int]:
+        """Of the intervals that begin at times_ns."""
+        return self.bounds_ns[1:]
+
+
+def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
+    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as
+    fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
+    if frames == "period":
+        if period_s is None:
+            raise RenderError(USAGE, "--frames: got 'period', wanted a number: this scene does not repeat")
+        n = _checked(round(period_s * fps))
+        return Timeline([round(i * period_s * 1e9 / n) for i in range(n)], round(period_s * 1e9))
+    if frames == "all":
+        if duration_s is None:
+            raise RenderError(USAGE, "--frames: got 'all', wanted a number: only a .blend has a range of frames")
+        return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
+    first, colon, last = frames.partition(":")
+    try:
+        begin, end = (int(first), int(last)) if colon else (0, int(first))
+    except ValueError:
+        begin, end = 0, 0
+    if not 0 <= begin < end:
+        raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
+    _checked(end - begin)
+    return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
+
+
+def _checked(instants: int) -> int:
+    if instants > MAX_INSTANTS:
+        raise RenderError(USAGE, f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
+    return max(1, instants)
+
+
+def passes(n_bands: int, per_pass: int = 3) -> list[slice]:
+    """Neighbouring bands share an RGB pass; the last pass may have fewer."""
+    return [slice(i, min(i + per_pass, n_bands)) for i in range(0, n_bands, per_pass)]
