@@ -29,7 +29,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pecs
-from pecs_blender.render.errors import RenderError
 from pecs_blender.render.layers.motion import Motion
 from pecs_blender.render.scene_file import load_scene
 from pecs_lab.program import program
@@ -148,7 +147,7 @@ def said_in_python(read: Callable[[], object]) -> tuple[str, str]:
     """What happened in a word, and the line that says it."""
     try:
         read()
-    except (pecs.PecsError, RenderError) as e:
+    except pecs.PecsError as e:
         good = e.code in GOOD_CODES and len(str(e).splitlines()) == 1 and len(str(e)) < 1000
         return ("refused" if good else f"wrong words, code {e.code}"), str(e)
     except MemoryError as e:

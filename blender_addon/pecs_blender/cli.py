@@ -4,25 +4,50 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
+import os
 import sys
 import time
 from pathlib import Path
 from typing import NoReturn
 
+import pecs
+from pecs import _arguments
+from pecs._arguments import Quantity, account
+from pecs._errors import ExitCode, PecsError, PecsOutputError, one_line
 from pecs._progress import report
 
-from .render import programs, stop, streams
-from .render.arguments import Parser, Quantity, account
+from .render import programs, stop
 from .render.brightness import light_words
-from .render.errors import BAD_OUTPUT, NOT_FOUND, USAGE, RenderError
-from .render.options import DEFAULTS, RULES, Options, add_argument, add_arguments
+from .render.options import DEFAULTS, RULES, Options, UsageError, add_argument, add_arguments
 from .render.resources import Restart
 from .render.scene_file import load_scene
+from .render.shards import merge
 from .render.spectra import spectrum
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
+
+
+class Parser(_arguments.Parser):
+    """Raises errors as PecsError "COMMAND: …"."""
+
+    def error(self, message: str) -> NoReturn:
+        message = _arguments.said(message)
+        command = self.prog.removeprefix("pecs_blender").strip()
+        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
+
+    def _print_message(self, message: str, file: object = None) -> None:
+        write_out(message)
+
+
+def write_out(text: str) -> None:
+    """To standard output. Raises PecsOutputError if it cannot be written."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as e:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the rest of the buffer must not fail again at exit
+        raise PecsOutputError(f"standard output: cannot be written: {e.strerror}") from None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -187,34 +212,19 @@ def _add_light(commands) -> None:
     _add_scene(command)
 
 
-@contextlib.contextmanager
-def _library_errors():
-    """Errors of libpecs as ours. In a `with` after bpy is imported: both carry libtbb."""
-    try:
-        import pecs
-    except ImportError as e:
-        raise RenderError(NOT_FOUND, f"pecs: {e}") from None
-    try:
-        yield
-    except pecs.PecsError as e:
-        raise RenderError(e.code, str(e)) from None
-
-
 def _render(args: dict) -> Path:
     """The stack's folder."""
     where, output, cost_only = _where(args), args.pop("output"), args.pop("plan")
     overwrite, new_version = args.pop("overwrite"), args.pop("new_version")
     options = Options(**args)
     if options.lux and where[0] and where[0].suffix != ".blend":
-        raise RenderError(USAGE, "--lux requires a .blend; a scene folder has --set illuminance_lux=…")
-    with _writing(output):
-        source = _source(*where, options.illuminant)
-        with _library_errors():
-            from .render.plan import resolve
-            from .render.render import render
+        raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
+    source = _source(*where, options.illuminant)
+    from .render.plan import resolve
+    from .render.render import render
 
-            exists = "overwrite" if overwrite else "new" if new_version else "continue"
-            folder = render(source, output, resolve(options, source), exists, cost_only)
+    exists = "overwrite" if overwrite else "new" if new_version else "continue"
+    folder = render(source, output, resolve(options, source), exists, cost_only)
     if folder != output:
         report(f"render: into {folder}", folder=str(folder))
     return folder
@@ -225,7 +235,7 @@ def _run(args: dict) -> None:
     if args["no_light"] or args["only"]:
         name = "--no-light" if args["no_light"] else "--only"
         message = f"{name} cannot be combined with run, which needs the whole stack; use render, then sense"
-        raise RenderError(USAGE, message)
+        raise UsageError(message)
     pecs = programs.pecs()  # before hours of rendering
     chip = args["chip"]
     folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
@@ -249,92 +259,68 @@ def _source(
     illuminant: str,
 ):
     try:
-        import bpy  # before pecs
+        import bpy
     except ImportError as e:
-        raise RenderError(USAGE, f"bpy: {e}; pip install bpy, or run inside Blender") from None
+        raise UsageError(f"bpy: {e}; pip install bpy, or run inside Blender") from None
     from .render.blend import BlendScene
     from .render.folder import FolderScene
     from .render.placed import Placed
 
     path = path or Path(bpy.data.filepath)
     if path == Path():
-        raise RenderError(USAGE, "render requires a scene: FILE.blend or a scene folder")
-    with _library_errors():
-        if path.suffix != ".blend":
-            source = FolderScene(load_scene(path, overrides))
-        elif overrides:
-            raise RenderError(USAGE, f"--set {overrides[0]}: only scene folders have parameters, not a .blend")
-        else:
-            source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
-        source.placed = Placed(place, source.scene, source.unit_m) if place else None
-        return source
-
-
-@contextlib.contextmanager
-def _writing(output: Path):
-    """Translates OSError into RenderError."""
-    try:
-        yield
-    except OSError as e:
-        raise RenderError(BAD_OUTPUT, f"{e.filename or output}: cannot be written: {e.strerror}") from None
+        raise UsageError("render requires a scene: FILE.blend or a scene folder")
+    if path.suffix != ".blend":
+        source = FolderScene(load_scene(path, overrides))
+    elif overrides:
+        raise UsageError(f"--set {overrides[0]}: only scene folders have parameters, not a .blend")
+    else:
+        source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+    source.placed = Placed(place, source.scene, source.unit_m) if place else None
+    return source
 
 
 def _survey(args: dict) -> None:
     output = args["output"]
     if output.suffix != ".npz":
-        raise RenderError(USAGE, f"-o {output}: the extension must be .npz")
-    with _writing(output):
-        source = _source(*_where(args), DEFAULTS["illuminant"])
-        from .render.survey import survey
+        raise UsageError(f"-o {output}: the extension must be .npz")
+    source = _source(*_where(args), DEFAULTS["illuminant"])
+    from .render.survey import survey
 
-        survey(source, output, args["frames"], args["fps"], args["spacing_m"])
+    survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
 
 def _light(args: dict) -> None:
     where, as_json = _where(args), args.pop("json")
     options = Options(**args)
     source = _source(*where, options.illuminant)
-    with _library_errors():
-        from .render.plan import resolve
-        from .render.probe import probe
+    from .render.plan import resolve
+    from .render.probe import probe
 
-        found = probe(source, resolve(options, source))
-    streams.say(json.dumps(found) + "\n" if as_json else light_words(found))
+    found = probe(source, resolve(options, source))
+    write_out(json.dumps(found) + "\n" if as_json else light_words(found))
 
 
 def _reconstruct(args: dict) -> None:
-    import bpy  # noqa: F401 -- before pecs
+    from .render import filter_video
 
     args["playback_fps"] = args["playback_fps"] or min(args["fps"], 1000)
-    with _writing(args["output"]), _library_errors():
-        from .render import filter_video
-
-        count = filter_video.write(**args)
-    streams.say(f"{args['output']}: {count} video frames, by filter\n")
+    count = filter_video.write(**args)
+    write_out(f"{args['output']}: {count} video frames, by filter\n")
 
 
 def _bands(args: dict) -> None:
-    with _library_errors():
-        import pecs
-
-        lamp = spectrum(args["illuminant"], Path.cwd())
-        pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
-        bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])
+    lamp = spectrum(args["illuminant"], Path.cwd())
+    pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
+    bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])
     if args["json"]:
-        streams.say(json.dumps({"bands": bands}) + "\n")
+        write_out(json.dumps({"bands": bands}) + "\n")
         return
     rows = [f"{band['lambda_nm']:13.3f}  {band['weight_nm']:9.3f}\n" for band in bands]
-    streams.say("wavelength_nm  weight_nm\n" + "".join(rows))
+    write_out("wavelength_nm  weight_nm\n" + "".join(rows))
 
 
 def _merge(args: dict) -> None:
-    from .render.shards import merge
-
-    try:
-        with _library_errors():
-            merge(args["shards"], args["output"])
-    except OSError as e:
-        raise RenderError(BAD_OUTPUT, f"{e.filename}: cannot be written: {e.strerror}") from None
+    merge(args["shards"], args["output"])
 
 
 COMMANDS = {
@@ -351,7 +337,8 @@ COMMANDS = {
 def main(argv: list[str]) -> int:
     begin = time.monotonic()
     try:
-        programs.pass_on(argv)
+        if argv and argv[0] not in COMMANDS and not argv[0].startswith("-"):
+            programs.pass_on(argv)
         args = vars(_parser().parse_args(argv))
         used, command = dict(args), args.pop("command")
         if command in ("render", "run", "reconstruct"):
@@ -361,15 +348,24 @@ def main(argv: list[str]) -> int:
             sys.stderr.write(account(command, used, time.monotonic() - begin))
     except SystemExit as e:  # --help
         return e.code or 0
-    except RenderError as e:
-        line = f"pecs: run: {str(e).removeprefix('run: ')}" if argv[:1] == ["run"] else f"pecs_blender: {e}"
-        print(line, file=sys.stderr)
-        return e.code
     except Restart:
         _restart(argv)
     except stop.Stopped:
         stop.leave()
+    except PecsError as e:
+        return _report(argv, str(e), e.code)
+    except ImportError as e:
+        return _report(argv, str(e), ExitCode.NOT_FOUND)
+    except OSError as e:
+        return _report(argv, f"{e.filename or 'output'}: cannot be written: {e.strerror}", ExitCode.BAD_OUTPUT)
     return 0
+
+
+def _report(argv: list[str], message: str, code: int) -> int:
+    message = one_line(message)
+    prefix = f"pecs: run: {message.removeprefix('run: ')}" if argv[:1] == ["run"] else f"pecs_blender: {message}"
+    print(prefix, file=sys.stderr)
+    return int(code)
 
 
 def _restart(argv: list[str]) -> NoReturn:

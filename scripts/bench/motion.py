@@ -141,8 +141,6 @@ VARIANTS = {
     "step 64": ("--time", "adaptive", "--step", 64),
     "tolerance 0.5": ("--time", "adaptive", "--time-tolerance", 0.5),
     "tolerance 1": ("--time", "adaptive", "--time-tolerance", 1),
-    "no sharing": ("--time", "adaptive", "--share", 0),
-    "share 4": ("--time", "adaptive", "--share", 4),
     "no subpixels": ("--time", "adaptive", "--subpixels", 1),
     "4 subpixels": ("--time", "adaptive", "--subpixels", 4),
 }

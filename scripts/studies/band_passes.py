@@ -51,7 +51,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     near = render(folder / "every", "--samples", 4, "--step", 12)
     far_ns = render(folder / "second", "--samples", 4, "--step", 24)["times_ns"]
-    render(folder / "reference", "--samples", 128, "--step", 12, "--share", 0, "--seed", 77)
+    render(folder / "reference", "--samples", 128, "--step", 12, "--seed", 77)
     lambda_nm = np.array([band["lambda_nm"] for band in near["bands"]])
     chips = ["imx636", *(chip_of_pass(folder, lambda_nm, i) for i in range(PASSES))]
     between_us = np.array([t for t in near["times_ns"][1:-1] if t not in far_ns]) / 1e3

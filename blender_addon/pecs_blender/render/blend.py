@@ -6,9 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
 
 from . import cycles
-from .errors import BAD_INPUT, NOT_FOUND, UNSUPPORTED, RenderError, bad_input
 from .needs import missing_files, python_drivers
 from .source import Source
 from .spectra import Spectrum
@@ -17,12 +17,12 @@ from .spectra import Spectrum
 class BlendScene(Source):
     def __init__(self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool):
         if not path.is_file():
-            raise RenderError(NOT_FOUND, f"{path}: no such file")
+            raise PecsNotFoundError(f"{path}: no such file")
         try:
             with cycles.quiet(2):
                 bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=allow_scripts)
         except RuntimeError as e:
-            raise RenderError(BAD_INPUT, f"{path}: {' '.join(str(e).split())}") from None
+            raise PecsInputError(f"{path}: {' '.join(str(e).split())}") from None
         if scene_name and scene_name not in bpy.data.scenes:
             names = ", ".join(s.name for s in bpy.data.scenes)
             raise bad_input(path, "--scene-name", repr(scene_name), f"one of {names}")
@@ -31,9 +31,9 @@ class BlendScene(Source):
             bpy.context.window.scene = self.scene
         self.folder = path.absolute().parent
         for driver in () if allow_scripts else python_drivers():
-            raise RenderError(UNSUPPORTED, f"{path}: {driver}, wanted --allow-scripts to run it")
+            raise PecsError(f"{path}: {driver}, wanted --allow-scripts to run it", ExitCode.UNSUPPORTED)
         for missing in missing_files():
-            raise RenderError(NOT_FOUND, f"{path}: {missing}")
+            raise PecsNotFoundError(f"{path}: {missing}")
         if not self.scene.camera:
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
         if self.scene.frame_end < self.scene.frame_start:

@@ -14,9 +14,9 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from pecs._errors import bad_input
+from pecs._files import read_text
 
-from .errors import bad_input
-from .files import read_text
 from .timeline import Timeline
 
 MAX_BYTES = 1 << 28

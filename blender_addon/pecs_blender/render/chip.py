@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the renderer asks of a chip profile, which libpecs reads."""
+"""A chip profile with the quantities that rendering needs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import pecs
+import pecs
 
 
 @dataclass(frozen=True)
@@ -18,19 +15,17 @@ class Chip:
 
     @property
     def contrast_threshold(self) -> float:
-        """The smaller of both, natural log."""
+        """The lower of the ON and OFF thresholds, natural log."""
         return min(self.profile.contrast_threshold_on, self.profile.contrast_threshold_off)
 
     def film_width_mm(self, width: int) -> float:
-        """Of the whole chip; `width`: that of the picture, where the chip has none."""
+        """Of the whole chip; of `width` pixels if the profile has no size."""
         return round((self.profile.width or width) * self.profile.pixel_pitch_m * 1e3, 6)
 
     def weights(self, bands: list[dict]) -> np.ndarray:
-        """Photocurrent per light in each band, as the sensor weighs them."""
+        """Photocurrent per light in each band, as in the sensor."""
         return np.array(self.profile.amperes_per_unit(bands))
 
 
 def load_chip(name_or_path: str) -> Chip:
-    import pecs  # after bpy: both carry libtbb
-
     return Chip(pecs.Chip(name_or_path))

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs._errors import ExitCode, PecsError
 
 from . import stop
-from .errors import UNSUPPORTED, RenderError
 from .plan import Sampling
 
 SETTINGS = {  # what is the same for every render, and recorded with it
@@ -75,7 +75,9 @@ def device_names(device: str) -> list[str]:
         names = [found.name for found in preferences.devices if found.use]
         if names:
             return names
-    raise RenderError(UNSUPPORTED, f"--device: got {device}, wanted one that this machine has; CPU works everywhere")
+    raise PecsError(
+        f"--device: got {device}, wanted one that this machine has; CPU works everywhere", ExitCode.UNSUPPORTED
+    )
 
 
 def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Sampling) -> None:
@@ -181,7 +183,7 @@ class Film:
         before Cycles reads the scene from it; a viewport's depsgraph lacks what only renders show."""
         results = self._run(inspect, True)
         if not results or any(name not in results[-1] for name in names):
-            raise RenderError(UNSUPPORTED, f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}")
+            raise PecsError(f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}", ExitCode.UNSUPPORTED)
         return {name: self._whole(results[-1][name]) for name in names}
 
     def inspect(self, inspect: Callable) -> None:
@@ -331,18 +333,18 @@ def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
     import _cycles
 
     if not _cycles.with_osl:
-        raise RenderError(
-            UNSUPPORTED,
+        raise PecsError(
             f"lens: got Blender {bpy.app.version_string} built without OSL, wanted blender.org's or `pip install bpy` "
             "(--lens none renders with the scene's own camera here)",
+            ExitCode.UNSUPPORTED,
         )
     source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
     source.write_text(osl)
     with quiet():
         ok = _cycles.osl_compile(str(source), str(compiled))
     if not ok or not compiled.is_file():
-        raise RenderError(
-            UNSUPPORTED, f"{source}: the lens shader does not compile in Blender {bpy.app.version_string}"
+        raise PecsError(
+            f"{source}: the lens shader does not compile in Blender {bpy.app.version_string}", ExitCode.UNSUPPORTED
         )
     camera = _new_camera(name)
     camera.data.type = "CUSTOM"

@@ -6,15 +6,16 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import bpy  # before pecs: both carry libtbb.so.12
+import bpy
 import numpy as np
 import pecs
+from pecs._errors import bad_input
 from pecs._progress import Progress
 from pecs.learning.reconstruct import Filter, windows
 
 from . import stop
 from .cycles import quiet as no_words
-from .errors import USAGE, RenderError, bad_input
+from .options import UsageError
 
 MOST_PICTURES = 100_000
 
@@ -23,9 +24,9 @@ def write(
     events: Path, output: Path, *, fps: float, playback_fps: float, cutoff_hz: float, quiet: bool, verbose: bool
 ) -> int:
     """An .mp4 with `fps` pictures per second of the recording; the number of pictures. Odd sizes lose a row or column:
-    H.264 has none. Throws RenderError, PecsError."""
+    H.264 has none. Throws PecsError, PecsError."""
     if output.suffix.lower() != ".mp4":
-        raise RenderError(USAGE, f"-o {output}: got no .mp4, wanted VIDEO.mp4")
+        raise UsageError(f"-o {output}: got no .mp4, wanted VIDEO.mp4")
     with pecs.EventReader(events) as reader:  # all of it: a file may not say its size, and progress has an end
         ends_us = [(int(block["t"][0]), int(block["t"][-1])) for block in reader]
         size = reader.info["width"], reader.info["height"]
@@ -33,7 +34,7 @@ def write(
         raise bad_input(events, "", "no events" if all(size) else "no size in pixels", "events of a known size")
     count = int((ends_us[-1][1] - ends_us[0][0]) * fps * 1e-6) + 1
     if count > MOST_PICTURES:
-        raise RenderError(USAGE, f"--fps: got {count} pictures, wanted at most {MOST_PICTURES}")
+        raise UsageError(f"--fps: got {count} pictures, wanted at most {MOST_PICTURES}")
     progress = Progress("reconstruct", count, quiet=quiet, verbose=verbose)
     with tempfile.TemporaryDirectory(prefix="pecs_", dir=output.absolute().parent) as scratch:
         stop.remove_at_exit(Path(scratch))

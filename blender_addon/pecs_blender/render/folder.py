@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import bpy
+from pecs._errors import bad_input
 
 from . import build, cycles
-from .errors import bad_input
 from .scene_file import SceneFile
 from .source import Source
 from .spectra import constant, illuminance_lux

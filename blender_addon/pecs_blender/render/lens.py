@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import bpy  # before pecs: both carry libtbb.so.12
+import bpy
 import numpy as np
 import pecs
 
 from . import cycles
-from .errors import USAGE, RenderError
-from .options import flag
+from .options import UsageError, flag
 from .plan import Sampling, View
 from .source import Source
 
@@ -92,7 +91,7 @@ def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
     except pecs.PecsInputError:
         widest = lens.info(field_rows=2)[option]
         limit = f"at least f/{widest:.4g}" if option == "fnumber" else f"at most {widest:.4g}mm"
-        raise RenderError(USAGE, f"{flag(option)}: got {value:g}, wanted {limit}, where {name} is wide open") from None
+        raise UsageError(f"{flag(option)}: got {value:g}, wanted {limit}, where {name} is wide open") from None
 
 
 def rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of the things in the layer `objects`: a small file for each instant, `objects_000000.json`, and when
-all are there, one for the stack, `objects.json` (docs/reference/exr_stack.md). Files appear whole or not at all."""
+"""The records of the layer `objects`: one file per instant, `objects_000000.json`, joined into `objects.json` when all
+instants are written (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from .errors import bad_input
-from .files import whole
-from .strict_json import JsonObject, read_json
+from pecs._config import Fields, read_json
+from pecs._errors import bad_input
+from pecs._files import write_text
 
 LAYER, WHOLE, ONE = "objects", "objects.json", "objects_{:06d}.json"
 OF_A_THING = ("id", "name", "class", "class_id", "size_m", "centre_local")
@@ -20,9 +20,7 @@ MAX_BYTES = 1 << 30
 
 
 def write_json(path: Path, value: Any) -> None:
-    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
-    with whole(path) as file:
-        file.write(f"{text}\n".encode())
+    write_text(path, json.dumps(value, separators=(",", ":"), ensure_ascii=False) + "\n")
 
 
 def one(folder: Path, index: int) -> Path:
@@ -30,7 +28,7 @@ def one(folder: Path, index: int) -> Path:
 
 
 def join(folder: Path, times_ns: list[int]) -> None:
-    """Writes objects.json, if all instants are there: several processes may have written them."""
+    """Writes objects.json once all instants are there; other processes may have written some of them."""
     paths = [one(folder, i) for i in range(len(times_ns))]
     if not all(path.is_file() for path in paths):
         return
@@ -38,7 +36,7 @@ def join(folder: Path, times_ns: list[int]) -> None:
     objects: dict[int, dict[str, Any]] = {}
     instants = []
     for path in paths:
-        top = JsonObject(content := read_json(path, MAX_BYTES), path)
+        top = Fields(content := read_json(path, MAX_BYTES), path)
         classes |= top.any("classes")
         for thing in top.any("objects"):
             known = objects.setdefault(thing["id"], {key: thing[key] for key in OF_A_THING})

@@ -10,9 +10,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .arguments import Quantity
-from .errors import USAGE, RenderError
+from pecs._arguments import Quantity
+from pecs._errors import ExitCode, PecsInputError
+
 from .layers import LAYERS
+
+
+class UsageError(PecsInputError):
+    """Options that are wrong or exclude each other."""
+
+    code = ExitCode.USAGE
+
 
 TIMES = ("uniform", "adaptive")
 PLACEMENTS = ("gauss", "strata", "uniform")
@@ -202,7 +210,7 @@ class Options:
             numbers = value if isinstance(value, (tuple, list)) else [value]
             for number in numbers:
                 if isinstance(number, (int, float)) and not isinstance(number, bool) and not rule.allows(number):
-                    raise RenderError(USAGE, f"{flag(name)}: got {number}, wanted {rule.wanted()}")
+                    raise UsageError(f"{flag(name)}: got {number}, wanted {rule.wanted()}")
 
     @property
     def is_adaptive(self) -> bool:

@@ -14,8 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import pecs
-
-from .errors import BAD_OUTPUT, RenderError
+from pecs._errors import PecsError, PecsOutputError
 
 
 def as_written(light: np.ndarray) -> np.ndarray:
@@ -39,7 +38,7 @@ class Output:
             self._writer = pecs.StackWriter(folder, stack)
         except pecs.PecsError as e:
             hint = "; --overwrite replaces the stack, --new-version writes another beside it"
-            raise RenderError(e.code, f"{e}{hint if json_path.is_file() else ''}") from None
+            raise PecsError(f"{e}{hint if json_path.is_file() else ''}", e.code) from None
         self._lock = self._locked(json_path, only or slice(0, len(stack["times_ns"])))
         self.has_layer, self.write_layer = self._writer.has_layer, self._writer.write_layer
         self.write_between = self._writer.write_between
@@ -60,9 +59,8 @@ class Output:
             fcntl.fcntl(file, fcntl.F_OFD_SETLK, lock)
         except BlockingIOError:
             file.close()
-            raise RenderError(
-                BAD_OUTPUT,
-                f"{self.folder}: another process renders these frames; use another folder, or other frames (--only)",
+            raise PecsOutputError(
+                f"{self.folder}: another process renders these frames; use another folder, or other frames (--only)"
             ) from None
         except OSError:  # a file system without locks
             pass

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import bpy
 from mathutils import Euler, Matrix, Vector
-
-from .errors import NOT_FOUND, RenderError, bad_input
-from .strict_json import JsonObject, read_json
+from pecs._config import Fields, read_json
+from pecs._errors import PecsNotFoundError, bad_input
 
 FILES = ("file", "texture")
 KINDS = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
@@ -23,11 +22,10 @@ class Placed:
     def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float):
         content = read_json(file)
         self._unit_m, self._things = unit_m, []
-        top = JsonObject(content, file)
+        top = Fields(content, file)
         if top.number("format") != 1:
-            raise top.fail("format", top.any("format"), "1")
-        for i, thing in enumerate(top.any("objects")):
-            entry = JsonObject(thing, file, f"objects[{i}]")
+            raise top.wrong("format", "1")
+        for entry in top.tables("objects"):
             self._things.append(_Thing(entry, scene))
         top.done()
         self.record = [
@@ -43,11 +41,11 @@ class Placed:
 class _Thing:
     """One file's objects under an empty whose origin is the middle of their box, scaled to a largest extent of 1."""
 
-    def __init__(self, entry: JsonObject, scene: bpy.types.Scene):
+    def __init__(self, entry: Fields, scene: bpy.types.Scene):
         name, file = entry.text("name"), Path(entry.text("file"))
         if name in bpy.data.objects or name in bpy.data.collections:
-            raise entry.fail("name", name, "one that nothing else has")
-        self._size_m = entry.number("size_m", 1e-6, 1e6)
+            raise entry.wrong("name", "a name that no other object has")
+        self._size_m = entry.number("size_m", low=1e-6, high=1e6)
         self._position_m, self._velocity = (entry.numbers(k, count=3) for k in ("position_m", "velocity_m_s"))
         self._turn, self._spin = (entry.numbers(k, count=3) for k in ("rotation_deg", "spin_deg_s"))
         texture = Path(entry.text("texture")) if entry.has("texture") else None
@@ -81,7 +79,7 @@ class _Thing:
 
 def _loaded(file: Path, collection: bpy.types.Collection) -> list[bpy.types.Object]:
     if not file.is_file():
-        raise RenderError(NOT_FOUND, f"{file}: no such file")
+        raise PecsNotFoundError(f"{file}: no such file")
     try:
         with bpy.data.libraries.load(str(file)) as (there, here):
             here.objects = list(there.objects)
@@ -107,7 +105,7 @@ def _box(objects: list[bpy.types.Object], file: Path) -> tuple[Vector, Vector]:
 def _dress(objects: list[bpy.types.Object], texture: Path, file: Path) -> None:
     """One material for all: the picture by their UV maps."""
     if not texture.is_file():
-        raise RenderError(NOT_FOUND, f"{texture}: no such file")
+        raise PecsNotFoundError(f"{texture}: no such file")
     material = bpy.data.materials.new(texture.stem)
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links

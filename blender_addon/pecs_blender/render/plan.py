@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .camera_path import CameraPath, read_camera_path
 from .chip import Chip, load_chip
-from .errors import USAGE, RenderError
-from .options import Options
+from .options import Options, UsageError
 from .spectra import Spectrum, spectrum
 from .timeline import Timeline, timeline
 
@@ -99,7 +98,7 @@ class Plan:
 
 
 def resolve(options: Options, source: Source) -> Plan:
-    """Fills in the defaults that depend on the scene, on the chip and on other options. Throws RenderError for options
+    """Fills in the defaults that depend on the scene, on the chip and on other options. Throws PecsError for options
     that exclude each other."""
     _check(options)
     chip = load_chip(options.chip)
@@ -160,17 +159,17 @@ def resolve(options: Options, source: Source) -> Plan:
 
 def _check(options: Options) -> None:
     if options.lux and options.no_light:
-        raise RenderError(USAGE, "--lux cannot be combined with --no-light")
+        raise UsageError("--lux cannot be combined with --no-light")
     if options.lux and options.light_scale != 1:
-        raise RenderError(USAGE, "--lux and --light-scale exclude each other")
+        raise UsageError("--lux and --light-scale exclude each other")
     if options.no_light:
         if not options.layers:
-            raise RenderError(USAGE, "--no-light requires --layers")
+            raise UsageError("--no-light requires --layers")
         for name, given in (("--time adaptive", options.is_adaptive), ("--noise-target", options.noise_target)):
             if given:
-                raise RenderError(USAGE, f"{name} cannot be combined with --no-light")
+                raise UsageError(f"{name} cannot be combined with --no-light")
     if options.is_adaptive and options.moving_px:
-        raise RenderError(USAGE, "--moving-px requires --time uniform; adaptive steps find what moves by themselves")
+        raise UsageError("--moving-px requires --time uniform; adaptive steps find what moves by themselves")
 
 
 def _pixels(own: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:
@@ -187,5 +186,5 @@ def _moving_px(box: Box | None, pixels: tuple[int, int], subpixels: int) -> Box 
         return None
     (left, top, right, bottom), (width, height) = box, pixels
     if not (0 <= left < right <= width and 0 <= top < bottom <= height):
-        raise RenderError(USAGE, f"--moving-px: got {box}, wanted a part of {width} x {height} pixels")
+        raise UsageError(f"--moving-px: got {box}, wanted a part of {width} x {height} pixels")
     return tuple(n * subpixels for n in box)

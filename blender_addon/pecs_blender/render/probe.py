@@ -16,12 +16,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import bpy  # before pecs: both carry libtbb.so.12
+import bpy
 import numpy as np
 import pecs
+from pecs._errors import PecsInputError
 
 from . import cycles, lens
-from .errors import BAD_INPUT, RenderError
 from .plan import Plan, Sampling, View
 from .source import Source
 from .spectra import illuminance_lux
@@ -94,7 +94,7 @@ def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
         found = _photometry(scene, spectral)[0]
         scene.camera = saved
     if not len(found) or not (median := float(np.median(found))) > 0:
-        raise RenderError(BAD_INPUT, f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
+        raise PecsInputError(f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
     # Rounded, so that a job continued on another machine finds the same number.
     return float(f"{lux / (median * source.radiance_per_unit(spectral)):.4g}")
 

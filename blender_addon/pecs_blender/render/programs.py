@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What other programs do: `pecs`, and `python -m pecs.datasets`. This process becomes them, so that signals and exit
-codes are theirs."""
+"""Commands of other programs: `pecs`, and `python -m pecs.datasets`. They replace this process, so that signals and
+exit codes need no forwarding."""
 
 from __future__ import annotations
 
@@ -9,32 +9,29 @@ import subprocess
 import sys
 from typing import NoReturn
 
-from . import stop
-from .errors import NOT_FOUND, RenderError
+from pecs import program
+from pecs._errors import PecsNotFoundError
 
-VERBS = ("compare", "convert", "info", "lens", "render-preview", "report", "sense", "view")
+from . import stop
 
 
 def pecs() -> str:
     """Path of the program."""
     try:
-        from pecs import program
-
         return str(program())
-    except (ImportError, FileNotFoundError) as e:
-        raise RenderError(NOT_FOUND, f"pecs: {e}") from None
+    except FileNotFoundError as e:
+        raise PecsNotFoundError(f"pecs: {e}") from None
 
 
-def pass_on(argv: list[str]) -> None:
-    """Returns where the verb is none of theirs."""
-    if argv and argv[0] in VERBS:
-        become([pecs(), *argv])
-    if argv and argv[0] == "dataset":
+def pass_on(argv: list[str]) -> NoReturn:
+    """Runs a command that is not one of the extension's."""
+    if argv[0] == "dataset":
         become([_python_with("scipy"), "-m", "pecs.datasets", *argv[1:]])
+    become([pecs(), *argv])
 
 
 def _python_with(module: str) -> str:
-    """PECS_PYTHON, or this Python, or the system's: one that has pecs and the module."""
+    """PECS_PYTHON, or the first of this Python and the system's that has pecs and the module."""
     named = os.environ.get("PECS_PYTHON")
     for python in [named] if named else [sys.executable, "python3"]:
         try:
@@ -43,8 +40,8 @@ def _python_with(module: str) -> str:
         except OSError:
             pass
     which = named or f"{sys.executable} and python3"
-    raise RenderError(
-        NOT_FOUND, f"dataset: got no pecs and {module} in {which}, wanted a Python (PECS_PYTHON) with both"
+    raise PecsNotFoundError(
+        f"dataset requires a Python with pecs and {module}; {which} lacks them (PECS_PYTHON selects another)"
     )
 
 
@@ -55,4 +52,4 @@ def become(command: list[str]) -> NoReturn:
     try:
         os.execvp(command[0], command)
     except OSError as e:
-        raise RenderError(NOT_FOUND, f"{command[0]}: {e.strerror}") from None
+        raise PecsNotFoundError(f"{command[0]}: {e.strerror}") from None

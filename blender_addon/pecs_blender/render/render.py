@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import bpy
 import numpy as np
 import pecs
+from pecs._progress import Progress
 
 from . import adaptive, cycles, stop
 from .layers import layer_class
@@ -21,7 +22,6 @@ from .layers.layer import Layer
 from .layers.light import Light
 from .output import Output, free_folder
 from .plan import Plan
-from pecs._progress import Progress
 from .resources import BYTES_PER_VALUE, MemoryGuard, check_disk, peak_mb, readable
 from .source import Source
 from .stage import Stage

@@ -6,7 +6,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from .errors import BAD_OUTPUT, RenderError
+from pecs._errors import PecsOutputError
 
 BYTES_PER_VALUE = 4  # upper bound of a frame file, before compression
 RESTART_GROWTH_MB = 1000.0  # growth of memory at which the process restarts
@@ -41,9 +41,8 @@ def check_disk(folder: Path, needed_bytes: int) -> None:
         return  # the writer reports the error
     disk = shutil.disk_usage(place)
     if disk.total and disk.free < needed_bytes:  # total 0: /proc; the writer reports the error
-        raise RenderError(
-            BAD_OUTPUT,
-            f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(needed_bytes)} for the frames to render",
+        raise PecsOutputError(
+            f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(needed_bytes)} for the frames to render"
         )
 
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .errors import BAD_INPUT, NOT_FOUND, USAGE, RenderError, bad_input
+from pecs._config import Fields, is_number, read_json, wanted_number
+from pecs._errors import PecsError, PecsInputError, PecsNotFoundError, bad_input, shown
+
+from .options import UsageError
 from .spectra import Spectrum, spectrum
-from .strict_json import JsonObject, read_json, shown, wanted_number
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Declaration:
         low, high = self.range
         if isinstance(value, str) and self.spectral:
             return
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:  # nor NaN
+        if not (is_number(value) and low <= value <= high):
             raise bad_input(file, place, shown(value), f"{wanted_number(low, high)} {self.unit}")
 
 
@@ -56,19 +58,19 @@ class SceneFile:
         """Runs scene.py's build() with spectra loaded."""
         path = self.folder / "scene.py"
         if not path.is_file():
-            raise RenderError(NOT_FOUND, f"{path}: no such file")
+            raise PecsNotFoundError(f"{path}: no such file")
         spec = importlib.util.spec_from_file_location(f"pecs_scene_{self.name}", path)
         module = importlib.util.module_from_spec(spec)
         parameters = self.loaded()
         try:
             spec.loader.exec_module(module)
             return module.build(parameters)
-        except RenderError:
+        except PecsError:
             raise
         except Exception as e:
             lines = [f.lineno for f in traceback.extract_tb(e.__traceback__) if f.filename == str(path)]
             place = f"line {lines[-1]}" if lines else f"line {getattr(e, 'lineno', None) or 1}"
-            raise RenderError(BAD_INPUT, f"{path}: {place}: {type(e).__name__}: {e}") from e
+            raise PecsInputError(f"{path}: {place}: {type(e).__name__}: {e}") from e
 
     def loaded(self) -> dict[str, Any]:
         """Parameters with spectra as Spectrum."""
@@ -87,10 +89,10 @@ def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
     """overrides: "key=value" texts, and "@FILE" for an aligned.json of `pecs align`."""
     path = folder / "scene.json"
     if not path.is_file():
-        raise RenderError(NOT_FOUND, f"{path}: no such file; a scene is a folder with scene.json and scene.py")
-    top = JsonObject(read_json(path), path)
-    camera = _camera(top.object("camera"))
-    declared = _declarations(top.object("parameters"))
+        raise PecsNotFoundError(f"{path}: no such file; a scene is a folder with scene.json and scene.py")
+    top = Fields(read_json(path), path)
+    camera = _camera(top.table("camera"))
+    declared = _declarations(top.table("parameters"))
     top.done()
     values = {key: declaration.value for key, declaration in declared.items()}
     for text in overrides:
@@ -101,28 +103,28 @@ def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
             continue
         key, equals, value = text.partition("=")
         if not equals or key not in declared:
-            raise RenderError(USAGE, f"--set {text}: got an unknown parameter, wanted one of {', '.join(declared)}")
+            raise UsageError(f"--set {text}: got an unknown parameter, wanted one of {', '.join(declared)}")
         values[key] = _parsed(key, value)
         declared[key].check("--set", key, values[key])
     return SceneFile(folder, camera, values)
 
 
-def _camera(camera: JsonObject) -> dict[str, Any]:
+def _camera(camera: Fields) -> dict[str, Any]:
     found = {
         "lens": camera.text("lens"),
-        "stop_diameter_mm": camera.maybe_number("stop_diameter_mm", 1e-3, 1e3),
-        "focus_m": camera.maybe_number("focus_m", 1e-3, 1e9),
+        "stop_diameter_mm": camera.optional(camera.number, "stop_diameter_mm", low=1e-3, high=1e3),
+        "focus_m": camera.optional(camera.number, "focus_m", low=1e-3, high=1e9),
     }
     if camera.has("rotation_deg"):
-        found["rotation_deg"] = camera.numbers("rotation_deg", -360, 360, 3)
+        found["rotation_deg"] = camera.numbers("rotation_deg", count=3, low=-360, high=360)
     camera.done()
     return found
 
 
-def _declarations(parameters: JsonObject) -> dict[str, Declaration]:
+def _declarations(parameters: Fields) -> dict[str, Declaration]:
     declared = {}
     for key in parameters.keys():
-        entry = parameters.object(key)
+        entry = parameters.table(key)
         low, high = entry.numbers("range", count=2) if entry.has("range") else (float("-inf"), float("inf"))
         if low > high:
             raise entry.fail("range", f"[{low}, {high}]", "the lower end first")
@@ -137,17 +139,17 @@ def _declarations(parameters: JsonObject) -> dict[str, Declaration]:
 
 def _aligned(path: Path, scene: str, declared: dict[str, Declaration]) -> tuple[list[float], dict[str, Any]]:
     """Rotation of the camera, and parameters, of an aligned.json of `pecs align`."""
-    aligned = JsonObject(read_json(path), path)
+    aligned = Fields(read_json(path), path)
     if aligned.has("pecs_aligned"):
-        aligned.number("pecs_aligned", 1, 1)
-    if (name := aligned.text("scene")) != scene:
-        raise aligned.fail("scene", shown(name), scene)
-    parameters = aligned.object("parameters")
+        aligned.number("pecs_aligned", low=1, high=1)
+    if aligned.text("scene") != scene:
+        raise aligned.wrong("scene", scene)
+    parameters = aligned.table("parameters")
     for key in parameters.keys():
         if key not in declared:
             raise parameters.fail(shown(key)[1:-1], "an unknown parameter", f"one of {', '.join(declared)}")
         declared[key].check(path, f"parameters.{key}", parameters.any(key))
-    return aligned.object("camera").numbers("rotation_deg", -360, 360, 3), {
+    return aligned.table("camera").numbers("rotation_deg", count=3, low=-360, high=360), {
         key: parameters.any(key) for key in parameters.keys()
     }
 
@@ -158,4 +160,4 @@ def _parsed(key: str, text: str) -> float | str:
     except ValueError:
         if _is_spectral(key):
             return text
-        raise RenderError(USAGE, f"--set {key}: got {text!r}, wanted a number") from None
+        raise UsageError(f"--set {key}: got {text!r}, wanted a number") from None

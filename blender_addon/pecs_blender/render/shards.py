@@ -10,17 +10,17 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import pecs
+from pecs._config import Fields, read_json
+from pecs._errors import bad_input
+
 from . import objects_json
-from .errors import bad_input
-from .strict_json import JsonObject, read_json, shown
 from .timeline import Timeline
 
 
 def merge(shards: list[Path], output: Path) -> None:
     """Writes the stack of all the shards' instants, in every layer. Shards differ in times_ns and in the frames they
     have; a frame file is a hard link where that is possible. An interval of the whole must be one of a shard."""
-    import pecs
-
     stacks = [_Shard(shard) for shard in shards]
     whole = {**stacks[0].json, "times_ns": sorted({t for stack in stacks for t in stack.times_ns})}
     for stack in stacks:
@@ -58,16 +58,15 @@ class _Shard:
     def __init__(self, folder: Path):
         path = folder / "stack.json"
         self.folder, self.json = folder, read_json(path, 64 << 20)
-        top = JsonObject(self.json, path)
+        top = Fields(self.json, path)
         self.times_ns = top.numbers("times_ns")
-        self._period_ns = top.maybe_number("period_ns")
+        self._period_ns = top.optional(top.number, "period_ns")
         lit = self.json.get("light", True)
         self.patterns, self._per_interval = {"light": "frame_%06d.exr"} if lit else {}, set()
-        for i, entry in enumerate(top.any("layers") if top.has("layers") else ()):
-            layer = JsonObject(entry, path, f"layers[{i}]")
+        for layer in top.tables("layers", []):
             pattern = layer.text("files")
             if not re.fullmatch(r"[A-Za-z0-9_-]+%06d\.exr", pattern):
-                raise layer.fail("files", shown(pattern), "a name such as depth_%06d.exr")
+                raise layer.wrong("files", "a name such as depth_%06d.exr")
             self.patterns[layer.text("name")] = pattern
             if layer.text("at") == "interval":
                 self._per_interval.add(layer.text("name"))

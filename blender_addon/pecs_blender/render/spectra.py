@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-
-from .errors import NOT_FOUND, RenderError, bad_input
+import pecs
+from pecs._errors import PecsNotFoundError, bad_input
 
 # Luminous efficacy at the peak of V(lambda) [lm/W]: SI Brochure, 9th edition, K_cd.
 K_CD_LM_PER_W = 683.0
@@ -20,8 +20,6 @@ C2_NM_K = 1.438776877e7  # second radiation constant hc/k, CODATA 2018
 
 
 def spectra_dir() -> Path:
-    import pecs  # here: bpy must come first where it is used
-
     return pecs.data_dir("lens_data/spectra")
 
 
@@ -77,9 +75,8 @@ def load(name_or_path: str, folder: Path | None = None) -> Spectrum:
     elif re.fullmatch(r"\w+(/\w+)?", name_or_path):
         path = spectra_dir() / f"{name_or_path}.csv"
     else:
-        raise RenderError(
-            NOT_FOUND,
-            f"spectrum: got {name_or_path!r}, wanted a name of the library, a .csv file, blackbody:T or daylight:T",
+        raise PecsNotFoundError(
+            f"spectrum: got {name_or_path!r}, wanted a name of the library, a .csv file, blackbody:T or daylight:T"
         )
     rows = _table(path, 2)
     if rows[:, 1].min() < 0:
@@ -100,7 +97,7 @@ def _table(path: Path, columns: int) -> np.ndarray:
         known = ", ".join(sorted(p.stem for p in spectra_dir().glob("*.csv")))
         library = spectra_dir()
         name = path.relative_to(library).with_suffix("") if path.is_relative_to(library) else path
-        raise RenderError(NOT_FOUND, f"{name}: no such spectrum; the library has {known}, colorchecker/...")
+        raise PecsNotFoundError(f"{name}: no such spectrum; the library has {known}, colorchecker/...")
     rows = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         if not line.strip() or line.startswith("#") or line.startswith("wavelength_nm"):

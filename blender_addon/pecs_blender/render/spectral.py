@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
+from pecs._errors import PecsError, bad_input
 
 from .emitters import LUMINANCE, Emitters, band_matrix
-from .errors import RenderError, bad_input
 from .glass import Glass, glass
 from .spectra import Spectrum, spectrum
 
@@ -274,8 +274,8 @@ class SpectralScene:
             value = bpy.path.abspath(value, library=owner.library)
         try:
             return spectrum(value if isinstance(value, str) else float(value), self._folder)
-        except RenderError as e:
-            raise RenderError(e.code, f"{owner.name}: {key}: {e}") from None
+        except PecsError as e:
+            raise PecsError(f"{owner.name}: {key}: {e}", e.code) from None
 
     def _emitter(self, s: Spectrum | None) -> float | str:
         s = s or self.emitters.illuminant

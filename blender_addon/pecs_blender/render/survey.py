@@ -14,12 +14,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs._files import write_whole
 
 from . import cycles
 from .boxes import Shape, shape
-from .errors import USAGE, RenderError
-from .files import whole as whole_file
 from .mesh_points import Geometries, Geometry
+from .options import UsageError
 from .source import Source
 from .surfaces import renders
 from .things import Key, Things
@@ -58,7 +58,7 @@ class Instance:
 def survey(source: Source, output: Path, frames: str | None, fps: float, spacing_m: float | None) -> None:
     """frames: as of a render; the scene's period or range if None."""
     if not output.absolute().parent.is_dir():
-        raise RenderError(USAGE, f"-o {output}: got no such folder, wanted one that is there")
+        raise UsageError(f"-o {output}: got no such folder, wanted one that is there")
     whole = "period" if source.period_s else "all" if source.duration_s else "1"
     times_s = [t * 1e-9 for t in timeline(frames or whole, fps, source.period_s, source.duration_s).times_ns]
     eye = _Eye(source)
@@ -69,7 +69,7 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
     counts = ((one.key, _count(_areas(one.corners()), spacing_m)) for one in instants[0])
     count = sum(n if key in still else n * len(times_s) for key, n in counts)
     if count > MOST_POINTS:
-        raise RenderError(USAGE, f"--spacing: got about {count:.2g} points, wanted at most {MOST_POINTS:.2g}")
+        raise UsageError(f"--spacing: got about {count:.2g} points, wanted at most {MOST_POINTS:.2g}")
     sampled = [_sampled([i for i in instances if i.key not in still], things, spacing_m) for instances in instants]
     static = _sampled([i for i in instants[0] if i.key in still], things, spacing_m)
     extents = np.array([one.extent() for instances in instants for one in instances]).reshape(-1, 2, 3)
@@ -88,10 +88,9 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
         names=np.array([thing.name for thing in things], str),
         classes=np.array([thing.kind or "" for thing in things], str),
     )
-    data = io.BytesIO()  # on a full disk, zipfile's error says nothing of it
+    data = io.BytesIO()  # zipfile reports a full disk badly
     np.savez(data, **arrays)
-    with whole_file(output) as file:
-        file.write(data.getbuffer())
+    write_whole(output, data.getvalue())
 
 
 class _Eye:

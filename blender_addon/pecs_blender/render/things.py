@@ -15,8 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import bpy
-
-from .errors import bad_input
+from pecs._errors import bad_input
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # of objects that have one
 CLASS, OBJECT = "pecs_class", "pecs_object"

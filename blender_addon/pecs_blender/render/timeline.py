@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which instants and which bands are rendered, in which passes."""
+"""The instants of a stack, and the passes that render its bands."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .errors import USAGE, RenderError
+from .options import UsageError
 
 MAX_INSTANTS = 1_000_000  # of a stack
 
@@ -17,12 +17,12 @@ class Timeline:
 
     @property
     def bounds_ns(self) -> list[int]:
-        """Of the intervals between neighbouring instants; in a scene that repeats the last instant begins one, too."""
+        """Bounds of the intervals between instants; with a period, the last instant begins an interval, too."""
         return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
 
     @property
     def ends_ns(self) -> list[int]:
-        """Of the intervals that begin at times_ns."""
+        """Ends of the intervals that begin at times_ns."""
         return self.bounds_ns[1:]
 
 
@@ -31,12 +31,12 @@ def timeline(frames: str, fps: float, period_s: float | None, duration_s: float 
     fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
     if frames == "period":
         if period_s is None:
-            raise RenderError(USAGE, "--frames: got 'period', wanted a number: this scene does not repeat")
+            raise UsageError("--frames period requires a scene that repeats")
         n = _checked(round(period_s * fps))
         return Timeline([round(i * period_s * 1e9 / n) for i in range(n)], round(period_s * 1e9))
     if frames == "all":
         if duration_s is None:
-            raise RenderError(USAGE, "--frames: got 'all', wanted a number: only a .blend has a range of frames")
+            raise UsageError("--frames all requires a .blend, which has a range of frames")
         return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
     first, colon, last = frames.partition(":")
     try:
@@ -44,14 +44,14 @@ def timeline(frames: str, fps: float, period_s: float | None, duration_s: float 
     except ValueError:
         begin, end = 0, 0
     if not 0 <= begin < end:
-        raise RenderError(USAGE, f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
+        raise UsageError(f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
     _checked(end - begin)
     return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
 
 
 def _checked(instants: int) -> int:
     if instants > MAX_INSTANTS:
-        raise RenderError(USAGE, f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
+        raise UsageError(f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
     return max(1, instants)
 
 

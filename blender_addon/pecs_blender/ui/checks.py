@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
+from pecs._errors import PecsError
 
-from ..render.errors import RenderError
 from ..render.options import DEVICES, RULES
 from ..render.resources import readable
 from ..render.spectra import spectrum
@@ -117,7 +117,7 @@ def _light_problems(scene) -> Iterator[Problem]:
     s = scene.pecs
     try:
         spectrum(s.illuminant, Path(bpy.data.filepath or ".").absolute().parent)
-    except RenderError as e:
+    except PecsError as e:
         yield Problem(say("Lamp spectrum: {error}", error=e))
     if s.min_nm and s.max_nm and s.min_nm >= s.max_nm:
         yield Problem(say("The minimum wavelength is not below the maximum wavelength"))

@@ -7,8 +7,8 @@ from pathlib import Path
 import bpy
 import pecs
 from bpy.props import IntProperty, StringProperty
+from pecs._errors import PecsError
 
-from ..render.errors import RenderError
 from . import checks, library, paths, settings
 from .interface import say
 
@@ -123,7 +123,7 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
                     film_height_mm=height_mm,
                 )
             path.write_text(drawing)
-        except (pecs.PecsError, RenderError, OSError) as e:
+        except (PecsError, OSError) as e:
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
         self.report({"INFO"}, paths.open_outside(path))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
+from pecs._errors import PecsError
 
-from ..render.errors import RenderError
 from ..render.programs import pecs as program
 from . import background, checks, library, operators, paths, settings
 from .background import BackgroundJob
@@ -25,7 +25,7 @@ VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstruct
 def _command(*words: object) -> list[str]:
     try:
         return [program(), *map(str, words)]
-    except RenderError as e:
+    except PecsError as e:
         raise RuntimeError(e) from None
 
 

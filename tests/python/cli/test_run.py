@@ -105,4 +105,4 @@ def test_a_process_that_grows_does_not_overwrite_itself(blend, tmp_path):
     words = ("render", blend, "-o", tmp_path / "s", *SMALL, "--overwrite")
     pecs_blender(*words)
     result = growing_pecs_blender(*words)
-    assert "1 of 4 are there already" in result.stderr
+    assert "1 of 4 exist already" in result.stderr

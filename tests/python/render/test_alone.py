@@ -54,10 +54,10 @@ def test_it_is_read(whole, pecs_program):
 def test_a_stopped_job_goes_on(blends, whole, tmp_path):
     args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *ARGS)
     result = growing_pecs_blender(*args)
-    assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == files(whole)
+    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == files(whole)
     (tmp_path / "s/motion_000001.exr").unlink()
     result = pecs_blender(*args)
-    assert "2 of 3 are there already" in result.stderr and files(tmp_path / "s") == files(whole)
+    assert "2 of 3 exist already" in result.stderr and files(tmp_path / "s") == files(whole)
 
 
 def test_shards_merge(blends, whole, tmp_path):

@@ -125,7 +125,7 @@ def test_an_instant_is_done_when_all_its_layers_are(blends, tmp_path):
     (tmp_path / "s/depth_000002.exr").write_bytes(whole["depth_000002.exr"][:-50])
     before = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*")}
     result = pecs_blender(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
-    assert "2 of 4 are there already" in result.stderr
+    assert "2 of 4 exist already" in result.stderr
     assert {p.name: p.read_bytes() for p in (tmp_path / "s").iterdir()} == whole
     assert {p.name: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*")} == before
 

@@ -84,7 +84,7 @@ def test_strange_shards_do_not_merge(root, whole, tmp_path):
 
 def test_a_process_that_grows_restarts(root, whole, tmp_path):
     words = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *SMALL, "--frames", 6)
-    assert "1 of 6 are there already" in growing_pecs_blender(*words).stderr
+    assert "1 of 6 exist already" in growing_pecs_blender(*words).stderr
     assert files(tmp_path / "s") == files(whole)
 
 

@@ -280,21 +280,22 @@ def test_a_scenes_stop_gives_way_to_the_lens():
     in_bpy("""
 from pathlib import Path
 from types import SimpleNamespace
-from pecs_blender.render.errors import USAGE, RenderError
-from pecs_blender.render.options import Options
+from pecs_blender.render.options import UsageError
 from pecs_blender.render import lens
+film = {"film_width_mm": 6.2, "film_shift_mm": (0, 0), "film_tilt_deg": (0, 0), "size": (1280, 720)}
+unset = film | dict.fromkeys(("lens", "fnumber", "stop_diameter_mm", "focus_m"))
 own = {"lens": "pecs_lab_15mm", "focus_m": 1.5, "stop_diameter_mm": 50.0}
 for own["stop_diameter_mm"], stop_mm in ((50.0, 4.54), (1.0, 1.0), (None, None)):
     source = SimpleNamespace(lens=own, folder=Path("."))
-    setting = lens.choose(source, Options(film_width_mm=6.2), 1280, 720).setting
+    setting = lens.choose(source, SimpleNamespace(**unset)).setting
     assert setting == {"focus_m": 1.5, "stop_diameter_mm": stop_mm, "fnumber": None}, setting
 for asked, line in (
     ({"fnumber": 2.0}, "--fnumber: got 2, wanted at least f/4.15, where pecs_lab_15mm is wide open"),
     ({"stop_diameter_mm": 50.0}, "--stop-diameter: got 50, wanted at most 4.54mm, where pecs_lab_15mm is wide open"),
 ):
     try:
-        lens.choose(source, Options(film_width_mm=6.2, **asked), 1280, 720)
+        lens.choose(source, SimpleNamespace(**unset | asked))
         raise AssertionError(asked)
-    except RenderError as e:
-        assert (e.code, str(e)) == (USAGE, line), str(e)
+    except UsageError as e:
+        assert (e.code, str(e)) == (2, line), str(e)
 """)

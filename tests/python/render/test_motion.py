@@ -228,12 +228,12 @@ def test_a_stopped_job_goes_on(blends, tmp_path):
     whole = files(render(blends, "rigid", frames=3))
     args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *COMMON, "--frames", 3, "--layers", "motion")
     result = growing_pecs_blender(*args)
-    assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == whole
+    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == whole
     (tmp_path / "s/motion_000001.exr").unlink()
     (tmp_path / "s/motion_000000.exr").write_bytes(whole["motion_000000.exr"][:-9])
     before = (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns
     result = pecs_blender(*args)
-    assert "1 of 3 are there already" in result.stderr and files(tmp_path / "s") == whole
+    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == whole
     assert (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns == before
 
 

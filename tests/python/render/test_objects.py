@@ -241,7 +241,7 @@ def test_a_stopped_job_goes_on(blends, whole, tmp_path):
     assert files(tmp_path / "s") == files(whole)
     (tmp_path / "s/objects_000001.json").unlink()
     (tmp_path / "s/objects.json").unlink()
-    assert "1 of 2 are there already" in pecs_blender(*args).stderr
+    assert "1 of 2 exist already" in pecs_blender(*args).stderr
     assert files(tmp_path / "s") == files(whole)
     pecs_blender("render", blends / "things.blend", "-o", tmp_path / "s", *ARGS[:-1], "depth", "--overwrite")
     assert not [name for name in files(tmp_path / "s") if name.startswith("objects")]

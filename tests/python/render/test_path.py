@@ -139,7 +139,7 @@ def test_another_path_is_another_stack(blends, path, tmp_path):
     pecs_blender(*args, path)
     copy = tmp_path / "elsewhere.txt"
     copy.write_bytes(path.read_bytes())
-    assert "2 of 2 are there already" in pecs_blender(*args, copy).stderr
+    assert "2 of 2 exist already" in pecs_blender(*args, copy).stderr
     write(copy, TIMES, 1.01 * POSITIONS, TURNS)
     result = pecs_blender(*args, copy, check=False)
     assert result.returncode == 5 and "camera_path_sha256" in result.stderr and "--overwrite" in result.stderr

@@ -11,10 +11,10 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from pecs._errors import bad_input
 
 from .. import cycles
 from .. import lens as lenses
-from ..errors import bad_input
 from ..plan import Sampling
 from ..stage import Stage
 from ..tiles import Box
