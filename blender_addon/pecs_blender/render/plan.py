@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pecs
+
 from .camera_path import CameraPath, read_camera_path
-from .chip import Chip, load_chip
 from .options import Options, UsageError
 from .spectra import Spectrum, spectrum
 from .timeline import Timeline, timeline
@@ -47,7 +48,7 @@ class View:
 class Bands:
     """The light and the wavelengths at which it is rendered."""
 
-    chip: Chip
+    chip: pecs.Chip
     count: int
     placement: str
     per_pass: int
@@ -101,10 +102,11 @@ def resolve(options: Options, source: Source) -> Plan:
     """Fills in the defaults that depend on the scene, on the chip and on other options. Throws PecsError for options
     that exclude each other."""
     _check(options)
-    chip = load_chip(options.chip)
+    chip = pecs.Chip(options.chip)
+    threshold = lower_threshold(chip)
     subpixels = options.subpixels or (2 if options.is_adaptive else 1)
     pixels = _pixels(source.size, options.width, options.height)
-    film_width_mm = options.film_width_mm or chip.film_width_mm(pixels[0])
+    film_width_mm = options.film_width_mm or film_width_mm_of(chip, pixels[0])
     view = View(
         pixels,
         subpixels,
@@ -131,7 +133,7 @@ def resolve(options: Options, source: Source) -> Plan:
         options.light_scale,
         options.lux,
     )
-    noise = options.noise_target and options.noise_target * chip.contrast_threshold * subpixels
+    noise = options.noise_target and options.noise_target * threshold * subpixels
     sampling = Sampling(
         -(-options.samples // subpixels**2),
         options.seed,
@@ -146,7 +148,7 @@ def resolve(options: Options, source: Source) -> Plan:
         timeline(options.frames, options.fps, source.period_s, source.duration_s),
         options.only,
         options.step_px if options.is_adaptive else None,
-        options.time_tolerance * chip.contrast_threshold,
+        options.time_tolerance * threshold,
     )
     if view.path:
         view.path.check(instants.grid)
@@ -155,6 +157,16 @@ def resolve(options: Options, source: Source) -> Plan:
     recorded = options.recorded() | {"film_width_mm": film_width_mm, "subpixels": subpixels}
     verbosity = {"quiet": options.quiet, "verbose": options.verbose}
     return Plan(view, bands, sampling, instants, not options.no_light, layers, recorded, verbosity)
+
+
+def lower_threshold(chip: pecs.Chip) -> float:
+    """The lower of the ON and OFF contrast thresholds, natural log."""
+    return min(chip.contrast_threshold_on, chip.contrast_threshold_off)
+
+
+def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
+    """Of the whole chip; of `width` pixels if the profile has no size."""
+    return round((chip.width or width) * chip.pixel_pitch_m * 1e3, 6)
 
 
 def _check(options: Options) -> None:

@@ -22,7 +22,7 @@ import pecs
 from pecs._errors import PecsInputError
 
 from . import cycles, lens
-from .plan import Plan, Sampling, View
+from .plan import Plan, Sampling, View, lower_threshold
 from .source import Source
 from .spectra import illuminance_lux
 from .spectral import SpectralScene
@@ -39,7 +39,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     """lux (None if no surface in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None without an
     f-number), each {p5, median, p95} over the pixels; `light_scale`, at which they were measured; `fnumber`;
     `noise_thresholds` of the light with `samples`."""
-    profile, own = plan.bands.chip.profile, plan.sampling
+    chip, own = plan.bands.chip, plan.sampling
     cycles.device_names(own.device)
     sampling = Sampling(SAMPLES, own.seed, source.bounces, own.threads, own.device)
     cycles.configure(source.scene, *_size(source), sampling)
@@ -53,9 +53,9 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
     lamps = spectral.emitters.mean_pairs()
-    bands = pecs.bands(profile, 3, plan.bands.placement, lamps, plan.bands.min_nm, plan.bands.max_nm)
+    bands = pecs.bands(chip, 3, plan.bands.placement, lamps, plan.bands.min_nm, plan.bands.max_nm)
     lambda_nm = np.array([band["lambda_nm"] for band in bands])
-    amperes, fnumber = _amperes(source, plan.view, profile, bands)
+    amperes, fnumber = _amperes(source, plan.view, chip, bands)
     current = rate = noise = None
     all_samples = own.samples * plan.view.subpixels**2
     if amperes is not None:
@@ -73,10 +73,10 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
         noise = _noise(*pair)
         rate = _event_rate(source, plan, look, spectral)
     found["photocurrent_a"] = _spread(current)
-    corner = None if current is None else profile.corner_hz_per_a * (current + profile.dark_current_a)
+    corner = None if current is None else chip.corner_hz_per_a * (current + chip.dark_current_a)
     found |= {"corner_hz": _spread(corner), "events_per_s": rate}
     if noise is not None:
-        noise = float(f"{noise * math.sqrt(samples / all_samples) / plan.bands.chip.contrast_threshold:.3g}")
+        noise = float(f"{noise * math.sqrt(samples / all_samples) / lower_threshold(chip):.3g}")
     found |= {"noise_thresholds": noise, "samples": all_samples}
     return found | {"fnumber": fnumber, "light_scale": plan.bands.light_scale}
 
@@ -122,7 +122,7 @@ def _event_rate(source: Source, plan: Plan, look: Callable[[], np.ndarray], spec
     width, height = source.size
     size = EVENT_WIDTH, max(1, round(EVENT_WIDTH * height / width))
     render, count = source.scene.render, 0
-    sensor = pecs.Sensor(*size, plan.bands.chip.profile, noise=False, readout="ideal", photocurrent_a=1e-12)
+    sensor = pecs.Sensor(*size, plan.bands.chip, noise=False, readout="ideal", photocurrent_a=1e-12)
     with cycles.changed(((render, dict(zip(("resolution_x", "resolution_y"), size, strict=True))),)), sensor:
         for t_s in np.linspace(begin_s, end_s, EVENT_LOOKS):
             spectral.before_instant()
@@ -156,15 +156,15 @@ def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.nda
     return math.pi * white[colour > DIFFUSE], luminance
 
 
-def _amperes(source: Source, view: View, profile: pecs.Chip, bands: list[dict]) -> tuple:
+def _amperes(source: Source, view: View, chip: pecs.Chip, bands: list[dict]) -> tuple:
     """Photocurrent [A] per spectral radiance in each band, and the f-number."""
     if chosen := lens.choose(source, view):
         info = chosen.lens.info(**chosen.setting, **chosen.frame, field_rows=2)
-        return info["e0_sr"] * np.array(profile.amperes_per_unit(bands)), info["fnumber"]
+        return info["e0_sr"] * np.array(chip.amperes_per_unit(bands)), info["fnumber"]
     fnumber = view.fnumber or source.fnumber
     if not fnumber:
         return None, None
-    return np.array(profile.amperes_per_unit(bands, "radiance", fnumber=fnumber)), fnumber
+    return np.array(chip.amperes_per_unit(bands, "radiance", fnumber=fnumber)), fnumber
 
 
 def _spread(values: np.ndarray | None) -> dict[str, float] | None:

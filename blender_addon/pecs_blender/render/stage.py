@@ -43,9 +43,9 @@ class Stage:
     def _choose_bands(self, bands: Bands) -> None:
         self.spectral = SpectralScene(bands.illuminant, self.source.folder, self.source.unit_m)
         lamps = self.spectral.emitters.mean_pairs()
-        self.bands = pecs.bands(bands.chip.profile, bands.count, bands.placement, lamps, bands.min_nm, bands.max_nm)
+        self.bands = pecs.bands(bands.chip, bands.count, bands.placement, lamps, bands.min_nm, bands.max_nm)
         self.lambda_nm = np.array([band["lambda_nm"] for band in self.bands])
-        self.weights = bands.chip.weights(self.bands)
+        self.weights = np.array(bands.chip.amperes_per_unit(self.bands))
 
     def _pose_first_instant(self, view: View) -> None:
         if view.path:

@@ -11,6 +11,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
 from mathutils import Matrix, Vector
 
+from ..render.plan import film_width_mm_of
 from . import field, frustum, library, settings
 from .interface import CONTEXT, say
 
@@ -49,9 +50,8 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     Raises pecs.PecsError before any change."""
     camera, s, render = thing.data, scene.pecs, scene.render
     chip = library.chip(s.chip)
-    profile = chip.profile
-    width, height = (profile.width, profile.height) if profile.width else NO_CHIP_SIZE
-    film_mm = s.film_width_mm or chip.film_width_mm(width)
+    width, height = (chip.width, chip.height) if chip.width else NO_CHIP_SIZE
+    film_mm = s.film_width_mm or film_width_mm_of(chip, width)
     found = None
     if settings.has_lens(s):
         fnumber = settings.plain(s.fnumber) or None

@@ -69,7 +69,7 @@ def _chip(scene):
 
 def _chip_problems(scene) -> Iterator[Problem]:
     try:
-        chip = library.chip(scene.pecs.chip).profile
+        chip = library.chip(scene.pecs.chip)
     except RuntimeError as e:
         yield Problem(say("Chip: {error}", error=e))
         return

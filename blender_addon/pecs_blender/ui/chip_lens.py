@@ -23,7 +23,7 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
     @classmethod
     def poll(cls, context) -> bool:
         try:
-            chip = library.chip(context.scene.pecs.chip).profile
+            chip = library.chip(context.scene.pecs.chip)
         except RuntimeError as e:
             cls.poll_message_set(str(e))
             return False
@@ -32,7 +32,7 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
         return bool(chip.width and chip.height)
 
     def execute(self, context):
-        chip, render = library.chip(context.scene.pecs.chip).profile, context.scene.render
+        chip, render = library.chip(context.scene.pecs.chip), context.scene.render
         render.resolution_x, render.resolution_y, render.resolution_percentage = chip.width, chip.height, 100
         render.pixel_aspect_x = render.pixel_aspect_y = 1
         return {"FINISHED"}

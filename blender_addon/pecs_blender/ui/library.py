@@ -12,7 +12,6 @@ from typing import Any
 import bpy
 import pecs
 
-from ..render.chip import Chip, load_chip
 from .preferences import own_folder
 
 _FOLDERS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
@@ -83,7 +82,7 @@ def find(kind: str, name: str) -> str:
     return str(own / f"{name}.json") if own and (own / f"{name}.json").is_file() else name
 
 
-def chip(name: str) -> Chip:
+def chip(name: str) -> pecs.Chip:
     """Raises pecs.PecsError."""
     return _chip(*version("chip", name))
 
@@ -103,8 +102,8 @@ def version(kind: str, name: str) -> tuple[str, int]:
 
 
 @lru_cache(maxsize=16)
-def _chip(path: str, _version: int) -> Chip:
-    return load_chip(path)
+def _chip(path: str, _version: int) -> pecs.Chip:
+    return pecs.Chip(path)
 
 
 @lru_cache(maxsize=64)

@@ -89,7 +89,7 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "chip")
         try:
-            chip = library.chip(s.chip).profile
+            chip = library.chip(s.chip)
         except RuntimeError:  # checks.py reports it above
             return
         text = (

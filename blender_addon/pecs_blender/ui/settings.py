@@ -22,6 +22,7 @@ from bpy.props import (
 
 from ..render.layers import LAYERS, layer_class
 from ..render.options import DEFAULTS, RULES, Options, flag
+from ..render.plan import film_width_mm_of
 from ..render.resources import BYTES_PER_VALUE
 from ..render.timeline import passes
 from . import library
@@ -317,7 +318,7 @@ def focus_m(scene: bpy.types.Scene) -> float | None:
 def film_mm(scene: bpy.types.Scene) -> tuple[float, float]:
     """Width and height of the film. Raises pecs.PecsError for an invalid chip."""
     width, height = size(scene)
-    width_mm = scene.pecs.film_width_mm or library.chip(scene.pecs.chip).film_width_mm(width)
+    width_mm = scene.pecs.film_width_mm or film_width_mm_of(library.chip(scene.pecs.chip), width)
     return width_mm, width_mm * height / width
 
 
@@ -373,7 +374,7 @@ def exists_words(scene: bpy.types.Scene) -> list[str]:
 def parameters(settings) -> dict[str, dict]:
     """Parameters of the chip and of the pixel model: {key: {"unit", "value", "range": (min, max)}}. Raises
     pecs.PecsError for an invalid chip."""
-    values = library.chip(settings.chip).profile.info["values"]
+    values = library.chip(settings.chip).info["values"]
     known = {key: {**entry, "of": "chip"} for key, entry in values.items()}
     model = next((m for m in pecs.models() if m["name"] == settings.sensor.model), {"parameters": []})
     for p in model["parameters"]:

@@ -167,14 +167,13 @@ def test_the_noise_target_is_met(root, tmp_path, target):
 
     import numpy as np
     import pecs
-    from pecs_blender.render.chip import load_chip
 
     currents = []
     for seed in (1, 7):
         folder = tmp_path / str(seed)
         run(*command(root, "rotating_disk", folder, *SMALL, "--frames", 1, "--seed", seed, "--noise-target", target))
         stack = json.loads((folder / "stack.json").read_text())
-        weight = load_chip("imx636").weights(stack["bands"])
+        weight = np.array(pecs.Chip("imx636").amperes_per_unit(stack["bands"]))
         with pecs.StackReader(folder) as reader:
             currents.append(np.einsum("k,kyx->yx", weight, reader.read_frame(0)))
     noise = np.sqrt(np.mean(np.log(currents[0] / currents[1]) ** 2) / 2)
@@ -188,7 +187,6 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
 
     import numpy as np
     import pecs
-    from pecs_blender.render.chip import load_chip
 
     bands = [{"lambda_nm": 450.0, "weight_nm": 30.0}, {"lambda_nm": 850.0, "weight_nm": 50.0}]
     currents = []
@@ -204,7 +202,7 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
         assert result.returncode == 0, result.stderr
         record = json.loads((tmp_path / f"{band}.csv.run.json").read_text())
         currents.append(record["results"]["photocurrent_a"]["median"])
-    weights = load_chip("imx636").weights(bands)
+    weights = pecs.Chip("imx636").amperes_per_unit(bands)
     assert currents[1] / currents[0] == pytest.approx(weights[1] / weights[0], rel=1e-3)
 
 
