@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Background jobs: a child process that renders the saved file or runs the program. A timer polls it, not a modal
-operator, so that it continues when another file is opened."""
+operator, so that it continues when another file is opened.
+
+To add a button with progress: a class in event_operators.py (or operators.py, for renders) whose job(context) returns a
+BackgroundJob, its name in CLASSES there, and a line in panel.py. Progress comes from the command's JSON lines."""
 
 from __future__ import annotations
 
