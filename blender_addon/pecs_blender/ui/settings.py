@@ -70,8 +70,14 @@ SHOWN = {
     "seed": ("Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
-    "fps": ("Frame Rate (Hz)", {}),
-    "time": ("Steps", {"default": "adaptive"}),  # adaptive by default: most users want events, not frames
+    "fps": ("Frame Rate (Hz)", {"description": "Frames per second of scene time"}),
+    "time": (
+        "Steps",
+        {
+            "default": "adaptive",  # most users want events, not frames
+            "description": "Uniform renders every frame; adaptive renders keyframes and the motion between them",
+        },
+    ),
     "step_px": ("Max Motion (px)", {}),
     "moving_px": (
         "Moving Region (px)",
