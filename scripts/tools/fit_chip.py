@@ -20,8 +20,6 @@ import numpy as np
 import pecs
 from pecs_lab import disk_fit
 
-SIZE = (1280, 720)
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -35,8 +33,8 @@ def main() -> None:
     parser.add_argument("--simulation", type=Path, help="the simulated events")
     args = parser.parse_args()
 
-    width, height = SIZE
-    disk, events, duration_us, real = disk_fit.examine(args.recording, *SIZE)
+    disk, events, duration_us, real = disk_fit.examine(args.recording)
+    width, height = events.width, events.height
     overrides, contrast = {}, args.contrast
     if args.fit:
         overrides, contrast = disk_fit.fit(args.chip, real, disk, contrast, args.rounds)

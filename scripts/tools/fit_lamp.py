@@ -17,7 +17,6 @@ import numpy as np
 from pecs_lab import disk_fit, lamp_fit
 
 ROOT = Path(__file__).resolve().parents[2]
-SIZE = (1280, 720)
 
 
 def main() -> None:
@@ -31,7 +30,7 @@ def main() -> None:
     parser.add_argument("--contrast", type=float, default=12.0, help="white / black of the disk")
     args = parser.parse_args()
 
-    disk, _, _, seen = disk_fit.examine(args.recording, *SIZE)
+    disk, _, _, seen = disk_fit.examine(args.recording)
     table = disk_fit.tabulate(args.chip, {}, args.contrast, disk)
     corner_hz = disk_fit.light_map(table, seen).reshape(seen.regions)
 

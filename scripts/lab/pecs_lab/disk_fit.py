@@ -13,24 +13,33 @@ import pecs
 
 from .program import ask
 
-BINS_DEG = np.arange(-10, 101, 2.0)  # of pecs.delays, for a disk of four sectors
-CYCLES = 11  # half turns before anything counts
+CYCLES = 11  # periods of light and dark before anything counts
 STEP_US = 500.0
 
 
 @dataclass(frozen=True)
 class Disk:
-    """Of four sectors; angles at t = 0."""
+    """Equal black and white sectors; angles at t = 0."""
 
     centre: tuple[float, float]
     radius: float  # rim
-    speed_deg_s: float
-    on_deg: float  # of an edge from black to white; the next edges follow every 90 degrees
+    sectors: int  # black and white ones together
+    speed_deg_s: float  # positive: counter-clockwise on screen
+    on_deg: float  # an edge that brightens the pixel; the next one follows after period_deg
     off_deg: float
 
     @property
-    def half_turn_us(self) -> float:
-        return 180e6 / self.speed_deg_s
+    def period_deg(self) -> float:
+        return 720 / self.sectors
+
+    @property
+    def period_us(self) -> float:
+        return self.period_deg / abs(self.speed_deg_s) * 1e6
+
+    @property
+    def bins_deg(self) -> np.ndarray:
+        """Edges of the bins of pecs.delays: 1/90 of the period each, from -1/18 to 5/9 of it."""
+        return self.period_deg / 90 * np.arange(-5, 51)
 
     @property
     def detected(self) -> dict:
@@ -38,7 +47,9 @@ class Disk:
         values = {"centre_x": self.centre[0], "centre_y": self.centre[1], "speed_deg_s": self.speed_deg_s}
         values |= {"on_edge_deg": self.on_deg, "off_edge_deg": self.off_deg}
         rim = {"axis_a_px": 2 * self.radius, "axis_b_px": 2 * self.radius}
-        return {k: {"value": v} for k, v in values.items()} | {"sectors": 4, "phase_time_us": 0, "rim": rim}
+        return {k: {"value": v} for k, v in values.items()} | {
+            "sectors": self.sectors, "phase_time_us": 0, "rim": rim,
+        }  # fmt: skip
 
     def polar(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angle in degrees, counter-clockwise on screen, and radius of pixels."""
@@ -46,8 +57,9 @@ class Disk:
         return np.degrees(np.arctan2(dy, dx)), np.hypot(dx, dy)
 
     def past_deg(self, angle: np.ndarray, t_us: float, edge_deg: float) -> np.ndarray:
-        """How far an edge is past the pixel, 0 to 180."""
-        return np.mod(edge_deg + self.speed_deg_s * 1e-6 * t_us - angle, 180)
+        """How far an edge is past the pixel, in [0, period_deg)."""
+        ahead = edge_deg + self.speed_deg_s * 1e-6 * t_us - angle
+        return np.mod(ahead * np.sign(self.speed_deg_s), self.period_deg)
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,7 @@ class Seen:
 
 def look(events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> Seen:
     delays = pecs.delays(events, disk=disk.detected, width=width, height=height, duration_us=round(duration_us))
-    assert np.allclose(delays["bin_edges_deg"], BINS_DEG)
+    assert np.allclose(delays["bin_edges_deg"], disk.bins_deg)
     yy, xx = np.mgrid[0:height, 0:width].astype(float)
     pixels = (disk.polar(xx, yy)[1] > disk.radius + 34).sum()
     quiet = disk.polar(events["x"].astype(float), events["y"].astype(float))[1] > disk.radius + 34
@@ -89,7 +101,7 @@ def look(events: np.ndarray, disk: Disk, width: int, height: int, duration_us: f
 
 @dataclass
 class Table:
-    """The pixel in the disk's steady state, by light: one half turn each way."""
+    """The pixel in the disk's steady state, by light: one period."""
 
     corner_hz: np.ndarray  # of the photoreceptor in white
     on: np.ndarray  # [light, bin], per pixel
@@ -97,37 +109,31 @@ class Table:
 
 
 def tabulate(chip: str, overrides: dict, contrast: float, disk: Disk, pixels: int = 1024) -> Table:
-    """`pixels` pixels at each light, all at the same place of the disk, over two half turns after CYCLES."""
+    """`pixels` pixels at each light, all at the same place of the disk, over two periods after CYCLES."""
     kappa = profile(chip)["corner_hz_per_a"]
     corner_hz = np.geomspace(0.8, 14, 16)
     values = np.repeat((corner_hz / kappa)[:, None], pixels, axis=1)  # amperes in white
     values *= 1e15
     sensor = pecs.Sensor(pixels, len(corner_hz), chip, overrides=overrides, photocurrent_a=1e-15, seed=3)
-    quarter_us = disk.half_turn_us / 2
-    steps = int(np.ceil(quarter_us / STEP_US))
+    half_us = disk.period_us / 2
+    steps = int(np.ceil(half_us / STEP_US))
     found = []
-    for quarter in range(2 * (CYCLES + 2)):
-        start = quarter * quarter_us
-        t_us = np.concatenate([[start + 1], start + quarter_us * np.arange(1, steps + 1) / steps])
-        frame = (values if quarter % 2 == 0 else values / contrast).astype(np.float32)
+    for half in range(2 * (CYCLES + 2)):
+        start = half * half_us
+        t_us = np.concatenate([[start + 1], start + half_us * np.arange(1, steps + 1) / steps])
+        frame = (values if half % 2 == 0 else values / contrast).astype(np.float32)
         found.append(sensor.push(np.broadcast_to(frame, (len(t_us), *frame.shape)), t_us))
     events = np.concatenate([*found, sensor.finish()])
-    since_us = events["t"] - CYCLES * disk.half_turn_us
-    keep = (since_us >= 0) & (since_us < 2 * disk.half_turn_us)
-    events, delay = events[keep], np.mod(since_us[keep] * disk.speed_deg_s * 1e-6, 180)
-    turns, histograms = 2 * pixels, []
-    for polarity, after in ((1, 0.0), (0, 90.0)):
+    since_us = events["t"] - CYCLES * disk.period_us
+    keep = (since_us >= 0) & (since_us < 2 * disk.period_us)
+    events, since_deg = events[keep], since_us[keep] * abs(disk.speed_deg_s) * 1e-6
+    bins, edges, histograms = disk.bins_deg, 2 * pixels, []
+    for polarity, after in ((1, 0.0), (0, disk.period_deg / 2)):
         of = events["p"] == polarity
-        histograms.append(
-            np.histogram2d(
-                events["y"][of], _wrapped(delay[of] - after), [np.arange(len(corner_hz) + 1) - 0.5, BINS_DEG]
-            )[0] / turns
-        )  # fmt: skip
+        delay = np.mod(since_deg[of] - after - bins[0], disk.period_deg) + bins[0]
+        rows = np.arange(len(corner_hz) + 1) - 0.5
+        histograms.append(np.histogram2d(events["y"][of], delay, [rows, bins])[0] / edges)
     return Table(corner_hz, *histograms)
-
-
-def _wrapped(delay_deg: np.ndarray) -> np.ndarray:
-    return np.mod(delay_deg - BINS_DEG[0], 180) + BINS_DEG[0]
 
 
 def light_map(table: Table, seen: Seen) -> np.ndarray:
@@ -208,7 +214,7 @@ def simulate(
     white_fa = (np.exp(log_corner) / kappa * 1e15).astype(np.float32)
     still = (white_fa / 3).astype(np.float32)
 
-    warmup_us = CYCLES * disk.half_turn_us
+    warmup_us = CYCLES * disk.period_us
     sensor = pecs.Sensor(x1 - x0, y1 - y0, chip, overrides=overrides, photocurrent_a=1e-15, seed=seed)
     t_us = np.arange(0, warmup_us + duration_us + 2 * STEP_US, STEP_US)
     found, chunk = [], 32
@@ -240,17 +246,19 @@ def detect(recording: str) -> Disk:
     return Disk(
         centre=(d["centre_x"]["value"], d["centre_y"]["value"]),
         radius=(d["rim"]["axis_a_px"] + d["rim"]["axis_b_px"]) / 4,
+        sectors=d["sectors"],
         speed_deg_s=speed,
         on_deg=d["on_edge_deg"]["value"] - speed * 1e-6 * phase_us,
         off_deg=d["off_edge_deg"]["value"] - speed * 1e-6 * phase_us,
     )
 
 
-def examine(recording: str, width: int, height: int) -> tuple[Disk, np.ndarray, float, Seen]:
-    """The disk, the events and their duration [us], both from the first event on; what is seen of it."""
+def examine(recording: str) -> tuple[Disk, np.ndarray, float, Seen]:
+    """The disk, the events (with width and height) and their duration [us], from the first event on; what the
+    recording shows of the disk."""
     disk, events = detect(recording), pecs.read(recording)
     turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
     disk = replace(disk, on_deg=disk.on_deg + turned_deg, off_deg=disk.off_deg + turned_deg)
     events["t"] -= events["t"][0]
     duration_us = float(events["t"][-1]) + 1
-    return disk, events, duration_us, look(events, disk, width, height, duration_us)
+    return disk, events, duration_us, look(events, disk, events.width, events.height, duration_us)
