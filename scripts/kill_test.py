@@ -184,8 +184,8 @@ def jobs_of(kind: str, folder: Path, output: Path) -> list[list[Path | str]]:
     if not recording.exists():
         pecs.write(recording, disk_events(300_000), 320, 240)
     if kind == "convert":
-        endings = ("raw", "dat", "hdf5", "h5", "aedat4", "npz", "csv")
-        return [["convert", recording, output / f"o.{e}"] for e in endings]
+        names = [(f["name"], f["extensions"][0]) for f in pecs.event_formats() if f["writes"]]
+        return [["convert", recording, output / f"{name}{ending}", "--format", name] for name, ending in names]
     scene = ROOT / "scenes/rotating_disk"
     given = [recording, "--scene", scene, "--pixel-pitch-um", "19.44", "-o", output / "a.json"]
     return [["align", *given, "--picture", output / "a.png"]]

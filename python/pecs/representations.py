@@ -53,6 +53,7 @@ def voxel_grid(
     bins: int = 5,
     begin_us: float | None = None,
     end_us: float | None = None,
+    *,
     normalise: bool = False,
     out: _Planes | None = None,
 ) -> _Planes:

@@ -39,13 +39,14 @@ def main() -> None:
     if args.fit:
         overrides, contrast = disk_fit.fit(args.chip, real, disk, contrast, args.rounds)
     corner_hz = disk_fit.light_map(disk_fit.tabulate(args.chip, overrides, contrast, disk), real)
+    size = {"width": width, "height": height}
     found = disk_fit.simulate(
-        args.chip, overrides, disk, corner_hz, contrast, real, width, height, duration_us, args.seed
+        args.chip, overrides, disk, corner_hz, contrast, real, **size, duration_us=duration_us, seed=args.seed
     )
     sim = disk_fit.look(found, disk, width, height, duration_us)
 
     def compared(normalisation: str, **more: object) -> dict:
-        sizes = {"width": width, "height": height, "split_half": False, "origin": "zero"}
+        sizes = size | {"split_half": False, "origin": "zero"}
         return pecs.compare(events, found, normalisation=normalisation, **sizes, **more)
 
     paper, eq16 = compared("paper", disk=disk.detected), compared("eq16")

@@ -44,7 +44,7 @@ std::vector<std::string> inputs_of(std::span<char*> folders) {
   return out;
 }
 
-// The words of a libFuzzer dictionary: a line each, in quotes, with \xNN, \\ and \" for what is no plain text.
+// The words of a libFuzzer dictionary: a line each, in quotes, with \xNN, \\ and \" escape what is not plain text.
 std::vector<std::string> words_of(const fs::path& dictionary) {
   std::vector<std::string> out;
   std::ifstream in(dictionary);

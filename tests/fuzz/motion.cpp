@@ -12,7 +12,7 @@ namespace {
 using namespace pecs;
 using sensor::Carrier;
 
-// The same in every bit but for the kind of NaN.
+// Bit-identical, except for the kind of NaN.
 bool same(std::span<const float> a, std::span<const float> b) {
   return std::ranges::equal(a, b, [](float x, float y) { return x == y || (std::isnan(x) && std::isnan(y)); });
 }

@@ -3,6 +3,8 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
 #include <random>
 
 #include "pecs/data_dir.h"
@@ -95,12 +97,27 @@ void put_events(const fs::path& folder) {
   }
 }
 
+void put_pictures(const fs::path& folder) {
+  cv::Mat picture(24, 32, CV_8UC3);
+  cv::theRNG().fill(picture, cv::RNG::UNIFORM, 0, 256);
+  for (const char* ending : {"png", "jpg", "tiff", "webp", "ppm", "bmp"}) {
+    std::vector<unsigned char> bytes;
+    cv::imencode(std::string(".") + ending, picture, bytes);
+    put(folder / "picture" / ending, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  }
+  fs::create_directories(folder / "video");
+  cv::VideoWriter video((folder / "video/own.mp4").string(), cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 100,
+                        {32, 24});
+  for (int i = 0; i < 4; ++i) video.write(picture + cv::Scalar::all(8 * i));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
   if (argc != 2) throw Error(ExitCode::usage, "fuzz_seeds: wanted a folder");
   const fs::path folder = argv[1];
   put_events(folder);
+  put_pictures(folder);
   fs::create_directories(folder / "stack");
   fuzz::write_stack(folder / "stack");
   put(folder / "frame/own.exr", text_of(folder / "stack/frame_000000.exr"));

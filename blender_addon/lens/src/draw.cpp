@@ -108,9 +108,13 @@ struct Curve {
   double width = 1.3;
 };
 
-// A small plot at (left, top); the y range is widened to what the curves need.
-std::string plot(double left, double top, double width, double height, const std::string& title,
-                 const std::string& x_name, const std::vector<Curve>& curves, double y_low, double y_high) {
+struct Box {
+  double left, top, width, height;
+};
+
+// A small plot; the curves widen the y range where they exceed it.
+std::string plot(const Box& box, const std::string& title, const std::string& x_name, const std::vector<Curve>& curves,
+                 double y_low, double y_high) {
   double x_high = 0;
   for (const Curve& c : curves)
     for (std::size_t i = 0; i < c.x.size(); ++i) {
@@ -121,11 +125,11 @@ std::string plot(double left, double top, double width, double height, const std
     }
   if (!(x_high > 0)) x_high = 1;
   if (!(y_high > y_low)) y_high = y_low + 1;
-  const double in_left = left + 46, in_top = top + 20, in_width = width - 60, in_height = height - 56;
+  const double in_left = box.left + 46, in_top = box.top + 20, in_width = box.width - 60, in_height = box.height - 56;
   const auto sx = [&](double x) { return in_left + x / x_high * in_width; };
   const auto sy = [&](double y) { return in_top + (y_high - y) / (y_high - y_low) * in_height; };
-  std::string svg = fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" font-weight=\"bold\">{}</text>\n", in_left, top + 12,
-                                escaped(title));
+  std::string svg = fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" font-weight=\"bold\">{}</text>\n", in_left,
+                                box.top + 12, escaped(title));
   for (int i = 0; i <= 4; ++i) {
     const double y = y_low + (y_high - y_low) * i / 4, x = x_high * i / 4;
     svg += fmt::format("<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#ddd\"/>\n", in_left,
@@ -274,12 +278,12 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
     colour.push_back(lateral);
     spot_curves.push_back(size);
   }
-  svg += plot(8, first_row, third, tall, "Relative illumination", "film radius, mm",
+  svg += plot({8, first_row, third, tall}, "Relative illumination", "film radius, mm",
               {{r_mm, illumination, "#0072B2", "none", ""}}, 0, 1);
-  svg += plot(8 + third, first_row, third, tall, "Distortion, %", "film radius, mm",
+  svg += plot({8 + third, first_row, third, tall}, "Distortion, %", "film radius, mm",
               {{r_mm, distortion, "#0072B2", "none", ""}}, -0.1, 0.1);
-  svg += plot(8 + 2 * third, first_row, third, tall, "Lateral colour, um", "film radius, mm", colour, -0.5, 0.5);
-  svg += plot(8, second_row, third, tall, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
+  svg += plot({8 + 2 * third, first_row, third, tall}, "Lateral colour, um", "film radius, mm", colour, -0.5, 0.5);
+  svg += plot({8, second_row, third, tall}, "RMS spot, um", "film radius, mm", spot_curves, 0, 1);
 
   const double e0 = exact_pupil(chart.reference, chart.focus.film_z_mm, 0).irradiance_per_radiance;
   const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);

@@ -189,8 +189,8 @@ def fit(chip: str, real: Seen, disk: Disk, contrast: float, rounds: int) -> tupl
 
 
 def simulate(
-    chip: str, overrides: dict, disk: Disk, corner_hz: np.ndarray, contrast: float, seen: Seen, width: int, height: int,
-    duration_us: float, seed: int,
+    chip: str, overrides: dict, disk: Disk, corner_hz: np.ndarray, contrast: float, seen: Seen, *, width: int,
+    height: int, duration_us: float, seed: int,
 ) -> np.ndarray:  # fmt: skip
     """The whole recording: the disk's square after its warm-up, and background everywhere else."""
     kappa = profile(chip)["corner_hz_per_a"]

@@ -152,7 +152,7 @@ def test_what_the_demo_says_comes_next_is_there(helps):
 
 
 def test_help_is_in_one_case(helps):
-    """What an option does begins in lower case, but for names that are written otherwise."""
+    """Descriptions of options start in lower case, except proper names."""
     seen = 0
     for name, text in helps.items():
         for said in re.findall(r"^  -.*?(?:  +|\n {20,})(\S.*)$", text, re.MULTILINE):

@@ -149,7 +149,7 @@ def total(data, index):
 
 @pytest.mark.parametrize("how", ["fork", "spawn"])
 def test_in_other_processes(data, how):
-    """What is open in this process is opened anew there."""
+    """Workers reopen the files that this process has open."""
     want = [total(data, i) for i in (0, 3)]
     with ProcessPoolExecutor(2, multiprocessing.get_context(how)) as pool:
         found = [*pool.map(total, [data, data], (0, 3))]
@@ -216,7 +216,7 @@ def test_tonics_transforms(others, data):
         np.add.at(counts, (events["p"], events["y"], events["x"]), 1)
         lost = counts - others["tonic_frames"][i].sum(0)  # tonic's last bin ends before the last event
         assert lost.min() == 0 and lost.sum() <= 5
-        # A voxel grid's bins share one ON and one minus OFF of each event, but for what leaves through the last one.
+        # A voxel grid's bins share one ON and one minus OFF of each event, except what leaves through the last one.
         signed = np.zeros((H, W))
         np.add.at(signed, (events["y"], events["x"]), 2.0 * events["p"] - 1)
         assert np.abs(others["tonic_voxels"][i].sum((0, 1)) - signed).sum() < 0.25 * np.abs(signed).sum()

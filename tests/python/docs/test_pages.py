@@ -1,5 +1,5 @@
 """The pages as a reader uses them: their commands and their Python run from top to bottom, options and files that they
-name exist, links lead somewhere, Start and Concepts can be read.
+name exist, links lead somewhere.
 
 A block that is not run says why in a comment before it: `<!-- not run: REASON -->`. `<!-- run with: OPTIONS -->` adds
 options to the renders of a block, so that they take seconds. A block of JSON with a title is a file."""
@@ -185,7 +185,7 @@ def test_links_lead_somewhere():
 
 
 def test_every_page_is_in_the_navigation():
-    """And every entry is a page, but for the one that scripts/docs.sh makes."""
+    """And every entry is a page, except the one that scripts/docs.sh generates."""
     entries = re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1])
     there = [page.removeprefix("docs/") for page in pages() if page.startswith("docs/")]
     assert sorted(entries) == sorted([*there, "reference/commands.md"])
@@ -239,24 +239,6 @@ def test_numbers_begin_with_a_digit():
     for page in pages():
         text = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(page), flags=re.DOTALL)
         assert not re.findall(r"(?:^|[^\w./])\.\d.*", text), page
-
-
-def test_start_and_concepts_can_be_read():
-    done = subprocess.run([sys.executable, ROOT / "scripts/docs_reading.py"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert len(done.stdout.splitlines()) >= 8
-
-
-def test_the_reading_check_finds_what_it_should(tmp_path):
-    reading = load_script(ROOT / "scripts/docs_reading.py")
-    easy = reading.sentences("# A head\n\nThe cat sat on the mat.\n")
-    assert reading.reading_ease(easy) == pytest.approx(116.1, abs=0.1)  # Flesch: 6 words of one syllable
-    hard = ["The Australian platypus is seemingly a hybrid of a mammal and reptilian creature."]
-    assert reading.reading_ease(hard) == pytest.approx(37.5, abs=10)  # the textbook example
-    page = tmp_path / "page.md"
-    page.write_text("The cat sat near an autocorrelogram. " + "The cat " + "sat and " * 20 + "sat.\n")
-    first, second = sorted(reading.faults(page, {"the", "cat", "sat", "near", "an", "and"}))
-    assert "got 43 words" in first and second.endswith(": autocorrelogram")
 
 
 def test_the_link_check_finds_what_is_broken(tmp_path):

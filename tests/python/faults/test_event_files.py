@@ -28,7 +28,7 @@ def test_a_raw_format_that_nobody_knows(pecs_program, tmp_path, line):
         (["sensor_generation 4.2"], (1280, 720)),
         (["generation 3.1"], (640, 480)),
         (["sensor_generation 320"], (320, 320)),
-        (["system_ID 49", "integrator_name Somebody"], (8, 6)),
+        (["system_ID 49", "integrator_name Someone"], (8, 6)),
         (["geometry 100x90", "system_ID 49"], (100, 90)),
         ([], (8, 6)),
     ],

@@ -237,13 +237,13 @@ def test_what_cannot_be_read(pecs_program, tmp_path, open_folder):
         refused(pecs_program(*command), 3, "loop")
     stack = open_folder / "s"
     random_stack(stack, 2)
-    somebody = {"user": 65534, "group": 65534, "cwd": "/"} if os.geteuid() == 0 else {}
-    if subprocess.run([pecs_program("--version").args[0], "--version"], capture_output=True, **somebody).returncode:
+    other_user = {"user": 65534, "group": 65534, "cwd": "/"} if os.geteuid() == 0 else {}
+    if subprocess.run([pecs_program("--version").args[0], "--version"], capture_output=True, **other_user).returncode:
         pytest.skip("the program is closed to others")
     (stack / "frame_000000.exr").chmod(0)
-    refused(pecs_program("info", stack, **somebody), 3, "frame_000000.exr")
+    refused(pecs_program("info", stack, **other_user), 3, "frame_000000.exr")
     stack.chmod(0)
-    refused(pecs_program("info", stack, **somebody), 3, str(stack))
+    refused(pecs_program("info", stack, **other_user), 3, str(stack))
     stack.chmod(0o755)
 
 

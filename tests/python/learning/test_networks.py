@@ -345,7 +345,7 @@ def test_drawn_disks():
 
 
 def test_onnx_is_the_network(trainable, tmp_path):
-    """Window after window, on a picture that is no multiple of what E2VID halves."""
+    """Window after window, on a picture whose sides E2VID cannot halve often enough."""
     rng = np.random.default_rng(1)
     for config in (SHORT, dataclasses.replace(SHORT, network=E2VID)):
         run, file = tmp_path / f"{config.network.kind} run", tmp_path / f"{config.network.kind}.onnx"

@@ -195,7 +195,7 @@ def test_light_is_the_same_beside_motion(blends, tmp_path):
 
 
 def test_a_scene_folders_light_is_the_same_beside_motion(root, tmp_path):
-    """Cycles keeps its state between frames: noise would be another if motion made it begin anew."""
+    """Cycles keeps its state between frames: the noise would change if the motion layer made it restart."""
     args = ("--frames", 2, "--fps", 100, "--bands", 1, "--samples", 4, "--lens", "none", "--width", 48)
     for name, more in (("alone", ()), ("beside", ("--layers", "motion"))):
         pecs_blender("render", root / "scenes/room", "-o", tmp_path / name, *args, *more)

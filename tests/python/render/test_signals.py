@@ -40,7 +40,7 @@ def stopped(root, folder, number, until, *args, again=False):
     process.send_signal(number)
     if again:
         process.send_signal(number)
-    _, text = process.communicate(timeout=120)  # for ever, as it once was
+    _, text = process.communicate(timeout=120)  # a regression would hang here
     assert process.returncode == 128 + number, text
     assert "Traceback" not in text and text.count("stopped; finished frames are kept") == 1, text
     assert not list(scratch.iterdir())

@@ -175,7 +175,7 @@ def test_what_was_rendered_between_is_heeded(tmp_path, pecs_program):
     carried = events_of(pecs_program, plain, tmp_path / "carried.csv")
     lit = [events[events[:, 1] < 48] for events in (truth, found, carried)]
     assert matched(lit[1], lit[0], 200) > 0.9 and matched(lit[2], lit[0], 200) < 0.6 and len(lit[0]) > 5000
-    # The other half is as it was carried, but for the instants of its planes.
+    # The other half is warped as before, except for the times of its planes.
     others = [np.count_nonzero(events[:, 1] >= 48) for events in (found, carried)]
     assert abs(others[0] - others[1]) < 0.02 * others[1]
 

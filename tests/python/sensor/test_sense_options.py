@@ -1,4 +1,4 @@
-"""No option of `pecs sense` is without effect and without a word: each changes what comes out, or is refused."""
+"""Every option of `pecs sense` changes the output or is an error."""
 
 import json
 import re

@@ -92,7 +92,7 @@ class Scene:
         return (rho - 1) / np.maximum(slope, 1e-9)
 
 
-def write_stack(folder, frames, times_ns, motions=(), period_ns=None, subpixels=1, between=(), more=(), light=True):
+def write_stack(folder, frames, times_ns, motions=(), *, period_ns=None, subpixels=1, between=(), more=(), light=True):
     """A stack of frames [T, H, W] times 1e-3 (light False: only their size counts); motions: one per interval; between:
     (interval, number, ns, [H, W]); more: (entry of stack.json, planes [channels, H, W]) of other layers."""
     height, width = frames[0].shape

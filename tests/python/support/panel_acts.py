@@ -206,11 +206,10 @@ def _saves_first(scene):
 
 
 def wrong(folder):
-    """What a person does wrong is said, and nothing hangs."""
+    """The panel reports each mistake, and nothing hangs."""
     scene = scene_file(folder)
-    s = scene.pecs
 
-    def said(part, is_error=True):
+    def shown(part, is_error=True):
         texts = [one.text for one in checks.problems(scene) if one.is_error >= is_error]
         assert any(part in text for text in texts), (part, texts)
         assert part.split()[0] in "".join(drawn()), part  # long words are broken
@@ -218,26 +217,43 @@ def wrong(folder):
             assert texts[0].split("\n")[0][:30] in refused("render")
 
     assert not checks.problems(scene)
+    _wrong_size_and_frames(scene, shown)
+    _wrong_chip_and_lens(scene, shown, folder / "own.json")
+    _wrong_options(scene, shown, folder)
+    _wrong_device(scene, shown)
+    wrong_parameters(scene)
+    drawn()
+    scene.camera = None
+    shown("no camera")
+    assert "no camera" in refused("match_lens")
+
+
+def _wrong_size_and_frames(scene, shown):
+    s = scene.pecs
     scene.render.resolution_x = 2000
-    said("2000 x 18 pixels exceed the chip's 1280 x 720")
+    shown("2000 x 18 pixels exceed the chip's 1280 x 720")
     bpy.ops.pecs.chip_resolution()
     assert settings.size(scene) == (1280, 720) and not checks.problems(scene)
     s.frames = 100_000_000
-    said("exceed the maximum of 1,000,000")
+    shown("exceed the maximum of 1,000,000")
     s.frames = 8
     s.whole_range, scene.frame_start, scene.frame_end = True, 5, 5
     scene.frame_start = 9  # Blender moves the end along
     assert scene.frame_end >= scene.frame_start
     s.whole_range = False
-    own = folder / "own.json"
+
+
+def _wrong_chip_and_lens(scene, shown, own):
+    """own: a path for files of the user's."""
     import pecs
 
+    s = scene.pecs
     own.write_text((pecs.data_dir("sensor/chips") / "davis346.json").read_text())
     s.chip = str(own)
     bpy.ops.pecs.chip_resolution()
     assert settings.size(scene) == (346, 260)
     own.unlink()
-    said(str(own))
+    shown(str(own))
     assert "own.json" in refused("sense") or "render the stack" in refused("sense")
     s.chip = "imx636"
     own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
@@ -247,44 +263,47 @@ def wrong(folder):
     found = settings.lenses(s, bpy.context, "Double Gauss")
     assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
     own.unlink()
-    said(str(own))
+    shown(str(own))
     s.lens, s.fnumber = "pecs_lab_15mm", 4.0
     assert s.fnumber == 0 and not checks.problems(scene)  # wide open
+
+
+def _wrong_options(scene, shown, folder):
+    s = scene.pecs
     s.device = "CUDA"
-    said("A lens requires the device CPU or OPTIX")
+    shown("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
-    said("Lamp spectrum: moonlight: no such spectrum")
+    shown("Lamp spectrum: moonlight: no such spectrum")
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
-    said("Moving region: got 5, wanted X0:Y0:X1:Y1")
+    shown("Moving region: got 5, wanted X0:Y0:X1:Y1")
     s.moving_px = "0:0:8:8"
     assert not checks.problems(scene) and settings.render_arguments(scene)[-2:] == ["--moving-px", "0:0:8:8"]
     s.time = "adaptive"
     assert "--moving-px" not in settings.render_arguments(scene)
     (folder / "file").write_text("")
     s.output = str(folder / "file")
-    said("is a file; choose a folder")
+    shown("is a file; choose a folder")
     s.output = str(folder / "file/below")
-    said("is a file; choose a folder")
-    s.output = "/proc/pecs"  # nobody may, not even root
+    shown("is a file; choose a folder")
+    s.output = "/proc/pecs"  # not writable, even for root
     bpy.ops.pecs.render()
     message, is_error = ended()
     assert is_error and message.startswith("/proc/pecs") and any("/proc/pecs" in text for text in drawn()), message
     s.output = ""
+
+
+def _wrong_device(scene, shown):
+    s = scene.pecs
     cycles = bpy.context.preferences.addons["cycles"].preferences
     cycles.compute_device_type = "CUDA"
-    said("Cycles' preferences select CUDA", is_error=False)
+    shown("Cycles' preferences select CUDA", is_error=False)
     s.lens = "pecs_lab_15mm"  # which needs OptiX
     assert not checks.problems(scene)
     s.lens = "none"
     bpy.ops.pecs.use_gpu()
     assert s.device == "CUDA" and not checks.problems(scene)
     s.device, cycles.compute_device_type = "CPU", "NONE"
-    wrong_parameters(scene)
-    drawn()
-    scene.camera = None
-    said("no camera")
-    assert "no camera" in refused("match_lens")
 
 
 def wrong_parameters(scene):

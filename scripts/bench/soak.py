@@ -1,11 +1,11 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""A long run: very many events through every command that takes them, with the memory each one needs. Memory that grows
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""A long run: --events events through every command that reads them, with the peak memory of each. Memory that grows
 with the recording shows as a peak that grows with --events.
 
-    scripts/soak.py [--events 1e9] [--only sense,evt3,info] [-o FOLDER]
+    scripts/bench/soak.py [--events 1e9] [--only sense,evt3,info] [-o FOLDER]
 
-Prints JSON: a row per command with events, seconds, peak memory and the size of what it wrote. Files are removed as
-soon as they have been used; the largest (CSV) takes about 16 bytes an event.
+Prints JSON: per command, events, seconds, peak memory and output size. Each file is removed after use; the largest
+(CSV) takes about 16 bytes per event.
 """
 
 import argparse
@@ -22,14 +22,10 @@ import pecs
 from pecs_lab.program import program
 
 WIDTH, HEIGHT, FRAMES, FRAME_US = 320, 180, 64, 250
-FORMATS = {  # converted to; CSV and NPZ too
-    "evt2": "evt2.raw", "evt21": "evt21.raw", "evt3": "evt3.raw", "dat": "dat", "metavision-hdf5": "hdf5",
-    "dsec": "h5", "aedat4": "aedat4", "npz": "npz", "csv": "csv",
-}  # fmt: skip
 
 
 def write_stack(folder: Path) -> None:
-    """A disk of sectors that turns once: its events repeat for ever."""
+    """A disk of sectors that turns once per period, without end."""
     stack = {
         "pecs_stack": 1, "quantity": "irradiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 4.86e-6,
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * FRAME_US * 1000 for i in range(FRAMES)],
@@ -76,7 +72,7 @@ def main() -> None:
         return [pecs_program, "sense", folder / "stack", "-o", output, *options]
 
     subprocess.run(list(map(str, sense(loop_us, folder / "loop.raw"))), check=True, capture_output=True)
-    # Not read here: a child's peak memory begins with its parent's.
+    # Not read into this process: a child's peak memory starts at its parent's.
     per_loop = json.loads((folder / "loop.raw.run.json").read_text())["results"]["events"]
     loops = round(args.events / per_loop)
     events, long = loops * per_loop, folder / "long.raw"
@@ -90,10 +86,11 @@ def main() -> None:
     for name, command in others.items():
         if not wanted or name in wanted:
             rows.append(measured(name, command, events))
-    for name, ending in FORMATS.items():
-        if wanted and name not in wanted:
+    for file_format in pecs.event_formats():
+        name = file_format["name"]
+        if not file_format["writes"] or wanted and name not in wanted:
             continue
-        output = folder / f"out.{ending}"
+        output = folder / f"out{file_format['extensions'][0]}"
         command = [pecs_program, "convert", long, output, "--format", name, "--quiet"]
         rows.append(measured(f"convert to {name}", command, events, output))
         rows.append(measured(f"info on {name}", [pecs_program, "info", output], events))
