@@ -12,13 +12,7 @@ say "Debian packages"
 debian_packages doxygen python3-venv
 say "Python packages (.venv-docs)"
 [ -x "$DOCS_PY" ] || /usr/bin/python3 -m venv .venv-docs
-key=$(sha256sum <requirements/docs.txt)
-if [ "$(cat .venv-docs/pecs-current 2>/dev/null)" != "$key" ]; then
-  "$DOCS_PY" -m pip install --quiet --disable-pip-version-check -r requirements/docs.txt
-  printf '%s' "$key" >.venv-docs/pecs-current
-else
-  echo "all there"
-fi
+python_packages .venv-docs docs
 [ -x "$PECS" ] && [ -x "$PY" ] || scripts/setup.sh
 
 say "Commands (--help)"

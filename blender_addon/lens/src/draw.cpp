@@ -287,7 +287,7 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
 
   const double e0 = exact_pupil(chart.reference, chart.focus.film_z_mm, 0).irradiance_per_radiance;
   const double working = 0.5 / std::sqrt(e0 / std::numbers::pi);
-  svg += plot(8 + third, second_row, 2 * third, tall + 40,
+  svg += plot({8 + third, second_row, 2 * third, tall + 40},
               fmt::format("MTF at {:.4g} nm with diffraction (F/{:.3g}); thin: geometric", chart.reference_nm, working),
               "cycles per mm (pixels of 4.86 um: Nyquist 103)", chart.mtf(working), 0, 1);
   return framed(lens.name, second_row + tall + 50, svg);
