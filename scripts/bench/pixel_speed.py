@@ -4,7 +4,7 @@
 
 CHECKOUT: of github.com/uzh-rpg/rpg_vid2e (compiled here: g++, OpenCV, Eigen, Boost). Ours sorts its
 events and hands them on 64 frames at a time, as to a file; esim does not sort, and keeps them. A run of ours has three
-passes, warm but for the first (`cold`). Threads are compared by the wall's clock, so on a quiet machine.
+passes, warm except the first (`cold`). Threads are compared by the wall's clock, so on a quiet machine.
 """
 
 import argparse

@@ -27,7 +27,7 @@ WITHIN_US = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700
 
 
 def response(nm):
-    """lambda * QE of imx636, but for a factor."""
+    """lambda * QE of imx636, up to a factor."""
     with pecs.Chip("imx636") as chip:
         return np.array(chip.amperes_per_unit([{"lambda_nm": at, "weight_nm": 1.0} for at in nm]))
 

@@ -1,11 +1,11 @@
-"""What each measure of `pecs compare` sees of a simulation that is wrong in one known way.
+"""Which errors of a simulation each measure of `pecs compare` detects: one known error at a time.
 
     .venv/bin/python scripts/studies/blind_spots.py [--picture docs/studies/metrics.svg] > table.md
 
 The recording is a simulated one: the lab's disk in dim light (320 x 180, imx636 with its noise, slow pixels as in
-R_360_L). Five other recordings of the same scene, the noise drawn anew, say what chance does to each measure; then one
-of them is spoiled, or the scene is. The table holds the measures, the picture how far each is from what chance gives,
-in standard deviations of these five. Needs libpecs.
+R_360_L). Five other recordings of the same scene with other seeds give the spread of each measure by chance; then one of
+them, or the scene, is altered. The table lists the measures, the picture their distance from the mean of the five in
+standard deviations of the five. Requires libpecs.
 """
 
 import argparse

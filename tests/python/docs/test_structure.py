@@ -8,7 +8,7 @@ from support import ROOT
 
 MAX_FILE_LINES = 600
 
-# Room -> (folder, the rooms whose public headers it may include, apart from its own). Low to high: no room includes upward.
+# Room -> (folder, rooms whose public headers it may include). Low to high: no room includes upward.
 ROOMS = {
     "common": ("common", ""),
     "events": ("sensor/events", "common"),
