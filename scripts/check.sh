@@ -3,7 +3,6 @@
 # what it needs as scripts/setup.sh does, shows progress, and can be run again: what is current is not built twice.
 #   scripts/check.sh asan           memory and undefined behaviour (GCC's sanitizers): all C++ tests, mutants of each
 #                                   fuzzer's corpus (tests/fuzz), and the Python tests of the C interface
-#   scripts/check.sh asan --fast    the C++ tests of event files, common, metrics and sensor, and the mutants; CI runs it
 #   scripts/check.sh tsan           data races: lens, compare and sensor tests, with a oneTBB built for it from Debian's
 #                                   source package
 #   scripts/check.sh tidy           clang-tidy over all C++ sources; .clang-tidy says which checks, and why not the others
@@ -12,7 +11,6 @@
 source "$(dirname "$0")/lib.sh"
 CHECK=${1:-} OPTION=${2:-}
 JOBS=$(nproc)
-FAST_ROOMS=(common events metrics sensor)
 RUN=()  # a command before those that start what was built
 
 # build PRESET TARGET... [-- NINJA_OPTION...]
@@ -32,11 +30,6 @@ run_tests() {
 
 check_asan() {
   export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1 UBSAN_OPTIONS=print_stacktrace=1
-  if [ "$OPTION" = --fast ]; then
-    build asan "${FAST_ROOMS[@]/#/test_}" fuzzers
-    run_tests asan "${FAST_ROOMS[@]}" fuzz
-    return
-  fi
   build asan tests/all python/c/all fuzzers
   run_tests asan calibration common events fuzz lens metrics sensor view
   say "Python tests of the C interface"
@@ -83,7 +76,7 @@ check_tidy() {
 }
 
 case "$CHECK $OPTION" in
-  "asan " | "asan --fast") scripts/setup.sh --tests; check_asan ;;
+  "asan ") scripts/setup.sh --tests; check_asan ;;
   "tsan ") scripts/setup.sh --tests; check_tsan ;;
   "tidy ") scripts/setup.sh --tests; check_tidy ;;
   "docs ") exec scripts/docs.sh ;;
@@ -91,6 +84,6 @@ case "$CHECK $OPTION" in
     debian_packages clang-16 libclang-rt-16-dev llvm-16
     exec scripts/fuzz.sh "${@:2}"
     ;;
-  *) die "check.sh: got ${*:-nothing}, wanted asan [--fast], tsan, tidy, docs or fuzz [SECONDS]" 2 ;;
+  *) die "check.sh: got ${*:-nothing}, wanted asan, tsan, tidy, docs or fuzz [SECONDS]" 2 ;;
 esac
 say "$CHECK: nothing found"

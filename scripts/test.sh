@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
-# Sets up and runs all tests: ctest (C++), pytest (Python, renders with Cycles), the linters, and the fast C++ tests once
-# more under the address and undefined-behaviour sanitizers, with mutants of all files that we read (scripts/check.sh has
-# the other checks).
+# Sets up and runs all tests: the linters, ctest (C++ tests, and mutants of every input format: tests/fuzz) and pytest
+# (Python, renders with Cycles; two processes). scripts/check.sh has the longer checks, such as sanitizers.
 source "$(dirname "$0")/lib.sh"
 scripts/setup.sh --tests
 say "clang-format, ruff"
@@ -10,7 +9,6 @@ git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run --Werror
 say "ctest"
 ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
-"$PY" -m pytest -q
+"$PY" -m pytest -q -n 2 --dist loadfile
 .venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py
-scripts/check.sh asan --fast
 say "all tests passed"

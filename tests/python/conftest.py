@@ -47,12 +47,3 @@ def sequence(tmp_path_factory):
     from support import small_sequence
 
     return Sequence(small_sequence.write(tmp_path_factory.mktemp("set") / "sequences" / "0000"))
-
-
-@pytest.fixture(scope="session")
-def wheel(root, tmp_path_factory):
-    """The Python package as users install it; with the program where scripts/wheel_libraries.sh has run."""
-    out = tmp_path_factory.mktemp("wheel")
-    subprocess.run([sys.executable, root / "scripts/make_wheels.py", "--plain", "-o", out], check=True)
-    (path,) = out.glob("*.whl")
-    return path
