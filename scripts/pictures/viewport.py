@@ -1,20 +1,22 @@
 """Pictures of the 3-D viewport for the docs: docs/start/live_view.png and live_view.mp4 (the live view over a playing
 animation), docs/reference/field_of_view.png (a lens's field and its plane in focus).
 
-blender --factory-startup --python scripts/viewport_pictures.py -- FOLDER  (the extension installed, ImageMagick, X)
+blender --factory-startup --python scripts/pictures/viewport.py -- FOLDER  (the extension installed, ImageMagick, X)
 
 Every frame is waited for, then the screen's picture taken, so it needs no fast computer; the video plays at the
 scene's speed. It ends Blender.
 """
 
 import math
-import subprocess
 import sys
 from pathlib import Path
 
 import bpy
 from pecs_blender import ui
 from pecs_blender.ui import live_sensor, live_view
+
+sys.path.append(str(Path(__file__).parent))
+from screen import area, grab, over, window
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 FRAMES, FIRST, PICTURE = 60, 4, 30
@@ -42,22 +44,13 @@ def build() -> None:
 
 
 def viewport():
-    """Window, area, region and space."""
-    window = bpy.context.window_manager.windows[0]
-    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
-    return window, area, next(r for r in area.regions if r.type == "WINDOW"), area.spaces.active
-
-
-def in_viewport():
-    window, area, region, space = viewport()
-    return bpy.context.temp_override(window=window, area=area, region=region, space_data=space)
+    return area("VIEW_3D")
 
 
 def take_picture(name: str) -> None:
-    window, area, *_ = viewport()
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-    crop = f"{area.width & ~1}x{area.height & ~1}+{area.x}+{window.height - area.y - area.height}"
-    subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", FOLDER / name], check=True)
+    one = viewport()
+    grab(FOLDER / name, f"{one.width & ~1}x{one.height & ~1}+{one.x}+{window().height - one.y - one.height}")
 
 
 def start() -> None:
@@ -65,20 +58,20 @@ def start() -> None:
         ui.register()
     build()
     bpy.context.preferences.system.viewport_aa = "FXAA"
-    scene, space = bpy.context.scene, viewport()[3]
+    scene, space = bpy.context.scene, viewport().spaces.active
     space.overlay.show_floor, space.shading.color_type = False, "RANDOM"
     scene.camera.select_set(True)
     bpy.context.view_layer.objects.active = scene.camera
-    with in_viewport():
+    with over(viewport()):
         bpy.ops.pecs.setup_camera(lens="cmount_12p5mm_f2p8", chip="imx636", focus=8.0)
-    viewport()[1].tag_redraw()  # asks for the field
+    viewport().tag_redraw()  # asks for the field
     bpy.app.timers.register(field, first_interval=5)
 
 
 def field() -> None:
     take_picture("field_of_view.png")
-    scene, space = bpy.context.scene, viewport()[3]
-    with in_viewport():
+    scene, space = bpy.context.scene, viewport().spaces.active
+    with over(viewport()):
         bpy.ops.pecs.restore_camera()
         bpy.ops.object.select_all(action="DESELECT")
         scene.pecs_camera.show_field = False
@@ -97,7 +90,7 @@ seen = []
 
 def next_frame() -> float | None:
     view = live_view.state.view
-    tab = next(r for r in viewport()[1].regions if r.type == "UI")
+    tab = next(r for r in viewport().regions if r.type == "UI")
     if tab.active_panel_category != "PECS":
         tab.active_panel_category = "PECS"
     if len(seen) < FRAMES + FIRST:

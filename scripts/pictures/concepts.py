@@ -5,49 +5,30 @@ size="--bands 6 --width 320 --height 180 --colour-tolerance-px 0.2"
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/still $size --frames 1 --samples 32
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/turning $size --fps 2800 --frames period \\
     --time adaptive
-.venv/bin/python scripts/studies/concept_pictures.py out/still out/turning -o docs/concepts
+.venv/bin/python scripts/pictures/concepts.py out/still out/turning -o docs/concepts \\
+    --ablation out/ablation/ablation.json --table1 out/table1/table1.json
 """
 
 import argparse
 import csv
+import json
 import subprocess
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pecs
+from figures import GREY, INK, OFF, ON, ROOT, figure, plt, save
+from matplotlib.colors import to_rgb
 from scipy.interpolate import PchipInterpolator
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
-ROOT = Path(__file__).resolve().parents[2]
 PECS = ROOT / "build/release/bin/pecs"
 CHIP = "imx636"
 PIXEL = (180, 90)  # x, y: on the disk, where edges pass
 WINDOW_US = (20_000.0, 95_000.0)
 STEP_US = 50.0
-ON, OFF, INK, GREY = "#c0392b", "#2471a3", "#1b1f24", "#8a9199"
 RENDERED_LUX = 100  # of the scene, as it comes
 LUX = (500, 50_000)  # an office, the sun; 5000 in the picture of both
 SLOW_ROW_S = 5e-6  # so that the order of the rows can be seen; the chip's own is 10 ns
-RMS_PERCENT = {  # of ln(photocurrent) over N, ColorChecker: docs/studies/ablation.md
-    "Gauss": {1: 37.2, 3: 5.56, 4: 3.12, 6: 1.77, 7: 1.35, 9: 0.73, 11: 0.27, 12: 0.19, 16: 0.056, 31: 0.022},
-    "uniform": {1: 40.1, 3: 15.1, 4: 4.64, 6: 6.81, 7: 2.95, 9: 3.06, 11: 0.57, 12: 1.22, 16: 0.4, 31: 0.025},
-}
-CHAMFER_SHARED = {"pecs": 2.12, "icns": 12.2, "voltmeter": 14.8, "v2e": 16.0, "esim": 19.7}  # docs/studies/table1.md
-FLOOR_SHARED = 2.58
-
-
-def figure(width=7.0, height=2.6):
-    fig, axes = plt.subplots(figsize=(width, height), layout="constrained")
-    axes.spines[["top", "right"]].set_visible(False)
-    return fig, axes
-
-
-def save(fig, path):
-    fig.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
-    plt.close(fig)
 
 
 def program(*arguments):
@@ -149,7 +130,7 @@ def render_and_events(picture_file, stack, chip, path):
     shown = np.ones((180, 320, 3))
     for p, colour in ((0, OFF), (1, ON)):
         of = events[events["p"] == p]
-        shown[of["y"], of["x"]] = matplotlib.colors.to_rgb(colour)
+        shown[of["y"], of["x"]] = to_rgb(colour)
     fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.35), layout="constrained")
     left.imshow(plt.imread(picture_file))
     right.imshow(shown, interpolation="nearest")
@@ -205,24 +186,32 @@ def readout(stack, folder, scratch):
     save(fig, folder / "readout.svg")
 
 
-def bands(folder):
+def bands(ablation, folder):
+    """RMS error of ln(photocurrent) of the ColorChecker over the number of bands."""
+    found = [row for row in json.loads(ablation.read_text())["bands"] if row["scene"] == "colour"]
     fig, axes = figure()
-    for (name, found), colour in zip(RMS_PERCENT.items(), (ON, GREY), strict=True):
-        axes.loglog(list(found), list(found.values()), "o-", color=colour, label=f"{name} bands")
-    axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)", xticks=[1, 3, 6, 12, 31])
+    for placement, name, colour in (("gauss", "Gauss", ON), ("uniform", "uniform", GREY)):
+        rows = [row for row in found if row["placement"] == placement and row["n"] <= 31]
+        error = [row["log_rms_percent"] for row in rows]
+        axes.loglog([row["n"] for row in rows], error, "o-", color=colour, label=f"{name} bands")
+    axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)")
     axes.set_xticks([1, 3, 6, 12, 31], labels=["1", "3", "6", "12", "31"])
     axes.minorticks_off()
     axes.legend(frameon=False, fontsize=8)
     save(fig, folder / "bands.svg")
 
 
-def floor(folder):
+def floor(table1, folder):
+    """Chamfer distance of each model to the recording of R_360_L, and between halves of the recording."""
+    rows = [row for row in json.loads(table1.read_text()) if "chamfer_shared" in row and row["sequence"] == "R_360_L"]
+    rows.sort(key=lambda row: row["chamfer_shared"])
+    halves = rows[0]["floor"]["chamfer"]
     fig, axes = figure(7, 2.2)
-    names = list(CHAMFER_SHARED)
-    axes.barh(names, list(CHAMFER_SHARED.values()), color=[ON] + [GREY] * (len(names) - 1), height=0.6)
-    axes.axvline(FLOOR_SHARED, color=INK, ls="--", lw=1)
+    colours = [ON if row["model"] == "pecs" else GREY for row in rows]
+    axes.barh([row["model"] for row in rows], [row["chamfer_shared"] for row in rows], color=colours, height=0.6)
+    axes.axvline(halves, color=INK, ls="--", lw=1)
     axes.annotate(
-        "floor: one half of the recording\nagainst the other half", (FLOOR_SHARED + 0.3, 0.05), fontsize=8, va="center"
+        "floor: one half of the recording\nagainst the other half", (halves + 0.3, 0.05), fontsize=8, va="center"
     )
     axes.invert_yaxis()
     axes.set(xlabel="Chamfer distance to the recording")
@@ -233,11 +222,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("still", type=Path, help="one frame of the disk")
     parser.add_argument("turning", type=Path, help="a period of it")
+    parser.add_argument("--ablation", type=Path, help="ablation.json of scripts/studies/ablation.py: bands.svg")
+    parser.add_argument("--table1", type=Path, help="table1.json of scripts/studies/table1.py --real: floor.svg")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs/concepts")
     options = parser.parse_args()
     folder, still = options.output, options.still
     folder.mkdir(parents=True, exist_ok=True)
-    plt.rcParams.update({"font.size": 9, "svg.hashsalt": "pecs", "svg.fonttype": "path"})
     scratch = ROOT / "out/concept_pictures"
     scratch.mkdir(parents=True, exist_ok=True)
 
@@ -256,8 +246,10 @@ def main():
     readout(options.turning, folder, scratch)
     render_and_events(folder / "scene.png", options.turning, chip, folder.parent / "render_and_events.png")
     curve_between_frames(folder)
-    bands(folder)
-    floor(folder)
+    if options.ablation:
+        bands(options.ablation, folder)
+    if options.table1:
+        floor(options.table1, folder)
 
 
 if __name__ == "__main__":

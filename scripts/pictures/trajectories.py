@@ -1,16 +1,14 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """docs/reference/trajectories.png: paths from above, and what an IMU on them reads.
 
-.venv/bin/python scripts/studies/trajectories_picture.py -o docs/reference/trajectories.png
+.venv/bin/python scripts/pictures/trajectories.py -o docs/reference/trajectories.png
 """
 
 import argparse
+from pathlib import Path
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from figures import plt, save
 from pecs.datasets import imu
 from pecs.datasets.trajectories import Surfaces, plan
 
@@ -76,13 +74,13 @@ def draw(axes, kind: str, more: dict) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", default="docs/reference/trajectories.png")
+    parser.add_argument("-o", "--output", type=Path, default="docs/reference/trajectories.png")
     output = parser.parse_args().output
     figure, axes = plt.subplots(3, len(KINDS), figsize=(13, 8.2), gridspec_kw={"height_ratios": [1.8, 1, 1]})
     for column, (kind, more) in enumerate(KINDS.items()):
         draw(axes[:, column], kind, more)
     figure.tight_layout()
-    figure.savefig(output, dpi=80)
+    save(figure, output, dpi=80)
 
 
 if __name__ == "__main__":

@@ -3,18 +3,15 @@
 scripts/bench/motion.py.
 
 .venv/bin/python scripts/bench/motion.py -o out/motion
-.venv/bin/python scripts/studies/motion_pictures.py out/motion -o docs/reference/motion.png
+.venv/bin/python scripts/pictures/motion.py out/motion -o docs/reference/motion.png
 """
 
 import argparse
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pecs
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from figures import plt, save
 
 SCENES = ("room", "shadow", "mirror", "character")
 TITLES = (
@@ -77,7 +74,7 @@ def main() -> None:
                 axis.set_title(title, fontsize=9)
         line[0].set_ylabel(scene, fontsize=9)
     figure.tight_layout(pad=0.4)
-    figure.savefig(args.output, dpi=100)
+    save(figure, args.output, dpi=100)
 
 
 if __name__ == "__main__":

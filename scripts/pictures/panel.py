@@ -1,6 +1,6 @@
 """docs/start/panel_*.png: from the zip to events, in Blender's own window, by the buttons.
 
-    blender --factory-startup --enable-event-simulate --python scripts/panel_pictures.py -- ZIP FOLDER
+    blender --factory-startup --enable-event-simulate --python scripts/pictures/panel.py -- ZIP FOLDER
                                                                                     (X, ImageMagick's `import`)
 
 It installs the zip by Blender's own operator, works in FOLDER, waits for every job, and ends Blender. On its way it
@@ -10,7 +10,6 @@ not find as it should be is an error on stderr, and exit code 1.
 
 import math
 import os
-import subprocess
 import sys
 import traceback
 from pathlib import Path
@@ -18,22 +17,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+sys.path.append(str(Path(__file__).parent))
+from screen import area, grab, over, window
+
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
 MODULE = "bl_ext.user_default.pecs_blender"
 PANEL_PX = 480  # width of the properties editor
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def area(kind: str):
-    return next(a for a in window().screen.areas if a.type == kind)
-
-
-def over(one, **more):
-    region = next(r for r in one.regions if r.type == "WINDOW")
-    return bpy.context.temp_override(window=window(), area=one, region=region, **more)
 
 
 def press(name: str, **words) -> None:
@@ -43,11 +32,8 @@ def press(name: str, **words) -> None:
 
 
 def picture(name: str, crop: str = "") -> None:
-    """The screen, or a part of it, small enough for a page."""
     path = FOLDER / f"panel_{name}.png"
-    words = ["-crop", crop, "+repage"] if crop else []
-    words += ["-define", "png:compression-level=9", str(path)]
-    subprocess.run(["import", "-window", "root", *words], check=True)
+    grab(path, crop)
     assert path.stat().st_size < 200_000, path
 
 
@@ -238,7 +224,7 @@ def run(script, waiting=None):
         os._exit(0)
     except BaseException:
         traceback.print_exc()
-        subprocess.run(["import", "-window", "root", str(FOLDER / "failed.png")])
+        grab(FOLDER / "failed.png")
         os._exit(1)
 
 
