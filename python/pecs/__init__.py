@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .motion import carry, carry_labels, event_labels
     from .representations import event_histogram, time_surface, voxel_grid
     from .sensor import Sensor, simulate
+    from .spectra import glass, spectrum
     from .stack import StackReader, StackWriter
 
 _MODULES = {
@@ -36,6 +37,7 @@ _MODULES = {
     "motion": "carry carry_labels event_labels",
     "representations": "event_histogram time_surface voxel_grid",
     "sensor": "Sensor simulate",
+    "spectra": "glass spectrum",
     "stack": "StackReader StackWriter",
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
@@ -64,11 +66,13 @@ __all__ = [
     "event_formats",
     "event_histogram",
     "event_labels",
+    "glass",
     "models",
     "program",
     "read",
     "sense",
     "simulate",
+    "spectrum",
     "time_surface",
     "version",
     "voxel_grid",

@@ -1,10 +1,15 @@
 #include "pecs/lens/glass.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <system_error>
 
 #include "pecs/data_dir.h"
+#include "pecs/error.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::lens {
@@ -21,6 +26,14 @@ std::string lower(std::string text) {
 std::string without_remark(const std::string& name) {
   const std::size_t at = name.find(" (");
   return at == std::string::npos ? name : name.substr(0, at);
+}
+
+std::vector<std::string> catalogs() {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(data_dir("lens_data/glasses")))
+    if (entry.is_directory()) names.push_back(entry.path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
 }
 
 }  // namespace
@@ -113,15 +126,24 @@ std::optional<Glass> catalog_glass(const std::string& catalog, const std::string
 }
 
 std::optional<Glass> matching_glass(const std::string& name, double nd, double vd) {
-  std::vector<std::string> catalogs;
-  for (const auto& entry : std::filesystem::directory_iterator(data_dir("lens_data/glasses")))
-    if (entry.is_directory()) catalogs.push_back(entry.path().filename().string());
-  std::sort(catalogs.begin(), catalogs.end());
-  for (const std::string& catalog : catalogs)
+  for (const std::string& catalog : catalogs())
     if (auto glass = catalog_glass(catalog, name);
         glass && std::abs(glass->nd() - nd) < 5e-4 && std::abs(glass->vd() - vd) < 0.3)
       return glass;
   return std::nullopt;
+}
+
+Glass named_glass(const std::string& name) {
+  const std::size_t slash = name.find('/');
+  std::set<std::string> names;
+  for (const std::string& catalog : catalogs()) {
+    if (slash == std::string::npos || name.substr(0, slash) == catalog)
+      if (auto glass = catalog_glass(catalog, slash == std::string::npos ? name : name.substr(slash + 1)))
+        return *std::move(glass);
+    for (const auto& entry : std::filesystem::directory_iterator(data_dir("lens_data/glasses") / catalog))
+      names.insert(entry.path().stem().string());
+  }
+  throw not_found(name, fmt::format("no such glass; lens_data/glasses contains {}", fmt::join(names, ", ")));
 }
 
 }  // namespace pecs::lens

@@ -28,7 +28,7 @@ Box = list[float]  # left, top, right, bottom [px]
 
 @dataclass(eq=False)
 class Shape:
-    """A Geometry's local shape: edges [e, 2], triangles [t, 3] into vertices [v, 3]; empty if no mesh."""
+    """Of a Geometry, local. edges: [e, 2], triangles: [t, 3] into vertices [v, 3]; empty of what is no mesh."""
 
     vertices: np.ndarray
     edges: np.ndarray

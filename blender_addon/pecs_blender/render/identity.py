@@ -21,7 +21,7 @@ MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
 
 
 def name_id(name: str) -> int:
-    """Cycles' Random of an object that is not an instance (util/hash.h: a string's hash, then Jenkins' lookup3)."""
+    """Cycles' Random of an object that is no instance (util/hash.h: a string's hash, and Jenkins' lookup3 of it)."""
     key = 0
     for byte in name.encode():
         key = key * 37 + (byte if byte < 128 else byte - 256)

@@ -39,7 +39,7 @@ class Geometry:
 
 
 class Geometries:
-    """The same Geometry for the same points, as long as a reference to it exists."""
+    """The same Geometry for the same points, as long as somebody keeps it."""
 
     def __init__(self):
         self._geometries: WeakValueDictionary[tuple, Geometry] = WeakValueDictionary()

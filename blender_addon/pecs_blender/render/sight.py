@@ -78,7 +78,7 @@ class Sight:
             source.place([self._camera])
         else:
             own = source.scene.camera
-            if self._camera.data != (sharp := self._sharp_copy(own.data)):  # otherwise Blender updates the whole scene
+            if self._camera.data != (sharp := self._sharp_copy(own.data)):  # else Blender would look at everything anew
                 self._camera.data = sharp
             self._camera.matrix_world = own.matrix_world
         return self._camera

@@ -5,8 +5,8 @@ A thing is an object, or an instance of one that a collection, nodes or particle
 `pecs_object` (found as the class is) has the same text are one thing. Its class is the custom property `pecs_class` of
 the object, of what makes the instance, of their collections (parents too), of its material: the first that has one.
 Numbers go by sorted names of all objects of the scene and of all instances that are there at the plan's first, middle
-and last instant (at all of them where these differ), so they depend on neither camera nor shard. Particles that are
-not there then have number 0.
+and last instant (at all of them where these differ), so they depend on neither camera nor shard. Particles that nobody
+looked at are number 0.
 """
 
 from __future__ import annotations

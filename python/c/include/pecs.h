@@ -13,11 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(_WIN32)
-#define PECS_API __declspec(dllexport)
-#else
 #define PECS_API __attribute__((visibility("default")))
-#endif
 
 /* Of this header; pecs_version() is the library's. */
 #define PECS_VERSION_MAJOR 0
@@ -82,7 +78,19 @@ PECS_API int64_t pecs_lens_pixels(const pecs_lens* lens, const char* options_jso
 PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pixel_pitch_mm, double lambda_nm,
                                 double working_fnumber, pecs_error* error);
 
-/* ---- bands and EXR stacks (sensor) --------------------------------------------------------------------------- */
+/* Refractive index relative to air at `count` wavelengths. options: {"name": "N-BK7" | "schott/N-BK7"}, of
+ * lens_data/glasses by its own formula, or {"nd": 1.5168, "vd": 64.2}, by Hartmann's formula through both and the
+ * normal line. A wavelength outside the formula's range is an error. Returns count. */
+PECS_API int64_t pecs_glass_index(const char* options_json, const double* lambda_nm, int64_t count, double* index,
+                                  int64_t capacity, pecs_error* error);
+
+/* ---- spectra, bands and EXR stacks (sensor)
+ * --------------------------------------------------------------------------- */
+
+/* A tabulated spectrum: "d65", "colorchecker/red" (names of lens_data/spectra), a .csv file (wavelength in nm, value),
+ * "blackbody:T" or "daylight:T" (T in K); "basis/srgb": a table of three functions. result: rows [[lambda_nm, value,
+ * ...], ...] at increasing wavelengths, linear in between. */
+PECS_API char* pecs_spectrum(const char* name_or_path, pecs_error* error);
 
 /* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "strata" | "uniform",
  * "illuminant": null | "d65", "lamp.csv", "blackbody:T", "daylight:T" | [[lambda_nm, relative power], ...], "min_nm":

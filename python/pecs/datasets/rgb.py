@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from .._errors import bad_input
 from .._files import write_text
 from .._library import data_dir
+from ..spectra import spectrum
 from .recipe import Film
 
 Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], power
@@ -29,13 +30,6 @@ PEAKS_NM = ((605.0, 40.0), (535.0, 40.0), (460.0, 35.0))  # red, green, blue: pe
 CUT_NM = (400.0, 701.0)
 WHITE_SHARE = 0.9  # of white: where the brightest percent of a picture lands
 CV_NAMES = {"rggb": "BayerBG", "bggr": "BayerRG", "grbg": "BayerGB", "gbrg": "BayerGR"}  # OpenCV names the second row
-
-
-def _table(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Wavelengths [nm] and three columns of lens_data/spectra/basis."""
-    path = data_dir("lens_data/spectra") / "basis" / f"{name}.csv"
-    rows = np.loadtxt(path, delimiter=",", comments="#", skiprows=2)
-    return rows[:, 0], rows[:, 1:]
 
 
 def filters() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -73,8 +67,8 @@ def colour_matrix(stack: dict[str, Any], illuminant: Spectrum) -> NDArray[np.flo
     nm = np.array([band["lambda_nm"] for band in stack["bands"]])
     weight = np.array([band["weight_nm"] for band in stack["bands"]])
     lamp = np.interp(nm, *illuminant)
-    at, primaries = _table("srgb")
-    reflectance = np.array([np.interp(nm, at, column) for column in primaries.T])  # [3, bands]
+    at, *primaries = spectrum("basis/srgb")
+    reflectance = np.array([np.interp(nm, at, primary) for primary in primaries])  # [3, bands]
     filter_nm, qe = filters()
     seen = np.array([np.interp(nm, filter_nm, q, left=0, right=0) for q in qe.T]) * nm * weight  # [3, bands]
     response = seen @ (lamp * reflectance).T  # [filter, primary]
@@ -86,16 +80,13 @@ def colour_matrix(stack: dict[str, Any], illuminant: Spectrum) -> NDArray[np.flo
 
 
 def illuminant(stack: dict[str, Any]) -> Spectrum:
-    """Wavelengths and power of the scene's first lamp, or of its RGB lamps; d65 where it has no table."""
+    """Wavelengths and power of the scene's lamps together, each at equal luminance, as stack.json records them."""
     render = stack.get("render", {})
-    for name in [*render.get("emitters", []), render.get("illuminant"), "d65"]:
-        path = data_dir("lens_data/spectra") / f"{name}.csv"
-        if path.is_file():
-            rows = np.array(
-                [line.split(",")[:2] for line in path.read_text().splitlines() if line[:1].isdigit()], float
-            )
-            return rows[:, 0], rows[:, 1]
-    raise bad_input("lens_data/spectra", "d65.csv", "nothing", "the table that ships")
+    if "lamps" not in render:  # not rendered by pecs_blender
+        lambda_nm, power = spectrum(render.get("illuminant") or "d65")
+        return lambda_nm, power
+    pairs = np.array(render["lamps"] or [[CUT_NM[0], 1], [CUT_NM[1], 1]], np.float64)
+    return pairs[:, 0], pairs[:, 1]
 
 
 class Developer:

@@ -74,16 +74,30 @@ def test_rectified_rows_agree_with_opencv(optics):
 
 def test_colours_are_those_of_the_surfaces():
     """sRGB's primaries and grey under d65 come out as they are, with six bands."""
-    at, primaries = rgb._table("srgb")
+    at, *primaries = pecs.spectrum("basis/srgb")
     info, lamp = stack(), rgb.illuminant({})
     matrix = rgb.colour_matrix(info, lamp)
     filter_nm, qe = rgb.filters()
     power = np.interp(NM, *lamp)
     for colour in np.vstack([np.eye(3), [[1, 1, 1], [0.2, 0.5, 0.1]]]):
-        light = power * (np.array([np.interp(NM, at, column) for column in primaries.T]).T @ colour)
+        light = power * (np.array([np.interp(NM, at, column) for column in primaries]).T @ colour)
         seen = np.array([np.interp(NM, filter_nm, q) for q in qe.T]) @ (light * NM * 50)
         got = matrix @ seen
         assert np.allclose(got / got.max(), colour / colour.max(), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["blackbody:2856", "led_b1", "own.csv"])
+def test_white_is_that_of_the_lamps(name, tmp_path):
+    """Grey is neutral under a blackbody, a lamp of the library and one of a file, as stack.json records them."""
+    own = tmp_path / "own.csv"
+    own.write_text("wavelength_nm,value\n400,0.1  # weak\n700 3\n")
+    nm, power = pecs.spectrum(own if name == "own.csv" else name)
+    info = stack() | {"render": {"emitters": [name.removesuffix(".csv")], "lamps": np.stack([nm, power], 1).tolist()}}
+    matrix = rgb.colour_matrix(info, rgb.illuminant(info))
+    filter_nm, qe = rgb.filters()
+    light = np.interp(NM, nm, power, left=0, right=0)
+    grey = matrix @ (np.array([np.interp(NM, filter_nm, q) for q in qe.T]) @ (light * NM * 50))
+    assert np.allclose(grey / grey.max(), 1, atol=1e-9)
 
 
 def test_srgb_is_opencolorios():

@@ -44,4 +44,8 @@ std::optional<Glass> catalog_glass(const std::string& catalog, const std::string
 // The glass of that name in any catalogue whose nd and Vd are those given (5e-4, 0.3).
 std::optional<Glass> matching_glass(const std::string& name, double nd, double vd);
 
+// The glass of that name in the first catalogue that has one ("N-BK7"), or in a certain one ("schott/N-BK7"). Throws
+// not_found, which lists the names.
+Glass named_glass(const std::string& name);
+
 }  // namespace pecs::lens

@@ -1,0 +1,51 @@
+"""Spectra by name, and refractive indices of glasses (lens_data/)."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from os import PathLike
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._arrays import DOUBLES
+from ._library import function, path_bytes, take_json
+
+_spectrum = function("pecs_spectrum", ctypes.c_void_p, ctypes.c_char_p)
+_glass = function("pecs_glass_index", ctypes.c_int64, ctypes.c_char_p, DOUBLES, ctypes.c_int64, DOUBLES, ctypes.c_int64)
+
+
+def spectrum(name_or_path: str | PathLike[str], lambda_nm: ArrayLike | None = None) -> NDArray[np.float64]:
+    """A spectrum at wavelengths [nm], linear between its points and 0 outside them, in the shape of `lambda_nm`.
+
+        pecs.spectrum("d65", [450, 550, 650])
+        lambda_nm, power = pecs.spectrum("blackbody:2856")     # the table itself, [2, points]
+
+    A name of lens_data/spectra ("d65", "colorchecker/red"), a .csv file (wavelength in nm, value), "blackbody:T" or
+    "daylight:T" with T in kelvin. The tables of three functions in "basis/" ("basis/srgb", "basis/daylight") have a
+    first axis of 3, as tables 4. Raises PecsNotFoundError for an unknown name and PecsInputError for a wrong file.
+    """
+    table = np.array(take_json(_spectrum(path_bytes(name_or_path)))).T
+    if lambda_nm is None:
+        return table
+    at = np.asarray(lambda_nm, np.float64)
+    values = np.array([np.interp(at, table[0], column, left=0, right=0) for column in table[1:]])
+    return values[0] if len(values) == 1 else values
+
+
+def glass(glass: str | tuple[float, float], lambda_nm: ArrayLike) -> NDArray[np.float64]:
+    """Refractive index relative to air at wavelengths [nm], in the shape of `lambda_nm`.
+
+        pecs.glass("N-BK7", 550)
+        pecs.glass((1.5168, 64.2), [450, 550, 650])            # n_d and the Abbe number
+
+    A name of lens_data/glasses ("N-BK7", or with its catalogue "schott/N-BK7") has the manufacturer's formula; n_d and
+    Abbe number give Hartmann's formula through both and the normal line (350 to 1100 nm). Raises PecsNotFoundError for
+    an unknown name and PecsInputError for a wavelength outside the formula's range.
+    """
+    options = {"name": glass} if isinstance(glass, str) else {"nd": float(glass[0]), "vd": float(glass[1])}
+    at = np.ascontiguousarray(lambda_nm, np.float64)
+    index = np.empty_like(at)
+    _glass(json.dumps(options).encode(), at, at.size, index, index.size)
+    return index.reshape(np.shape(lambda_nm))
