@@ -16,6 +16,7 @@ from .._progress import Line
 from . import manifest, recipe, report, run, writers
 from .card import write_cards
 from .sequence import Sequence, sequences
+from .work import Busy
 
 SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
@@ -101,7 +102,7 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
 
         try:
             run.make(found, index, output, threads, say)
-        except run.Busy:
+        except Busy:
             if len(wanted) == 1:
                 raise
             busy.append(index)

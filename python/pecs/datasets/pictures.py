@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,7 @@ from ..motion import event_labels
 from . import rgb, rig
 from .files import npy_bytes, png_bytes
 from .recipe import CameraEntry
-
-if TYPE_CHECKING:
-    from .run import Work
+from .work import Work
 
 PNG_LEVEL = 6
 METERED = 32  # pictures that the gain is taken from, at most

@@ -1,16 +1,12 @@
-"""One sequence of a data set: drawn, rendered, sensed, checked. Each step is skipped when its output is there, so a run
-that was stopped continues; the folder gets its name when all is whole."""
+"""One sequence of a data set: planned, rendered, simulated, checked. A step is skipped if its output exists, so a run
+that was stopped continues."""
 
 from __future__ import annotations
 
-import fcntl
-import json
 import math
-import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import _poses as poses
-from .._errors import PecsOutputError, bad_input
+from .._errors import bad_input
 from .._files import write_json, write_whole
 from .._library import version
 from .._sense import sense
@@ -28,66 +24,21 @@ from . import imu as imus
 from . import pictures, placing, rgb, rig, trajectories
 from .blender import blender
 from .files import npy_bytes
-from .manifest import seal, sequence_folder
+from .manifest import seal
 from .recipe import CameraEntry, Recipe
+from .work import Work, chip_path, sequence_work
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
-REQUEST = "drawn.json"  # all that decides a sequence
 OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels")
 
 
-class Busy(PecsOutputError):
-    """Another process is making the sequence."""
-
-
-@dataclass(frozen=True)
-class Work:
-    """A sequence being made. folder: SET/sequences/NNNN.partial."""
-
-    recipe: Recipe
-    index: int
-    drawn: dict[str, Any]
-    folder: Path
-    say: Callable[[str], None]
-
-    @property
-    def name(self) -> str:
-        return f"{self.index:04d}"
-
-    @property
-    def duration_us(self) -> int:
-        return round(self.drawn["duration_s"] * 1e6)
-
-    def camera(self, name: str) -> CameraEntry:
-        return next(c for c in self.recipe.cameras if c.name == name)
-
-    def owner(self, entry: CameraEntry) -> CameraEntry:
-        """Whose pixels it has."""
-        return self.camera(entry.pixels_of) if entry.pixels_of else entry
-
-    def stack(self, entry: CameraEntry) -> Path:
-        return self.folder / self.owner(entry).name / "stack"
-
-    def truth(self, entry: CameraEntry) -> Path:
-        return self.folder / self.owner(entry).name / "truth"
-
-
 def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[str], None]) -> None:
-    """Makes sequence `index` in output/sequences, unless it is there. Raises PecsError; Busy when another process makes
+    """Makes sequence `index` in output/sequences, unless it exists. Raises PecsError; Busy if another process makes
     it."""
-    drawn = recipe.draw(index)
-    final = sequence_folder(output, index)
-    if final.is_dir():
-        _same_request(recipe, drawn, final)
-        return
-    work = Work(recipe, index, drawn, final.with_name(f"{final.name}.partial"), say)
-    work.folder.mkdir(parents=True, exist_ok=True)
-    with _locked(work.folder):
-        if final.is_dir():
+    with sequence_work(recipe, index, output, say) as work:
+        if not work:
             return
-        _same_request(recipe, drawn, work.folder)
-        write_json(work.folder / REQUEST, request(recipe, drawn))
         owners = [entry for entry in recipe.cameras if not entry.pixels_of]
         for entry in owners:
             _see_corners(work, entry)
@@ -99,44 +50,6 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
             (_sense if entry.kind == "events" else pictures.take)(work, entry)
         _drop(work)
         seal(work.folder)
-    work.folder.rename(final)
-
-
-def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
-    """All that decides a sequence."""
-    scene = recipe.scene(drawn["scene"])
-    decides = {
-        "seed": recipe.seed,
-        "drawn": drawn,
-        "scene": {"path": os.path.relpath(scene.path, recipe.path.parent), "options": scene.options},
-        "cameras": recipe.cameras,
-        "imu": recipe.imu,
-        "render": recipe.render,
-        "truth": recipe.truth,
-    }
-    found: dict[str, Any] = json.loads(json.dumps(decides, default=vars))
-    return found
-
-
-def _same_request(recipe: Recipe, drawn: dict[str, Any], folder: Path) -> None:
-    """What is begun or made there, if anything, is this."""
-    if not (folder / REQUEST).exists():
-        return
-    before, now = json.loads((folder / REQUEST).read_text()), request(recipe, drawn)
-    for key in now:
-        if before.get(key) != now[key]:
-            raise PecsOutputError(f"{folder}: {key}: made by another recipe, wanted the same or nothing")
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    with (folder.parent / f".{folder.name}.lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise Busy(f"{folder}: another process is making this sequence", 5) from None
-        yield
-        Path(file.name).unlink(missing_ok=True)
 
 
 # Motion
@@ -287,12 +200,6 @@ def _covered(work: Work, entry: CameraEntry, directions: rig.Array) -> None:
     if lost := int(np.isnan(directions).any(-1).sum()):
         place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}: {lost} pixels see nothing"
         raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
-
-
-def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
-    """A name, or a file beside the recipe."""
-    beside = recipe.path.parent / str(entry.chip)
-    return str(beside) if beside.is_file() else str(entry.chip)
 
 
 # Calibration

@@ -214,7 +214,11 @@ def test_another_recipe_does_not_mix(made, tmp_path):
     copy(made, tmp_path)
     (tmp_path / "r.toml").write_text(RECIPE.replace("exposure_ms = 4", "exposure_ms = 5"))
     result = dataset(tmp_path / "r.toml", "-o", made / "set", check=False)
-    assert result.returncode == 5 and "made by another recipe" in result.stderr and result.stderr.count("pecs: ") == 1
+    assert (
+        result.returncode == 5
+        and "cameras changed since it was made" in result.stderr
+        and result.stderr.count("pecs: ") == 1
+    )
 
 
 @pytest.mark.parametrize(

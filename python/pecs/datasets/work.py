@@ -1,0 +1,182 @@
+"""A sequence that is being made: its folder and lock, and the request that it is made from."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from .._config import read_json
+from .._errors import PecsOutputError
+from .._files import write_json
+from .._library import version
+from .manifest import sequence_folder
+from .recipe import CameraEntry, Recipe
+
+REQUEST = "drawn.json"
+
+
+class Busy(PecsOutputError):
+    """Another process is making the sequence."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """A sequence being made. folder: SET/sequences/NNNN.partial."""
+
+    recipe: Recipe
+    index: int
+    drawn: dict[str, Any]
+    folder: Path
+    say: Callable[[str], None]
+
+    @property
+    def name(self) -> str:
+        return f"{self.index:04d}"
+
+    @property
+    def duration_us(self) -> int:
+        return round(self.drawn["duration_s"] * 1e6)
+
+    def camera(self, name: str) -> CameraEntry:
+        return next(c for c in self.recipe.cameras if c.name == name)
+
+    def owner(self, entry: CameraEntry) -> CameraEntry:
+        """The camera whose pixels it shares, or the camera itself."""
+        return self.camera(entry.pixels_of) if entry.pixels_of else entry
+
+    def stack(self, entry: CameraEntry) -> Path:
+        return self.folder / self.owner(entry).name / "stack"
+
+    def truth(self, entry: CameraEntry) -> Path:
+        return self.folder / self.owner(entry).name / "truth"
+
+
+@contextmanager
+def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[[str], None]) -> Iterator[Work | None]:
+    """The work on sequence `index` of output/sequences, for this process alone; None if the sequence exists. The folder
+    gets its name when the block ends without an exception, while the lock is still held. Raises Busy, and
+    PecsOutputError if the sequence was begun or made from another request."""
+    drawn, final = recipe.draw(index), sequence_folder(output, index)
+    work = Work(recipe, index, drawn, final.with_name(f"{final.name}.partial"), say)
+    if not final.is_dir():
+        final.parent.mkdir(parents=True, exist_ok=True)
+        with locked(work.folder):
+            if not final.is_dir():  # may have appeared before the lock was taken
+                work.folder.mkdir(exist_ok=True)
+                now = request(recipe, drawn)
+                _compare(work.folder, now, finished=False)
+                write_json(work.folder / REQUEST, now)
+                yield work
+                work.folder.rename(final)
+                return
+    _compare(final, request(recipe, drawn), finished=True)
+    yield None
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Holds FOLDER's lock file. The file stays: a process that has opened a removed file would lock nothing."""
+    with (folder.parent / f".{folder.name}.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise Busy(f"{folder}: another process is making this sequence") from None
+        yield
+
+
+def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
+    """Everything that determines a sequence: drawn values, options, the content of its files, and versions."""
+    scene = recipe.scene(drawn["scene"])
+    decides = {
+        "seed": recipe.seed,
+        "drawn": drawn,
+        "scene": scene.options,
+        "cameras": recipe.cameras,
+        "imu": recipe.imu,
+        "render": recipe.render,
+        "truth": recipe.truth,
+        "files": {name: content_sha256(path) for name, path in _files(recipe, drawn).items()},
+        "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
+    }
+    found: dict[str, Any] = json.loads(json.dumps(decides, default=vars))
+    return found
+
+
+def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
+    """A name, or a file beside the recipe."""
+    beside = recipe.path.parent / str(entry.chip)
+    return str(beside) if beside.is_file() else str(entry.chip)
+
+
+def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
+    """Input files and folders of a sequence, by the names in the recipe."""
+    scene, beside = recipe.scene(drawn["scene"]), recipe.path.parent
+    names = [name for thing in drawn["place"] for name in (thing["file"], thing["texture"]) if name]
+    names += [str(drawn["trajectory"]["file"])] if "file" in drawn["trajectory"] else []
+    names += [str(value) for value in drawn["parameters"].values()]
+    names += [name for entry in recipe.cameras for name in (entry.chip, entry.lens) if name]
+    found = {name: beside / name for name in names if (beside / name).is_file()}
+    return found | {f"scene {scene.name}": scene.path}
+
+
+def content_sha256(path: Path) -> str:
+    """Of a file, or of all files of a folder with their names."""
+    if path.is_file():
+        return _file_sha256(path, path.stat().st_mtime_ns)
+    digest = hashlib.sha256()
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path)}\0{_file_sha256(file, file.stat().st_mtime_ns)}\0".encode())
+    return digest.hexdigest()
+
+
+@cache
+def _file_sha256(path: Path, changed_ns: int) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+@cache
+def _bpy_version(python: str) -> str | None:
+    """Version of the module bpy of a Python."""
+    if python != sys.executable:
+        code = "import importlib.metadata as m; print(m.version('bpy'))"
+        done = subprocess.run([python, "-c", code], capture_output=True, text=True)
+        return done.stdout.strip() or None
+    try:
+        return importlib.metadata.version("bpy")
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _compare(folder: Path, now: dict[str, Any], finished: bool) -> None:
+    """Raises PecsOutputError if the folder was begun or made from another request. A finished sequence may be of an
+    older version."""
+    if not (folder / REQUEST).exists():
+        return
+    before = read_json(folder / REQUEST)
+    for key in now:
+        if before.get(key) != now[key] and not (finished and key == "versions"):
+            what = _difference(before.get(key), now[key])
+            changed = f"{key}{what} changed since it was {'made' if finished else 'begun'}"
+            raise PecsOutputError(f"{folder}: {changed}; restore it, or make the set in another folder")
+
+
+def _difference(before: Any, now: Any) -> str:
+    """(NAMES), the keys that differ."""
+    if not isinstance(before, dict) or not isinstance(now, dict):
+        return ""
+    return f" ({', '.join(sorted(k for k in before | now if before.get(k) != now.get(k)))})"

@@ -1,0 +1,125 @@
+"""The lock of a sequence and the request that it is made from, without rendering."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from support import ROOT
+
+pecs = pytest.importorskip("pecs")
+pytest.importorskip("scipy")
+
+from pecs.datasets import recipe, run, work  # noqa: E402
+
+RECIPE = """
+seed = 3
+sequences = 1
+duration_s = 0.1
+[[scene]]
+path = "scene"
+[scene.set]
+lamp_spectrum = "lamp.csv"
+[[scene.place]]
+files = "thing.blend"
+textures = "wood.png"
+low_m = [0, 0, 0]
+high_m = [1, 1, 1]
+size_m = 0.1
+[scene.trajectory]
+kind = "recorded"
+file = "path.txt"
+[[rig.camera]]
+name = "left"
+kind = "events"
+chip = "chip.json"
+lens = "cmount_8mm_f2p8"
+"""
+FILES = ("lamp.csv", "thing.blend", "wood.png", "path.txt")
+STEPS = ("_see_corners", "_move", "_render", "_describe", "_sense", "_drop")
+
+
+@pytest.fixture
+def set_(tmp_path, monkeypatch):
+    """A recipe with a file of every kind, and steps that make nothing."""
+    shutil.copytree(ROOT / "scenes/rotating_disk", tmp_path / "scene")
+    shutil.copy(ROOT / "sensor/chips/davis346.json", tmp_path / "chip.json")
+    for name in FILES:
+        (tmp_path / name).write_text(name)
+    (tmp_path / "r.toml").write_text(RECIPE)
+    for step in STEPS:
+        monkeypatch.setattr(run, step, lambda *_: None)
+    return tmp_path
+
+
+def make(folder):
+    run.make(recipe.load(folder / "r.toml"), 0, folder / "set", 1, lambda _: None)
+    return folder / "set/sequences/0000"
+
+
+def stop(*_):
+    raise KeyboardInterrupt
+
+
+def test_the_lock_is_held_until_the_folder_has_its_name(set_, monkeypatch):
+    """A second process must not find neither the sequence nor its lock."""
+    renamed, rename = [], Path.rename
+
+    def rename_and_look(path, target):
+        if path.name == "0000.partial":
+            with pytest.raises(work.Busy, match="another process"), work.locked(path):
+                pass
+            renamed.append(path)
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", rename_and_look)
+    assert make(set_).is_dir() and len(renamed) == 1
+
+
+def test_a_lock_file_stays(set_):
+    lock = make(set_).parent / ".0000.partial.lock"
+    before = lock.stat().st_ino
+    with work.locked(lock.parent / "0000.partial"):
+        assert lock.stat().st_ino == before
+    assert lock.exists()
+
+
+def test_a_sequence_that_another_process_makes_is_busy(set_):
+    (set_ / "set/sequences").mkdir(parents=True)
+    with work.locked(set_ / "set/sequences/0000.partial"), pytest.raises(work.Busy):
+        make(set_)
+    assert not (set_ / "set/sequences/0000.partial").exists()
+
+
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize("name", [*FILES, "chip.json", "scene/scene.json"])
+def test_another_content_does_not_continue(set_, monkeypatch, name, finished):
+    with monkeypatch.context() as patch:
+        if not finished:
+            patch.setattr(run, "_move", stop)
+            with pytest.raises(KeyboardInterrupt):
+                make(set_)
+        else:
+            make(set_)
+    make(set_)  # the same again
+    if not finished:
+        (set_ / "set/sequences/0000").rename(set_ / "set/sequences/0000.partial")
+    path = set_ / name
+    path.write_text(path.read_text() + " ")
+    named = name if "/" not in name else "scene"
+    with pytest.raises(pecs.PecsOutputError, match=rf"files \({named}.*\) changed since"):
+        make(set_)
+
+
+def test_another_version_does_not_continue(set_, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "_move", stop)
+        with pytest.raises(KeyboardInterrupt):
+            make(set_)
+        patch.setattr(work, "version", lambda: "9.9")
+        with pytest.raises(pecs.PecsOutputError, match=r"versions \(pecs\) changed since it was begun"):
+            make(set_)
+    made = make(set_)
+    monkeypatch.setattr(work, "version", lambda: "9.9")
+    make(set_)  # a finished one stays
+    assert json.loads((made / "drawn.json").read_text())["versions"]["pecs"] == pecs.version()
