@@ -5,13 +5,17 @@ from __future__ import annotations
 import ctypes
 import json
 import warnings
-from collections.abc import Callable, Mapping
-from os import PathLike, fspath
-from typing import Any
+from collections.abc import Callable
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 from ._errors import PecsError
 from ._library import function, path_bytes, take_json
-from .chip import Chip, chip_options
+from ._options import SenseOptions, library_options
+from .chip import Chip
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)
 _sense = function(
@@ -41,70 +45,38 @@ def sense(
     output: str | PathLike[str],
     *,
     chip: str | PathLike[str] | Chip = "imx636",
-    overrides: Mapping[str, float] | None = None,
-    model: str = "pecs",
-    parameters: Mapping[str, float] | None = None,
-    white_a: float | None = None,
-    noise: bool = True,
-    seed: int = 1,
-    threads: int = 0,
-    readout: str = "chip",
-    format: str | None = None,
-    fps: float | None = None,
-    times_us: str | PathLike[str] | None = None,
-    fnumber: float | None = None,
-    gain: float | None = None,
-    photocurrent_a: float | None = None,
-    bands: str = "all",
-    labels: str | PathLike[str] | None = None,
-    warmup_loops: int = 0,
-    start_us: int = 0,
-    duration_us: int | None = None,
-    motion: bool = True,
     progress: Callable[[float], object] | None = None,
+    **options: Unpack[SenseOptions],
 ) -> dict[str, Any]:
-    """Turns an EXR stack into an event file, as `pecs sense` does, and returns its report.
+    """Simulates an event file from an EXR stack, as `pecs sense` does, and returns its report.
 
         report = pecs.sense("out/stack", "out/events.raw", chip="imx636", seed=1)
         report["results"]["events"], report["config"]["chip"]["values"]
 
-    chip, overrides, model, parameters, noise, seed, threads, readout: as of `pecs.Sensor`. `white_a`: photocurrent [A]
-    of white for models that take no light. `format`: of the output, else by its name. `fps` or `times_us` (a text
-    file): the times of frames without any. `fnumber`: of the lens, for a stack of radiance; `gain`, `photocurrent_a`:
-    for relative light (`Chip.amperes_per_unit`). `bands`: "all", or "mc:N" for N bands drawn by their light. `labels`:
-    an NPY file for each event's cause (`pecs.sensor.LABELS`). `warmup_loops`: of a periodic stack, before the output
-    begins; `start_us`, `duration_us`: begin and length of the output, in us. `motion`: light between
-    the frames is carried along the stack's layer `motion`, if it has one; else frames alone.
+    chip: a name, a path, or a `pecs.Chip`. Options:
+
+    - overrides, model, parameters, noise, seed, threads, readout: as of `pecs.Sensor`.
+    - white_a: photocurrent [A] of white, for models that take no light.
+    - format: of the output; by its name if not given.
+    - fps, or times_us (a text file): times of frames without any.
+    - fnumber: of the lens, for a stack of radiance. gain, photocurrent_a: for relative light
+      (`Chip.amperes_per_unit`).
+    - bands: "all" (default), or "mc:N" for N bands drawn by their light.
+    - labels: an NPY file for each event's cause (`pecs.sensor.LABELS`).
+    - warmup_loops: of a periodic stack, before the output begins (0). start_us, duration_us: begin (0) and length of
+      the output.
+    - motion: light between frames follows the stack's layer `motion`, if there is one (True).
 
     `progress` is called with the share done, 0 to 1; an exception from it stops the work. Raises PecsNotFoundError,
     PecsInputError and PecsOutputError; warns of values that no light has, of events that the readout lost, and of a
-    duration that the stack does not have.
+    duration beyond the end of the stack.
     """
-    options = chip_options(chip, overrides) | {
-        "model": model,
-        "param": {key: float(value) for key, value in (parameters or {}).items()},
-        "white_a": white_a,
-        "no_noise": not noise,
-        "seed": seed,
-        "threads": threads,
-        "readout": readout,
-        "format": format,
-        "fps": fps,
-        "times_us": None if times_us is None else fspath(times_us),
-        "fnumber": fnumber,
-        "gain": gain,
-        "photocurrent_a": photocurrent_a,
-        "bands": bands,
-        "labels": None if labels is None else fspath(labels),
-        "warmup_loops": warmup_loops,
-        "start_us": start_us,
-        "duration_us": duration_us,
-        "motion": motion,
-    }
     watched = _Watched(progress)
     paths = path_bytes(stack), path_bytes(output)
     try:
-        report: dict[str, Any] = take_json(_sense(*paths, json.dumps(options).encode(), watched.function, None))
+        report: dict[str, Any] = take_json(
+            _sense(*paths, json.dumps(library_options(chip, options, SenseOptions)).encode(), watched.function, None)
+        )
     except PecsError:
         if watched.raised:
             raise watched.raised from None

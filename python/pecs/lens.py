@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._library import Handle, function, json_function, path_bytes, take_text
+
+if TYPE_CHECKING:
+    from typing_extensions import Required, Unpack
 
 _open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
 _close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
@@ -85,23 +88,80 @@ class Camera:
         _diffract(pointer, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
 
 
-def _given(arguments: dict[str, Any], *without: str) -> dict[str, Any]:
-    """The options among a method's arguments, as JSON has them."""
-    out: dict[str, Any] = {}
-    for key, value in arguments.items():
-        if value is not None and key not in ("self", *without):
-            if key.endswith("bands_nm"):
-                out[key] = [float(v) for v in value]
-            else:
-                out[key] = value if isinstance(value, int) else float(value)
-    return out
+class _Setting(TypedDict, total=False):
+    focus_m: float | None  # from the entrance pupil; None is infinity
+    stop_diameter_mm: float | None  # at most one of stop_diameter_mm and fnumber; None is wide open
+    fnumber: float | None
 
 
-def _image_setting(arguments: dict[str, Any]) -> bytes:
-    setting = _given(arguments, "pixels", "directions", "film_shift_mm", "film_tilt_deg")
-    setting["film_shift_x_mm"], setting["film_shift_y_mm"] = map(float, arguments["film_shift_mm"])
-    setting["film_tilt_x_deg"], setting["film_tilt_y_deg"] = map(float, arguments["film_tilt_deg"])
-    return json.dumps(setting).encode()
+class PupilOptions(_Setting, total=False):
+    """Options of `Lens.pupil`. lambda_nm: 587.56. Film: 36 x 24 mm."""
+
+    lambda_nm: float
+    film_width_mm: float
+    film_height_mm: float
+
+
+class InfoOptions(PupilOptions, total=False):
+    """Options of `Lens.info`. bands_nm: wavelengths of the colour columns. field_rows: points from centre to corner."""
+
+    bands_nm: Sequence[float]
+    field_rows: int
+
+
+class DrawOptions(_Setting, total=False):
+    """Options of `Lens.draw`. bands_nm: wavelengths of the rays."""
+
+    film_width_mm: float
+    film_height_mm: float
+    bands_nm: Sequence[float]
+
+
+class CameraOptions(_Setting, total=False):
+    """Options of `Lens.camera`.
+
+    focus_bands_nm: all bands of the stack, for one focus. film_shift: of the film's centre (+x right, +y up, seen from
+    behind). colour_tolerance_px: largest shift of colour at which the pass is traced at one wavelength. unit_m: metres
+    per unit of the scene (1).
+    """
+
+    focus_bands_nm: Sequence[float] | None
+    film_width_mm: float | None
+    film_height_mm: float | None
+    film_shift_x_mm: float
+    film_shift_y_mm: float
+    film_tilt_x_deg: float
+    film_tilt_y_deg: float
+    pixel_pitch_mm: float | None
+    colour_tolerance_px: float | None
+    unit_m: float | None
+
+
+class ImageOptions(_Setting, total=False):
+    """Options of `Lens.directions` and `Lens.pixels`. width, height [pixels] are required; pixel_pitch_mm: 0.00486;
+    lambda_nm: 550; film_shift_mm, film_tilt_deg: (x, y) as of `CameraOptions`."""
+
+    width: Required[int]
+    height: Required[int]
+    pixel_pitch_mm: float
+    lambda_nm: float
+    focus_bands_nm: Sequence[float] | None
+    film_shift_mm: tuple[float, float]
+    film_tilt_deg: tuple[float, float]
+
+
+def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as JSON has them: NumPy's numbers and arrays as Python's."""
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in options.items()}
+
+
+def _image_json(options: Mapping[str, Any]) -> bytes:
+    out = _plain(options)
+    for key in ("film_shift_mm", "film_tilt_deg"):
+        name, _, unit = key.rpartition("_")
+        x, y = out.pop(key, (0, 0))
+        out |= {f"{name}_x_{unit}": float(x), f"{name}_y_{unit}": float(y)}
+    return json.dumps(out).encode()
 
 
 class Lens(Handle):
@@ -110,8 +170,9 @@ class Lens(Handle):
         with pecs.Lens("dgauss_50mm_tronnier") as lens:
             lens.info(focus_m=1.5, fnumber=4)["film_z_mm"]
 
-    Lengths are in mm, focus distances in m from the entrance pupil; None is infinity for `focus_m`, wide open for
-    `stop_diameter_mm` and `fnumber` (of which one at most is given), and elsewhere what docs/reference/lens.md says.
+    Lengths are in mm, focus distances in m from the entrance pupil. `focus_m` None is infinity; `stop_diameter_mm` and
+    `fnumber`, of which at most one is given, are wide open if None. Raises PecsNotFoundError for an unknown lens,
+    PecsInputError for a wrong file, an unknown option or a value out of range (docs/reference/lens.md).
     """
 
     _free = staticmethod(_close)
@@ -119,123 +180,41 @@ class Lens(Handle):
     def __init__(self, path: str | PathLike[str]):
         super().__init__(_open(path_bytes(path)))
 
-    def info(
-        self,
-        *,
-        lambda_nm: float | None = None,
-        focus_m: float | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_width_mm: float | None = None,
-        film_height_mm: float | None = None,
-        bands_nm: Sequence[float] | None = None,
-        field_rows: int | None = None,
-    ) -> dict[str, Any]:
-        """First-order data, film position, field of view, and "field": illumination, distortion, colour along the film.
+    def info(self, **options: Unpack[InfoOptions]) -> dict[str, Any]:
+        """First-order data, film position, field of view, and "field": illumination, distortion, colour along the
+        film. Options: `InfoOptions`."""
+        return self._answer(_info, options)
 
-        `lambda_nm`: 587.56 if None. `bands_nm`: for the colour. `field_rows`: points from the centre to the corner.
-        """
-        return self._answer(_info, _given(locals()))
+    def pupil(self, **options: Unpack[PupilOptions]) -> dict[str, Any]:
+        """The pupil over the film radius ("pupil": r_mm, ellipse, exact area, irradiance per radiance, ...). Options:
+        `PupilOptions`."""
+        return self._answer(_pupil, options)
 
-    def pupil(
-        self,
-        *,
-        lambda_nm: float | None = None,
-        focus_m: float | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_width_mm: float | None = None,
-        film_height_mm: float | None = None,
-    ) -> dict[str, Any]:
-        """The pupil over the film radius ("pupil": r_mm, ellipse, exact area, irradiance per radiance, ...)."""
-        return self._answer(_pupil, _given(locals()))
-
-    def draw(
-        self,
-        *,
-        focus_m: float | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_width_mm: float | None = None,
-        film_height_mm: float | None = None,
-        bands_nm: Sequence[float] | None = None,
-    ) -> str:
-        """The lens in section with its rays (of the wavelengths `bands_nm`), as SVG text."""
-        options = json.dumps(_given(locals())).encode()
+    def draw(self, **options: Unpack[DrawOptions]) -> str:
+        """The lens in section with its rays, as SVG text. Options: `DrawOptions`."""
         with self._use() as handle:
-            return take_text(_draw(handle, options))
+            return take_text(_draw(handle, json.dumps(_plain(options)).encode()))
 
-    def camera(
-        self,
-        *,
-        bands_nm: Sequence[float],
-        focus_bands_nm: Sequence[float] | None = None,
-        focus_m: float | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_width_mm: float | None = None,
-        film_height_mm: float | None = None,
-        film_shift_x_mm: float = 0,
-        film_shift_y_mm: float = 0,
-        film_tilt_x_deg: float = 0,
-        film_tilt_y_deg: float = 0,
-        pixel_pitch_mm: float | None = None,
-        colour_tolerance_px: float | None = None,
-        unit_m: float | None = None,
-    ) -> Camera:
-        """The OSL camera of one pass of up to three bands. `focus_bands_nm`: all bands of the stack, for one focus.
+    def camera(self, *, bands_nm: Sequence[float], **options: Unpack[CameraOptions]) -> Camera:
+        """The OSL camera of one pass of up to three bands. Options: `CameraOptions`."""
+        return Camera(**self._answer(_camera, {"bands_nm": np.asarray(bands_nm, float), **options}))
 
-        `film_shift`: of the film's centre (+x right, +y up, seen from behind). `colour_tolerance_px`: up to which shift
-        of colour the pass is traced at one wavelength. `unit_m`: metres per unit of the scene, 1 if None.
-        """
-        return Camera(**self._answer(_camera, _given(locals())))
-
-    def directions(
-        self,
-        pixels: ArrayLike,
-        *,
-        width: int,
-        height: int,
-        pixel_pitch_mm: float = 0.00486,
-        lambda_nm: float = 550,
-        focus_m: float | None = None,
-        focus_bands_nm: Sequence[float] | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_shift_mm: tuple[float, float] = (0, 0),
-        film_tilt_deg: tuple[float, float] = (0, 0),
-    ) -> NDArray[np.float64]:
-        """Unit vectors [..., 3] of the chief rays of pixels [..., 2]; NaN where none arrives.
+    def directions(self, pixels: ArrayLike, **options: Unpack[ImageOptions]) -> NDArray[np.float64]:
+        """Unit vectors [..., 3] of the chief rays of pixels [..., 2]; NaN where none arrives. Options: `ImageOptions`.
 
         Camera axes: x right, y down, z forward, origin at the entrance pupil. Pixel (0, 0) has its centre at
         (0.5, 0.5).
         """
-        setting = _image_setting(locals())
-        return self._mapped(_directions, setting, pixels, 2, 3)
+        return self._mapped(_directions, _image_json(options), pixels, 2, 3)
 
-    def pixels(
-        self,
-        directions: ArrayLike,
-        *,
-        width: int,
-        height: int,
-        pixel_pitch_mm: float = 0.00486,
-        lambda_nm: float = 550,
-        focus_m: float | None = None,
-        focus_bands_nm: Sequence[float] | None = None,
-        stop_diameter_mm: float | None = None,
-        fnumber: float | None = None,
-        film_shift_mm: tuple[float, float] = (0, 0),
-        film_tilt_deg: tuple[float, float] = (0, 0),
-    ) -> NDArray[np.float64]:
-        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions`; NaN where the lens sees
-        nothing."""
-        setting = _image_setting(locals())
-        return self._mapped(_pixels, setting, directions, 3, 2)
+    def pixels(self, directions: ArrayLike, **options: Unpack[ImageOptions]) -> NDArray[np.float64]:
+        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions`; NaN for directions outside
+        the field of view. Options: `ImageOptions`."""
+        return self._mapped(_pixels, _image_json(options), directions, 3, 2)
 
-    def _answer(self, call: Any, options: dict[str, Any]) -> dict[str, Any]:
+    def _answer(self, call: Any, options: Mapping[str, Any]) -> dict[str, Any]:
         with self._use() as handle:
-            answer: dict[str, Any] = call(handle, options)
+            answer: dict[str, Any] = call(handle, _plain(options))
             return answer
 
     def _mapped(self, call: Any, setting: bytes, given: ArrayLike, size: int, result_size: int) -> NDArray[np.float64]:

@@ -19,15 +19,19 @@ import json
 import warnings
 from collections.abc import Callable, Mapping
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._arrays import DOUBLES, FLOATS
 from ._library import Handle, function
-from .chip import Chip, chip_options
+from ._options import SensorOptions, library_options
+from .chip import Chip
 from .events import EVENT_DTYPE, Events
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _open = function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
 _frames = (ctypes.c_void_p, FLOATS, DOUBLES, ctypes.c_int64)  # sensor, frames, their times, count
@@ -81,14 +85,20 @@ class Sensor(Handle):
         with pecs.Sensor(640, 480, "davis346", overrides={"contrast_threshold_on": 0.25}, seed=2) as sensor:
             events = [sensor.push(frame, t_us) for frame, t_us in frames]
 
-    `chip`: a name, a path, or a `pecs.Chip`; `overrides`: values of it, by the keys and units of `Chip.info`. `model`:
-    one of `pecs.models()` with its `parameters`; for those that take no light 1 is white. `noise`: photon noise, leak,
-    background events and mismatch. `readout`: "chip" (row arbiter, rate limit, time base) or "ideal". `labels`: events
-    have a field `label`, why each came (index into `pecs.sensor.LABELS`). `photocurrent_a`: A for a value of 1.
-    `encoding` of the frames: "linear", "srgb", or None (srgb for uint8). `threads`: 0 is all; they change no event.
+    chip: a name, a path, or a `pecs.Chip`. Options:
 
-    Any thread may push; pushes wait for each other. Raises PecsNotFoundError for an unknown chip, PecsInputError for a
-    wrong option, or a picture larger than the chip.
+    - overrides: values of the chip, by the keys and units of `Chip.info`.
+    - model: one of `pecs.models()` ("pecs"), with its parameters; for models that take no light 1 is white.
+    - noise: photon noise, leak, background events and mismatch (True).
+    - seed (1).
+    - readout: "chip" (row arbiter, rate limit, time base; the default) or "ideal".
+    - labels: events have a field `label`, the cause as an index into `pecs.sensor.LABELS` (False).
+    - photocurrent_a: photocurrent of a value of 1 (1e-12 A).
+    - encoding of the frames: "linear", "srgb", or None (srgb for uint8).
+    - threads: 0 is all; the events are the same with any number.
+
+    Any thread may push; pushes wait for each other. Raises PecsNotFoundError for an unknown chip, PecsInputError for an
+    unknown option, a wrong value, or a picture larger than the chip.
     """
 
     _free = staticmethod(_close)
@@ -98,37 +108,16 @@ class Sensor(Handle):
         width: int,
         height: int,
         chip: str | PathLike[str] | Chip = "imx636",
-        *,
-        seed: int = 1,
-        overrides: Mapping[str, float] | None = None,
-        model: str = "pecs",
-        parameters: Mapping[str, float] | None = None,
-        noise: bool = True,
-        readout: str = "chip",
-        labels: bool = False,
-        photocurrent_a: float = 1e-12,
-        encoding: str | None = None,
-        threads: int = 0,
+        **options: Unpack[SensorOptions],
     ):
         self.shape = (height, width)
-        self.encoding = encoding
-        self.labels = labels
+        self.encoding = options.get("encoding")
+        self.labels = options.get("labels", False)
         self.dropped = 0  # events that the readout lost, so far
         self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
         self._warns = True
-        options = chip_options(chip, overrides) | {
-            "width": width,
-            "height": height,
-            "model": model,
-            "param": {k: float(v) for k, v in (parameters or {}).items()},
-            "no_noise": not noise,
-            "readout": readout,
-            "labels": labels,
-            "seed": seed,
-            "threads": threads,
-            "photocurrent_a": photocurrent_a,
-        }
-        super().__init__(_open(json.dumps(options).encode()))
+        given = {"width": width, "height": height, "photocurrent_a": 1e-12}
+        super().__init__(_open(json.dumps(given | library_options(chip, options, SensorOptions)).encode()))
 
     def push(
         self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
@@ -210,17 +199,8 @@ def simulate(
     t_us: ArrayLike,
     chip: str | PathLike[str] | Chip = "imx636",
     *,
-    seed: int = 1,
-    overrides: Mapping[str, float] | None = None,
-    model: str = "pecs",
-    parameters: Mapping[str, float] | None = None,
-    noise: bool = True,
-    readout: str = "chip",
-    labels: bool = False,
-    photocurrent_a: float = 1e-12,
-    encoding: str | None = None,
-    threads: int = 0,
     progress: Callable[[float], object] | None = None,
+    **options: Unpack[SensorOptions],
 ) -> Events:
     """All events of frames [T, H, W] at times `t_us` (us, rising); options and errors as of `Sensor`.
 
@@ -232,21 +212,7 @@ def simulate(
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
     step = max(1, _CHUNK_BYTES // (4 * frames[0].size))
-    with Sensor(
-        frames.shape[2],
-        frames.shape[1],
-        chip,
-        seed=seed,
-        overrides=overrides,
-        model=model,
-        parameters=parameters,
-        noise=noise,
-        readout=readout,
-        labels=labels,
-        photocurrent_a=photocurrent_a,
-        encoding=encoding,
-        threads=threads,
-    ) as sensor:
+    with Sensor(frames.shape[2], frames.shape[1], chip, **options) as sensor:
         sensor._warns = False
         parts = []
         for i in range(0, len(times), step):

@@ -138,7 +138,7 @@ def test_camera_refuses_bad_options(options):
 
 
 def test_arguments_are_named():
-    with pytest.raises(TypeError, match="no_such"):
+    with pytest.raises(pecs.PecsInputError, match="no_such: got an unknown key"):
         pecs.Lens(LENS).camera(bands_nm=[550], no_such=1)
     with pytest.raises(TypeError, match="bands_nm"):
         pecs.Lens(LENS).camera()

@@ -1,6 +1,5 @@
 """pecs.sense, pecs.Chip and pecs.models: what the program does, from Python."""
 
-import inspect
 import json
 import os
 import re
@@ -10,6 +9,7 @@ import threading
 import numpy as np
 import pecs
 import pytest
+from pecs._options import SenseOptions
 from support.small_stacks import BAND, write
 
 
@@ -71,8 +71,7 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}
     renamed["times"] = "times_us"
-    arguments = set(inspect.signature(pecs.sense).parameters) - {"stack", "output", "progress"}
-    assert {renamed.get(o, o) for o in options} == arguments
+    assert {renamed.get(o, o) for o in options} == {"chip", *SenseOptions.__annotations__}
 
 
 def test_what_is_odd_is_said(tmp_path):

@@ -1,0 +1,56 @@
+"""Options that `Sensor`, `simulate` and `sense` share, once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from typing import Any, TypedDict
+
+from .chip import Chip, chip_options
+
+
+class PixelOptions(TypedDict, total=False):
+    overrides: Mapping[str, float] | None  # values of the chip, by the keys and units of `Chip.info`
+    model: str  # one of `pecs.models()`; default "pecs"
+    parameters: Mapping[str, float] | None  # of the model
+    noise: bool  # photon noise, leak, background events and mismatch; default True
+    seed: int  # default 1
+    readout: str  # "chip" (row arbiter, rate limit, time base; default) or "ideal"
+    threads: int  # default 0: all; the events are the same with any number
+
+
+class SensorOptions(PixelOptions, total=False):
+    """Options of `Sensor` and `simulate`."""
+
+    labels: bool  # events have a field `label`, an index into `pecs.sensor.LABELS`; default False
+    photocurrent_a: float  # photocurrent [A] of a pixel of value 1; default 1e-12
+    encoding: str | None  # of the frames: "linear", "srgb", or None (srgb for uint8); default None
+
+
+class SenseOptions(PixelOptions, total=False):
+    """Options of `sense`."""
+
+    white_a: float | None  # photocurrent [A] of white, for models that take no light
+    format: str | None  # of the output; default: by its name
+    fps: float | None  # times of frames without any; or times_us
+    times_us: str | PathLike[str] | None  # a text file
+    fnumber: float | None  # of the lens, for a stack of radiance
+    gain: float | None  # for relative light, as of `Chip.amperes_per_unit`
+    photocurrent_a: float | None  # likewise
+    bands: str  # "all" (default), or "mc:N" for N bands drawn by their light
+    labels: str | PathLike[str] | None  # an NPY file for each event's cause (`pecs.sensor.LABELS`)
+    warmup_loops: int  # of a periodic stack, before the output begins; default 0
+    start_us: int  # begin of the output; default 0
+    duration_us: int | None  # length of the output; default: to the end of the stack
+    motion: bool  # light between frames follows the stack's layer `motion`, if there is one; default True
+
+
+def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any], kind: type) -> dict[str, Any]:
+    """Options of a `kind` as the C library takes them. Raises TypeError for an unknown one."""
+    for key in options.keys() - kind.__annotations__.keys():
+        raise TypeError(f"unexpected option {key!r}; the options are {', '.join(kind.__annotations__)}")
+    out = {key: fspath(value) if isinstance(value, PathLike) else value for key, value in options.items()}
+    out.pop("encoding", None)  # the frames are converted here
+    out["param"] = {key: float(value) for key, value in (out.pop("parameters", None) or {}).items()}
+    out["no_noise"] = not out.pop("noise", True)
+    return chip_options(chip, out.pop("overrides", None)) | out
