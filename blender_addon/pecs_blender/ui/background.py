@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import bpy
 from pecs._child import mortal
@@ -82,7 +83,7 @@ class BackgroundJob:
     def _take_status(self, status: dict) -> None:
         if "folder" in status:
             self.folder = Path(status["folder"])
-        if status.get("total"):
+        if "progress" in status and status.get("total"):
             self._task, self.progress = status["progress"], status["done"] / status["total"]
             self._left_s, self._left_at = status.get("left_s"), time.monotonic()
 
@@ -123,6 +124,9 @@ class _State:
     offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
     status_at = 0.0  # time of the last redraw of the status bar
     scores: tuple[str, list[tuple[str, str]]] = "", []  # last comparison: title; rows of label and value
+    # Results for the open file, by scene name: of the light probe, and checks.Problem of the scene checks.
+    light: dict[str, dict[str, Any]] = {}
+    problems: dict[str, list] = {}
 
 
 state = _State()
@@ -164,8 +168,10 @@ def _ending(job: BackgroundJob, code: int) -> str:
 
 
 @bpy.app.handlers.persistent
-def stop_preview(*_) -> None:
-    """Stops a job for the open file (a preview, say) when another file is opened; other jobs continue."""
+def _on_load(*_) -> None:
+    """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
+    state.light.clear()
+    state.problems.clear()
     if state.job and state.job.for_file:
         state.job.stop()
 
@@ -185,7 +191,7 @@ def _pop_up(text: str) -> None:
 
 
 def register() -> None:
-    bpy.app.handlers.load_pre.append(stop_preview)
+    bpy.app.handlers.load_pre.append(_on_load)
 
 
 def unregister() -> None:
@@ -193,5 +199,5 @@ def unregister() -> None:
         state.job.stop()
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
-    bpy.app.handlers.load_pre.remove(stop_preview)
+    bpy.app.handlers.load_pre.remove(_on_load)
     state.job, state.message, state.scores = None, "", ("", [])

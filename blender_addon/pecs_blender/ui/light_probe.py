@@ -12,17 +12,10 @@ from bpy.props import FloatProperty
 
 from ..render.brightness import light_rows
 from . import operators, paths
-from .background import BackgroundJob
+from .background import BackgroundJob, state
 from .interface import say
 
 DIM_HZ = 100.0  # photoreceptor bandwidth below which moving edges blur
-
-
-class _State:
-    found: dict[str, dict[str, Any]] = {}  # by scene name
-
-
-state = _State()
 
 
 class PecsLight(bpy.types.PropertyGroup):
@@ -50,7 +43,7 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
 
         def done(job: BackgroundJob) -> str:
             found = json.loads(next(line for line in job.answer if line.startswith("{")))  # beside Blender's own output
-            state.found[name] = found
+            state.light[name] = found
             return rows(found)[0]
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
@@ -70,12 +63,12 @@ class PECS_OT_set_lux(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
-        found = state.found.get(context.scene.name)
+        found = state.light.get(context.scene.name)
         cls.poll_message_set(say("Probe the light first" if not found else "The probe found no lit surface in view"))
         return bool(found and found["lux"] and found["lux"]["median"] > 0)
 
     def execute(self, context):
-        found = state.found[context.scene.name]
+        found = state.light[context.scene.name]
         wanted = context.scene.pecs_light.wanted_lux
         context.scene.pecs.light_scale = found["light_scale"] * wanted / found["lux"]["median"]
         return {"FINISHED"}
@@ -84,17 +77,9 @@ class PECS_OT_set_lux(bpy.types.Operator):
 CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux)
 
 
-@bpy.app.handlers.persistent
-def _forget(*_) -> None:
-    """Runs when another file is opened."""
-    state.found.clear()
-
-
 def register() -> None:
     bpy.types.Scene.pecs_light = bpy.props.PointerProperty(type=PecsLight)
-    bpy.app.handlers.load_pre.append(_forget)
 
 
 def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_forget)
     del bpy.types.Scene.pecs_light

@@ -14,7 +14,6 @@ from . import (
     light_probe,
     operators,
     paths,
-    scene_checks,
     settings,
 )
 from .background import state
@@ -220,7 +219,7 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.probe_light", icon="LIGHT_SUN")
-        if found := light_probe.state.found.get(scene.name):
+        if found := state.light.get(scene.name):
             scale = s.light_scale / found["light_scale"]
             column = layout.column(align=True)
             for row in light_probe.rows(found, scale):
@@ -238,7 +237,7 @@ class PECS_PT_checks(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
-        found = scene_checks.state.found.get(scene.name)
+        found = state.problems.get(scene.name)
         if found == []:
             wrapped(layout, say("No problems found"), "CHECKMARK")
         for one in found or ():

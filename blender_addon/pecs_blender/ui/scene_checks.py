@@ -13,7 +13,8 @@ from mathutils import Matrix, Vector
 
 from ..render.needs import missing_files, python_drivers
 from ..render.spectral import beyond_reach
-from . import light_probe, settings
+from . import settings
+from .background import state
 from .checks import Problem
 from .interface import say
 
@@ -22,13 +23,6 @@ MOST_PX = 1.0  # motion between frames above which the light jumps
 MOST_NOISE, NOISE_TARGET = 0.3, 0.1  # in contrast thresholds: visible in the events; not visible
 GRID = 32, 24  # rays across and down
 SHOWN = 5  # names listed
-
-
-class _State:
-    found: dict[str, list[Problem]] = {}  # by scene name
-
-
-state = _State()
 
 
 def check(scene, view_layer) -> list[Problem]:
@@ -74,7 +68,7 @@ def _noise(scene) -> Iterator[Problem]:
     if s.denoise:
         text = "Denoising flickers between frames, also in static pixels, and causes false events"
         yield Problem(say(text), is_error=False, fix="pecs.turn_off_denoising")
-    found = light_probe.state.found.get(scene.name)
+    found = state.light.get(scene.name)
     if s.noise_target or not found or found["noise_thresholds"] is None:
         return
     noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
@@ -181,7 +175,7 @@ class PECS_OT_check_scene(bpy.types.Operator):
 
     def execute(self, context):
         scene = context.scene
-        state.found[scene.name] = found = check(scene, context.view_layer)
+        state.problems[scene.name] = found = check(scene, context.view_layer)
         self.report({"INFO"}, say("{count} problems found", count=len(found)) if found else say("No problems found"))
         return {"FINISHED"}
 
@@ -193,8 +187,8 @@ class _Fix:
 
     def execute(self, context):
         self.fix(context.scene, context.view_layer)
-        if context.scene.name in state.found:
-            state.found[context.scene.name] = check(context.scene, context.view_layer)
+        if context.scene.name in state.problems:
+            state.problems[context.scene.name] = check(context.scene, context.view_layer)
         return {"FINISHED"}
 
 
@@ -258,17 +252,3 @@ CLASSES = (
     PECS_OT_set_noise_target,
     PECS_OT_extend_clip_end,
 )
-
-
-@bpy.app.handlers.persistent
-def _forget(*_) -> None:
-    """Runs when another file is opened."""
-    state.found.clear()
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_forget)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_forget)

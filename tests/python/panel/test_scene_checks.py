@@ -11,7 +11,7 @@ import math, sys
 import bpy
 from support.blend_parts import GREY, ball, floor, lamp, material, start
 from pecs_blender import ui
-from pecs_blender.ui import light_probe, scene_checks
+from pecs_blender.ui import background, scene_checks
 
 ui.register()
 scene = start()
@@ -53,9 +53,9 @@ distance = 3.4  # of the ball's near side from the camera, at least
 assert 0.5 * 48 * 50 / 36 / 4.2 < moved < 0.5 * 48 * 50 / 36 / distance, moved
 assert (scene.frame_current, round(scene.frame_subframe, 3)) == (3, 0.25)
 bpy.ops.pecs.check_scene()
-assert len(scene_checks.state.found[scene.name]) == 1
+assert len(background.state.problems[scene.name]) == 1
 bpy.ops.pecs.use_adaptive()
-assert s.time == "adaptive" and scene_checks.state.found[scene.name] == []
+assert s.time == "adaptive" and background.state.problems[scene.name] == []
 s.time = "uniform"
 thing.animation_data_clear()
 
@@ -92,7 +92,7 @@ s.denoise = True
 assert only("Denoising flickers")
 bpy.ops.pecs.turn_off_denoising()
 assert not s.denoise and remarks() == []
-light_probe.state.found[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
+background.state.light[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
 s.samples = 4
 assert "Use at least 12 samples" in only("Render noise of about 0.5 contrast thresholds")
 s.samples = 16
@@ -100,7 +100,7 @@ assert remarks() == []
 s.samples = 4
 bpy.ops.pecs.set_noise_target()
 assert abs(s.noise_target - 0.1) < 1e-6 and remarks() == []
-light_probe.state.found.clear()
+background.state.light.clear()
 
 # Files and scripts.
 image = bpy.data.images.new("gone", 4, 4)
@@ -115,7 +115,7 @@ assert s.allow_scripts and remarks() == []
 assert len(scene_checks._list("Lamps", [str(i) for i in range(9)]).split(", ")) == 6
 
 bpy.ops.wm.read_factory_settings()
-assert not scene_checks.state.found
+assert not background.state.problems
 ui.unregister()
 """
 

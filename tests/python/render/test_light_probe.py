@@ -210,12 +210,12 @@ message = background.state.message
 assert message.startswith("Illuminance in view: 953 lux (953 to "), message
 scene.pecs_light.wanted_lux = 500
 assert bpy.ops.pecs.set_lux() == {"FINISHED"}
-found = light_probe.state.found[scene.name]
+found = background.state.light[scene.name]
 assert abs(scene.pecs.light_scale - 500 / found["lux"]["median"]) < 1e-5
 rows = dict(light_rows(found, scene.pecs.light_scale / found["light_scale"]))
 assert rows["illuminance in view"].startswith("500 lux"), rows
 bpy.ops.wm.read_factory_settings()
-assert not light_probe.state.found
+assert not background.state.light
 ui.unregister()
 """
 
