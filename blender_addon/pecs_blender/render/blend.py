@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A .blend file as the renderer takes it: opened, checked, never written."""
+"""A .blend file as a source of renders: opened and checked, never written."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class BlendScene(Source):
             bpy.context.window.scene = self.scene
         self.folder = path.absolute().parent
         for driver in () if allow_scripts else python_drivers():
-            raise PecsError(f"{path}: {driver}, wanted --allow-scripts to run it", ExitCode.UNSUPPORTED)
+            raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
         for missing in missing_files():
             raise PecsNotFoundError(f"{path}: {missing}")
         if not self.scene.camera:
@@ -47,7 +47,7 @@ class BlendScene(Source):
         self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
         self.record = {"name": path.stem, "scene": self.scene.name, "illuminant": illuminant.name}
         self._illuminant, self._camera = illuminant, self.scene.camera
-        # Blender would put them in a lens camera's place at every render.
+        # Blender would replace a lens camera by a marker's camera at every render.
         self._cuts = [(m.frame, m.camera) for m in self.scene.timeline_markers if m.camera and not m.camera.hide_render]
         self._cuts.sort(key=lambda cut: cut[0])
         self.scene.timeline_markers.clear()
@@ -57,7 +57,7 @@ class BlendScene(Source):
     def set_time(self, t_s: float) -> None:
         """t = 0 is the scene's first frame."""
         frame = round(self.scene.frame_start + t_s * self._fps, 6)
-        if self._cuts:  # the last marker's camera; the first one's before it
+        if self._cuts:  # the last marker's camera; before the first marker, its camera
             self._camera = [self._cuts[0], *(cut for cut in self._cuts if cut[0] <= frame)][-1][1]
         self.scene.camera = self._camera
         if self.path:
@@ -71,13 +71,13 @@ class BlendScene(Source):
 
     def follow(self, path) -> None:
         super().follow(path)
-        for camera in {self._camera, *(camera for _, camera in self._cuts)}:  # nothing else moves them
+        for camera in {self._camera, *(camera for _, camera in self._cuts)}:  # nothing else may move them
             camera.animation_data_clear()
             camera.constraints.clear()
             camera.parent = None
 
     def camera(self, focal_mm: float, film_width_mm: float):
-        return self._camera  # as the file has it, depth of field included
+        return self._camera  # unchanged, with its depth of field
 
     def place(self, cameras) -> None:
         location, rotation, _ = self._camera.matrix_world.decompose()
@@ -86,5 +86,6 @@ class BlendScene(Source):
             camera.location, camera.rotation_quaternion = location, rotation
 
     def radiance_per_unit(self, spectral) -> float:
-        """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over its table."""
+        """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over the illuminant's
+        table."""
         return self._illuminant.luminous() / self._illuminant.power()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around things: in their own axes, and on the film through the camera's own image map; and what hides them.
+"""Boxes around things, in their own axes and on the film through the camera's image map, and their occlusion.
 
 Camera axes and film coordinates are those of sight.py.
 """
@@ -17,10 +17,10 @@ from .mesh_points import Geometry
 from .sight import Sight, View, transformed
 from .surfaces import SurfaceHits
 
-NEAREST = 1e-2  # of its largest extent: nearer to the camera's plane a thing is cut off
-EDGE_PX = 8.0  # a lens bends edges: points along them are so far apart
-MOST_PIECES = 256  # of an edge
-MOST_RAYS = 2048  # that ask what is hidden of a thing; of more pixels every second, third, … is asked
+NEAREST = 1e-2  # depth at which things are clipped, relative to their largest coordinate
+EDGE_PX = 8.0  # distance of points along edges, which a lens bends
+MAX_PIECES = 256  # of an edge
+MAX_RAYS = 2048  # per thing, for occlusion; of more pixels, every second, third, … gets a ray
 SAME_DEPTH = 1e-4  # relative
 
 Box = list[float]  # left, top, right, bottom [px]
@@ -28,7 +28,7 @@ Box = list[float]  # left, top, right, bottom [px]
 
 @dataclass(eq=False)
 class Shape:
-    """Of a Geometry, local. edges: [e, 2], triangles: [t, 3] into vertices [v, 3]; empty of what is no mesh."""
+    """A Geometry with edges [e, 2] and triangles [t, 3] into vertices [v, 3], in local axes; empty if not a mesh."""
 
     vertices: np.ndarray
     edges: np.ndarray
@@ -47,8 +47,8 @@ def shape(data: bpy.types.ID, geometry: Geometry) -> Shape:
 
 
 def _triangles(mesh: bpy.types.Mesh, vertices: np.ndarray) -> np.ndarray:
-    """[t, 3], by the places of their corners: Blender makes a primitive's polygons in another order each time, and
-    begins them at another corner."""
+    """[t, 3], in an order that depends only on the corners' positions: Blender creates a primitive's polygons in
+    another order, with another first corner, each time."""
     mesh.calc_loop_triangles()
     place = np.empty(len(vertices), np.int64)
     place[np.lexsort(vertices.T)] = np.arange(len(vertices))
@@ -65,7 +65,7 @@ def _triangles(mesh: bpy.types.Mesh, vertices: np.ndarray) -> np.ndarray:
 
 
 def _begun_at_lowest(polygons: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """[n, k], turned round."""
+    """Polygons [n, k], rotated to begin at their lowest corner."""
     turn = place[polygons].argmin(1)[:, None] if len(polygons) else np.empty((0, 1), int)
     return np.take_along_axis(polygons, (np.arange(polygons.shape[1]) + turn) % polygons.shape[1], 1)
 
@@ -78,15 +78,15 @@ def _numbers(of: bpy.types.bpy_prop_collection, key: str, each: int) -> np.ndarr
 
 @dataclass(frozen=True)
 class Part:
-    """Of a thing."""
+    """A part of a thing."""
 
     shape: Shape
     world_from_local: np.ndarray
 
 
 def axes(world_from_local: np.ndarray) -> np.ndarray:
-    """[3, 3]: a rotation to the world from the local axes without their scale; of sheared ones the first axis and the
-    plane of the first two stay."""
+    """[3, 3]: rotation from local axes without their scale to the world. Of sheared axes, it keeps the first axis and
+    the plane of the first two."""
     turn, scale = np.linalg.qr(world_from_local[:3, :3])
     turn = turn * np.where(np.diag(scale) < 0, -1.0, 1.0)
     if np.linalg.det(turn) < 0:  # mirrored
@@ -95,8 +95,8 @@ def axes(world_from_local: np.ndarray) -> np.ndarray:
 
 
 def own_box(parts: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first part's world_from_object [4, 4], and the lowest and highest corner [3] of all parts in these axes; in
-    the scene's unit."""
+    """world_from_object [4, 4] of the first part, and lowest and highest corner [3] of all parts in these axes, in the
+    scene's unit."""
     world_from_object = parts[0].world_from_local.copy()
     world_from_object[:3, :3] = axes(parts[0].world_from_local)
     back = np.linalg.inv(world_from_object)
@@ -109,7 +109,7 @@ def own_box(parts: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class Outlines:
-    """Points whose places on the film bound things, for one view."""
+    """Points whose images bound things, for one view."""
 
     def __init__(self, sight: Sight, view: View):
         self._sight, self._view, self._points, self._counts = sight, view, [], []
@@ -122,7 +122,7 @@ class Outlines:
         self._counts.append(points.shape[1])
 
     def boxes(self) -> list[Box | None]:
-        """Of the things in their order; nothing of what lies behind the camera."""
+        """One box per thing, in their order; None if the thing is behind the camera."""
         points = np.concatenate([*self._points, np.empty((3, 0))], axis=1)
         film = self._sight.film(self._view, points, np.zeros(points.shape[1], bool))
         return [_bounds(part) for part in np.split(film, np.cumsum(self._counts)[:-1], axis=1)][: len(self._counts)]
@@ -141,7 +141,7 @@ class Outlines:
         return np.concatenate([points[:, ahead], cut, *self._along(a, b, near)], axis=1)
 
     def _along(self, a: np.ndarray, b: np.ndarray, near: float) -> list[np.ndarray]:
-        """Points on edges that a lens bends, at z = 1: its rays meet in one point."""
+        """Points on edges, which a lens bends, at z = 1: its rays meet in one point."""
         if not self._view.lens or not a.size:
             return []
         some = (a[2] > near) | (b[2] > near)
@@ -151,7 +151,7 @@ class Outlines:
             f = (near - one[2, behind]) / (other[2, behind] - one[2, behind])
             one[:, behind] += f * (other[:, behind] - one[:, behind])
         a, b = a[:2] / a[2], b[:2] / b[2]
-        pieces = np.clip(np.hypot(*(b - a)) * self._px / EDGE_PX, 1, MOST_PIECES).astype(int)
+        pieces = np.clip(np.hypot(*(b - a)) * self._px / EDGE_PX, 1, MAX_PIECES).astype(int)
         which = np.repeat(np.arange(len(pieces)), pieces - 1)
         first = np.cumsum(pieces - 1) - (pieces - 1)
         f = (np.arange(len(which)) - first[which] + 1) / pieces[which]
@@ -164,7 +164,7 @@ def _bounds(film: np.ndarray) -> Box | None:
 
 
 def seen_boxes(ids: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of a picture of numbers [h, w]: how many pixels each number up to `count` has, and their boxes [count + 1, 4]."""
+    """Number of pixels [count + 1] with each id in a picture [h, w], and their boxes [count + 1, 4]."""
     height, width = ids.shape
     flat, (y, x) = ids.ravel(), np.indices(ids.shape).reshape(2, -1)
     boxes = np.tile([width, height, 0, 0], (count + 1, 1))
@@ -175,7 +175,7 @@ def seen_boxes(ids: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outside(box: Box | None, size: tuple[int, int]) -> float:
-    """Share of a box that lies outside the picture; 1 without a box."""
+    """Fraction of a box outside the picture; 1 without a box."""
     if box is None:
         return 1.0
     share = 1.0
@@ -186,14 +186,14 @@ def outside(box: Box | None, size: tuple[int, int]) -> float:
 
 
 class Hidden:
-    """What other things hide, by the chief rays that go past the camera's eye to a thing alone."""
+    """Occlusion of a thing by others, from chief rays that are intersected with the thing alone."""
 
     def __init__(self, sight: Sight, seen: SurfaceHits, ids: np.ndarray):
         self._seen, self._ids, self._view = seen, ids, seen.poses.view
         self._rays = sight.rays(self._view)
 
     def pixels(self, thing: int, parts: list[Part], box: Box | None) -> int:
-        """How many pixels' rays meet the thing behind what is seen there, about."""
+        """Approximate number of pixels whose rays hit the thing behind the visible surface."""
         parts = [part for part in parts if len(part.shape.triangles)]
         if self._rays is None or box is None or not parts:
             return 0
@@ -205,7 +205,7 @@ class Hidden:
         part = np.s_[top:bottom, left:right]
         other = (self._ids[part] != thing) & np.isfinite(self._seen.depth[part])
         y, x = np.nonzero(other & np.isfinite(self._rays[1][0][part]))
-        step = -(-len(y) // MOST_RAYS) or 1
+        step = -(-len(y) // MAX_RAYS) or 1
         y, x = y[::step] + top, x[::step] + left
         met = np.zeros(len(y), bool)
         for one in parts:
@@ -222,6 +222,6 @@ class Hidden:
         ways /= np.linalg.norm(ways, axis=0)
         cast = part.shape.tree.ray_cast
         far = [cast(start, way)[3] for start, way in zip(starts.T.tolist(), ways.T.tolist(), strict=True)]
-        met = starts + np.array(far, float) * ways  # NaN where there is none
+        met = starts + np.array(far, float) * ways  # NaN without a hit
         depths = transformed(camera_from_local, met)[2]
         return depths >= self._seen.points[2, y, x] * (1 - SAME_DEPTH)

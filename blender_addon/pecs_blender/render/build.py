@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts that scenes are built from, each with its spectrum. Lengths in metres."""
+"""Parts of scene folders, each with its spectrum. Lengths in metres."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Vec = tuple[float, float, float]
 
 @dataclass
 class SceneParts:
-    """What the renderer needs of a scene. pose(t_s) moves everything to an instant; target is a point and its normal
-    where `illuminance_lux` is meant; period_s is None for a scene that does not repeat."""
+    """Result of build() in scene.py. pose(t_s) moves everything to an instant; target is the point and normal at which
+    `illuminance_lux` is defined; period_s is None for a scene that does not repeat."""
 
     pose: Callable[[float], None]
     period_s: float | None
@@ -53,14 +53,14 @@ def mesh_object(name: str, vertices: list[Vec], faces: list[tuple[int, ...]], ma
 
 
 def box(name: str, x_m, y_m, z_m, material: bpy.types.Material) -> bpy.types.Object:
-    """A closed box, seen from inside."""
+    """A closed box, to be seen from inside."""
     corners = [(x, y, z) for z in z_m for y in y_m for x in x_m]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return mesh_object(name, corners, faces, [material])
 
 
 def area_lamp(name: str, centre: Vec, size_m: tuple[float, float], spectrum: Spectrum) -> bpy.types.Object:
-    """A rectangle that shines down (-z) with radiance 1."""
+    """A rectangular lamp of radiance 1, directed down (-z)."""
     light = bpy.data.lights.new(name, "AREA")
     light.shape = "RECTANGLE"
     light.size, light.size_y = size_m
@@ -73,8 +73,8 @@ def area_lamp(name: str, centre: Vec, size_m: tuple[float, float], spectrum: Spe
 
 
 def lab_box(p: dict) -> None:
-    """The lab, from a scene's parameters: a closed grey box with a long lamp that shines down; the camera at the origin
-    looks along +y."""
+    """The lab of a scene's parameters: a closed grey box with a long lamp directed down; the camera at the origin looks
+    along +y."""
     box("room", ROOM_X_M, ROOM_Y_M, ROOM_Z_M, diffuse("walls", p["wall_reflectance"]))
     centre = tuple(p[key] * 1e-3 for key in ("lamp_right_mm", "lamp_distance_mm", "lamp_up_mm"))
     area_lamp("lamp", centre, (p["lamp_length_mm"] * 1e-3, p["lamp_width_mm"] * 1e-3), p["lamp_spectrum"])
@@ -83,7 +83,7 @@ def lab_box(p: dict) -> None:
 def sector_disk(name: str, sectors: int, radius_m: float, materials: list) -> bpy.types.Object:
     """A disk in the x-z plane, seen from -y: sectors of equal angle, the materials in turn, counter-clockwise from +x.
 
-    Rings halve the number of segments inwards, so that triangles stay compact (a fan of slivers renders slowly)."""
+    Inner rings have half the segments, so that triangles stay compact (a fan of slivers renders slowly)."""
     per_sector = 1 << math.ceil(math.log2(RIM_SEGMENTS / sectors))  # rings halve it
     vertices, faces, colours = [(0.0, 0.0, 0.0)], [], []
     n, radius = sectors * per_sector, radius_m

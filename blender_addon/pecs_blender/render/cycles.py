@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cycles as a measuring instrument: fixed sampling, box pixels, no view transform, float pixels out."""
+"""Cycles as a measuring instrument: fixed sampling, box filter, no view transform, float output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pecs._errors import ExitCode, PecsError
 from . import stop
 from .plan import Sampling
 
-SETTINGS = {  # what is the same for every render, and recorded with it
+SETTINGS = {  # the same for every render, and recorded with it
     "use_adaptive_sampling": False,  # the number of samples must not depend on the picture
     "use_denoising": False,
     "pixel_filter_type": "BOX",  # a pixel integrates over its own square
@@ -27,14 +27,14 @@ SETTINGS = {  # what is the same for every render, and recorded with it
     "caustics_reflective": True,
     "caustics_refractive": True,
     "blur_glossy": 0.0,
-    "light_sampling_threshold": 0.0,  # else dim light samples are thinned out at random: tenfold noise
+    "light_sampling_threshold": 0.0,  # otherwise dim light samples are dropped at random: tenfold noise
     "use_auto_tile": False,
     "use_fast_gi": False,
     "film_exposure": 1.0,
 }
-NO_SURFACE = 1e10  # what the Depth pass says there
-WORLD_MAP_WIDTH = 2048  # at most; half of it misses the sun in a picture of 4096
-BOUNCES = (  # a .blend's own
+NO_SURFACE = 1e10  # value of the Depth pass where there is no surface
+WORLD_MAP_WIDTH = 2048  # upper limit; 1024 misses the sun in a texture of 4096
+BOUNCES = (  # settings that a .blend keeps
     "max_bounces",
     "diffuse_bounces",
     "glossy_bounces",
@@ -47,12 +47,12 @@ BOUNCES = (  # a .blend's own
 def empty_scene() -> bpy.types.Scene:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    scene.world = None  # even a black world would be drawn as a light, every second sample
+    scene.world = None  # even a black world would get every second light sample
     return scene
 
 
 def white_furnace() -> bpy.types.Scene:
-    """A further scene: nothing but radiance 1 from everywhere."""
+    """Creates a white furnace: a scene with a uniform environment of radiance 1."""
     scene = bpy.data.scenes.new("white furnace")
     scene.world = bpy.data.worlds.new("white")
     scene.world.use_nodes = True
@@ -62,7 +62,7 @@ def white_furnace() -> bpy.types.Scene:
 
 
 def device_names(device: str) -> list[str]:
-    """The devices of a type, switched on; throws where there are none."""
+    """Switches the devices of a type on, and returns their names. Raises PecsError if there are none."""
     if device == "CPU":
         return ["CPU"]
     preferences = bpy.context.preferences.addons["cycles"].preferences
@@ -88,7 +88,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.cycles.samples = sampling.samples
     scene.cycles.use_light_tree = sampling.light_tree
     for layer in scene.view_layers:
-        layer.samples = 0  # else its own
+        layer.samples = 0  # use the scene's
     scene.cycles.seed = sampling.seed
     scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
     scene.render.resolution_x, scene.render.resolution_y = width, height
@@ -106,15 +106,15 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     if sampling.denoise:
         scene.cycles.use_denoising, scene.cycles.denoiser = True, "OPENIMAGEDENOISE"
         scene.cycles.denoising_input_passes, scene.cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
-    image = scene.render.image_settings  # of what layers save
+    image = scene.render.image_settings  # for save_picture
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"
     _limit_world_map(scene.world)
 
 
 def _limit_world_map(world: bpy.types.World | None) -> None:
-    """Cycles rebuilds the map that says where an environment's light comes from in every pass, for each has other
-    colours; its own choice is 4096 wide for any picture, which takes longer than rendering."""
+    """Limits the importance map of an environment texture. Cycles rebuilds it in every pass, because colours change;
+    its default width of 4096 takes longer than rendering."""
     widths = [image.size[0] for image in _images(world.node_tree)] if world and world.node_tree else []
     if widths and world.cycles.sampling_method == "AUTOMATIC":
         world.cycles.sampling_method = "MANUAL"
@@ -130,7 +130,7 @@ def _images(tree: bpy.types.NodeTree):
 
 
 def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
-    """Renders only left, top, right, bottom; the rest of the picture is then black. Rays are the same."""
+    """Renders only this box (left, top, right, bottom), with the same rays; the rest of the picture is black."""
     render = scene.render
     render.use_border, render.use_crop_to_border = box_px is not None, False
     if box_px:
@@ -140,7 +140,7 @@ def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None)
 
 
 def _no_engine_traceback(unraisable) -> None:
-    """Blender 4.5 frees a persistent engine before Python's half of it, whose __del__ then fails; it means nothing."""
+    """Hides a harmless error: Blender 4.5 frees a persistent engine before its Python object, whose __del__ fails."""
     if not (unraisable.exc_type is ReferenceError and "CyclesRender" in str(unraisable.exc_value)):
         sys.__unraisablehook__(unraisable)
 
@@ -150,8 +150,7 @@ sys.unraisablehook = _no_engine_traceback
 
 @contextlib.contextmanager
 def quiet(*descriptors: int):
-    """Blender prints to the C stdout for every frame; keep the terminal for progress and errors. While it opens a file,
-    to stderr (2) as well."""
+    """Discards what Blender prints to the C stdout for every frame, and to further `descriptors`."""
     sys.stdout.flush()
     null = os.open(os.devnull, os.O_WRONLY)
     saved = {fd: os.dup(fd) for fd in (1, *descriptors)}
@@ -168,8 +167,8 @@ def quiet(*descriptors: int):
 
 
 class Film:
-    """Renders the scene and hands over linear float pixels, without a file: Blender keeps no result in the background,
-    but Cycles' engine has it."""
+    """Renders the scene to linear float pixels without a file. Blender keeps no result in the background; Cycles'
+    engine has it."""
 
     def __init__(self, scene: bpy.types.Scene):
         self._scene = scene
@@ -187,7 +186,7 @@ class Film:
         return {name: self._whole(results[-1][name]) for name in names}
 
     def inspect(self, inspect: Callable) -> None:
-        """As `passes`, but Cycles renders nothing."""
+        """Calls `inspect` as `passes` does, and renders nothing."""
         self._run(inspect, False)
 
     def _run(self, inspect: Callable | None, renders: bool) -> list[dict[str, np.ndarray]]:
@@ -199,7 +198,7 @@ class Film:
         return results
 
     def _whole(self, part: np.ndarray) -> np.ndarray:
-        """A border's part, in its place in a black picture."""
+        """Puts the part inside a border in its place in a black picture."""
         render = self._scene.render
         if not render.use_border:
             return part
@@ -212,7 +211,7 @@ class Film:
 
 @contextlib.contextmanager
 def _engine_results(inspect: Callable | None, renders: bool):
-    """What Cycles' engine renders meanwhile: for each view layer its passes by name, row 0 at the top."""
+    """Collects what Cycles' engine renders in this context: per view layer, passes by name, row 0 at the top."""
     from cycles import CyclesRender  # Blender's add-on
 
     render, results, errors = CyclesRender.render, [], []
@@ -221,7 +220,7 @@ def _engine_results(inspect: Callable | None, renders: bool):
         try:
             if inspect:
                 inspect(depsgraph)
-        except Exception as e:  # Blender would print it, and go on
+        except Exception as e:  # Blender would print it and continue
             errors.append(e)
             return
         if renders:
@@ -237,7 +236,7 @@ def _engine_results(inspect: Callable | None, renders: bool):
         raise errors[0]
 
 
-# Blender 4.5's names of passes, as 5 has them.
+# Names of passes in Blender 4.5 -> 5.
 _NEW_NAMES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color"}
 
 
@@ -256,8 +255,8 @@ def _passes_by_name(result):
 
 @contextlib.contextmanager
 def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None):
-    """What lies first on each ray through a pixel's centre, in the whole picture, or a smaller one of the same film;
-    then all is as before."""
+    """Settings for the first hit of the ray through each pixel's centre, of the whole picture or of a smaller one of
+    the same film. Restores all settings at the end."""
     render, cycles, layer = scene.render, scene.cycles, scene.view_layers[0]
     whole = render.resolution_x, render.resolution_y
     width, height = size or whole
@@ -275,7 +274,7 @@ def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple
 
 @contextlib.contextmanager
 def changed(changes):
-    """Sets properties, of pairs (thing, {name: value}); then all is as before."""
+    """Sets properties of pairs (thing, {name: value}), and restores them at the end."""
     saved = [(thing, {key: getattr(thing, key) for key in values}) for thing, values in changes]
     try:
         _set_all(changes)
@@ -291,7 +290,7 @@ def _set_all(changes) -> None:
 
 
 def save_picture(picture: np.ndarray, path: Path, scene: bpy.types.Scene) -> None:
-    """[height, width, 3] as an EXR file, bit by bit (`configure` has chosen its kind)."""
+    """Writes [height, width, 3] to an EXR file, bit-exact (`configure` sets the format)."""
     height, width, _ = picture.shape
     image = bpy.data.images.new(path.stem, width, height, float_buffer=True, is_data=True)
     rgba = np.ones((height, width, 4), np.float32)
@@ -329,7 +328,7 @@ def orthographic_camera(name: str, width_m: float) -> bpy.types.Object:
 
 
 def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
-    """A camera whose rays come from OSL source (pecs.Lens.camera); compiled into `folder`."""
+    """A camera whose rays are computed by OSL source (pecs.Lens.camera), which is compiled into `folder`."""
     import _cycles
 
     if not _cycles.with_osl:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Video from events by the filter of `pecs reconstruct`, written by Blender, whose Python has no OpenCV."""
+"""Video from events with the filter of `pecs reconstruct`, encoded by Blender, whose Python has no OpenCV."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from . import stop
 from .cycles import quiet as no_words
 from .options import UsageError
 
-MOST_PICTURES = 100_000
+MAX_PICTURES = 100_000
 
 
 def write(
     events: Path, output: Path, *, fps: float, playback_fps: float, cutoff_hz: float, quiet: bool, verbose: bool
 ) -> int:
-    """An .mp4 with `fps` pictures per second of the recording; the number of pictures. Odd sizes lose a row or column:
-    H.264 has none. Throws PecsError, PecsError."""
+    """Writes an .mp4 with `fps` frames per second of recorded time; returns the number of frames. Odd sizes lose a row
+    or column for H.264. Raises PecsError."""
     if output.suffix.lower() != ".mp4":
-        raise UsageError(f"-o {output}: got no .mp4, wanted VIDEO.mp4")
-    with pecs.EventReader(events) as reader:  # all of it: a file may not say its size, and progress has an end
+        raise UsageError(f"-o {output}: the extension must be .mp4")
+    with pecs.EventReader(events) as reader:  # to the end: for the size, which a header may lack, and for progress
         ends_us = [(int(block["t"][0]), int(block["t"][-1])) for block in reader]
         size = reader.info["width"], reader.info["height"]
     if not ends_us or not all(size):
         raise bad_input(events, "", "no events" if all(size) else "no size in pixels", "events of a known size")
     count = int((ends_us[-1][1] - ends_us[0][0]) * fps * 1e-6) + 1
-    if count > MOST_PICTURES:
-        raise UsageError(f"--fps: got {count} pictures, wanted at most {MOST_PICTURES}")
+    if count > MAX_PICTURES:
+        raise UsageError(f"--fps: got {count} pictures, wanted at most {MAX_PICTURES}")
     progress = Progress("reconstruct", count, quiet=quiet, verbose=verbose)
     with tempfile.TemporaryDirectory(prefix="pecs_", dir=output.absolute().parent) as scratch:
         stop.remove_at_exit(Path(scratch))
@@ -55,7 +55,7 @@ def write(
 
 
 def _encode(folder: Path, pictures: list[str], size: tuple[int, int], fps: float) -> Path:
-    """An .mp4 beside the pictures."""
+    """An .mp4 in the folder of the pictures."""
     scene = bpy.data.scenes.new("video")
     strip = scene.sequence_editor_create().strips.new_image(
         name="pictures", filepath=str(folder / pictures[0]), channel=1, frame_start=1, fit_method="ORIGINAL"
@@ -67,7 +67,7 @@ def _encode(folder: Path, pictures: list[str], size: tuple[int, int], fps: float
     render.resolution_x, render.resolution_y = (max(2, n // 2 * 2) for n in size)
     render.resolution_percentage = 100
     render.fps, render.fps_base = 1000, 1000 / fps
-    scene.view_settings.view_transform = "Standard"  # the picture's own values
+    scene.view_settings.view_transform = "Standard"  # keeps the pictures' values
     if hasattr(render.image_settings, "media_type"):  # Blender 5
         render.image_settings.media_type = "VIDEO"
     render.image_settings.file_format = "FFMPEG"

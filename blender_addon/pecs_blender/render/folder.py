@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene folder (scene_file.py) as the renderer takes it."""
+"""A scene folder (scene_file.py) as a source of renders."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ class FolderScene(Source):
             camera.rotation_euler = [math.radians(a) for a in self.lens.get("rotation_deg", LOOK_ALONG_Y_DEG)]
 
     def radiance_per_unit(self, spectral) -> float:
-        """What gives the scene's illuminance: a small grey card at the target is rendered close up, so light from the
-        walls counts; its irradiance per n_k is smooth over the wavelength and interpolated."""
+        """Scale for the scene's illuminance, measured on a rendered grey card at the target, so light from the walls
+        counts. The card's irradiance per n_k is smooth over wavelength and interpolated."""
         scene, (x, y, z), normal = self.scene, *self._parts.target
         if normal != (0.0, -1.0, 0.0):
             raise bad_input("scene.py", "target", normal, "a normal towards the camera, (0, -1, 0)")
@@ -80,5 +80,5 @@ class FolderScene(Source):
         for thing in (camera, plane):
             bpy.data.objects.remove(thing, do_unlink=True)
         lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), spectral.emitters.norm)
-        # Rounded, so that a job continued on another machine finds the same number.
+        # Rounded, so that a job continued on another machine computes the same number.
         return float(f"{self._parts.illuminance_lux / lux:.4g}")

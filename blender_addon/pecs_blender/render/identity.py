@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What tells instances and polygons apart in a picture: one material for all surfaces, which writes Object Info's
-Random (of each instance another), the polygon's number and the normal into AOVs.
+"""Identifies instances and polygons in a picture: one material for all surfaces writes Object Info's Random (which
+differs between instances), the polygon's number and the normal into AOVs.
 
-The numbers are an attribute that only evaluated meshes of a render's depsgraph get: the file does not have it, and the
-light's materials do not ask for it.
-"""
+The numbers are an attribute of the evaluated meshes in a render's depsgraph; the file and the materials of the light
+are unchanged."""
 
 from __future__ import annotations
 
@@ -16,12 +15,12 @@ import numpy as np
 from . import opacity
 
 INSTANCE, POLYGON, NORMAL, OPENING = "pecs_instance", "pecs_polygon", "pecs_normal", "pecs_opening"
-CLEAR = 1  # an OPENING of materials that are nowhere opaque
-MAX_POLYGONS = 1 << 24  # a float32 holds their numbers
+CLEAR = 1  # OPENING of materials that are nowhere opaque
+MAX_POLYGONS = 1 << 24  # numbers are exact in float32
 
 
 def name_id(name: str) -> int:
-    """Cycles' Random of an object that is no instance (util/hash.h: a string's hash, and Jenkins' lookup3 of it)."""
+    """Cycles' Random of an object that is not an instance (util/hash.h: string hash, then Jenkins' lookup3)."""
     key = 0
     for byte in name.encode():
         key = key * 37 + (byte if byte < 128 else byte - 256)
@@ -35,15 +34,15 @@ def name_id(name: str) -> int:
 
 
 class Identity:
-    """Of all surfaces. It says which instance and polygon is hit, and lets through where the polygon's own material is
-    less than half opaque."""
+    """The material of all surfaces. It writes instance and polygon, and is transparent where the polygon's own material
+    is less than half opaque."""
 
     def __init__(self) -> None:
         self.material = bpy.data.materials.new("pecs surfaces")
         self.material.use_nodes = True
         self.material.node_tree.nodes.clear()
         tree = opacity.Tree(self.material.node_tree)
-        self._numbers: dict[bpy.types.Material, int] = {}  # of those with holes, and of all that are clear
+        self._numbers: dict[bpy.types.Material, int] = {}  # of materials with holes, and of clear ones
         which = self._attribute(OPENING)
         through = tree.math("COMPARE", which, float(CLEAR), 0.5)
         for material in list(bpy.data.materials):
@@ -69,7 +68,7 @@ class Identity:
             nodes.new(f"ShaderNode{kind}")
             for kind in ("BsdfDiffuse", "BsdfTransparent", "MixShader", "OutputMaterial", "ObjectInfo")
         )
-        black.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)  # emission would make every polygon a lamp
+        black.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)  # emission would turn every polygon into a lamp
         for source, target in zip((through, black.outputs[0], hole.outputs[0]), mix.inputs, strict=True):
             links.new(source, target)
         links.new(mix.outputs[0], output.inputs["Surface"])
@@ -89,7 +88,7 @@ class Identity:
 
     @contextmanager
     def on(self, layer: bpy.types.ViewLayer, names: tuple[str, ...] = (INSTANCE, POLYGON)):
-        """Of all surfaces, these passes; then all is as before."""
+        """Applies the material to a view layer and adds these passes; removes both at the end."""
         own, layer.material_override = layer.material_override, self.material
         for name in names:
             aov = layer.aovs.add()
@@ -102,7 +101,7 @@ class Identity:
                 layer.aovs.remove(layer.aovs[name])
 
     def mark(self, thing: bpy.types.Object) -> None:
-        """Numbers the polygons of an evaluated object's mesh, and says which may let through."""
+        """Adds the attributes of polygon numbers and openings to an evaluated object's mesh."""
         mesh = thing.data
         if not isinstance(mesh, bpy.types.Mesh) or not len(mesh.polygons) or POLYGON in mesh.attributes:
             return

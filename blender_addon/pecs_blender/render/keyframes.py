@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""At which of a plan's instants to render, so that motion explains what lies between.
+"""Chooses keyframes so that motion explains the light between them.
 
-From each keyframe on, the longest interval is taken in which no surface that is seen moves further than `step_px` and
-every path is a parabola to within BEND_PX (so the sensor can follow it, docs/reference/exr_stack.md). Both are measured
-on a small picture at five instants of the interval; what is found nowhere at its end says nothing.
+Each interval is the longest one in which no visible surface moves further than `step_px` and every path is a parabola
+to within BEND_PX, which the sensor can follow (docs/reference/exr_stack.md). Both are measured on a small picture at
+five instants of the interval; points without a place at its end are ignored.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from .surfaces import Poses, SurfaceHits, Surfaces
 from .timeline import Timeline
 
 BEND_PX = 0.05
-LONGEST = 256  # steps of the plan; what comes back to where it was must not go unseen
+LONGEST = 256  # grid steps; limits aliasing of periodic motion
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 
 
 class Paths:
-    """What is seen when, for the last few instants."""
+    """Paths of surface points, with cached hits and poses of the last few instants."""
 
     def __init__(self, surfaces: Surfaces, set_time: Callable[[float], None], scale: float):
         self._surfaces, self._set_time, self._scale = surfaces, set_time, scale
@@ -29,7 +29,7 @@ class Paths:
         self._poses: dict[float, Poses] = {}
 
     def path(self, from_s: float, to_s: float) -> tuple[float, float]:
-        """Longest path [px] of a surface between two instants, and how far paths bend away from a parabola [px]."""
+        """Longest path [px] of a surface point between two instants, and largest deviation [px] from a parabola."""
         forward = self._one_way(from_s, to_s)
         backward = self._one_way(to_s, from_s)
         return max(forward[0], backward[0]), max(forward[1], backward[1])
@@ -69,13 +69,13 @@ class Paths:
 
 
 def parabola(middle: np.ndarray, end: np.ndarray, fraction: float) -> np.ndarray:
-    """Displacement at a fraction of the interval, of those in its middle and at its end."""
+    """Displacement at a fraction of the interval, from those in its middle and at its end."""
     return middle * (4 * fraction * (1 - fraction)) + end * (fraction * (2 * fraction - 1))
 
 
 def choose(plan: Timeline, motion: Paths, step_px: float) -> list[int]:
-    """Indices of the plan's instants, the first and the last among them (with a period, the last interval ends at its
-    end)."""
+    """Indices of the keyframes. They include the first and the last instant; with a period, the last interval ends at
+    its end."""
     grid_s = [t * 1e-9 for t in plan.bounds_ns]
     last = len(grid_s) - 1
     keys, guess = [0], 1
@@ -90,7 +90,7 @@ def choose(plan: Timeline, motion: Paths, step_px: float) -> list[int]:
 
 
 def _longest(guess: int, motion: Paths, ends_s: list[float], step_px: float) -> int:
-    """Steps from the first of these instants whose paths fit, to about a tenth; 1 at least."""
+    """Length of the longest interval whose paths fit, in steps and to about 10 %; at least 1."""
     most = len(ends_s) - 1
     fits, fails, steps = 0, most + 1, max(1, min(guess, most))
     while True:

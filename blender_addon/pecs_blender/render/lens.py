@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The lens of a job: its cameras, one per pass, and what is known of their rays.
+"""The lens of a render: one camera per pass, and the normalisation of their light.
 
 Film irradiance is a ratio estimate. Cycles averages w L over the rays of a pixel, where the lens's weights w scatter
 (lost rays, one band per ray). Their average over the very same rays is known from a white furnace rendered once per
@@ -25,7 +25,7 @@ from .source import Source
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens as this job uses it: lengths for pecs.Lens."""
+    """A lens with its settings and film, as arguments of pecs.Lens."""
 
     lens: pecs.Lens
     setting: dict  # focus and stop
@@ -36,7 +36,7 @@ class Lens:
 
     @property
     def film(self) -> dict:
-        """Shift and tilt by their names in options and stack.json."""
+        """Shift and tilt, named as in stack.json."""
         named = (("film_shift_{}_mm", self.shift_mm), ("film_tilt_{}_deg", self.tilt_deg))
         return {name.format(axis): v for name, values in named for axis, v in zip("xy", values, strict=True)}
 
@@ -47,7 +47,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class Pass:
-    """One RGB render: which bands, at which three wavelengths, by which camera; a lens blurs each band's picture."""
+    """One RGB render of up to three bands with one camera. blurs: diffraction of each band's picture."""
 
     bands: slice
     rgb_nm: np.ndarray
@@ -59,8 +59,8 @@ class Pass:
 class LensCameras:
     passes: tuple[Pass, ...]
     e0: np.ndarray  # film irradiance per radiance and band
-    record: dict  # what stack.json says
-    rays_per_sample: int  # so that every band gets its samples
+    record: dict  # for stack.json
+    rays_per_sample: int  # 3 if each ray carries one band
 
 
 def choose(source: Source, view: View) -> Lens | None:
@@ -95,7 +95,7 @@ def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
 
 
 def rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:
-    """A short pass repeats its last wavelength."""
+    """Wavelengths of the three channels; a pass of fewer bands repeats its last."""
     return np.pad(lambda_nm, (0, 3 - len(lambda_nm)), mode="edge")
 
 
@@ -143,12 +143,12 @@ def cameras(
 def even_out(
     lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: Sampling
 ) -> np.ndarray:
-    """RI / <w> for each band and pixel, see above; infinite where no ray gets through the lens."""
+    """RI / <w> for each band and pixel, see above; infinite where no ray passes the lens."""
     (width, height), pitch_mm = size, lens.pixel_pitch_mm
     scene = cycles.white_furnace()
     cycles.configure(scene, width, height, sampling)
     gain = np.empty((len(lambda_nm), height, width))
-    x_mm = lens.shift_mm[0] - (np.arange(width) + 0.5 - width / 2) * pitch_mm  # the picture is upside down
+    x_mm = lens.shift_mm[0] - (np.arange(width) + 0.5 - width / 2) * pitch_mm  # the image is upside down
     y_mm = lens.shift_mm[1] + (np.arange(height) + 0.5 - height / 2) * pitch_mm
     radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     film = cycles.Film(scene)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on meshes that deform: where a point of a polygon is when the mesh's vertices have moved."""
+"""Points on deforming meshes: the place of a polygon's point after the mesh's vertices have moved."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from weakref import WeakValueDictionary
 import bpy
 import numpy as np
 
-MAX_TRIANGLES = 64  # of a polygon in which a point is looked for
+MAX_TRIANGLES = 64  # of a polygon that is searched for a point
 
 
 class Topology:
-    """How vertices make triangles: triangles [t, 3], those of polygon p from first[p] to first[p + 1]. They are read
-    when a second mesh of the same corners comes: most meshes never deform."""
+    """triangles: [t, 3] vertex indices, those of polygon p from first[p] to first[p + 1]. Read only for a second mesh
+    with the same corners, since most meshes never deform."""
 
     triangles: np.ndarray | None = None
     first: np.ndarray
@@ -32,14 +32,14 @@ class Topology:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """vertices: [v, 3] float32, local. topology: of a mesh."""
+    """vertices: [v, 3] float32, local. topology: of meshes only."""
 
     vertices: np.ndarray
     topology: Topology | None
 
 
 class Geometries:
-    """The same Geometry for the same points, as long as somebody keeps it."""
+    """Returns the same Geometry for the same points while it is referenced elsewhere."""
 
     def __init__(self):
         self._geometries: WeakValueDictionary[tuple, Geometry] = WeakValueDictionary()
@@ -79,20 +79,20 @@ def _digest(values: np.ndarray) -> bytes:
 
 
 def carried(before: Geometry, after: Geometry, polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """points [3, n] in polygons [n] (-1: not known) of `before`, in `after`; NaN where the two do not correspond. A
-    point off its triangle (of a surface that Cycles subdivides) stays as far off."""
+    """Moves points [3, n] in polygons [n] (-1: unknown) of `before` to `after`; NaN where the two do not correspond. A
+    point off its triangle (on a surface that Cycles subdivides) keeps its distance."""
     topology, out = before.topology, np.full(points.shape, np.nan)
     if topology is None or topology is not after.topology or topology.triangles is None:
         return out
     first, count = topology.first[polygon], topology.first[polygon + 1] - topology.first[polygon]
     usable = (polygon >= 0) & (count <= MAX_TRIANGLES)
-    inside = np.full(len(polygon), -np.inf)  # the least barycentric coordinate, not negative in a point's own triangle
+    inside = np.full(len(polygon), -np.inf)  # smallest barycentric coordinate, >= 0 in the point's own triangle
     for k in range(count[usable].max(initial=0)):
         these = np.flatnonzero(usable & (count > k) & (inside < 0))
         triangle = topology.triangles[first[these] + k]
         u, v, rest = _in_triangle(_corners(before.vertices, triangle), points[:, these])
         least = np.minimum(np.minimum(u, v), 1 - u - v)
-        better = least > inside[these]  # not where it is NaN, in a triangle without area
+        better = least > inside[these]  # False for NaN, in a triangle without area
         these = these[better]
         inside[these] = least[better]
         a, ab, ac = _corners(after.vertices, triangle[better])
@@ -101,13 +101,13 @@ def carried(before: Geometry, after: Geometry, polygon: np.ndarray, points: np.n
 
 
 def _corners(vertices: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A corner of triangles [n, 3], and the two edges from it: [3, n] each."""
+    """A corner of each triangle [n, 3], and the two edges from it: [3, n] each."""
     a, b, c = (vertices[corner].T.astype(float) for corner in triangle.T)
     return a, b - a, c - a
 
 
 def _in_triangle(corners: tuple, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights of the second and third corner, and what leads from the plane to the point."""
+    """Weights of the second and third corner, and the offset of the point from the plane."""
     a, ab, ac = corners
     p = points - a
     bb, bc, cc, pb, pc = (np.einsum("in,in->n", *pair) for pair in ((ab, ab), (ab, ac), (ac, ac), (p, ab), (p, ac)))

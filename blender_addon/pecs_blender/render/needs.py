@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the open .blend needs beside itself: files, and Python to run."""
+"""Files and Python that the open .blend requires."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import bpy
 
 
 def python_drivers() -> Iterator[str]:
-    """Those beyond Blender's simple expressions."""
+    """Drivers beyond Blender's simple expressions."""
     for block in _all_ids():
         for holder in (block, getattr(block, "node_tree", None), getattr(block, "shape_keys", None)):
             for curve in getattr(getattr(holder, "animation_data", None), "drivers", ()):
                 driver = curve.driver
                 if driver.type == "SCRIPTED" and not driver.is_simple_expression:
-                    yield f"{block.name}: {curve.data_path}: got a Python driver {driver.expression!r}"
+                    yield f"{block.name}: {curve.data_path}: Python driver {driver.expression!r}"
 
 
 def missing_files() -> Iterator[str]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How opaque a material is: a number, or what a node tree of ours computes as the material's own does.
+"""Opacity of a material: a number, or an output of a node tree that computes it like the material's own.
 
-Only what decides the opacity is copied: textures of holes and what leads to them, none of the closures. A closure that
-is not named below is opaque, and so is a group of closures.
+Only nodes that determine the opacity are copied (textures of holes and their inputs), not the closures. Closures that
+are not listed below are opaque, and so is a group of closures.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NOT_COPIED = {
 
 
 def surface(material: bpy.types.Material) -> bpy.types.NodeSocket | float:
-    """What is linked to its output; 0 where nothing but a volume is, 1 where there are no nodes."""
+    """The surface input of its output node; 0 with only a volume, 1 without nodes."""
     if not (material.use_nodes and material.node_tree):
         return 1.0
     output = material.node_tree.get_output_node("CYCLES") or material.node_tree.get_output_node("ALL")
@@ -40,7 +40,7 @@ def surface(material: bpy.types.Material) -> bpy.types.NodeSocket | float:
 
 
 class Tree:
-    """A node tree in which opacities are computed."""
+    """A node tree to which the computation of opacities is added."""
 
     def __init__(self, tree: bpy.types.NodeTree):
         self._tree, self._copies = tree, {}
@@ -64,7 +64,7 @@ class Tree:
         return 1.0
 
     def math(self, operation: str, *values: Value) -> Value:
-        """Of numbers a number."""
+        """A Math node; of numbers, a number."""
         if all(isinstance(value, float) for value in values):
             return NUMBERS[operation](*values)
         node = self._tree.nodes.new("ShaderNodeMath")
@@ -77,12 +77,12 @@ class Tree:
         return node.outputs[0]
 
     def _value(self, socket: bpy.types.NodeSocket) -> Value:
-        """Of an input in a material."""
+        """Value of an input in a material."""
         source = _source(socket)
         return self._copy(source) if source else float(socket.default_value)
 
     def _copy(self, output: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-        """The same output of a copy of its node, with all that leads to it."""
+        """The same output on a copy of its node and all nodes before it."""
         node = output.node
         if node not in self._copies:
             copy = self._copies[node] = self._tree.nodes.new(node.bl_idname)
@@ -113,7 +113,7 @@ def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
 
 
 def _assign(to: Any, of: Any) -> None:
-    """All properties, those of curves and ramps within too."""
+    """Copies all properties, also of curves and ramps."""
     for p in of.bl_rna.properties:
         if p.identifier in NOT_COPIED:
             continue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of other .blend files, placed into a scene: `--place FILE` (docs/reference/render.md)."""
+"""Objects of other .blend files that `--place FILE` adds to a scene (docs/reference/render.md)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pecs._config import Fields, read_json
 from pecs._errors import PecsNotFoundError, bad_input
 
 FILES = ("file", "texture")
-KINDS = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
+TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
 
 
 class Placed:
-    """The things of a file, in the scene; pose() moves them to an instant. record: for stack.json, files by
-    their names."""
+    """The objects of a placement file in the scene; pose() moves them to an instant. record: for stack.json, with the
+    files' names only."""
 
     def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float):
         content = read_json(file)
@@ -39,7 +39,7 @@ class Placed:
 
 
 class _Thing:
-    """One file's objects under an empty whose origin is the middle of their box, scaled to a largest extent of 1."""
+    """The objects of one .blend under an empty at the centre of their box, scaled to a largest extent of 1."""
 
     def __init__(self, entry: Fields, scene: bpy.types.Scene):
         name, file = entry.text("name"), Path(entry.text("file"))
@@ -52,7 +52,7 @@ class _Thing:
         kind = entry.text("class")
         entry.done()
         collection = bpy.data.collections.new(name)
-        collection["pecs_class"], collection["pecs_object"] = kind, name  # one object, whatever its parts
+        collection["pecs_class"], collection["pecs_object"] = kind, name  # its parts are one object
         scene.collection.children.link(collection)
         objects = _loaded(file, collection)
         if texture:
@@ -85,7 +85,7 @@ def _loaded(file: Path, collection: bpy.types.Collection) -> list[bpy.types.Obje
             here.objects = list(there.objects)
     except OSError as e:
         raise bad_input(file, "", str(e).strip().splitlines()[-1], "a .blend file") from None
-    objects = [thing for thing in here.objects if thing is not None and thing.type in KINDS]
+    objects = [thing for thing in here.objects if thing is not None and thing.type in TYPES]
     for thing in objects:
         thing.animation_data_clear()
         collection.objects.link(thing)
@@ -103,7 +103,7 @@ def _box(objects: list[bpy.types.Object], file: Path) -> tuple[Vector, Vector]:
 
 
 def _dress(objects: list[bpy.types.Object], texture: Path, file: Path) -> None:
-    """One material for all: the picture by their UV maps."""
+    """Gives all meshes one material: the texture on their UV maps."""
     if not texture.is_file():
         raise PecsNotFoundError(f"{texture}: no such file")
     material = bpy.data.materials.new(texture.stem)
@@ -121,6 +121,6 @@ def _dress(objects: list[bpy.types.Object], texture: Path, file: Path) -> None:
         if thing.type != "MESH":
             continue
         if not thing.data.uv_layers:
-            raise bad_input(file, f"object {thing.name}", "no UV map", "one: textures need it")
+            raise bad_input(file, f"object {thing.name}", "no UV map", "one for the texture")
         thing.data.materials.clear()
         thing.data.materials.append(material)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How bright a scene is: a small render of its first instant by its own camera says what light falls on the surfaces
-in view, and what a chip makes of it.
+"""Measures the light of a scene: a small render of the first instant with the scene's own camera gives the illuminance
+of the surfaces in view, and a chip's photocurrent.
 
 Cycles' diffuse light, direct and indirect, is the radiance of a perfectly white surface there: E = pi L (Lambert). So
 every pixel whose surface scatters light is a light meter. The photocurrent is that of the radiance seen: through a lens

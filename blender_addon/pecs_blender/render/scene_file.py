@@ -18,7 +18,7 @@ from .spectra import Spectrum, spectrum
 
 @dataclass(frozen=True)
 class Declaration:
-    """A parameter as scene.json has it; a spectral one may also be text that names a spectrum."""
+    """A parameter in scene.json; the value of a spectral one may be text that names a spectrum."""
 
     value: float | str
     unit: str
@@ -34,14 +34,14 @@ class Declaration:
 
 
 class _Parameters(dict):
-    """What build() gets: a parameter that scene.json lacks is its fault."""
+    """Parameters for build(); a missing one is an error in scene.json."""
 
     def __init__(self, file: Path, values: dict[str, Any]):
         super().__init__(values)
         self._file = file
 
     def __missing__(self, key: str):
-        raise bad_input(self._file, f"parameters.{key}", "nothing", "a parameter that scene.py asks for")
+        raise bad_input(self._file, f"parameters.{key}", "nothing", "a parameter that scene.py uses")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SceneFile:
         return self.folder.name
 
     def build(self):
-        """Runs scene.py's build() with spectra loaded."""
+        """Runs build() of scene.py with spectra loaded."""
         path = self.folder / "scene.py"
         if not path.is_file():
             raise PecsNotFoundError(f"{path}: no such file")
@@ -138,7 +138,7 @@ def _declarations(parameters: Fields) -> dict[str, Declaration]:
 
 
 def _aligned(path: Path, scene: str, declared: dict[str, Declaration]) -> tuple[list[float], dict[str, Any]]:
-    """Rotation of the camera, and parameters, of an aligned.json of `pecs align`."""
+    """Camera rotation and parameters of an aligned.json of `pecs align`."""
     aligned = Fields(read_json(path), path)
     if aligned.has("pecs_aligned"):
         aligned.number("pecs_aligned", low=1, high=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stacks rendered in parts, joined."""
+"""Merges stacks that were rendered in parts."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .timeline import Timeline
 
 
 def merge(shards: list[Path], output: Path) -> None:
-    """Writes the stack of all the shards' instants, in every layer. Shards differ in times_ns and in the frames they
-    have; a frame file is a hard link where that is possible. An interval of the whole must be one of a shard."""
+    """Writes the stack of all instants of the shards, in every layer. Shards differ in times_ns and in the frames they
+    contain; frame files are hard links if possible. Each interval of the merged stack must be one of a shard."""
     stacks = [_Shard(shard) for shard in shards]
     whole = {**stacks[0].json, "times_ns": sorted({t for stack in stacks for t in stack.times_ns})}
     for stack in stacks:
         for key in whole.keys() | stack.json.keys():
             if key != "times_ns" and whole.get(key) != stack.json.get(key):
-                raise bad_input(stack.folder / "stack.json", key, "something else", f"what {shards[0]} says")
+                raise bad_input(stack.folder / "stack.json", key, "another value", f"that of {shards[0]}")
     found = {layer: {} for layer in stacks[0].patterns}
     for stack in stacks:
         for layer, files in found.items():
@@ -72,20 +72,20 @@ class _Shard:
                 self._per_interval.add(layer.text("name"))
 
     def places(self, layer: str, times_ns: list[int]) -> list[tuple[int, ...]]:
-        """What a layer's files belong to, in their order: an instant [ns], or the two of an interval."""
+        """Instant [ns] or interval of each file of a layer, in their order."""
         return self.intervals(times_ns) if layer in self._per_interval else [(t,) for t in times_ns]
 
     def intervals(self, times_ns: list[int]) -> list[tuple[int, int]]:
         return list(pairwise(Timeline(times_ns, self._period_ns).bounds_ns))
 
     def between(self) -> Iterator[tuple[tuple[int, int], str, Path]]:
-        """Pictures within intervals (docs/reference/exr_stack.md): interval, number and file."""
+        """Pictures between instants (docs/reference/exr_stack.md): interval, number and file."""
         for i, place in enumerate(self.intervals(self.times_ns)):
             for path in sorted(self.folder.glob(f"between_{i:06d}_*.exr")):
                 yield place, path.stem.rsplit("_", 1)[1], path
 
     def files(self, layer: str) -> dict[tuple[int, ...], Path]:
-        """By what they belong to."""
+        """Existing files by instant or interval."""
         paths = ((p, self.folder / (self.patterns[layer] % i)) for i, p in enumerate(self.places(layer, self.times_ns)))
         beside = layer == objects_json.LAYER
         return {p: path for p, path in paths if path.is_file() and (not beside or path.with_suffix(".json").is_file())}

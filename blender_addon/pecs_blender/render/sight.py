@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which ray belongs to a pixel's centre, and where on the film a point of the scene falls.
+"""Rays through the pixels' centres, and the projection of scene points onto the film.
 
-Cycles takes Position from the first sample, which goes through the pixel's centre, whatever the filter. A lens's camera
-would send it anywhere through the pupil; so another camera sends each pixel's chief ray from the pupil's centre, in the
-direction that the prescription says (pecs.Lens.directions); pecs.Lens.pixels is its inverse. Without a lens it is the
-scene's own camera with all in focus.
+Cycles' Position pass is of the first sample, which goes through the pixel's centre, whatever the filter. A lens camera
+would send that ray anywhere through the pupil; so another camera sends each pixel's chief ray from the pupil's centre,
+in the prescription's direction (pecs.Lens.directions, with the inverse pecs.Lens.pixels). Without a lens, it is the
+scene's own camera without depth of field.
 
-Camera axes are those of pecs.Lens: x right, y down, z forward, in the scene's unit. Film coordinates are pixels; the
-first one has its centre at (0.5, 0.5).
+Camera axes are those of pecs.Lens: x right, y down, z forward, in the scene's unit. Film coordinates are in pixels; the
+centre of the first pixel is (0.5, 0.5).
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ shader chief_rays(output point position = 0, output vector direction = 0, output
   direction = vector(d[0], d[1], d[2]);
 }}
 """
-NEAR_FIELD = 0.98  # of the lens's field: from there on its image map is continued on a straight line
+NEAR_FIELD = 0.98  # of the lens's field; the slope from here to the edge extrapolates the image map beyond it
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera at one instant. camera_from_world: [4, 4]. clip_from_camera: [4, 4] of Blender's perspective and
-    orthographic cameras, else None; lens: whether its rays are the lens's."""
+    """A camera at one instant. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for cameras that are neither
+    perspective nor orthographic. lens: whether the rays are a lens's."""
 
     camera_from_world: np.ndarray
     clip_from_camera: np.ndarray | None
     lens: bool
 
     def same(self, other: View) -> bool:
-        """Bit by bit; a projection that is not known is never the same."""
+        """Whether both are bit-identical; an unknown projection never is."""
         if not np.array_equal(self.camera_from_world, other.camera_from_world):
             return False
         if self.lens or other.lens:
@@ -51,7 +51,7 @@ class View:
 
 
 class Sight:
-    """name: of its camera and files. size: of the picture, the stage's or a smaller one."""
+    """name: of the camera and its files. size: of the picture, by default the stage's."""
 
     def __init__(self, stage: Stage, name: str, size: tuple[int, int] | None = None):
         self._stage, self.size = stage, size or stage.size
@@ -60,9 +60,9 @@ class Sight:
         if stage.lens:
             self._directions = self._lens_directions()
             self._field = self._lens_field()
-            seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; no chief ray, no surface
+            seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; without a chief ray, no surface
             path = stage.scratch / f"{name}.exr"
-            # Twice, the second one upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
+            # The picture twice, the second upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
             both = np.concatenate([seen, seen[::-1]])
             cycles.save_picture(both.astype(np.float32), path, stage.source.scene)
             self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), stage.scratch)
@@ -72,13 +72,14 @@ class Sight:
             bpy.context.view_layer.update()  # a scene folder's camera may just have been made
 
     def camera(self) -> bpy.types.Object:
-        """Where the scene's camera is now."""
+        """The camera, moved to the scene's camera."""
         source = self._stage.source
         if self._stage.lens:
             source.place([self._camera])
         else:
             own = source.scene.camera
-            if self._camera.data != (sharp := self._sharp_copy(own.data)):  # else Blender would look at everything anew
+            sharp = self._sharp_copy(own.data)
+            if self._camera.data != sharp:  # assigning the same data would re-evaluate the scene
                 self._camera.data = sharp
             self._camera.matrix_world = own.matrix_world
         return self._camera
@@ -88,7 +89,7 @@ class Sight:
             self._sharp[own] = own.copy()
             self._sharp[own].animation_data_clear()
         sharp = self._sharp[own]
-        for p in own.bl_rna.properties:  # animated ones: as they are now
+        for p in own.bl_rna.properties:  # at the current time
             if p.type in ("INT", "FLOAT", "ENUM") and not (p.is_readonly or getattr(p, "is_array", False)):
                 if getattr(sharp, p.identifier) != (value := getattr(own, p.identifier)):
                     setattr(sharp, p.identifier, value)
@@ -96,7 +97,7 @@ class Sight:
         return sharp
 
     def view(self, depsgraph: bpy.types.Depsgraph) -> View:
-        """Of the camera as a render's depsgraph has it."""
+        """The camera as evaluated in a render's depsgraph."""
         camera, lens = self._camera.evaluated_get(depsgraph), self._stage.lens is not None
         world = np.array(camera.matrix_world, float)
         world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
@@ -117,7 +118,7 @@ class Sight:
         return seen
 
     def rays(self, view: View) -> tuple[np.ndarray, np.ndarray] | None:
-        """x and y of a pixel's ray at z = 0, and per z: [2, height, width] each, or None where they are not known."""
+        """x and y of each pixel's ray at z = 0, and their slope in z: [2, height, width] each; None if unknown."""
         if view.lens:
             x, y, z = np.moveaxis(self._directions, -1, 0)
             return np.zeros((2, *z.shape)), np.stack([x, y]) / z
@@ -136,8 +137,8 @@ class Sight:
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
 
     def film(self, view: View, points: np.ndarray, infinite: np.ndarray) -> np.ndarray:
-        """Pixels [2, n] of points [3, n] in camera axes, directions where they are infinite [n]; NaN for what cannot be
-        there."""
+        """Pixels [2, n] of points [3, n] in camera axes, which are directions where `infinite` [n] is set; NaN for
+        points that have no image."""
         if view.lens:
             return self._lens_pixels(points)
         if view.clip_from_camera is None:
@@ -169,7 +170,7 @@ class Sight:
         return self._stage.lens.lens.directions(pixels, **self._setting())
 
     def _lens_field(self) -> float:
-        """The tangent of the angle up to which the lens's image map is known in all directions."""
+        """Tangent of the field angle up to which the lens's image map is defined in all directions."""
         azimuth = np.arange(8) * np.pi / 4
         low, high = 0.0, 100.0
         for _ in range(30):
@@ -180,7 +181,7 @@ class Sight:
         return low * (1 - 1e-6)
 
     def _lens_pixels(self, points: np.ndarray) -> np.ndarray:
-        """A point that leaves the field goes straight on."""
+        """Extrapolates linearly beyond the field."""
         if not points.size:
             return np.empty((2, 0))
         x, y, z = points

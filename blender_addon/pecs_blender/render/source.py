@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the renderer asks of a scene, wherever it comes from."""
+"""The interface between a scene and the renderer."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Ble
 
 
 class Source(ABC):
-    """scene: the Blender scene, as Cycles shall render it. unit_m: metres per unit of its coordinates. lens: `lens` (a
-    name or "none"), `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: what stack.json says
-    of it. folder: where files that it names lie. path: what the camera follows instead of its own motion. placed:
-    objects of other files. fnumber: of the scene's own camera at t = 0, for what senses its radiance."""
+    """scene: the Blender scene to render. unit_m: metres per unit of its coordinates. lens: `lens` (a name or "none"),
+    `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: for stack.json. folder: of files with
+    relative paths. path: replaces the camera's own motion. placed: objects of other files. fnumber: of the scene's own
+    camera at t = 0."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -31,13 +31,13 @@ class Source(ABC):
     record: dict[str, Any]
     period_s: float | None = None
     unit_m: float = 1.0
-    duration_s: float | None = None  # what `--frames all` covers
+    duration_s: float | None = None  # of `--frames all`
     path: CameraPath | None = None
     placed: Placed | None = None
     fnumber: float | None = None
 
     def follow(self, path: CameraPath) -> None:
-        """From the next set_time on."""
+        """Moves the camera along a path, from the next set_time on."""
         self.path = path
 
     def on_path(self, t_s: float) -> mathutils.Matrix:
@@ -52,11 +52,11 @@ class Source(ABC):
 
     @abstractmethod
     def camera(self, focal_mm: float, film_width_mm: float) -> bpy.types.Object:
-        """Without a lens: the camera to render with."""
+        """The camera of renders without a lens."""
 
     @abstractmethod
     def place(self, cameras: list[bpy.types.Object]) -> None:
-        """Puts lens cameras where the scene's camera is now."""
+        """Moves lens cameras to the scene's camera."""
 
     @abstractmethod
     def radiance_per_unit(self, spectral) -> float:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes an open scene spectral: in each pass every colour that reaches a shader becomes its value at the pass's three
-wavelengths (docs/reference/render.md has the table, node by node).
+"""Makes an open scene spectral: in each pass, every colour input of a shader is replaced by its values at the pass's
+three wavelengths (docs/reference/render.md lists all nodes).
 
-Colours are computed in RGB as the file says; the 3x3 matrix of the pass stands just before the shader's socket. An
-unlinked socket gets its value times the matrix, a linked one a node group between. Custom properties name spectra:
+Colours are computed in RGB as in the file, and multiplied by the pass's 3x3 matrix at the shader's input: an unlinked
+socket gets its value times the matrix, a linked one gets a node group in between. Custom properties name spectra:
 `pecs_reflectance` (material), `pecs_emission` (material), `pecs_spectrum` (lamp, world), `pecs_glass` (material: a
 glass of lens_data/glasses, or an Abbe number).
 
-Only this process's copy changes: nothing here is ever saved.
+Only this process's copy changes; it is never saved.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .emitters import LUMINANCE, Emitters, band_matrix
 from .glass import Glass, glass
 from .spectra import Spectrum, spectrum
 
-# Sockets that emit; all other colours of shaders reflect, transmit or absorb.
+# Sockets that emit; all others reflect, transmit or absorb.
 EMISSION = {
     ("ShaderNodeEmission", "Color"),
     ("ShaderNodeBackground", "Color"),
@@ -30,9 +30,9 @@ EMISSION = {
     ("ShaderNodeVolumePrincipled", "Emission Color"),
     ("ShaderNodeVolumeCoefficients", "Emission Coefficients"),
 }
-# What a measured reflectance replaces; tints, coats and the like keep their colour.
+# Sockets that a measured reflectance replaces; tints and coats keep their colour.
 BASE_COLOUR = ("Color", "Base Color")
-# Vectors whose components belong to red, green, blue: between those wavelengths the matrix interpolates.
+# Vectors with one component each for red, green and blue; the matrix interpolates between them.
 PER_CHANNEL = {
     ("ShaderNodeBsdfPrincipled", "Subsurface Radius"),
     ("ShaderNodeSubsurfaceScattering", "Radius"),
@@ -48,8 +48,8 @@ REFRACTIVE = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdf
 
 @dataclass(frozen=True)
 class ColourRole:
-    """What a colour does: reflects (no emitter) or emits with a spectrum; `reflectance` replaces the colour by a
-    measured one, `named` keeps only its luminance (the spectrum says the rest)."""
+    """Meaning of a colour: it reflects (no emitter) or emits with a spectrum. `reflectance` replaces the colour by a
+    measured one; `named` keeps only its luminance, the spectrum is the emitter's."""
 
     emitter: float | str | None = None
     named: bool = False
@@ -63,7 +63,7 @@ class ColourRole:
 
 @dataclass
 class _Constant:
-    """A colour that is a property: `base` as the file has it (now, if animated)."""
+    """A colour property. base: its value in the file, at the current time if animated."""
 
     owner: object
     key: str
@@ -80,9 +80,9 @@ class _Constant:
 
 
 class SpectralScene:
-    """The rewriting of everything in bpy.data. `illuminant`: the spectrum of whatever emits RGB without naming one.
-    `folder`: where a CSV that is not absolute lies. `unit_m`: metres per unit of its coordinates: light that falls with
-    the distance falls with its square. `matrix`: of colours, at the three wavelengths of a pass."""
+    """Rewrites all materials, lamps and worlds of bpy.data. illuminant: spectrum of emitters that name none. folder: of
+    relative CSV paths. unit_m: metres per unit of coordinates; the power of lamps in watts scales with its square.
+    matrix: from RGB colours to values at the three wavelengths of a pass."""
 
     def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix=band_matrix):
         self.emitters = Emitters(illuminant)
@@ -98,7 +98,7 @@ class SpectralScene:
             self._light(light)
         for world in bpy.data.worlds:
             self._world(world)
-        for group in groups:  # last: the others copy groups as the file has them
+        for group in groups:  # last: materials copy groups before they change
             self._tree(group, _Named(group))
         if not self.emitters.spectra:
             self.emitters.add(illuminant)
@@ -106,7 +106,7 @@ class SpectralScene:
     # Per instant and per pass
 
     def before_instant(self) -> None:
-        """Lets animation set the file's own colours; then `after_instant` takes them over."""
+        """Enables the animation of colours; `after_instant` reads them and disables it."""
         for constant in self._constants:
             for mover in constant.movers:
                 mover.mute = False
@@ -119,7 +119,7 @@ class SpectralScene:
                     mover.mute = True
 
     def set_pass(self, rgb_nm: np.ndarray) -> None:
-        """rgb_nm: the wavelengths of the red, green and blue channel."""
+        """rgb_nm: wavelengths of the red, green and blue channels."""
         of_colours, matrices = self._matrix(rgb_nm), {}
         for constant in self._constants:
             role = constant.role
@@ -160,7 +160,7 @@ class SpectralScene:
                     _unlink(light.node_tree, socket)
                     socket.default_value = (1.0, 1.0, 1.0, 1.0)
                     role = ColourRole(self._emitter(spectrum(source)))
-        # The sun's strength is per area, all others' is in watts.
+        # A sun's strength is per area, that of other lamps in watts.
         strength = 1.0 if light.type == "SUN" else self._unit_m**-2
         self._constant(light, "color", light, replace(role, strength=strength))
         if light.use_nodes and light.node_tree:  # filters in front of the lamp's own spectrum
@@ -176,7 +176,7 @@ class SpectralScene:
     def _tree(self, tree, named: _Named) -> None:
         for node in list(tree.nodes):
             if node.bl_idname == "ShaderNodeGroup":
-                if named.differs and node.node_tree:  # the closures inside follow this ID's spectra
+                if named.differs and node.node_tree:  # closures inside have this ID's spectra
                     node.node_tree = node.node_tree.copy()
                     self._tree(node.node_tree, named)
             elif any(o.type == "SHADER" for o in node.outputs):
@@ -215,7 +215,7 @@ class SpectralScene:
         self._insert(tree, link, role)
 
     def _bare_colours(self, tree, node, named) -> None:
-        """A colour plugged straight into a shader socket shines."""
+        """A colour linked to a shader socket emits."""
         for socket in node.inputs:
             if socket.type == "SHADER":
                 for link in socket.links:
@@ -254,7 +254,7 @@ class SpectralScene:
 
     @staticmethod
     def _animation(id_block, path) -> list:
-        """What moves a property, each with a `mute`: drivers, curves, and tracks of strips."""
+        """Drivers, curves and NLA tracks that animate a property; each has `mute`."""
         animation = id_block.animation_data
         if not animation:
             return []
@@ -269,7 +269,7 @@ class SpectralScene:
         if value is None:
             return None
         if not isinstance(value, (str, int, float)):
-            raise bad_input(owner.name, key, value, "a number, a CSV file or a name of the spectral library")
+            raise bad_input(owner.name, key, value, "a number, a CSV file or a name in lens_data/spectra")
         if isinstance(value, str) and value.startswith("//"):
             value = bpy.path.abspath(value, library=owner.library)
         try:
@@ -285,7 +285,7 @@ class SpectralScene:
 
 @dataclass(frozen=True)
 class _Named:
-    """The spectra that an ID names for its tree; `filters`: a lamp's tree, whose light has its spectrum already."""
+    """Spectra that an ID names for its node tree. filters: the tree of a lamp, whose light has its spectrum already."""
 
     owner: object
     reflectance: Spectrum | None = None
@@ -299,7 +299,7 @@ class _Named:
 
 
 def beyond_reach(node, owner: str) -> list[str]:
-    """What the matrix cannot reach in a shader node."""
+    """Parts of a shader node that are not made spectral."""
     kinds = []
     if node.bl_idname == "ShaderNodeVolumePrincipled":
         blackbody = node.inputs["Blackbody Intensity"]
@@ -310,7 +310,7 @@ def beyond_reach(node, owner: str) -> list[str]:
     film = node.inputs.get("Thin Film Thickness")
     if film and (film.default_value > 0 or film.is_linked):
         kinds.append("thin film")
-    return [f"{owner}: {node.name}: {kind}: RGB taken as bands" for kind in kinds]
+    return [f"{owner}: {node.name}: {kind}: RGB used as bands" for kind in kinds]
 
 
 def _unlink(tree, socket) -> None:
@@ -322,11 +322,11 @@ def _blackbody(node) -> str | None:
     """A blackbody node of constant temperature, as a spectrum's name."""
     if node.bl_idname != "ShaderNodeBlackbody" or node.inputs[0].is_linked:
         return None
-    return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range it has in Cycles
+    return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range of Cycles
 
 
 def _slot_curves(action, slot) -> list:
-    """An action moves several things, each by its own slot; `action.fcurves` are those of the first."""
+    """Curves of one slot; `action.fcurves` are those of the first slot only."""
     if not action or not slot:
         return []
     bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips)

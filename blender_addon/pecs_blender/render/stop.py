@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""SIGINT and SIGTERM. A handler that raised would raise inside Cycles' callbacks, where Blender swallows it or hangs in
-its own exit; so a signal only sets a flag, which the render looks at between passes. What takes longer than GRACE_S, or
-a second signal, ends the process from a thread of its own."""
+"""SIGINT and SIGTERM. An exception from a handler would rise in Cycles' callbacks, where Blender swallows it or hangs
+at exit; so a signal only sets a flag that the render checks between passes. After GRACE_S or at a second signal, a
+thread ends the process."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ import threading
 from pathlib import Path
 from typing import NoReturn
 
-GRACE_S = 2.0  # for the pass in hand
+GRACE_S = 2.0  # for the current pass
 
 _signal: int | None = None
 _to_remove: list[Path] = []
 
 
 class Stopped(Exception):
-    """Between passes: a signal has come."""
+    """Raised between passes after a signal."""
 
 
 def install() -> None:
-    """In the main thread, before Blender is loaded."""
-    stderr = os.dup(2)  # Blender's own is sent away at times
+    """Call in the main thread, before Blender is loaded."""
+    stderr = os.dup(2)  # 2 is redirected at times
     signals, waker = os.pipe()
     os.set_blocking(waker, False)
     signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
@@ -59,7 +59,7 @@ def remove_at_exit(folder: Path) -> None:
 
 
 def clean_up() -> None:
-    """What this process keeps outside its output; Blender's own exit may hang, or print of memory it kept."""
+    """Removes temporary folders, also Blender's, whose exit may hang and is skipped."""
     if "bpy" in sys.modules:
         _to_remove.append(Path(sys.modules["bpy"].app.tempdir))
     while _to_remove:
@@ -70,7 +70,7 @@ _leaving = threading.Lock()
 
 
 def leave(stderr: int = 2) -> NoReturn:
-    """Ends a stopped process, from whichever thread comes first."""
+    """Ends a stopped process, once, from any thread."""
     with _leaving:
         os.write(stderr, b"pecs_blender: stopped; finished frames are kept, run again to continue\n")
         clean_up()

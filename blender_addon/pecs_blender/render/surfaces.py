@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which surface point each pixel's centre sees, and where on the film those points are at another instant.
+"""Surface points seen at the pixels' centres, and their places on the film at another instant.
 
-The light's scene is rendered by Cycles with one sample along chief rays (sight.py), all surfaces in a material
-that tells them apart (identity.py). A point is then carried by its instance's matrix, or by the triangle of a
-mesh that deforms (mesh_points.py). A second scene would cost more: Blender keeps the data of one at a time.
+The light's scene is rendered by Cycles with one sample along chief rays (sight.py), all surfaces in a material that
+identifies instance and polygon (identity.py). A point then moves with its instance's matrix, or with the triangle of a
+mesh that deforms (mesh_points.py). A second scene would be slower: Blender keeps the data of one at a time.
 
-Not known: what an instance does that the other instant lacks, or whose Random another has too; meshes whose topology
-changes; hair, curves and points that move by themselves; panoramic cameras that move. Lamps are looked through.
-"""
+Unknown (NaN): the motion of instances that the other instant lacks or whose Random is not unique, of meshes whose
+topology changes, of deforming hair, curves and points, and of everything if a panoramic camera moves. Lamps are
+ignored."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ SKY, UNKNOWN = -1, -2
 
 @dataclass(frozen=True)
 class Poses:
-    """All instances at one instant. ids: [n] float32, rising, as Cycles' Random; world_from_local: [n, 4, 4];
-    geometry: index into geometries of each. notes: of each what Surfaces.note said."""
+    """All instances at one instant. ids: [n] float32, increasing, Cycles' Random; world_from_local: [n, 4, 4];
+    geometry: [n] index into geometries; notes: [n] results of Surfaces.note."""
 
     view: View
     ids: np.ndarray
@@ -41,7 +41,7 @@ class Poses:
     notes: list[Any]
 
     def find(self, ids: np.ndarray) -> np.ndarray:
-        """Their indices; UNKNOWN for what is not here, or twice."""
+        """Indices of instances; UNKNOWN for an id that is missing or not unique."""
         if not self.ids.size:
             return np.full(ids.shape, UNKNOWN)
         at = np.searchsorted(self.ids, ids)
@@ -51,10 +51,10 @@ class Poses:
 
 @dataclass(frozen=True)
 class SurfaceHits:
-    """poses: of the same instant. depth: [h, w] along the optical axis [m], infinite where there is no surface.
-    instance: [h, w] index into poses, SKY or UNKNOWN. points: [3, h, w] in camera axes. polygon: [h, w] from 0, -1
-    where it is not known. random: [h, w] Cycles' Random of the instance. normals: [3, h, w] in camera axes, towards the
-    camera, 0 where there is no surface; if asked for."""
+    """First hits of the rays through the pixels' centres. poses: of the same instant. depth: [h, w] along the optical
+    axis [m], infinite without a surface. instance: [h, w] index into poses, SKY or UNKNOWN. points: [3, h, w] in camera
+    axes. polygon: [h, w] from 0, -1 if unknown. random: [h, w] Cycles' Random of the instance. normals: [3, h, w] in
+    camera axes, towards the camera, 0 without a surface; None unless Surfaces.normals is set."""
 
     poses: Poses
     depth: np.ndarray
@@ -66,8 +66,8 @@ class SurfaceHits:
 
 
 class Surfaces:
-    """scale: of the picture that it looks at, 1/4 for a quarter of the pixels in x and y. normals: whether seen() asks
-    for them. note: called with each instance and its Geometry while Blender has them evaluated."""
+    """scale: of the picture, 1/4 for a quarter of the pixels in x and y. normals: whether hits() computes them. note:
+    called with each evaluated instance and its Geometry."""
 
     normals = False
     note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any] | None = None
@@ -82,11 +82,11 @@ class Surfaces:
         return self._sight
 
     def centres(self) -> np.ndarray:
-        """[2, h, w]: film x, y of the pixels' centres."""
+        """[2, h, w]: film x and y of the pixels' centres."""
         return self._sight.centres()
 
     def hits(self) -> SurfaceHits:
-        """At the instant at which the stage's scene stands."""
+        """At the stage's current time."""
         found, scene = [], self._stage.source.scene
         own = (INSTANCE, POLYGON, NORMAL) if self.normals else (INSTANCE, POLYGON)
         with (
@@ -105,15 +105,15 @@ class Surfaces:
         return SurfaceHits(poses, depth, instance.astype(np.int32), points, polygon, passes[INSTANCE][0], normals)
 
     def poses(self) -> Poses:
-        """At the instant at which the stage's scene stands."""
+        """At the stage's current time."""
         found, scene, camera = [], self._stage.source.scene, self._sight.camera()
         scene.camera = scene.camera or camera  # without one, Blender renders nothing
         self._film.inspect(lambda d: found.append(self._poses(d)))
         return found[-1]
 
     def place(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
-        """[3, h, w] float64: film x, y [px of this picture; pixel centres at .5] and depth z [m] of the points seen, at
-        the poses' instant; NaN where it is not known. Bit by bit the pixel's centre where nothing moves."""
+        """[3, h, w] float64: film x, y [px of this picture; pixel centres at .5] and depth z [m] of the seen points at
+        the poses' instant; NaN if unknown. Exactly the pixel's centre where nothing moves."""
         before, view, instance = seen.poses, poses.view, seen.instance.ravel()
         out = np.full((3, instance.size), np.nan)
         centres, points = self.centres().reshape(2, -1), seen.points.reshape(3, -1)
@@ -125,7 +125,7 @@ class Surfaces:
         now = moves(instance[moving], points[:, moving], seen.polygon.ravel()[moving])
         sky = np.flatnonzero(instance == SKY)
         turned = self._sky(before.view, view, sky)
-        both = np.concatenate([moving, sky])  # at once: a lens's map takes a while to set up
+        both = np.concatenate([moving, sky])  # in one call: setting up a lens's map is slow
         infinite = np.arange(both.size) >= moving.size
         out[:2, both] = self._sight.film(view, np.concatenate([now, turned], 1), infinite)
         out[2, moving], out[2, sky] = now[2], np.inf
@@ -135,8 +135,8 @@ class Surfaces:
         return out.reshape(3, *seen.instance.shape)
 
     def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
-        """Directions [3, n] in camera axes of pixels [n] of the sky, which turns with the camera; 0 where it stays: it
-        is the same along all rays of an orthographic camera, and dark where a lens has no ray."""
+        """Directions [3, n] in camera axes of sky pixels [n], which turn with the camera. 0 where the sky stays: along
+        all rays of an orthographic camera it is the same, and where a lens has no ray it is dark."""
         rays = self._sight.rays(before)
         if before.same(view) or (rays is not None and not rays[1].any()):
             return np.zeros((3, sky.size))
@@ -168,26 +168,26 @@ class Surfaces:
 
 
 def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:
-    """What has surfaces."""
+    """Instances with surfaces."""
     for instance in depsgraph.object_instances:
         if isinstance(instance.object.data, (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)):
             yield instance
 
 
 class HitCache:
-    """What is seen at the last few instants: layers share it. times_s: of the stage's plan."""
+    """Hits at the last few instants, shared by layers. times_s: of all instants to render."""
 
     def __init__(self, stage: Stage, times_s: list[float]):
         self.stage, self.times_s = stage, times_s
         self._kept: dict[float, SurfaceHits] = {}
-        self.keep = 1  # the next interval begins with one
+        self.keep = 1  # an interval ends where the next begins
 
     @cached_property
     def surfaces(self) -> Surfaces:
         return Surfaces(self.stage, name="chief_rays")
 
     def at(self, t_s: float) -> SurfaceHits:
-        """Moves the scene there, if it is not known."""
+        """Moves the scene to t_s if the hits are not cached."""
         if t_s not in self._kept:
             self.stage.set_time(t_s)
             self._kept[t_s] = self.surfaces.hits()
@@ -203,8 +203,8 @@ def _normals(normals: np.ndarray, surface: np.ndarray, view: View) -> np.ndarray
 
 
 class _Moves:
-    """From camera axes to camera axes, from one instant to another. still: [n] instances that stay as they are, bit by
-    bit, before the same camera; moving: the others, as far as they are there."""
+    """Moves points in camera axes from one instant to another. still: [n] instances that are bit-identical before the
+    same camera; moving: all others that exist at both instants."""
 
     def __init__(self, before: Poses, after: Poses):
         self._before, self._after = before, after
@@ -221,7 +221,7 @@ class _Moves:
         self.moving = there & ~self.still
 
     def __call__(self, instance: np.ndarray, points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-        """points [3, n] of instances [n], in polygons [n]; NaN where it is not known."""
+        """points [3, n] of instances [n], in polygons [n]; NaN if unknown."""
         before, after = self._before, self._after
         if not instance.size:
             return points
@@ -252,7 +252,7 @@ def _each(matrices: np.ndarray, index: np.ndarray, points: np.ndarray) -> np.nda
 
 
 def _inverse(matrices: np.ndarray) -> np.ndarray:
-    """Of [n, 4, 4]; a flattened axis stays flat."""
+    """Inverses of [n, 4, 4]; a flattened axis stays flat."""
     out = np.tile(np.eye(4), (len(matrices), 1, 1))
     out[:, :3, :3] = np.linalg.pinv(matrices[:, :3, :3], rcond=1e-6)
     out[:, :3, 3:] = -out[:, :3, :3] @ matrices[:, :3, 3:]

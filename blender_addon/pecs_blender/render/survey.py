@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points on the surfaces of a scene, for planning outside Blender (docs/reference/render.md).
 
-Each thing gets as many points as its area asks for, in equal steps of area over its triangles; within a triangle they
-follow the R2 sequence (Roberts 2018). So points are evenly spread and the same in every run. What neither moves nor
-deforms at any of the instants is written once.
+The number of points of a thing is proportional to its area. They are spread in equal steps of area over its triangles,
+and within a triangle by the R2 sequence (Roberts 2018), so they are even and the same in every run. Things that neither
+move nor deform at any instant are written once.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from .surfaces import renders
 from .things import Key, Things
 from .timeline import timeline
 
-POINTS = 200_000  # at the first instant, where no spacing is given
-MOST_POINTS = 50_000_000  # in all
-LEAST = 64  # of a part of a thing
+POINTS = 200_000  # default, at the first instant
+MAX_POINTS = 50_000_000  # at all instants together
+MIN_POINTS = 64  # of a part of a thing
 R2 = np.array([0.7548776662466927, 0.5698402909980532])
 
 
@@ -42,23 +42,23 @@ class Instance:
         return self.geometry is other.geometry and np.array_equal(self.world_from_local, other.world_from_local)
 
     def vertices(self) -> np.ndarray:
-        """[v, 3], in the world."""
+        """[v, 3], world coordinates."""
         return self.shape.vertices.astype(float) @ self.world_from_local[:3, :3].T + self.world_from_local[:3, 3]
 
     def corners(self) -> np.ndarray:
-        """[t, 3, 3]: of its triangles, in the world."""
+        """[t, 3, 3]: corners of the triangles, world coordinates."""
         return self.vertices()[self.shape.triangles]
 
     def extent(self) -> np.ndarray:
-        """[2, 3]: lowest and highest."""
+        """[2, 3]: lowest and highest corner."""
         world = self.vertices()
         return np.array([world.min(0), world.max(0)])
 
 
 def survey(source: Source, output: Path, frames: str | None, fps: float, spacing_m: float | None) -> None:
-    """frames: as of a render; the scene's period or range if None."""
+    """frames: as for a render; None for the scene's period or range."""
     if not output.absolute().parent.is_dir():
-        raise UsageError(f"-o {output}: got no such folder, wanted one that is there")
+        raise UsageError(f"-o {output}: the folder does not exist")
     whole = "period" if source.period_s else "all" if source.duration_s else "1"
     times_s = [t * 1e-9 for t in timeline(frames or whole, fps, source.period_s, source.duration_s).times_ns]
     eye = _Eye(source)
@@ -68,8 +68,8 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
     still = _still(instants)
     counts = ((one.key, _count(_areas(one.corners()), spacing_m)) for one in instants[0])
     count = sum(n if key in still else n * len(times_s) for key, n in counts)
-    if count > MOST_POINTS:
-        raise UsageError(f"--spacing: got about {count:.2g} points, wanted at most {MOST_POINTS:.2g}")
+    if count > MAX_POINTS:
+        raise UsageError(f"--spacing: got about {count:.2g} points, wanted at most {MAX_POINTS:.2g}")
     sampled = [_sampled([i for i in instances if i.key not in still], things, spacing_m) for instances in instants]
     static = _sampled([i for i in instants[0] if i.key in still], things, spacing_m)
     extents = np.array([one.extent() for instances in instants for one in instances]).reshape(-1, 2, 3)
@@ -94,11 +94,11 @@ def survey(source: Source, output: Path, frames: str | None, fps: float, spacing
 
 
 class _Eye:
-    """Sees what Cycles would render, and renders nothing."""
+    """Finds the instances that Cycles would render, without rendering."""
 
     def __init__(self, source: Source):
         self._source, self._geometries = source, Geometries()
-        self._shapes: dict[int, tuple[Geometry, Shape]] = {}  # by address; keeps them
+        self._shapes: dict[int, tuple[Geometry, Shape]] = {}  # by address of a Geometry, which stays alive here
         cycles.configure(source.scene, 8, 8, cycles.Sampling(1, 0, source.bounces))
         source.set_time(0.0)
         source.scene.camera = source.camera(50.0, 36.0)  # without one, Blender renders nothing
@@ -122,7 +122,7 @@ class _Eye:
 
 
 def _still(instants: list[list[Instance]]) -> set[Key]:
-    """Keys of what is the same at all instants."""
+    """Keys of instances that are the same at all instants."""
     by_key: list[dict[Key, list[Instance]]] = []
     for instances in instants:
         by_key.append({})
@@ -155,18 +155,19 @@ def _across(corners: np.ndarray) -> np.ndarray:
 
 def _count(areas: np.ndarray, spacing_m: float) -> int:
     total = float(areas.sum())
-    return max(LEAST, int(np.ceil(total / spacing_m**2))) if total > 0 else 0
+    return max(MIN_POINTS, int(np.ceil(total / spacing_m**2))) if total > 0 else 0
 
 
 def _steps(areas: np.ndarray, spacing_m: float) -> np.ndarray:
-    """For each point its triangle, of triangles [t]."""
+    """Index of each point's triangle."""
     count = _count(areas, spacing_m)
     at = (np.arange(count) + 0.5) / max(1, count) * areas.sum()
     return np.minimum(np.searchsorted(np.cumsum(areas), at), len(areas) - 1)
 
 
 def _sampled(instances: list[Instance], things: Things, spacing_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """points [n, 3] and normals [n, 3] float32, numbers [n] int32; of hair and points, their own, with normals 0."""
+    """points [n, 3] and normals [n, 3] float32, ids [n] int32. Hair and point clouds have their own points, normals
+    0."""
     points, normals, numbers = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
     for one in instances:
         thing = things.of(one.key)

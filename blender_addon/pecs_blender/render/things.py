@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the instances of a scene are called, of which class they are, and their numbers.
+"""Names, classes and ids of the things in a scene.
 
-A thing is an object, or an instance of one that a collection, nodes or particles make; parts whose custom property
-`pecs_object` (found as the class is) has the same text are one thing. Its class is the custom property `pecs_class` of
-the object, of what makes the instance, of their collections (parents too), of its material: the first that has one.
-Numbers go by sorted names of all objects of the scene and of all instances that are there at the plan's first, middle
-and last instant (at all of them where these differ), so they depend on neither camera nor shard. Particles that nobody
-looked at are number 0.
-"""
+A thing is an object, or an instance created by a collection, nodes or particles. Parts with the same text in the custom
+property `pecs_object` are one thing. Its class is the custom property `pecs_class`. Both properties are looked up in
+the object, the object that creates the instance, their collections (parents too) and the material; the first one
+counts. Ids number the sorted names of all objects of the scene and of all instances at the first, middle and last
+instant (at all instants, if these differ), so they depend on neither camera nor shard. Particles of other instants have
+id 0."""
 
 from __future__ import annotations
 
@@ -17,16 +16,16 @@ from dataclasses import dataclass
 import bpy
 from pecs._errors import bad_input
 
-SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # of objects that have one
+SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD")  # types of objects with surfaces
 CLASS, OBJECT = "pecs_class", "pecs_object"
 NO_INDEX = 0x7FFFFFFF  # fills Blender's persistent ids
 
-Key = tuple[tuple[str, ...], tuple[int, ...]]  # names from the outside in, and Blender's numbers among equal ones
+Key = tuple[tuple[str, ...], tuple[int, ...]]  # names from the outside in, and Blender's ids among equal names
 
 
 @dataclass(frozen=True)
 class Thing:
-    """id: from 1. kind: its class, None without one."""
+    """id: from 1. kind: class, or None."""
 
     id: int
     name: str
@@ -34,10 +33,10 @@ class Thing:
 
 
 class Things:
-    """Numbers what there is."""
+    """Assigns ids to things."""
 
     def __init__(self, scene: bpy.types.Scene, times_s: list[float], keys_at: Callable[[Things, float], set[Key]]):
-        """keys_at: moves the scene to a time and asks for the key of each instance there."""
+        """keys_at: moves the scene to a time and returns the key of each instance."""
         self._parents = _collection_parents()
         self._kinds: dict[Key, str | None] = {}
         self._texts: dict[tuple[int, int | None], tuple[str | None, str | None]] = {}  # by addresses
@@ -72,7 +71,7 @@ class Things:
             self._texts[both] = self._text(thing, maker, OBJECT), self._text(thing, maker, CLASS)
         of, kind = self._texts[both]
         names = tuple(filter(None, (maker and maker.name, of or thing.name)))
-        key = names, numbers[1:] if of else numbers  # the first one counts within what is made
+        key = names, numbers[1:] if of else numbers  # the first number counts within an instance
         if not self._is_numbered:
             self._kinds[key] = self._kinds.get(key) or kind
         return key
@@ -89,7 +88,7 @@ class Things:
         both = [one for one in (thing, maker) if one]
         yield from both
         rising = [collection for one in both for collection in one.users_collection]
-        for collection in rising:  # grows
+        for collection in rising:  # the loop appends to it
             yield collection
             rising += [p for p in self._parents.get(collection, ()) if p not in rising]
         yield from (slot.material for slot in thing.material_slots if slot.material)

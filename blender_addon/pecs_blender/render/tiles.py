@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where two pictures of one instant differ by more than their noise, and in which rectangles to render that."""
+"""Tiles in which two pictures of one instant differ beyond noise, and rectangles that cover them."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 TILE_PX = 16
 BLOCK_PX = 4
-EDGE_PX = 0.15  # of the sensor's pixels: an edge may lie this much elsewhere
+EDGE_PX = 0.15  # tolerated shift of an edge, in sensor pixels
 SIGMAS = 4.0
-LIKE_NEIGHBOURS = 3.0  # a block scatters at most so much more than those around it; else it is no noise
-STRIP_PX, EVERY_PX = 4, 48  # of a probe
+LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
+STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
@@ -28,9 +28,9 @@ def differing(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float) 
 
 
 def differing_tiles(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float) -> np.ndarray:
-    """Tiles [rows, columns] that differ as a whole, which shows smaller differences than blocks do."""
+    """Tiles [rows, columns] whose means differ: more sensitive than blocks."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN
+        warnings.simplefilter("ignore", RuntimeWarning)  # all-NaN slices
         a, b = (np.nanmean(_blocks(v), -1) for v in (a, b))
     return differing_blocks(a, b, tolerance, subpixels / BLOCK_PX, sigmas)
 
@@ -38,9 +38,9 @@ def differing_tiles(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: f
 def differing_blocks(
     a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float = SIGMAS
 ) -> np.ndarray:
-    """Blocks whose light differs: by more than `tolerance` times itself and than a shift of its edges by EDGE_PX, and
-    by more than the scatter within blocks there explains. a, b: [height, width], with so many subpixels a pixel; NaN
-    says nothing."""
+    """Blocks whose light differs by more than `tolerance` times itself plus a shift of its edges by EDGE_PX, and by
+    more than `sigmas` times the scatter within blocks. a, b: [height, width] with `subpixels` per sensor pixel in x and
+    y; NaN pixels are ignored."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
@@ -57,7 +57,7 @@ def differing_blocks(
 
 
 def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
-    """[rows of blocks, columns of blocks, pixels]; what lies beyond is NaN (False)."""
+    """[rows of blocks, columns of blocks, pixels]; pixels outside the picture are NaN or False."""
     rows, columns = (-(-n // side) for n in values.shape)
     padded = np.full((rows * side, columns * side), False if values.dtype == bool else np.nan, values.dtype)
     padded[: values.shape[0], : values.shape[1]] = values
@@ -65,15 +65,15 @@ def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Of each value and its 24 neighbours, without NaN."""
+    """Median of each value and its 24 neighbours, without NaN."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), (5, 5))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN
+        warnings.simplefilter("ignore", RuntimeWarning)  # all-NaN slices
         return np.nanmedian(around, axis=(2, 3))
 
 
 def tiles_with(pixels: np.ndarray) -> np.ndarray:
-    """Tiles that have one of the pixels [height, width]."""
+    """Tiles that contain any of the pixels [height, width]."""
     rows, columns = tiles_of(*pixels.shape[::-1])
     padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
     padded[: pixels.shape[0], : pixels.shape[1]] = pixels
@@ -81,20 +81,20 @@ def tiles_with(pixels: np.ndarray) -> np.ndarray:
 
 
 def grown(tiles: np.ndarray) -> np.ndarray:
-    """With their neighbours."""
+    """Tiles and their neighbours."""
     more = np.pad(tiles, 1)
     more = more[:-2] | more[1:-1] | more[2:]
     return more[:, :-2] | more[:, 1:-1] | more[:, 2:]
 
 
 def probe_strips(width: int, height: int, index: int) -> list[Box]:
-    """A part of the picture that meets everything of some size; other rows for each index."""
+    """Strips across the picture, which meet every object of some size; their rows depend on index."""
     first = (EVERY_PX // 2 + STRIP_PX * (index % 4)) % max(1, height - STRIP_PX + 1)
     return [(0, y, width, y + STRIP_PX) for y in range(first, height - STRIP_PX + 1, EVERY_PX)]
 
 
 def boxes(tiles: np.ndarray, width: int, height: int) -> list[Box]:
-    """Rectangles [px] that cover them without overlap, mostly full."""
+    """Rectangles [px] that cover the tiles without overlap and with few others."""
     found: list[Box] = []
 
     def cover(top: int, left: int, part: np.ndarray) -> None:

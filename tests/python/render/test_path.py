@@ -152,18 +152,18 @@ ROW = "0 0 0 0 0 0 0 1"
 @pytest.mark.parametrize(
     "text, line",
     [
-        ("# nothing\n\n", "no row"),
-        (ROW + " 5", "line 1: got 9 values"),
-        ("# x\n" + ROW + "\n1 0 0 nan 0 0 0 1", "line 3: got 'nan', wanted a finite number"),
-        (ROW + "\n1,0,0,0,0,0,0,1", "line 2: got 1 values"),
-        (ROW + "\n1 0 0 zero 0 0 0 1", "line 2: got 'zero'"),
-        (ROW + "\n" + ROW, "line 2: got t_s = 0, wanted more than 0"),
-        ("0 0 0 0 0 0 0.01 1.0015", "line 1: got a quaternion of length 1.00155"),
-        ("0 0 0 0 0 0 0 0", "line 1: got a quaternion of length 0"),
+        ("# nothing\n\n", "rows: got 0"),
+        (ROW + " 5", 'line 1: got "0 0 0 0 0 0 0 1 5", wanted 8 finite numbers'),
+        ("# x\n" + ROW + "\n1 0 0 nan 0 0 0 1", 'line 3: got "1 0 0 nan 0 0 0 1", wanted 8 finite numbers'),
+        (ROW + "\n1,0,0,0,0,0,0,1", 'line 2: got "1,0'),
+        (ROW + "\n1 0 0 zero 0 0 0 1", 'line 2: got "1 0 0 zero'),
+        (ROW + "\n" + ROW, 'line 2: time: got "0", wanted a time after the one before'),
+        ("0 0 0 0 0 0 0.01 1.015", "line 1: length of the quaternion: got 1.015"),
+        ("0 0 0 0 0 0 0 0", "line 1: length of the quaternion: got 0.0"),
         ("0 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 1", "times: got 0 to 0.5 s, wanted all of 0 to 1 s"),
         ("0.5 0 0 0 0 0 0 1\n5 0 0 0 0 0 0 1", "times: got 0.5 to 5 s, wanted all of 0 to 1 s"),
-        (b"\xff\xfe0", "byte 0: got no UTF-8"),
-        (None, "No such file"),
+        (b"\xff\xfe0", "byte 0: got invalid UTF-8"),
+        (None, "no such file or folder"),
     ],
 )
 def test_bad_paths_are_one_line(blends, tmp_path, text, line):
@@ -184,6 +184,6 @@ def test_a_period_ends_where_it_began(root, tmp_path):
     for name, end in (("same", 0), ("other", 0.1)):
         path = write(tmp_path / f"{name}.txt", [0, 0.01, 100], [[0, 0, 0], [0, 0.1, 0], [end, 0, 0]], turns)
         result = pecs_blender(*args, "-o", tmp_path / name, "--camera-path", path, check=False)
-        assert result.returncode == 4 and "wanted the first, for one period" in result.stderr
+        assert result.returncode == 4 and "wanted the first pose, for one period" in result.stderr
     path = write(tmp_path / "still.txt", [0], [[0, 0, 0]], turns[:1])
     pecs_blender(*args, "-o", tmp_path / "still", "--camera-path", path)

@@ -112,7 +112,7 @@ def test_what_files_lack_is_one_line(files, tmp_path):
     for things, line in (
         ([thing(files, file="plain", texture=str(files / "red.png"))], "no UV map"),
         ([thing(files, file="empty")], "no mesh"),
-        ([thing(files), thing(files)], "one that nothing else has"),
+        ([thing(files), thing(files)], "a name that no other object has"),
         ([thing(files, texture=str(files / "cube.blend"))], "cube.blend"),
     ):
         result = render(files, tmp_path / "s", things, check=False)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far the surface is that is seen at a pixel's centre: Cycles' Position pass of one sample, along chief rays
-(sight.py)."""
+"""Distance of the surface at a pixel's centre: Cycles' Position pass of one sample, along chief rays (sight.py)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The light: film irradiance, or radiance, in every band.
+"""Film irradiance, or radiance, in every band.
 
 Radiance in Cycles is relative so that values are O(1): in band k every lamp is divided by the strongest lamp's value
-n_k there (emitters.py). Absolute radiance = rendered * n_k * s, where s is the scene's (Source.radiance_per_unit).
+n_k there (emitters.py). Absolute radiance = rendered * n_k * s, with s of the scene (Source.radiance_per_unit).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ..stage import Stage
 from ..tiles import Box
 from .layer import Layer
 
-NEAR_PX = 1  # within which some ray must get through the lens
-BLUR_PX, HALO_PX = 16, 64  # so far around, diffraction asks for the instant's own light, and for some other's
+NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
+BLUR_PX, HALO_PX = 16, 64  # around a part, diffraction uses light of the same instant, and further out of another
 
 
 class Light(Layer):
     name, unit, at = "light", "as stack.json's quantity", "instant"
 
     def __init__(self, stage: Stage, sampling: Sampling):
-        """Chooses samples and seed, and renders with them what is the same in every frame."""
+        """Sets samples and seed, and renders what is the same in every frame: lens normalisation and still parts."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
@@ -51,12 +51,12 @@ class Light(Layer):
         left, top, right, bottom = self._stage.moving_px
         fresh, frame = self.fresh([self._stage.moving_px]), self._still.copy()
         frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
-        self._light_up(frame)  # across the box's rim
+        self._light_up(frame)  # across the border of the box
         return self.blur(frame)
 
     def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
-        """[channels, height, width] of the present instant in these boxes (None: everywhere), before diffraction; NaN
-        elsewhere, and in the bands of other passes."""
+        """[channels, height, width] of the current instant in these boxes (None: everywhere), before diffraction; NaN
+        elsewhere and in the bands of other passes."""
         (width, height), scene = self._stage.size, self._stage.source.scene
         frame = np.full(self._shape, np.nan, np.float32)
         to_film = np.broadcast_to(self._to_film, self._shape)
@@ -74,20 +74,20 @@ class Light(Layer):
         return frame
 
     def _light_up(self, frame: np.ndarray) -> None:
-        """Where no ray gets through the lens: a neighbour's light."""
+        """Gives pixels for which no ray passes the lens a neighbour's light."""
         for picture, (dark, near) in zip(frame, self._dark, strict=True):
             picture.ravel()[dark] = picture.ravel()[near]
 
     def blur(self, frame: np.ndarray) -> np.ndarray:
-        """By diffraction, in place."""
+        """Applies diffraction, in place."""
         for one in self._stage.passes:
             for picture, blur in zip(frame[one.bands], one.blurs, strict=False):  # none without diffraction
                 blur(picture)
         return frame
 
     def parts(self, boxes_px: list[Box], under: np.ndarray) -> np.ndarray:
-        """[channels, height, width] of the present instant in these boxes, NaN elsewhere. under: the light of another
-        instant, which lies around them when a lens blurs."""
+        """[channels, height, width] of the current instant in these boxes, NaN elsewhere. under: light of another
+        instant, used around the boxes for diffraction."""
         if not any(one.blurs for one in self._stage.passes):
             return self.fresh(boxes_px)
         frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
@@ -105,7 +105,7 @@ class Light(Layer):
 
 
 def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the dark pixels [height, width], and of a lit one near each."""
+    """Indices of the dark pixels of [height, width], and of the nearest lit pixel of each."""
     at = np.flatnonzero(dark)
     if not at.size:
         return at, at
@@ -115,5 +115,5 @@ def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
         v, u = np.clip(y + dy, 0, dark.shape[0] - 1), np.clip(x + dx, 0, dark.shape[1] - 1)
         near = np.where((near < 0) & ~dark[v, u], v * dark.shape[1] + u, near)
     if (near < 0).any():
-        raise bad_input("render", "--samples", "too few", "more: in some pixels no ray gets through the lens")
+        raise bad_input("render", "--samples", "too few", "more, since in some pixels no ray passes the lens")
     return at, near

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the surface point goes that is seen at a pixel's centre: from an interval's start to its middle and end, and
-from its end back (docs/reference/exr_stack.md)."""
+"""Motion of the surface point at a pixel's centre: from an interval's start to its middle and end, and from its end
+back (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from ..surfaces import HitCache, Poses, SurfaceHits
 from .layer import Layer
 
-STILL_PX = 1e-4  # what moves less is still: rounding must not stir what stands
+STILL_PX = 1e-4  # smaller motion is rounding, and set to 0
 
 
 class Motion(Layer):
@@ -29,13 +29,13 @@ class Motion(Layer):
         return np.concatenate([self._way(first, middle, last.poses), self._way(last, middle, first.poses)])
 
     def _way(self, seen: SurfaceHits, middle: Poses, end: Poses) -> np.ndarray:
-        """Six channels."""
+        """Six channels, of the motion from `seen` through `middle` to `end`."""
         places = self._surfaces.place(seen, middle), self._surfaces.place(seen, end)
         moves = np.concatenate([place[:2] for place in places]) - np.tile(self._surfaces.centres(), (2, 1, 1))
         moves[:, np.isnan(moves).any(0)] = np.nan
         moves[:, (np.hypot(moves[::2], moves[1::2]) < STILL_PX).all(0)] = 0
         z_end = np.where(np.isnan(moves[0]), np.nan, places[1][2])
-        if self._stage.moving_px:  # elsewhere the light is that of the start
+        if self._stage.moving_px:  # the rest is still by definition
             left, top, right, bottom = self._stage.moving_px
             still = np.ones(seen.depth.shape, bool)
             still[top:bottom, left:right] = False

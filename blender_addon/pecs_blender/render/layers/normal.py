@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which way the surface faces that is seen at a pixel's centre, along chief rays (surfaces.py): the normal that
-shading starts from, smooth where the mesh is shaded smooth, without bump and normal maps."""
+"""Normal of the surface at a pixel's centre, along chief rays (surfaces.py): the shading normal, smooth where the mesh
+is shaded smooth, without bump and normal maps."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which thing is seen at a pixel's centre (things.py), and beside the picture all that is known of the things:
-pose, boxes, what hides them (docs/reference/exr_stack.md)."""
+"""Id of the thing at a pixel's centre (things.py), and records of all things: pose, boxes, occlusion
+(docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..surfaces import UNKNOWN, HitCache, Poses, SurfaceHits
 from ..things import Key, Thing, Things
 from .layer import Layer
 
-DIGITS = 7  # after the point: of a pixel, of a metre
+DIGITS = 7  # decimal places, of pixels and metres
 
 
 class Objects(Layer):
@@ -109,8 +109,8 @@ def _rounded(values: Any) -> list[float]:
 
 
 def _by_place(poses: Poses, random: np.ndarray, points: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Numbers [n] of what lies at points [3, n] in camera axes, where some instances have the same Random [n]: the one
-    whose box the point is in, or nearest to."""
+    """Ids [n] of the things at points [3, n] in camera axes whose Random [n] is not unique: the instance whose box
+    contains the point or is nearest to it."""
     found, distance = np.zeros(random.shape, ids.dtype), np.full(random.shape, np.inf)
     for i in np.flatnonzero(np.isin(poses.ids, random)):
         these = np.flatnonzero(random == poses.ids[i])
