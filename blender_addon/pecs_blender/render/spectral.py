@@ -12,6 +12,7 @@ Only this process's copy changes; it is never saved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import bpy
@@ -19,7 +20,7 @@ import numpy as np
 from pecs._errors import PecsError, bad_input
 
 from .emitters import LUMINANCE, Emitters, band_matrix
-from .glass import Glass, glass
+from .glass import glass
 from .spectra import Spectrum, spectrum
 
 # Sockets that emit; all others reflect, transmit or absorb.
@@ -90,7 +91,7 @@ class SpectralScene:
         self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
         self._constants: list[_Constant] = []
         self._groups: dict[ColourRole, bpy.types.NodeTree] = {}
-        self._glasses: list[tuple[object, Glass]] = []
+        self._glasses: list[tuple[object, Callable[[float], float]]] = []
         groups = [group for group in bpy.data.node_groups if group.bl_idname == "ShaderNodeTree"]
         for material in bpy.data.materials:
             self._material(material)

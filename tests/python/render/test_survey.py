@@ -103,8 +103,8 @@ def test_a_scene_folder_covers_its_period(root, tmp_path):
 @pytest.mark.parametrize(
     "scene, output, args, code, line",
     [
-        ("things.blend", "s.txt", (), 2, "wanted FILE.npz"),
-        ("things.blend", "no/s.npz", (), 2, "got no such folder"),
+        ("things.blend", "s.txt", (), 2, "the extension must be .npz"),
+        ("things.blend", "no/s.npz", (), 2, "the folder does not exist"),
         ("things.blend", "s.npz", ("--spacing", 0), 2, "--spacing: got 0, wanted a finite number"),
         ("things.blend", "s.npz", ("--spacing", 1e-6), 2, "wanted at most"),
         ("things.blend", "s.npz", ("--fps", "nan"), 2, "--fps: got 'nan'"),
