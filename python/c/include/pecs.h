@@ -84,8 +84,7 @@ PECS_API int pecs_lens_diffract(float* pixels, int width, int height, double pix
 PECS_API int64_t pecs_glass_index(const char* options_json, const double* lambda_nm, int64_t count, double* index,
                                   int64_t capacity, pecs_error* error);
 
-/* ---- spectra, bands and EXR stacks (sensor)
- * --------------------------------------------------------------------------- */
+/* ---- spectra, bands and EXR stacks (sensor) -------------------------------------------------------------------- */
 
 /* A tabulated spectrum: "d65", "colorchecker/red" (names of lens_data/spectra), a .csv file (wavelength in nm, value),
  * "blackbody:T" or "daylight:T" (T in K); "basis/srgb": a table of three functions. result: rows [[lambda_nm, value,

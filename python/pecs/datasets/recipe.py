@@ -24,7 +24,7 @@ RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
     *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "time_tolerance", "subpixels"),
     *("samples", "noise_target", "denoise", "light_tree", "device", "colour_tolerance_px", "allow_scripts"),
 )
-TRUTH_LAYERS = ("depth", "normal", "objects", "motion")
+TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 
 MOST_SEQUENCES = 1_000_000
 ORIGIN = (0.0, 0.0, 0.0)
@@ -261,7 +261,7 @@ def _options(table: Table) -> dict[str, Any]:
 
 
 def _truth(table: Table) -> dict[str, Any]:
-    layers = table.texts("layers", list(TRUTH_LAYERS), TRUTH_LAYERS)
+    layers = table.texts("layers", TRUTH_LAYERS)
     found = {"fps": table.number("fps", 20.0, 1e-3, 1e5), "layers": layers}
     table.done()
     return found

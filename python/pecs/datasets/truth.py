@@ -59,20 +59,20 @@ class Truth:
 
     @property
     def layers(self) -> tuple[str, ...]:
-        """Names of what there is: "depth", "normal", "objects", "motion"."""
+        """Names of the layers: "depth", "normal", "objects", "motion", …"""
         return tuple(layer["name"] for layer in self._stack.layers if layer["name"] != "light")
 
     def depth(self, i: int) -> NDArray[np.float32]:
         """[2, H, W] in m: distance along the chief ray, and z along the optical axis; inf where there is nothing."""
-        return self._channels("depth", i, ("distance", "z"))
+        return self.layer("depth", i, ("distance", "z"))
 
     def normal(self, i: int) -> NDArray[np.float32]:
         """[3, H, W], in the camera's axes; 0 where there is nothing."""
-        return self._channels("normal", i)
+        return self.layer("normal", i)
 
     def instances(self, i: int) -> NDArray[np.int64]:
         """[H, W]: ids of `objects`, 0 none."""
-        (values,) = self._channels("objects", i, ("instance",))
+        (values,) = self.layer("objects", i, ("instance",))
         whole = np.rint(values)
         bad = ~((whole == values) & (0 <= whole) & (whole < _LARGEST_ID))
         if bad.any():
@@ -101,7 +101,7 @@ class Truth:
     def _one_flow(self, i: int, step: int) -> NDArray[np.float32]:
         """From instant i to its neighbour."""
         names = ("x_end", "y_end") if step > 0 else ("back_x_end", "back_y_end")
-        return np.moveaxis(self._channels("motion", i if step > 0 else i - 1, names), 0, -1)
+        return np.moveaxis(self.layer("motion", i if step > 0 else i - 1, names), 0, -1)
 
     def flow_back(self, i: int) -> NDArray[np.float32]:
         """`flow(i + 1, i)`."""
@@ -112,7 +112,7 @@ class Truth:
         forward = i + 1 < len(self)
         names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
         start = i if forward else i - 1
-        moves = np.moveaxis(self._channels("motion", start, tuple(names)), 0, -1)
+        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1)
         seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
         return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
 
@@ -129,7 +129,7 @@ class Truth:
         later = t_us > self.times_us[i]
         names = [f"{'' if later else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
         start = i if later else i - 1
-        moves = np.moveaxis(self._channels("motion", start, tuple(names)), 0, -1).astype(np.float64)
+        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1).astype(np.float64)
         seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if later else -1e-6)
         s = (t_us - self.times_us[i]) * 1e-6 / seconds
         first, second = 4 * moves[..., :2] - moves[..., 2:], 2 * moves[..., 2:] - 4 * moves[..., :2]
@@ -145,9 +145,11 @@ class Truth:
 
     def motion(self, i: int) -> NDArray[np.float32]:
         """[12, H, W]: the whole layer of the interval from i to i + 1, as `pecs.carry` takes it."""
-        return self._channels("motion", i)
+        return self.layer("motion", i)
 
-    def _channels(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
+    def layer(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
+        """Any layer, [channels, H, W]; `wanted`: these channels of it. Raises IndexError beyond the last instant or
+        interval."""
         layer = next((layer for layer in self._stack.layers if layer["name"] == name), None)
         if layer is None:
             raise bad_input(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")

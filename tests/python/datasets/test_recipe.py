@@ -113,6 +113,39 @@ def test_what_is_wrong_is_one_line(load, old, new, line):
     assert line in str(error.value) and "r.toml" in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("key", ["wall_reflectance", "lamp_spectrum", "rpm"])
+@pytest.mark.parametrize(
+    "rule", ["{choice = 5}", '{choice = "x"}', "{choice = []}", '{choice = [1, "x"]}', "{normal = 1, range = [0, 1]}"]
+)
+def test_a_wrong_rule_is_one_line(load, key, rule):
+    with pytest.raises(pecs.PecsInputError, match=f"scene\\[0\\].set.{key}: got "):
+        load(re.sub(f"{key} = .*", f"{key} = {rule}", RECIPE))
+
+
+def test_a_wrong_choice_of_the_trajectory_is_one_line(load):
+    with pytest.raises(pecs.PecsInputError, match=r"trajectory.kind: got {\"choice\": 5}"):
+        load(replace={'kind = "still"': "kind = {choice = 5}"})
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "low", "high"), [(0.5, 1e6, 0, 1), (0, 1, 0, 1), (1, 0, 1, 1), (0.9, 0.3, 0, 1)]
+)
+def test_a_normal_rule_is_a_truncated_normal_distribution(mean, sd, low, high):
+    """With any sd, and without a draw that takes for ever."""
+    from scipy.stats import kstest, truncnorm
+
+    value = Table({"x": {"normal": [mean, sd], "range": [low, high]}}, "f").value("x")
+    draws = [value.draw(np.random.default_rng(i)) for i in range(1000)]
+    if sd:
+        truth = truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)
+        assert kstest(draws, truth.cdf).pvalue > 1e-3
+    assert low <= min(draws) and max(draws) <= high
+
+
+def test_layers_of_the_truth_are_the_renderer_s(load):
+    assert load(RECIPE + '[truth]\nlayers = ["depth", "albedo"]').truth["layers"] == ["depth", "albedo"]
+
+
 def test_no_recipe(tmp_path):
     with pytest.raises(pecs.PecsNotFoundError, match="no.toml"):
         recipe.load(tmp_path / "no.toml")

@@ -351,6 +351,13 @@ def test_bad_files(text, match, tmp_path):
         poses.write_tum(path / "a.txt", [0.0], [[0, 0, 0]], [[0, 0, 0, 1]])
 
 
+def test_rounded_quaternions_and_comments(tmp_path):
+    """Three decimals, as published files have them, and a comment behind a row."""
+    (tmp_path / "a.txt").write_text("# t\n0 1 2 3 0.498 0.500 0.500 0.500  # first\n1 1 2 3 0 0 0 1\n")
+    t_s, positions_m, quaternions = poses.read_tum(tmp_path / "a.txt")
+    assert t_s.tolist() == [0, 1] and np.allclose(np.linalg.norm(quaternions, axis=1), 1, atol=1e-15)
+
+
 def test_rotations_and_interpolation():
     """Against scipy's."""
     from scipy.spatial.transform import Rotation, Slerp
