@@ -1,10 +1,10 @@
-"""What the parsers of all commands in Python share: values with a unit, one form of --help, the nearest option. The
-same rules as the program's (apps/pecs/units.cpp, help.cpp, usage.cpp). Imports nothing of pecs: pecs_blender reads this
-file before Blender's module, which must be loaded before pecs."""
+"""Parsers of all Python commands: values with a unit, one form of --help, the nearest option; by the same rules as the
+program (apps/pecs/units.cpp, help.cpp, usage.cpp)."""
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
 import re
 import textwrap
@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_EXPONENTS = {  # of ten, beside the kind's SI unit
+_EXPONENTS = {  # of ten, relative to the SI unit
     "TIME": {"ns": -9, "us": -6, "µs": -6, "μs": -6, "ms": -3, "s": 0},
     "LENGTH": {"nm": -9, "um": -6, "µm": -6, "μm": -6, "mm": -3, "cm": -2, "m": 0},
     "FREQUENCY": {"Hz": 0, "kHz": 3, "MHz": 6, "fps": 0},
@@ -32,7 +32,7 @@ UNITS = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A type for `add_argument`: from "20ms", "0.5 m", "10kHz", or a plain number in `unit`, to a number in `unit`."""
+    """A type for `add_argument`: a number in `unit`, from "20ms", "0.5 m", "10kHz" or a plain number in `unit`."""
 
     unit: str
     above: float = -math.inf
@@ -65,7 +65,7 @@ class _Help(argparse.RawDescriptionHelpFormatter):
         super().__init__(prog, max_help_position=28, **more)
 
     def _format_usage(self, usage: object, actions: Sequence[argparse.Action], groups: object, prefix: object) -> str:
-        """Options are listed below."""
+        """Arguments without the options, which are listed below."""
         words = ["[options]"]
         for action in actions:
             if not action.option_strings:
@@ -74,7 +74,7 @@ class _Help(argparse.RawDescriptionHelpFormatter):
         return f"usage: {' '.join([self._prog, *words])}\n\n"
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        """Examples stay as they are."""
+        """Wraps all paragraphs but the examples."""
         parts = text.split("\n\n")
         return "\n\n".join(part if part.startswith("examples:") else textwrap.fill(part, width) for part in parts)
 
@@ -85,11 +85,9 @@ class _Help(argparse.RawDescriptionHelpFormatter):
         return name if isinstance(name, str) else " ".join(name)
 
     def _format_action_invocation(self, action: argparse.Action) -> str:
-        """The first long name alone: further ones are those of before."""
         if not action.option_strings:
             return self._metavar(action)
-        short = [name for name in action.option_strings if not name.startswith("--")]
-        names = ", ".join([*short, *[n for n in action.option_strings if n.startswith("--")][:1]])
+        names = ", ".join(action.option_strings)
         return names if action.nargs == 0 else f"{names} {self._value(action)}"
 
     def _value(self, action: argparse.Action) -> str:
@@ -115,8 +113,8 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """One form of --help, which ends with examples; --quiet and --verbose of every command; a mistyped option is named
-    with the nearest one. `error` is for those below to define."""
+    """A parser whose --help ends with examples. Every command has --quiet and --verbose; an unknown option is an error
+    that names the nearest one. Subclasses define `error`."""
 
     def __init__(self, *, examples: Sequence[str] = (), **more: Any):
         more.setdefault("formatter_class", _Help)
@@ -133,7 +131,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def _add_talk(self) -> None:
-        """--quiet and --verbose behind a command's own options; what has commands below has none."""
+        """Adds --quiet and --verbose after a command's own options; a parser of commands has none."""
         if not self._talks and not any(isinstance(a, argparse._SubParsersAction) for a in self._actions):
             self._talks = True
             talk = self.add_mutually_exclusive_group()
@@ -150,7 +148,7 @@ class Parser(argparse.ArgumentParser):
         return text
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """An option that there is not is told before what is missing."""
+        """Reports unknown options before missing arguments."""
         self._add_talk()
         known = {name: action for action in self._actions for name in action.option_strings}
         commands = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
@@ -169,7 +167,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def said(message: str) -> str:
-    """An error of argparse, its option named as in --help: "argument -o/--output: …" is "--output: …"."""
+    """An error of argparse with the option's long name: "argument -o/--output: …" becomes "--output: …"."""
     found = re.match(r"argument ([-\w/]+): ", message)
     if not found:
         return message
@@ -178,7 +176,7 @@ def said(message: str) -> str:
 
 
 def account(command: str, args: Mapping[str, Any], took_s: float) -> str:
-    """What --verbose says at the end: a line for each option that has a value, and the time."""
+    """Printed by --verbose at the end: a line for each option that has a value, and the time."""
     hidden = ("command", "verbose")
     used = {k: v for k, v in args.items() if k not in hidden and not callable(v) and v not in (None, False, "", [], ())}
     lines = [f"{command}: {name.replace('_', '-')}: {value}\n" for name, value in used.items()]
@@ -186,14 +184,4 @@ def account(command: str, args: Mapping[str, Any], took_s: float) -> str:
 
 
 def nearest(word: str, names: Sequence[str]) -> str:
-    return min(names, key=lambda name: _edits(word, name))
-
-
-def _edits(a: str, b: str) -> int:
-    """Levenshtein's distance."""
-    row = list(range(len(b) + 1))
-    for i, letter in enumerate(a):
-        diagonal, row[0] = row[0], i + 1
-        for k, other in enumerate(b):
-            diagonal, row[k + 1] = row[k + 1], min(diagonal + (letter != other), row[k] + 1, row[k + 1] + 1)
-    return row[-1]
+    return difflib.get_close_matches(word, names, n=1, cutoff=0)[0]

@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import subprocess
 import sys
@@ -109,8 +110,13 @@ def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
         "files": {name: content_sha256(path) for name, path in _files(recipe, drawn).items()},
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
     }
-    found: dict[str, Any] = json.loads(json.dumps(decides, default=vars))
+    found: dict[str, Any] = json.loads(json.dumps(decides, default=_finite, allow_nan=False))
     return found
+
+
+def _finite(entry: Any) -> dict[str, Any]:
+    """Fields of a dataclass; JSON has no infinite limits."""
+    return {key: value for key, value in vars(entry).items() if value not in (math.inf, -math.inf)}
 
 
 def chip_path(recipe: Recipe, entry: CameraEntry) -> str:

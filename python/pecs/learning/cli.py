@@ -57,7 +57,7 @@ def _parser() -> Parser:
     one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`")
     one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
-    one.add_argument("--cutoff", "--cutoff-hz", type=rate, default=1.0, help="cutoff frequency of the filter")
+    one.add_argument("--cutoff", type=rate, default=1.0, help="cutoff frequency of the filter")
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not say")
     one.add_argument("--threads", type=int, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)

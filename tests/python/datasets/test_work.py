@@ -34,6 +34,9 @@ name = "left"
 kind = "events"
 chip = "chip.json"
 lens = "cmount_8mm_f2p8"
+fnumber = [4, 8]
+[rig.camera.set]
+contrast_threshold_on = 0.2
 """
 FILES = ("lamp.csv", "thing.blend", "wood.png", "path.txt")
 STEPS = ("_see_corners", "_move", "_render", "_describe", "_sense", "_drop")
