@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..render.needs import missing_files, python_drivers
+from ..render.blend import missing_files, python_drivers
 from ..render.spectral import beyond_reach
 from . import settings
 from .background import state

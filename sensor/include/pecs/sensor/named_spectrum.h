@@ -1,5 +1,5 @@
 #pragma once
-// Spectra by name. The same vocabulary, and the same numbers, as blender_addon/pecs_blender/render/spectra.py.
+// Spectra by name.
 #include <filesystem>
 #include <string>
 #include <vector>
