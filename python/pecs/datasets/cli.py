@@ -23,11 +23,11 @@ ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequence
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
 other has."""
 EXAMPLES = (
-    "pecs dataset room.toml -o out/room --plan        # sequences, instants, hours and gigabytes; makes nothing",
+    "pecs dataset room.toml -o out/room --plan        # sequences, frames, hours and gigabytes; makes nothing",
     "pecs dataset room.toml -o out/room               # all of it",
     "pecs dataset room.toml -o out/room --only 3      # sequence 3 alone (a farm's task)",
-    "pecs dataset room.toml -o out/room --check       # are all files there, and as they were written?",
-    "pecs dataset out/room --export dsec -o out/dsec  # a set that is there in another layout",
+    "pecs dataset room.toml -o out/room --check       # compares all files with their checksums",
+    "pecs dataset out/room --export dsec -o out/dsec  # an existing set in another layout",
 )
 
 
@@ -39,10 +39,10 @@ def _parser() -> Parser:
     add("--sequences", type=int, help="how many, instead of the recipe's; the first ones stay the same")
     add("--only", help="N or A:B: these sequences, without the set's own files")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--plan", action="store_true", help="print what it will take, and make nothing")
-    what.add_argument("--check", action="store_true", help="compare all files with the check sums")
+    what.add_argument("--plan", action="store_true", help="print sequences, time and size; make nothing")
+    what.add_argument("--check", action="store_true", help="compare all files with their checksums")
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
-    what.add_argument("--export", help=f"write a set that is there in another layout: {', '.join(writers.WRITERS)}")
+    what.add_argument("--export", help=f"write an existing set in another layout: {', '.join(writers.WRITERS)}")
     add("--threads", type=int, default=0, help="0: all cores; does not change the result")
     return parser
 
@@ -117,7 +117,7 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
 
 
 def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
-    """The set's own files, when all sequences are there."""
+    """Writes the files of the set once all sequences exist."""
     missing = manifest.missing(found, output)
     if missing:
         line.note(f"dataset: {len(missing)} sequences are still being made elsewhere")
@@ -172,7 +172,7 @@ def _move_aside(wanted: list[int], output: Path) -> None:
 
 
 def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
-    """Sequences as drawn; what they take, measured on those that are there."""
+    """Prints the drawn sequences, and their time and size as measured on existing ones."""
     rows, seconds, gigabytes, truth, light = [], [], [], 0, 0
     for index in wanted:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
@@ -193,8 +193,8 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
     free = shutil.disk_usage(next(p for p in (output, *output.absolute().parents) if p.exists())).free * 1e-9
     if not seconds:
-        print(f"hours and gigabytes are told when one is there (--only {wanted[0]}); {free:.0f} GB free")
+        print(f"time and size can be estimated once one sequence exists: run --only {wanted[0]}; {free:.0f} GB free")
         return
     left, hours, size = len(wanted) - len(seconds), mean(seconds) / 3600, mean(gigabytes)
-    print(f"measured on {len(seconds)} that are there: {60 * hours:.1f} min and {size:.2f} GB each")
+    print(f"measured on {len(seconds)} existing sequences: {60 * hours:.1f} min and {size:.2f} GB each")
     print(f"{left} left: {left * hours:.2f} h and {left * size:.1f} GB; {free:.0f} GB free")

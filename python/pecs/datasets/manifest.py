@@ -1,4 +1,4 @@
-"""What a set holds, with check sums: SEQUENCE/files.json, and SET/dataset.json over all sequences."""
+"""Checksums: SEQUENCE/files.json, and SET/dataset.json over all sequences."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .._library import version
 from .recipe import Recipe
 
 OWN = "files.json"
-NOT_SUMMED = (".log", ".run.json", "report.html")  # times of the day, and what is made from the rest
+NOT_SUMMED = (".log", ".run.json", "report.html")  # with times of day, or made from the other files
 
 
 def sequence_folder(output: Path, index: int) -> Path:
@@ -40,7 +40,7 @@ def seal(folder: Path) -> None:
 
 
 def faults(folder: Path) -> list[str]:
-    """What is lost or changed since seal(), one line each."""
+    """Lost or changed files since seal(), one line each."""
     try:
         listed: dict[str, tuple[int, str]] = json.loads((folder / OWN).read_text())
     except (OSError, ValueError) as e:
@@ -62,7 +62,7 @@ def missing(recipe: Recipe, output: Path) -> list[int]:
 
 
 def write(recipe: Recipe, output: Path) -> dict[str, Any]:
-    """dataset.json; all sequences are there."""
+    """Writes dataset.json; requires all sequences."""
     rows = []
     for index in range(recipe.sequences):
         folder = sequence_folder(output, index)

@@ -1,4 +1,4 @@
-"""The light of a stack as an RGB camera takes it, and the objects that events come from."""
+"""Pictures of an RGB camera, and the objects that caused events."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .recipe import CameraEntry
 from .work import Work
 
 PNG_LEVEL = 6
-METERED = 32  # pictures that the gain is taken from, at most
+METERED = 32  # most pictures that determine the gain
 
 
 def take(work: Work, entry: CameraEntry) -> None:
-    """rgb/, sharp/ and rgb.csv of an RGB camera."""
+    """Writes rgb/, sharp/ and rgb.csv of an RGB camera."""
     folder = work.folder / entry.name
     if (folder / "rgb.csv").exists():
         return
@@ -59,7 +59,7 @@ def take(work: Work, entry: CameraEntry) -> None:
 
 
 def label_events(work: Work, entry: CameraEntry, folder: Path) -> None:
-    """objects.npy: the object that each event's pixel saw at the event's time."""
+    """Writes objects.npy: the object at each event's pixel and time."""
     events = read(folder / "events.h5", "dsec")
     if {"objects", "motion"} <= set(work.recipe.truth["layers"]):
         work.say(f"{entry.name}: objects of events")

@@ -1,5 +1,5 @@
-"""Objects and textures from pools, drawn into a scene: [[scene.place]] of a recipe. What is drawn goes to the renderer
-as `--place` (docs/reference/render.md)."""
+"""Objects and textures from pools, drawn into a scene: [[scene.place]] of a recipe. The renderer places them by
+`--place` (docs/reference/render.md)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Pool:
     name: str | None
 
     def draw(self, place: str, rng: Rng) -> list[dict[str, Any]]:
-        """As `--place` takes them, but for names and places of files."""
+        """Objects in the format of `--place`, without names and with paths relative to the recipe."""
         found = []
         for i in range(round(self.count.draw(rng(f"{place}.count")))):
             of = rng(f"{place}.{i}")
@@ -80,7 +80,7 @@ def read(table: Table, beside: Path) -> Pool:
 
 
 def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
-    """As `--place` takes them, for a recipe in the folder `beside`."""
+    """Objects in the format of `--place`, for a recipe in the folder `beside`."""
     found = []
     for number, thing in enumerate(things):
         files = {key: str((beside / thing[key]).resolve()) if thing[key] else None for key in ("file", "texture")}
@@ -89,7 +89,7 @@ def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
 
 
 def _files(table: Table, key: str, beside: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
-    """Of a pattern, sorted, so that the same set of files gives the same draws."""
+    """Files of a pattern, sorted, so that the same set of files gives the same draws."""
     pattern = table.text(key)
     there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
     found = sorted(str(p.relative_to(beside)) for p in there if p.suffix in kinds)

@@ -1,6 +1,6 @@
-"""A recipe: what a data set is made of (docs/reference/datasets.md), and what is drawn of it for one sequence.
+"""A recipe (docs/reference/datasets.md): the configuration of a data set, and the values drawn for one sequence.
 
-Every drawn value has a generator of its own, keyed by the recipe's seed, the sequence's number and the value's name:
+Each drawn value has a separate generator, keyed by the recipe's seed, the sequence's number and the value's name:
 sequence 7 is the same in a set of ten and of a thousand, and a new range beside it changes no other value.
 """
 
@@ -31,14 +31,14 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def generator(seed: int, index: int, name: str) -> np.random.Generator:
-    """Of one drawn value."""
+    """The generator of one drawn value."""
     key = hashlib.blake2b(f"{seed} {index} {name}".encode(), digest_size=16).digest()
     return np.random.Generator(np.random.Philox(key=np.frombuffer(key, np.uint64)))
 
 
 @dataclass(frozen=True)
 class Film:
-    """What an RGB camera does with the light (rgb.py)."""
+    """Exposure and film of an RGB camera (rgb.py)."""
 
     fps: float
     exposure_ms: Value
@@ -49,7 +49,7 @@ class Film:
     rolling_us: float  # from row to row
     phase_ms: Value
     sharp: bool
-    steps: int  # of an exposure; 0: so many that nothing moves half a pixel in one
+    steps: int  # of an exposure; 0: motion is at most half a pixel in each
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Recipe:
         return generator(self.seed, index, name)
 
     def draw(self, index: int) -> dict[str, Any]:
-        """What sequence `index` is made of; written to its sequence.json."""
+        """The drawn values of sequence `index`, as written to its sequence.json."""
         scene = self.scenes[self._place(index, "scene", [s.weight for s in self.scenes])]
         share = [self.splits.get(name, 0.0) for name in SPLITS]
         split = scene.split or SPLITS[self._place(index, "split", share)]
@@ -150,7 +150,7 @@ class Recipe:
         return next(s for s in self.scenes if s.name == name)
 
     def _place(self, index: int, name: str, weights: list[float]) -> int:
-        """Which of the weighted: even for any number of sequences."""
+        """Index of the weights; the shares are even for any number of sequences."""
         begin = float(self.rng(0, name).uniform())
         ends = np.cumsum(weights) / sum(weights)
         return int(np.searchsorted(ends, (begin + index * GOLDEN) % 1.0, side="right").clip(0, len(weights) - 1))

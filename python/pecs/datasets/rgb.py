@@ -28,7 +28,7 @@ Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], 
 ELECTRON_C = 1.602176634e-19
 PEAKS_NM = ((605.0, 40.0), (535.0, 40.0), (460.0, 35.0))  # red, green, blue: peak and standard deviation
 CUT_NM = (400.0, 701.0)
-WHITE_SHARE = 0.9  # of white: where the brightest percent of a picture lands
+WHITE_SHARE = 0.9  # of white: the 99th percentile of a picture
 CV_NAMES = {"rggb": "BayerBG", "bggr": "BayerRG", "grbg": "BayerGB", "gbrg": "BayerGR"}  # OpenCV names the second row
 
 
@@ -40,7 +40,7 @@ def filters() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def write_chip(path: Path, channel: int | None, width: int, height: int, pitch_um: float, peak_qe: float) -> Path:
-    """A chip profile that sees one filter's light, or (None) that of all, for which the renderer places its bands."""
+    """A chip profile with the response of one filter, or (None) with their sum, by which the renderer chooses bands."""
     profile = json.loads((data_dir("sensor/chips") / "ideal.json").read_text())
     lambda_nm, qe = filters()
     values = qe.sum(1) / qe.sum(1).max() if channel is None else qe[:, channel]
@@ -105,7 +105,7 @@ class Developer:
     ):
         self._film, self._matrix, self._rng = film, matrix, rng
         white = np.linalg.inv(matrix).sum(1)
-        self._white = white / white.max()  # what white gives the filters
+        self._white = white / white.max()  # response of the filters to white
         self._electrons_per_a = exposure_ms * 1e-3 / ELECTRON_C
         seen = [self._brightness(self._electrons(planes)) for planes in some]
         electrons, linear = np.median(seen, axis=0)
@@ -114,12 +114,12 @@ class Developer:
         self._gain = WHITE_SHARE / max(linear * filtered, 1e-30)
 
     def _brightness(self, electrons: NDArray[np.float64]) -> tuple[float, float]:
-        """What one percent of the pixels exceed: in the brightest filter, and in linear sRGB."""
+        """99th percentiles of the pixels: of the brightest filter, and in linear sRGB."""
         linear = np.einsum("ij,jyx->yxi", self._matrix, electrons)
         return float(np.percentile(electrons.max(0), 99)), float(np.percentile(linear.max(-1), 99))
 
     def picture(self, planes_a: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Of the mean over the exposure: shot noise, read noise, the well's end, Bayer pattern and all."""
+        """From the mean over the exposure, with shot noise, read noise, full well and Bayer pattern."""
         clean, pattern = self._electrons(planes_a), self._film.bayer
         raw = clean if pattern == "none" else _mosaic(clean, pattern)
         raw = self._rng.poisson(raw) + self._rng.normal(0, self._film.read_noise_e, raw.shape)
@@ -127,14 +127,14 @@ class Developer:
         return self._developed(raw if pattern == "none" else _demosaiced(raw, pattern))
 
     def sharp(self, planes_a: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Of one instant's light, without noise and pattern."""
+        """From the light of one time, without noise and Bayer pattern."""
         return self._developed(np.minimum(self._electrons(planes_a), self._film.full_well_e))
 
     def _electrons(self, planes_a: NDArray[np.float32]) -> NDArray[np.float64]:
         return np.maximum(np.nan_to_num(planes_a.astype(np.float64)), 0) * self._electrons_per_a
 
     def _developed(self, electrons: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """White stays white where wells are full: all filters end where the first one does."""
+        """Saturates all filters where the first one does, so that white stays white."""
         white = self._white[:, None, None]
         balanced = np.minimum(electrons / white, self._film.full_well_e)
         return srgb(np.einsum("ij,jyx->yxi", self._matrix, balanced * white) * self._gain)

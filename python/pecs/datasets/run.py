@@ -73,7 +73,7 @@ def _move(work: Work) -> None:
     parameters = dict(work.drawn["trajectory"])
     kind, rate = parameters.pop("kind"), max(PATH_HZ, float(recipe.render["fps"]))
     seconds = work.drawn["duration_s"]
-    parameters["duration_s"] = seconds + 3 / rate  # the last instants may lie beyond
+    parameters["duration_s"] = seconds + 3 / rate  # the last frames may be later
     if "file" in parameters:
         parameters["file"] = str(recipe.path.parent / parameters["file"])
     path = trajectories.plan(kind, parameters, _surfaces(survey), recipe.rng(work.index, "trajectory"))
@@ -92,7 +92,7 @@ def _move(work: Work) -> None:
 
 
 def _surfaces(survey: Path) -> trajectories.Surfaces:
-    """What `pecs_blender survey` found."""
+    """Surfaces that `pecs_blender survey` has sampled."""
     with np.load(survey, allow_pickle=False) as found:
         points = np.split(found["points"], found["first"][1:-1])
         return trajectories.Surfaces(found["times_s"], points, found["static_points"], float(found["spacing_m"]))
@@ -110,7 +110,7 @@ def _write_imu(work: Work, path: trajectories.Trajectory) -> None:
 
 
 def _parameters(work: Work) -> list[Any]:
-    """What makes the scene this sequence's."""
+    """Command-line arguments that set the drawn scene parameters."""
     found: list[Any] = [f"--set={key}={value}" for key, value in work.drawn["parameters"].items()]
     if work.drawn["place"]:
         write_json(
@@ -168,12 +168,12 @@ def _flags(options: dict[str, Any]) -> list[str]:
 
 
 def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
-    """The chip that the renderer asks for film width and bands (relative to the work's folder), and the picture's size
-    in pixels."""
+    """The chip that determines film width and bands (its path is relative to the work's folder), and the size of the
+    picture in pixels."""
     if entry.kind == "events":
         name = chip_path(work.recipe, entry)
         with Chip(name) as chip:
-            if "/" in name:  # its bytes, wherever it lies
+            if "/" in name:  # copied, so that the record contains no path of this machine
                 write_whole(work.folder / entry.name / "chip.json", Path(name).read_bytes())
                 name = f"{entry.name}/chip.json"
             return name, entry.width or chip.width, entry.height or chip.height
@@ -185,7 +185,7 @@ def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
 
 
 def _see_corners(work: Work, entry: CameraEntry) -> None:
-    """Before anything is rendered."""
+    """Rejects a lens that does not cover the film, before rendering."""
     chip, width, height = film(work, entry)
     with Chip(work.folder / chip if "/" in chip else chip) as profile:
         pitch_mm = profile.pixel_pitch_m * 1e3
@@ -198,7 +198,7 @@ def _see_corners(work: Work, entry: CameraEntry) -> None:
 
 def _covered(work: Work, entry: CameraEntry, directions: rig.Array) -> None:
     if lost := int(np.isnan(directions).any(-1).sum()):
-        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}: {lost} pixels see nothing"
+        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}, which does not illuminate {lost} pixels"
         raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
 
 
@@ -269,7 +269,7 @@ def _describe(work: Work) -> None:
 
 @dataclass(frozen=True)
 class _View:
-    """What a stack says of its camera. placed: rig_from_camera."""
+    """The camera as a stack records it. placed: rig_from_camera."""
 
     stack: dict[str, Any]
     optics: rig.Optics
@@ -310,7 +310,7 @@ def _sense(work: Work, entry: CameraEntry) -> None:
 
 
 def _drop(work: Work) -> None:
-    """What the recipe does not keep, and what only the renderer reads."""
+    """Deletes stacks that the recipe does not keep, and inputs of the renderer."""
     (work.folder / "place.json").unlink(missing_ok=True)
     (work.folder / "survey.npz").unlink(missing_ok=True)
     for name in (c.name for c in work.recipe.cameras):

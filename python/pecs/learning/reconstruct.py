@@ -137,7 +137,7 @@ def reconstruct(
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
-            raise PecsInputError(f"{source}: size: got nothing that says it, wanted --size WxH", ExitCode.USAGE)
+            raise PecsInputError(f"{source}: the file does not state its size; pass --size WxH", ExitCode.USAGE)
         chosen = _weights(method, weights)
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
@@ -151,7 +151,7 @@ def reconstruct(
                 if progress:
                     progress(video.count)
             if not events:
-                raise PecsInputError(f"{source}: events: got none, wanted some")
+                raise PecsInputError(f"{source}: the file has no events")
             return {
                 "source": str(source),
                 "method": make.kind,
@@ -169,10 +169,10 @@ def _weights(method: str | None, weights: str | PathLike[str] | None) -> Path | 
     if method not in (None, *METHODS):
         raise PecsInputError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}", ExitCode.USAGE)
     if method == "filter" and weights is not None:
-        raise PecsInputError(f"--weights: got {weights}, wanted none: the filter has no weights", ExitCode.USAGE)
+        raise PecsInputError(f"--weights {weights}: the filter has no weights", ExitCode.USAGE)
     if method == "e2vid" and weights is None:
         raise PecsInputError(
-            "--weights: got none, wanted a network of `pecs train --network e2vid`: none ships", ExitCode.USAGE
+            "--method e2vid requires --weights, a network of `pecs train --network e2vid`", ExitCode.USAGE
         )
     if weights is not None:
         return Path(weights)

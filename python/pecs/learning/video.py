@@ -47,7 +47,7 @@ class VideoWriter:
             raise PecsOutputError(f"{path}: got {path.suffix}, wanted .mp4, or a folder for PNG")
         else:
             if path.exists():
-                raise PecsOutputError(f"{path}: is there already")
+                raise PecsOutputError(f"{path}: exists")
             self._partial = path.with_name(f"{path.name}.partial")
             shutil.rmtree(self._partial, ignore_errors=True)
 

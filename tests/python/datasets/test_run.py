@@ -229,7 +229,7 @@ def test_another_recipe_does_not_mix(made, tmp_path):
         ('kind = "hand_held"', 'kind = "handheld"', 4, "handheld"),
         ("rpm = [100, 400]", "rpm = 1e9", 4, "rpm"),
         ('part = "ideal"', 'part = "mems"', 4, "mems"),
-        ('pixels_of = "left"', WIDE_FILM, 4, "film.lens: got cmount_5mm_f2p8: 4 pixels see nothing"),
+        ('pixels_of = "left"', WIDE_FILM, 4, "film.lens: got cmount_5mm_f2p8, which does not illuminate 4 pixels"),
     ],
 )
 def test_what_is_wrong_is_one_line(made, tmp_path, old, new, code, line):

@@ -327,7 +327,7 @@ def fails(kind, wanted, *args, **kwargs):
 
 def test_what_cannot_be_written(sequence, tmp_path):
     fails(pecs.PecsInputError, "format: got 'mvsec', wanted one of dsec", "mvsec", [sequence], tmp_path / "a")
-    fails(pecs.PecsInputError, "dsec: got no sequences", "dsec", [], tmp_path / "a")
+    fails(pecs.PecsInputError, "dsec: there are no sequences", "dsec", [], tmp_path / "a")
     fails(pecs.PecsInputError, "got a name twice in 0000, 0000", "ecd", [sequence, sequence], tmp_path / "a")
     (tmp_path / "full").mkdir()
     fails(pecs.PecsOutputError, "full: exists", "ecd", [sequence], tmp_path / "full")

@@ -79,15 +79,15 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
     for words, code, line in (
         ((tmp_path / "no.raw", "-o", "x.mp4"), 3, "no.raw"),
         ((tmp_path / "text.onnx", "-o", tmp_path / "x.mp4"), 4, "text.onnx"),
-        ((tmp_path / "none.raw", "-o", tmp_path / "x.mp4"), 4, "events: got none"),
+        ((tmp_path / "none.raw", "-o", tmp_path / "x.mp4"), 4, "the file has no events"),
         ((path, "-o", tmp_path / "x.avi"), 5, "wanted .mp4"),
         ((path, "-o", tmp_path / "no/x.mp4"), 5, "cannot be written"),
-        ((path, "-o", tmp_path / "there"), 5, "is there already"),
+        ((path, "-o", tmp_path / "there"), 5, "exists"),
         ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
         ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
-        ((path, "-o", tmp_path / "x.mp4", "--method", "e2vid"), 2, "none ships"),
+        ((path, "-o", tmp_path / "x.mp4", "--method", "e2vid"), 2, "requires --weights"),
     ):
         result = learning("reconstruct", *words, check=False)
         said = result.stderr.strip().splitlines()

@@ -52,7 +52,7 @@ def write(
     if name not in WRITERS:
         raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}", ExitCode.USAGE)
     if not sequences:
-        raise PecsInputError(f"{name}: got no sequences", ExitCode.USAGE)
+        raise PecsInputError(f"{name}: there are no sequences to write", ExitCode.USAGE)
     names = [s.name for s in sequences]
     if len(set(names)) != len(names):
         raise PecsInputError(f"{name}: sequences: got a name twice in {', '.join(names)}", ExitCode.USAGE)
