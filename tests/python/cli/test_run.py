@@ -79,7 +79,7 @@ def test_a_data_set_needs_a_python(tmp_path):
     environment = os.environ | {"PECS_PYTHON": "/bin/false"}
     command = [sys.executable, "-m", "pecs_blender", "dataset", "recipe.toml"]
     result = subprocess.run(command, capture_output=True, text=True, env=environment)
-    assert result.returncode == 3 and result.stderr.count("\n") == 1 and "wanted a Python" in result.stderr
+    assert result.returncode == 3 and result.stderr.count("\n") == 1 and "requires a Python" in result.stderr
 
 
 def test_versions_of_a_stack(blend, tmp_path):
@@ -90,7 +90,7 @@ def test_versions_of_a_stack(blend, tmp_path):
 
     assert render().returncode == 0
     refused = render("--seed", 2)
-    assert refused.returncode == 5 and "--new-version another beside it" in refused.stderr
+    assert refused.returncode == 5 and "--new-version writes another beside it" in refused.stderr
     for _ in range(2):  # the second time it is there already
         assert render("--seed", 2, "--new-version").stderr.endswith(f"render: into {tmp_path / 's_002.stack'}\n")
     assert "into" not in render("--new-version").stderr
