@@ -32,7 +32,7 @@ else:
 
 
 class Events(_Array):
-    """Events that know the size of their pixel array: `width`, `height` in pixels, 0 if unknown.
+    """Events with the size of their pixel array: `width`, `height` in pixels, 0 if unknown.
 
     A structured array with the fields t, x, y, p, whose slices, masks and copies keep the size; a single field is a
     plain array. `pecs.Events(array, width, height)` makes one of any structured array.
@@ -108,7 +108,8 @@ class EventReader(Handle):
 
     @property
     def info(self) -> dict[str, Any]:
-        """format, width, height, camera. Width and height of a file that does not say are 0 until all is read."""
+        """format, width, height, camera. If the file does not state its size, width and height are 0 until all events
+        are read."""
         with self._use() as handle:
             info: dict[str, Any] = take_json(_info(handle))
             return info

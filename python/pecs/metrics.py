@@ -1,4 +1,4 @@
-"""Scores of simulated events against recorded ones; what each number means stands in docs/reference/metrics.md."""
+"""Scores of simulated events against recorded ones (docs/reference/metrics.md defines each)."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def compare(
         pecs.compare(pecs.read("real.raw"), pecs.read("sim.raw"))["chamfer"]
 
     Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height` (pixels; if not given, those
-    of `real`). `window_us` counts from
-    each stream's first event, or with origin="zero" from t = 0 of both. normalisation: "shared", "eq16" or "paper".
-    `split_half`: score random halves of `real` against each other too. `disk`: what `pecs align detect --json` found
-    in `real`, to compare the delays behind its edges ("delays"). Raises PecsInputError when a stream is empty or an
+    of `real`). `window_us` counts from each stream's first event, or with origin="zero" from t = 0 of both.
+    normalisation: "shared", "eq16" or "paper". `split_half`: also score random halves of `real`
+    against each other. `disk`: the output of `pecs align detect --json` for `real`, to compare the delays behind its
+    edges ("delays"). Raises PecsInputError when a stream is empty or an
     event lies outside the sensor.
     """
     width, height = width or getattr(real, "width", 0), height or getattr(real, "height", 0)

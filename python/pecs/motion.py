@@ -1,4 +1,4 @@
-"""Light, and numbers of what is seen, between two keyframes, carried along the motion (docs/reference/sensor.md)."""
+"""Light and object ids between two keyframes, warped along the motion (docs/reference/sensor.md)."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ def carry(
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """Numbers of what is seen (object ids) at `fraction` of the interval between two planes of them, int32 [H, W].
+    """Object ids at `fraction` of the interval between two planes of them, int32 [H, W].
 
     Each pixel gets the number of the surface point that is visible there then: the nearest one, never blended. What
     neither plane shows is what both have at the pixel, or 0. first, second: [H, W], whole numbers; motion as of
-    `carry`. Raises ValueError for wrong shapes and for what is no whole number.
+    `carry`. Raises ValueError for wrong shapes and for values that are not whole numbers.
     """
     a, b = _whole(first), _whole(second)
     m = np.ascontiguousarray(motion, np.float32)

@@ -113,7 +113,7 @@ def _window(
 def _planes(planes: int, height: int, width: int, out: _Planes | None) -> _Planes:
     shape = (planes, height, width)
     if out is None:
-        return np.empty(tuple(max(0, n) for n in shape), np.float32)  # the library says what is wrong
+        return np.empty(tuple(max(0, n) for n in shape), np.float32)  # the library reports the error
     if out.dtype != np.float32 or out.shape != shape or not (out.flags.c_contiguous and out.flags.writeable):
         raise ValueError(f"out: got {out.dtype} of shape {out.shape}, wanted contiguous float32 of shape {shape}")
     return out

@@ -122,14 +122,14 @@ class Sensor(Handle):
     def push(
         self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
     ) -> Events:
-        """One frame [H, W], or several [T, H, W], at rising times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`).
+        """One frame [H, W], or several [T, H, W], at increasing times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`).
 
         `motion`: how things moved in the interval before each frame, [channels, H, W] (or [T, channels, H, W]) as
         `pecs.carry` takes it: 12 channels, or optical flow in 2 or 4; NaN where it is not known. Light between the
-        frames is then carried along it. That of the very first frame is not looked at.
+        frames is then carried along it. The motion of the very first frame is ignored.
         `last`: no frame follows; the sensor closes. Negative values are taken as 0, a pixel whose value is not finite
         keeps its last one; both are counted in `bad_values`, and the first push that has some warns.
-        Raises ValueError for a wrong shape, and for times that do not rise or lie less than 1 us apart.
+        Raises ValueError for a wrong shape, and for times that do not increase by at least 1 us.
         """
         frames = _to_linear(frame, self.encoding)
         times = np.ascontiguousarray(np.atleast_1d(t_us), np.float64)
@@ -202,7 +202,7 @@ def simulate(
     progress: Callable[[float], object] | None = None,
     **options: Unpack[SensorOptions],
 ) -> Events:
-    """All events of frames [T, H, W] at times `t_us` (us, rising); options and errors as of `Sensor`.
+    """All events of frames [T, H, W] at increasing times `t_us` [us]; options and errors as of `Sensor`.
 
         events = pecs.simulate(frames, 1000 * np.arange(len(frames)), chip="imx636", photocurrent_a=1e-12)
 

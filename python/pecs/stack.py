@@ -38,7 +38,7 @@ _reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error
 
 
 def _shape(info: dict[str, Any]) -> tuple[int, int, int]:
-    """Of the light in a file."""
+    """Shape of the light in a file."""
     side = info.get("subpixels") or 1
     return len(info["bands"]), info["height"] * side, info["width"] * side
 
@@ -54,11 +54,11 @@ class StackWriter(Handle):
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
     def has_frame(self, index: int) -> bool:
-        """Whether the light's frame is whole on disk."""
+        """Whether the light's frame is complete on disk."""
         return self.has_layer(LIGHT, index)
 
     def has_layer(self, name: str, index: int) -> bool:
-        """Whether a layer's frame is whole on disk."""
+        """Whether a layer's frame is complete on disk."""
         with self._use() as handle:
             return bool(_has_frame(handle, name.encode(), index))
 
@@ -76,7 +76,7 @@ class StackWriter(Handle):
             _write_frame(handle, name.encode(), index, values, values.size)
 
     def has_between(self, interval: int, number: int, time_ns: int) -> bool:
-        """Whether a picture between two frames is whole on disk."""
+        """Whether the light at a time between two frames is complete on disk."""
         with self._use() as handle:
             return bool(_has_between(handle, interval, number, time_ns))
 
@@ -108,14 +108,14 @@ class StackReader(Handle):
         return self.read_layer(LIGHT, index)
 
     def between_ns(self, interval: int) -> list[int]:
-        """Times of the pictures within the interval that begins at a frame."""
+        """Times at which light was rendered within the interval that begins at a frame."""
         with self._use() as handle:
             times = np.empty(_between_ns(handle, interval, None, 0), np.int64)
             _between_ns(handle, interval, times.ctypes.data, len(times))
         return [int(t) for t in times]
 
     def read_between(self, interval: int, which: int) -> NDArray[np.float32]:
-        """The light of one of these pictures, [bands, height, width]; NaN where it was not rendered."""
+        """The light at one of these times, [bands, height, width]; NaN where it was not rendered."""
         frame = np.empty(self.shape, np.float32)
         with self._use() as handle:
             _read_between(handle, interval, which, frame, frame.size)

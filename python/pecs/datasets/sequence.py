@@ -1,4 +1,4 @@
-"""One sequence of a data set, as it lies on disk (docs/reference/datasets.md): strict about what it finds, and lazy.
+"""One sequence of a data set on disk (docs/reference/datasets.md), read strictly and lazily.
 
     sequence = pecs.datasets.Sequence("SET/sequences/0000")
     left = sequence.cameras["left"]
@@ -6,9 +6,9 @@
     distance_m, z_m = left.truth.depth(0)              # at left.truth.times_us[0]
     flow_px = left.truth.flow(0)                       # from there to times_us[1]
 
-Only sequence.json is read at once; everything else when it is asked for. Sequences may be pickled. Axes: a camera looks
-along z, x is right and y down; the world has z up; all metres. `a_from_b` [4, 4] takes points of b to a. K and the
-rectification have OpenCV's pixels, whose first centre is at (0, 0); boxes have edges, a first pixel from 0 to 1.
+Only sequence.json is read at once; other files are read when they are used. Sequences may be pickled. Axes: a camera
+looks along z, x is right and y down; the world has z up; all metres. `a_from_b` [4, 4] takes points of b to a. K and
+the rectification have OpenCV's pixels, whose first centre is at (0, 0); boxes have edges, a first pixel from 0 to 1.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ class Frame:
 
 
 class Camera:
-    """One camera of the rig; what it has seen is read when asked for."""
+    """One camera of the rig; its recordings are read when they are used."""
 
     def __init__(self, folder: Path, entry: Fields):
         self.name = entry.text("name")
         self.kind = entry.text("kind", choices=("events", "rgb"))
         self.folder = folder / self.name
-        self.pixels_of = entry.optional(entry.text, "pixels_of") or self.name  # who has the path and the truth
+        self.pixels_of = entry.optional(entry.text, "pixels_of") or self.name  # the camera with the path and the truth
         self._pixels = folder / self.pixels_of
         self.width, self.height = entry.integer("width", low=1), entry.integer("height", low=1)
         self.pixel_pitch_m = entry.number("pixel_pitch_um", low=1e-3) * 1e-6
@@ -95,7 +95,7 @@ class Camera:
         return EventFile(existing(self.events_path, "the events of an event camera"))
 
     def has(self, name: str) -> bool:
-        """Whether there are "causes" or "objects" of the events."""
+        """Whether the events have "causes" or "objects"."""
         return (self.folder / f"{name}.npy").is_file()
 
     def causes(self) -> NDArray[np.uint8]:
@@ -175,7 +175,7 @@ class Camera:
 
     @cached_property
     def view(self) -> Optics:
-        """Its lens as the ground truth saw through it."""
+        """Its lens, with the settings of the ground truth."""
         return optics(stack_json(self.truth.folder), self.info["lens"])
 
     @cached_property
@@ -185,7 +185,7 @@ class Camera:
 
 
 class Sequence:
-    """A folder with sequence.json. `info` is all that it says; `cameras` are by name, in its order."""
+    """A folder with sequence.json. `info` is its content; `cameras` are by name, in its order."""
 
     def __init__(self, folder: str | PathLike[str]):
         self.folder = Path(folder)
@@ -254,7 +254,7 @@ class Sequence:
 
 
 def same_pixels(a: Camera, b: Camera) -> bool:
-    """Whether a pixel of one sees what that of the other sees, as behind a beam splitter."""
+    """Whether pixels of both cameras see the same, as behind a beam splitter."""
     if (a.width, a.height) != (b.width, b.height) or len(a.distortion) != len(b.distortion):
         return False
     pairs = ((a.K, b.K), (a.distortion, b.distortion), (a.rig_from_camera, b.rig_from_camera))

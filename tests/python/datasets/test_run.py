@@ -216,7 +216,7 @@ def test_another_recipe_does_not_mix(made, tmp_path):
     result = dataset(tmp_path / "r.toml", "-o", made / "set", check=False)
     assert (
         result.returncode == 5
-        and "cameras changed since it was made" in result.stderr
+        and "drawn (cameras) changed since it was made" in result.stderr
         and result.stderr.count("pecs: ") == 1
     )
 
