@@ -274,7 +274,7 @@ def _wrong_options(scene, shown, folder):
     shown("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
-    shown("Lamp spectrum: moonlight: no such spectrum")
+    shown("Lamp spectrum: moonlight: cannot be opened")
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
     shown("Moving region: got 5, wanted X0:Y0:X1:Y1")
     s.moving_px = "0:0:8:8"
