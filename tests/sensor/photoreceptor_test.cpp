@@ -1,10 +1,13 @@
-// The photoreceptor of the product (vectors of floats, on the baseline set of instructions) against Runge-Kutta.
+// The photoreceptor against Runge-Kutta, as vectors of floats (on the baseline instruction set), as float and as
+// double.
 #include <gtest/gtest.h>
 #include <hwy/highway.h>
 
 #include <cmath>
 
-#include "models/pecs/photoreceptor-inl.h"
+#include "models/pecs/math-inl.h"
+// then
+#include "models/pecs/photoreceptor.h"
 
 namespace pecs::sensor::HWY_NAMESPACE {
 namespace {
@@ -19,8 +22,8 @@ struct Light {
 constexpr Light kLights[] = {{1.5, 0.3, 2.0}, {-1.5, 0, 0}, {0.2, 0.5, -0.1}, {2.3, 0, 6}};
 constexpr double kSpeeds[] = {0.01, 0.3, 1, 5, 20, 200};
 
-V all(double v) { return hn::Set(F(), static_cast<float>(v)); }
-double first(V v) { return static_cast<double>(hn::GetLane(v)); }
+double value(V v) { return static_cast<double>(hn::GetLane(v)); }
+double value(double v) { return v; }
 
 double rest(const Light& light, double a) { return a < 3 ? -0.7 : -light.m0 / a; }
 
@@ -39,65 +42,73 @@ double runge_kutta(const Light& light, double a, double v, const Visit& visit) {
   return v;
 }
 
-Cubics cubic_of(const Light& light) { return hermite(all(0), all(light.l1), all(light.m0), all(light.m1)); }
+template <class T>
+struct PhotoreceptorOf : testing::Test {};
+using NumberTypes = testing::Types<V, float, double>;
+TYPED_TEST_SUITE(PhotoreceptorOf, NumberTypes);
 
-// V all along the interval, in light that bends, rises and falls, at speeds from slow to stiff.
-TEST(Photoreceptor, StepsOfItsChoiceAgainstRungeKutta) {
+// V throughout the interval, in light that curves, rises and falls, from slow to stiff.
+TYPED_TEST(PhotoreceptorOf, AdaptiveStepsAgainstRungeKutta) {
+  using T = TypeParam;
   for (const Light& light : kLights)
     for (const double a : kSpeeds) {
       const double v0 = rest(light, a);
-      const V zero = all(0);
-      Receptors r{cubic_of(light), all(a), zero, zero, zero, all(std::exp(-v0)), all(1), all(light.m0)};
+      const T zero = number<T>(0);
+      const Cubic<T> l = hermite(zero, number<T>(light.l1), number<T>(light.m0), number<T>(light.m1));
+      Photoreceptor<T> r{l, number<T>(a), zero, zero, zero, number<T>(std::exp(-v0)), number<T>(1), l.c1};
       r.bound();
-      Cubics piece{};
+      Cubic<T> piece{};
       double begin = 0, end = 0, worst = 0;
       int steps = 0;
       const auto next = [&] {
-        const Receptors::Step step = r.choose();
-        const V before = hn::Neg(ln(r.w));
-        r.take(hn::Eq(zero, zero), step.ds, step.end);
+        const auto step = r.choose();
+        const T before = -log(r.w);
+        r.take(zero <= zero, step.ds, step.end);
         r.s = step.end;
-        piece = hermite(before, hn::Neg(ln(r.w)), step.slope_of_v, r.slope_of_v(r.motion(), step.ds));
+        piece = hermite(before, -log(r.w), step.slope_of_v, r.slope_of_v(r.motion(), step.ds));
         begin = end;
-        end = first(step.end);
+        end = value(step.end);
         ++steps;
       };
       next();
       const double last = runge_kutta(light, a, v0, [&](double s, double v) {
         if (s >= end) next();
-        worst = std::max(worst, std::abs(first(piece.at(all((s - begin) / (end - begin)))) - v));
+        worst = std::max(worst, std::abs(value(piece.at(number<T>((s - begin) / (end - begin)))) - v));
       });
       EXPECT_LT(worst, 1e-3) << light.l1 << " a " << a << " in " << steps << " steps";
-      EXPECT_NEAR(-std::log(first(r.w)), last, 1e-3) << light.l1 << " a " << a;
+      EXPECT_NEAR(-std::log(value(r.w)), last, 1e-3) << light.l1 << " a " << a;
       EXPECT_LT(steps, 20) << a;
     }
 }
 
-// The quick way of pixels that cannot fire, where light changes little within an interval: its error grows as the light
-// bends, to 4e-3 at the most that it is used for. Its bounds hold V.
-TEST(Photoreceptor, TwoHalfStepsAgainstRungeKutta) {
+// The fast path for intervals in which the light changes little: its error grows with the light's curvature, to 4e-3 at
+// the largest change that it is used for. V stays within its bounds.
+TYPED_TEST(PhotoreceptorOf, TwoHalfStepsAgainstRungeKutta) {
+  using T = TypeParam;
   for (const Light& light : {Light{0.12, 0.1, 0.15}, {-0.12, -0.05, -0.2}, {0.02, 0.04, 0.01}, {0, 0, 0}})
     for (const double a : kSpeeds) {
       const double tolerance = std::abs(light.l1) > 0.02 ? 5e-3 : 5e-4;
       const double v0 = 0.05 + rest({light.l1, light.m0, light.m1}, std::max(a, 3.0)), w0 = std::exp(-v0);
       const double i1 = std::exp(light.l1);
-      const IntervalLight l{all(0), all(light.l1), all(light.m0), all(light.m1), all(1), all(i1), all(1), all(1 / i1)};
-      const Response r = two_half_steps(l, all(w0), 1, static_cast<float>(a));
+      const IntervalLight<T> l{number<T>(0), number<T>(light.l1), number<T>(light.m0), number<T>(light.m1),
+                               number<T>(1), number<T>(i1),       number<T>(1),        number<T>(1 / i1)};
+      const Response<T> r = two_half_steps(l, number<T>(w0), 1, static_cast<float>(a));
       double low = 1e9, high = -1e9;
       const double last = runge_kutta(light, a, v0, [&](double, double v) {
         low = std::min(low, v);
         high = std::max(high, v);
       });
-      const double v1 = -std::log(first(r.w));
+      const double v1 = -std::log(value(r.w));
       EXPECT_NEAR(v1, last, tolerance) << light.l1 << " a " << a;
-      const double exposure = a * (light.l1 == 0 ? 1 : 0);  // of still light, where it is known
+      const double exposure = a * (light.l1 == 0 ? 1 : 0);  // of constant light, where it is known
       if (exposure > 0) {
-        EXPECT_NEAR(first(r.correlation), std::exp(-exposure + v1 - v0), 1e-5) << a;
+        EXPECT_NEAR(value(r.correlation), std::exp(-exposure + v1 - v0), 1e-5) << a;
       }
-      V bound_low = hn::Min(all(v0), all(v1)), bound_high = hn::Max(all(v0), all(v1));
-      widen_to_hull(all(v0), all(v1), all(a), all(1 - 1 / w0), all(i1 - std::exp(v1)), all(0), bound_low, bound_high);
-      EXPECT_LT(first(bound_low), low + tolerance) << light.l1 << " a " << a;
-      EXPECT_GT(first(bound_high), high - tolerance) << light.l1 << " a " << a;
+      T bound_low = min(number<T>(v0), number<T>(v1)), bound_high = max(number<T>(v0), number<T>(v1));
+      widen_to_hull(number<T>(v0), number<T>(v1), number<T>(a), number<T>(1 - 1 / w0), number<T>(i1 - std::exp(v1)),
+                    number<T>(0), bound_low, bound_high);
+      EXPECT_LT(value(bound_low), low + tolerance) << light.l1 << " a " << a;
+      EXPECT_GT(value(bound_high), high - tolerance) << light.l1 << " a " << a;
     }
 }
 

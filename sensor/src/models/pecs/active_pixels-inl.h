@@ -1,5 +1,5 @@
-// Pixels that may fire, exactly: vectors of them in stages. Times are s in [0, 1] within the interval, or z within a
-// step of the photoreceptor. Included once per instruction set.
+// The exact work for pixels that may fire: vectors of them, in stages. Times are s in [0, 1] within the interval, or z
+// within a step of the photoreceptor. Included once per instruction set.
 #if defined(PECS_ACTIVE_PIXELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef PECS_ACTIVE_PIXELS_INL_H_
 #undef PECS_ACTIVE_PIXELS_INL_H_
@@ -10,7 +10,8 @@
 #include <algorithm>
 #include <span>
 
-#include "models/pecs/photoreceptor-inl.h"
+#include "models/pecs/math-inl.h"
+#include "models/pecs/photoreceptor.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
@@ -19,8 +20,8 @@ inline std::uint32_t lanes() { return static_cast<std::uint32_t>(hn::Lanes(F()))
 HWY_INLINE V at(const float* row, std::uint32_t p) { return hn::Load(F(), row + p); }
 HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + p); }
 
-// A block of pixels: rows of a value per pixel, whole vectors. Of frames: the interval's start and end and the frame
-// after it; of the others with two: start, end.
+// A block of pixels: rows with one value per pixel, padded to whole vectors. Index of l, i, g: frame at the interval's
+// start, at its end, the one after; index of the other pairs: start, end.
 struct BlockRows {
   static constexpr std::uint32_t kPixels = 4096;
   std::uint32_t first = 0, count = 0;
@@ -49,10 +50,10 @@ struct ActiveLanes {
   HWY_ALIGN float live[kLanes], ready[kLanes];  // 1 or 0; ready: for a step
   HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], n0[kLanes], drift[kLanes],
       background[kLanes];
-  HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_bend[kLanes];
-  HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // the photoreceptor's
-  HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the step to take
-  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes], z[kLanes];            // of the step taken: V, noise and leak
+  HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
+  HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
+  HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the next step
+  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes], z[kLanes];            // of the last step: V with noise and leak
   HWY_ALIGN float next[kLanes], next_on[kLanes];                              // crossing
   const std::uint32_t* pixels;
   std::size_t count;
@@ -62,10 +63,10 @@ HWY_INLINE V get(const float* row) { return hn::Load(F(), row); }
 HWY_INLINE void set(float* row, V v) { hn::Store(v, F(), row); }
 HWY_INLINE M holds(const float* row) { return hn::Gt(get(row), hn::Zero(F())); }
 HWY_INLINE void set(float* row, M m) { set(row, hn::IfThenElseZero(m, hn::Set(F(), 1.0f))); }
-HWY_INLINE Cubics cubics(const float (*rows)[kLanes]) {
+HWY_INLINE Cubic<V> cubic(const float (*rows)[kLanes]) {
   return {get(rows[0]), get(rows[1]), get(rows[2]), get(rows[3])};
 }
-HWY_INLINE void set(float (*rows)[kLanes], const Cubics& c) {
+HWY_INLINE void set(float (*rows)[kLanes], const Cubic<V>& c) {
   set(rows[0], c.c0), set(rows[1], c.c1), set(rows[2], c.c2), set(rows[3], c.c3);
 }
 
@@ -81,9 +82,9 @@ class ActivePixels {
     std::fill_n(background_s_, BlockRows::kPixels, kNone);
   }
 
-  // Works through an interval: its list of pixels, and those with background events. jobs() is where they are listed.
+  // Processes an interval: the pixels listed in jobs(), and those with background events.
   std::uint32_t* jobs() { return jobs_; }
-  std::size_t worked() const { return jobs_count_; }  // of them, and of background events, in the last interval
+  std::size_t worked() const { return jobs_count_; }  // pixels processed in the last interval
   void work(const IntervalTimes& t, std::size_t jobs) {
     jobs_count_ = jobs;
     take_background(t);
@@ -92,7 +93,7 @@ class ActivePixels {
   }
 
  private:
-  static constexpr float kNone = 2;  // no time within an interval
+  static constexpr float kNone = 2;  // no event: beyond s = 1
 
   // Background events of this interval: each pixel's first into background_s_.
   void take_background(const IntervalTimes& t) {
@@ -111,14 +112,14 @@ class ActivePixels {
     return std::clamp(static_cast<float>((e.t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
   }
 
-  HWY_INLINE Receptors receptors(const IntervalTimes& t, const ActiveLanes& g) const {
-    return {cubics(g.light), hn::Set(F(), a_h_of(a_, t)),
-            get(g.steepest), get(g.steepest_bend),
+  HWY_INLINE Photoreceptor<V> photoreceptor(const IntervalTimes& t, const ActiveLanes& g) const {
+    return {cubic(g.light),  hn::Set(F(), a_h_of(a_, t)),
+            get(g.steepest), get(g.steepest_second),
             get(g.s),        get(g.w),
             get(g.i),        get(g.slope)};
   }
 
-  // The exact work. Every stage goes over all groups: what one waits for, the next fills.
+  // Each stage runs over all groups, so that the work of one group hides the latency of another.
   HWY_NOINLINE void find_events(const IntervalTimes& t) {
     clock_ = Clock(t);
     const std::size_t groups = (jobs_count_ + lanes() - 1) / lanes();
@@ -129,7 +130,7 @@ class ActivePixels {
     }
     while (left > 0) {
       const std::span<ActiveLanes* const> work(at_work_, left);
-      // Most that fired look on within their step.
+      // Most pixels that fired search on within their step.
       std::size_t ready = 0;
       for (ActiveLanes* g : work)
         if (!hn::AllFalse(F(), holds(g->ready))) to_step_[ready++] = g;
@@ -145,7 +146,7 @@ class ActivePixels {
         if (fire(t, *g)) at_work_[left++] = g;
     }
     for (std::size_t k = 0; k < groups; ++k) scatter(t, groups_[k]);
-    hand_on();
+    flush_events();
   }
 
   void gather(const IntervalTimes& t, ActiveLanes& g, std::size_t job) {
@@ -168,7 +169,7 @@ class ActivePixels {
     const V background = of(background_s_);
     set(g.background, background);
     g.any_background = !hn::AllFalse(f, hn::Lt(background, hn::Set(f, kNone)));
-    const Cubics l = hermite(of(rows_.l[0]), of(rows_.l[1]), hn::Mul(of(rows_.m[0]), h), hn::Mul(of(rows_.m[1]), h));
+    const Cubic<V> l = hermite(of(rows_.l[0]), of(rows_.l[1]), hn::Mul(of(rows_.m[0]), h), hn::Mul(of(rows_.m[1]), h));
     set(g.light, l);
     set(g.q, l);
     set(g.s, zero);
@@ -176,10 +177,10 @@ class ActivePixels {
     set(g.s1, one);
     set(g.z, zero);
     if constexpr (kReceptor) {
-      Receptors r{l, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
+      Photoreceptor<V> r{l, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
       r.bound();
       set(g.steepest, r.steepest);
-      set(g.steepest_bend, r.steepest_bend);
+      set(g.steepest_second, r.steepest_second);
       set(g.w, of(rows_.w[0]));
       set(g.i, of(rows_.i[0]));
       set(g.slope, l.c1);
@@ -188,14 +189,14 @@ class ActivePixels {
   }
 
   HWY_INLINE void choose_step(const IntervalTimes& t, ActiveLanes& g) {
-    const Receptors::Step step = receptors(t, g).choose();
+    const Photoreceptor<V>::Step step = photoreceptor(t, g).choose();
     set(g.ds, step.ds);
     set(g.s_next, step.end);
     set(g.m0, step.slope_of_v);
   }
 
   HWY_INLINE void take_step(const IntervalTimes& t, ActiveLanes& g) {
-    Receptors r = receptors(t, g);
+    Photoreceptor<V> r = photoreceptor(t, g);
     r.take(holds(g.ready), get(g.ds), get(g.s_next));
     set(g.w, r.w);
     set(g.i, r.i);
@@ -207,10 +208,10 @@ class ActivePixels {
     const M ready = holds(g.ready);
     const V zero = hn::Zero(f), one = hn::Set(f, 1.0f), begin = kReceptor ? get(g.s) : zero;
     const V end = kReceptor ? get(g.s_next) : one;
-    Cubics v = cubics(g.light);
+    Cubic<V> v = cubic(g.light);
     set(g.s, hn::IfThenElse(ready, end, get(g.s)));
     if constexpr (kReceptor) {
-      const Receptors r = receptors(t, g);
+      const Photoreceptor<V> r = photoreceptor(t, g);
       const V v1 = hn::IfThenElse(ready, hn::Neg(ln(r.w)), get(g.v));
       v = hermite(get(g.v), v1, get(g.m0), r.slope_of_v(r.motion(), get(g.ds)));
       set(g.v, v1);
@@ -218,7 +219,7 @@ class ActivePixels {
     const V drift = get(g.drift);
     v.c0 = hn::Add(v.c0, hn::MulAdd(drift, begin, get(g.n0)));
     v.c1 = hn::MulAdd(drift, hn::Sub(end, begin), v.c1);
-    const Cubics q = choose(ready, v, cubics(g.q));
+    const Cubic<V> q = select(ready, v, cubic(g.q));
     const V s0 = hn::IfThenElse(ready, begin, get(g.s0)), s1 = hn::IfThenElse(ready, end, get(g.s1));
     V z = hn::IfThenElse(ready, zero, get(g.z));
     const V blind = get(g.blind);
@@ -239,13 +240,13 @@ class ActivePixels {
 
   HWY_INLINE void find_crossing(ActiveLanes& g) {
     const V reference = get(g.reference);
-    const FirstCrossing next =
-        first_crossing(cubics(g.q), get(g.z), hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
+    const Crossing<V> next =
+        first_crossing(cubic(g.q), get(g.z), hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
     set(g.next, next.at);
     set(g.next_on, next.on);
   }
 
-  // The crossings found are events. False when the interval is over for all.
+  // Emits the crossings found. False when all lanes have finished the interval.
   HWY_INLINE bool fire(const IntervalTimes& t, ActiveLanes& g) {
     const F f;
     const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), s0 = get(g.s0), s1 = get(g.s1), ds = hn::Sub(s1, s0);
@@ -266,7 +267,7 @@ class ActivePixels {
       const V after = hn::IfThenElse(rests, hn::Div(hn::Sub(until, s0), ds), at_z);
       const V z = hn::IfThenElse(resets, after, get(g.z));
       set(g.blind, hn::IfThenElse(sleeps, until, get(g.blind)));
-      set(g.reference, hn::IfThenElse(resets, cubics(g.q).at(z), get(g.reference)));
+      set(g.reference, hn::IfThenElse(resets, cubic(g.q).at(z), get(g.reference)));
       set(g.z, z);
       ready = hn::Or(ready, sleeps);
       mark(t, g, resets, hn::MulAdd(ds, z, s0));
@@ -301,7 +302,7 @@ class ActivePixels {
       if (flag[k] != 0) work(k);
   }
 
-  // A pixel's noise at s; the drift of the leak is told by the time.
+  // A pixel's noise at s, without the drift of the leak.
   float noise_at(std::uint32_t p, float s) const {
     return rows_.noise[0][p] + (rows_.noise[1][p] - rows_.noise[0][p]) * s;
   }
@@ -344,14 +345,14 @@ class ActivePixels {
       });
     }
     fired_ += compress.count();
-    if (fired_ > kRoom) hand_on();
+    if (fired_ > kRoom) flush_events();
   }
-  void hand_on() {
+  void flush_events() {
     clock_.add(us_, place_, fired_, *a_.events);
     fired_ = 0;
   }
 
-  // Where a background event comes before the crossing found, it takes its place. Those that were before are over.
+  // A background event before the crossing found replaces it. Returns the lanes where it does.
   M background_first(const IntervalTimes& t, ActiveLanes& g, M seeking) {
     const F f;
     HWY_ALIGN float noise[kLanes] = {};
@@ -380,13 +381,13 @@ class ActivePixels {
 
   const KernelArguments& a_;
   BlockRows& rows_;
-  std::span<const BackgroundEvent> background_, due_;  // to come; of this interval
+  std::span<const BackgroundEvent> background_, due_;  // of later intervals; of this interval
   HWY_ALIGN float background_s_[BlockRows::kPixels];
   Cause background_cause_[BlockRows::kPixels];
   std::uint32_t jobs_[BlockRows::kPixels + 2 * kLanes];
   std::size_t jobs_count_ = 0;
   Clock clock_;            // of the interval
-  std::size_t fired_ = 0;  // events to hand on
+  std::size_t fired_ = 0;  // events in us_ and place_
   std::int32_t us_[kRoom + 2 * kLanes];
   std::uint32_t place_[kRoom + 2 * kLanes];
   ActiveLanes groups_[BlockRows::kPixels / kLanes + 1];

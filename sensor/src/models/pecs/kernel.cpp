@@ -16,8 +16,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
 
-// A block of pixels, frame by frame. First what all pixels have to do, vector by vector; then the exact work, for those
-// that may fire. Pictures stand still in most places: what follows from light that stays is kept.
+// A block of pixels, frame by frame. First the work for all pixels, vector by vector; then the exact work, for those
+// that may fire. Most of a picture is constant in time: results that depend on constant light alone are kept.
 template <bool kReceptor>
 class PixelBlock {
  public:
@@ -105,7 +105,7 @@ class PixelBlock {
     kept_h_us_ = 0;
     random_of_ = -1;
   }
-  // What load() takes of pixels from p on, and does not have to wait for then.
+  // Prefetches what load() will read for pixels from p on.
   void prefetch_state(std::uint32_t p) const {
     if (p >= a_.first + a_.count) return;
     for (const float* row : {a_.light0, a_.light1, a_.m0, a_.reference, a_.blind_us}) hwy::Prefetch(row + p);
@@ -119,7 +119,7 @@ class PixelBlock {
     put(ln(i), rows_.l[k], p);
     put(inverse(i), rows_.g[k], p);
   }
-  // The same where it is often that of another frame.
+  // follow_light, copied from frame `before` where the light is the same.
   void follow_light_since(int before, int k, std::uint32_t p) {
     if (!hn::AllTrue(F(), hn::Eq(at(rows_.i[before], p), at(rows_.i[k], p)))) return follow_light(k, p);
     put(at(rows_.l[before], p), rows_.l[k], p);
@@ -131,7 +131,7 @@ class PixelBlock {
     put(inverse(w), rows_.u[k], p);
   }
   void store() {
-    // Only what is new: most of it lies far away, and reading is cheaper than writing.
+    // Writes only values that changed: most of the state is out of cache, and reading is cheaper than writing.
     const I32 i;
     const auto give = [&](const float* row, float* to) {
       to += rows_.first;
@@ -158,7 +158,7 @@ class PixelBlock {
     const F f;
     const float* now = planes_.next();
     for (std::size_t w = 0; w < planes_.words(); ++w) {
-      // Rows go round: what was two planes ago is in the newest.
+      // Rows rotate: the newest row holds the values of three planes ago.
       const std::uint64_t changed = planes_.changed(w), moving = planes_.changed(w, 1) | planes_.changed(w, 2);
       each_vector(~changed & moving, w, [&](std::uint32_t p) {
         for (float** row : {rows_.l, rows_.i, rows_.g}) put(at(row[1], p), row[2], p);
@@ -172,7 +172,7 @@ class PixelBlock {
     }
   }
 
-  // The first frame, in the newest rows: everything at rest.
+  // The first frame, in the newest rows: steady state.
   void start() {
     const F f;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
@@ -196,7 +196,7 @@ class PixelBlock {
     VU r[4];
     VU operator[](std::int64_t k) const { return r[k]; }
   };
-  // Four steps share one call of Philox.
+  // Random numbers of four steps: one call of Philox.
   Four draw(std::uint32_t p, std::int64_t four, Purpose purpose) const {
     const U32 u;
     const auto s = static_cast<std::uint64_t>(four);
@@ -209,8 +209,7 @@ class PixelBlock {
   const float* draws(std::int64_t step) {
     if (step >> 2 != random_of_) {
       random_of_ = step >> 2;
-      const auto last =
-          std::min<std::int64_t>(3, a_.intervals.back().step - 4 * random_of_);  // asked for in this batch
+      const auto last = std::min<std::int64_t>(3, a_.intervals.back().step - 4 * random_of_);  // needed in this batch
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
         const Four four = draw(p, random_of_, Purpose::noise);
         for (std::int64_t k = step & 3; k <= last; ++k) put(gaussian(four[k]), random_[k], p);
@@ -219,13 +218,13 @@ class PixelBlock {
     return random_[step & 3];
   }
 
-  // Vectors in which something moves, and quiet ones: there the light stays, the photoreceptor ends as it began, and
-  // what follows from both is kept.
+  // Lists moving and quiet vectors. In quiet ones light and photoreceptor are constant, and the results that depend on
+  // them are kept.
   void list_moving(const IntervalTimes& t) {
     const F f;
     moving_count_ = quiet_count_ = 0;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-      std::uint8_t& still_for = still_for_[p / lanes()];  // intervals, up to 2: then both rows of a pair are alike
+      std::uint8_t& still_for = still_for_[p / lanes()];  // intervals, up to 2: then both rows of a pair are equal
       bool still = !planes_.moves(p);
       if constexpr (kReceptor)
         still = still && (still_for == 2 || hn::AllTrue(f, hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p))));
@@ -252,19 +251,19 @@ class PixelBlock {
     const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p), g0 = at(rows_.g[0], p), w0 = at(rows_.w[0], p);
     const float a_h = a_h_of(a_, t);
     const bool is_still = hn::AllTrue(f, hn::Eq(i0, i1));
-    const Response r = is_still ? still_half_steps(i0, g0, w0, a_h)
-                                : two_half_steps({at(rows_.l[0], p), at(rows_.l[1], p), at(rows_.m[0], p),
-                                                  at(rows_.m[1], p), i0, i1, g0, at(rows_.g[1], p)},
-                                                 w0, t.h_us, a_h);
+    const Response<V> r = is_still ? constant_half_steps(i0, g0, w0, a_h)
+                                   : two_half_steps<V>({at(rows_.l[0], p), at(rows_.l[1], p), at(rows_.m[0], p),
+                                                        at(rows_.m[1], p), i0, i1, g0, at(rows_.g[1], p)},
+                                                       w0, t.h_us, a_h);
     put(r.w, rows_.w[1], p);
-    if (is_still && hn::AllTrue(f, hn::Eq(w0, g0))) {  // and so stays the photoreceptor
+    if (is_still && hn::AllTrue(f, hn::Eq(w0, g0))) {  // the photoreceptor is constant
       put(at(rows_.v[0], p), rows_.v[1], p);
       put(at(rows_.u[0], p), rows_.u[1], p);
     } else {
       follow_w(1, p);
     }
     put(r.correlation, rho_, p);
-    put(noise_deviation(a_.noise_std, r.correlation), sigma_, p);
+    put(innovation_std(a_.noise_std, r.correlation), sigma_, p);
   }
 
   // The interval between the frames of rows 0 and 1, with slopes rows_.m per us.
@@ -317,7 +316,7 @@ class PixelBlock {
       const V d1 = hn::Add(d0, hn::Add(hn::Sub(n1, n0), leaks));
       list(hn::Or(is_blind(p), crosses(hn::Min(d0, d1), hn::Max(d0, d1), p)), p, active_.jobs(), jobs);
     }
-    // They take several steps, so they keep to themselves.
+    // Listed last: they need several steps and would stall vectors that need one.
     std::copy_n(fast_, fast_jobs, active_.jobs() + jobs);
     active_.work(t, jobs + fast_jobs);
     for (std::size_t k = 0; k < active_.worked(); ++k) still_for_[active_.jobs()[k] / lanes()] = 0;
@@ -336,7 +335,7 @@ class PixelBlock {
   float kept_h_us_ = 0;
   std::size_t moving_count_ = 0, quiet_count_ = 0;
   HWY_ALIGN float rho_[kPixels], sigma_[kPixels], random_[4][kPixels];
-  std::uint8_t still_for_[kPixels];  // of a vector: since it has been still, rho_ and sigma_ are of this light
+  std::uint8_t still_for_[kPixels];  // of a vector; while > 0, rho_ and sigma_ are valid
   std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1], fast_[kPixels + kLanes];
 };
 

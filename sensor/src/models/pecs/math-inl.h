@@ -1,4 +1,5 @@
-// Included once per instruction set, after hwy/highway.h: what the kernels of pixels share.
+// Vectors, planes of pixels and event output for the pixel kernels. Included once per instruction set, after
+// hwy/highway.h.
 #if defined(PECS_PIXEL_MATH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef PECS_PIXEL_MATH_INL_H_
 #undef PECS_PIXEL_MATH_INL_H_
@@ -7,11 +8,13 @@
 #endif
 
 #include <hwy/cache_control.h>
+#include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <concepts>
 
 #include "models/pecs/kernel.h"
 
@@ -26,9 +29,9 @@ using V = hn::Vec<F>;
 using VU = hn::Vec<U32>;
 using M = hn::Mask<F>;
 
-constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: less light than this is darkness
+constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: lower bound of the photocurrent
 
-// first, first + 1, … (Highway's own, of a variable, is written lane by lane).
+// first, first + 1, … (hn::Iota of a variable is slow: it writes lane by lane).
 HWY_INLINE VU iota(std::uint32_t first) { return hn::Add(hn::Iota(U32(), 0), hn::Set(U32(), first)); }
 
 // ln x for positive, finite, normal x: x = 2^e m with m in [sqrt(1/2), sqrt(2)), then the minimax polynomial of
@@ -51,6 +54,39 @@ HWY_INLINE V ln(V x) {
   return hn::MulAdd(exponent, hn::Set(f, 0.693359375f), hn::Add(m, y));
 }
 
+// The vector as a number type (number.h).
+template <class T>
+  requires std::same_as<T, V>
+HWY_INLINE V number(double value) {
+  return hn::Set(F(), static_cast<float>(value));
+}
+HWY_INLINE V operator-(V a) { return hn::Neg(a); }
+HWY_INLINE V operator+(float a, V b) { return hn::Add(hn::Set(F(), a), b); }
+HWY_INLINE V operator-(float a, V b) { return hn::Sub(hn::Set(F(), a), b); }
+HWY_INLINE V operator*(float a, V b) { return hn::Mul(hn::Set(F(), a), b); }
+HWY_INLINE V operator/(float a, V b) { return hn::Div(hn::Set(F(), a), b); }
+HWY_INLINE M operator<(V a, float b) { return hn::Lt(a, hn::Set(F(), b)); }
+HWY_INLINE M operator>(V a, float b) { return hn::Gt(a, hn::Set(F(), b)); }
+HWY_INLINE M operator<=(V a, float b) { return hn::Le(a, hn::Set(F(), b)); }
+HWY_INLINE M operator&&(M a, M b) { return hn::And(a, b); }
+HWY_INLINE M operator||(M a, M b) { return hn::Or(a, b); }
+HWY_INLINE M operator!(M a) { return hn::Not(a); }
+HWY_INLINE bool all(M mask) { return hn::AllTrue(F(), mask); }
+HWY_INLINE bool any(M mask) { return !hn::AllFalse(F(), mask); }
+HWY_INLINE V select(M which, V yes, V no) { return hn::IfThenElse(which, yes, no); }
+HWY_INLINE V select_or_zero(M which, V yes) { return hn::IfThenElseZero(which, yes); }
+HWY_INLINE V mul_add(V a, V b, V c) { return hn::MulAdd(a, b, c); }
+HWY_INLINE V mul_sub(V a, V b, V c) { return hn::MulSub(a, b, c); }
+HWY_INLINE V neg_mul_add(V a, V b, V c) { return hn::NegMulAdd(a, b, c); }
+HWY_INLINE V min(V a, V b) { return hn::Min(a, b); }
+HWY_INLINE V max(V a, V b) { return hn::Max(a, b); }
+HWY_INLINE V abs(V a) { return hn::Abs(a); }
+HWY_INLINE V sqrt(V a) { return hn::Sqrt(a); }
+HWY_INLINE V ceil(V a) { return hn::Ceil(a); }
+HWY_INLINE V exp(V a) { return hn::Exp(F(), a); }
+HWY_INLINE V log(V a) { return ln(a); }
+HWY_INLINE V copy_sign(V size, V sign) { return hn::CopySign(size, sign); }
+
 // Photo- plus dark current [fA] of a plane's values; false where that is not finite.
 HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   const F f;
@@ -59,7 +95,7 @@ HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
 }
 
-// Writes the first `lanes` of v; those beyond belong to others.
+// Writes the first `lanes` of v and leaves the memory beyond them unchanged.
 HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
   const F f;
   hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(hn::FirstN(f, lanes), v, hn::LoadU(f, to)), f, to);
@@ -76,7 +112,7 @@ struct VectorBits {
   static std::size_t words_of(std::uint32_t pixels) {
     return (pixels + 64 * hn::Lanes(F()) - 1) / (64 * hn::Lanes(F()));
   }
-  // Those of a block's vectors for which is_set(p) holds.
+  // Sets the bits of a block's vectors for which is_set(p) is true.
   template <class IsSet>
   HWY_INLINE void set(std::uint32_t pixels, const IsSet& is_set) {
     const auto lanes = static_cast<std::uint32_t>(hn::Lanes(F()));
@@ -114,7 +150,7 @@ class Planes {
     std::ranges::fill(changed_, Bits{});
   }
   std::size_t words() const { return Bits::words_of(count_); }
-  // The next plane, whole vectors: lanes beyond the block see light 1.
+  // The next plane, padded to whole vectors with light 1.
   HWY_INLINE const float* next() {
     const F f;
     const float* now = a_.planes[index_] + first_;
@@ -137,10 +173,10 @@ class Planes {
     ++index_;
     return now;
   }
-  // Where the plane given last, or one to three before it, differs from the one before; the first differs everywhere.
+  // Vectors in which the last plane, or one to three before it, differs from its predecessor; all, for the first.
   std::uint64_t changed(std::size_t word, std::size_t planes_ago = 0) const { return changed_[planes_ago].words[word]; }
   Bits& changed() { return changed_[0]; }
-  // Whether the vector at p differs in one of the last three planes from the one before.
+  // True if the vector at p changed in one of the last three planes.
   bool moves(std::uint32_t p) const {
     const std::size_t vector = p / hn::Lanes(F()), word = vector / 64;
     return (changed(word) | changed(word, 1) | changed(word, 2)) >> vector % 64 & 1;
@@ -166,8 +202,8 @@ struct CompressTable {
 };
 constexpr CompressTable kTable;
 
-// Moves chosen lanes to the front, for several vectors with one choice. Highway's own copies its tables at every call
-// where there is no instruction for it.
+// Moves chosen lanes to the front, for several vectors with one choice. Without an instruction for it, hn::Compress
+// copies its tables at every call.
 class Compress {
  public:
   explicit Compress(M which) : which_(which) {
@@ -198,7 +234,7 @@ class Compress {
   std::size_t count_ = 0;
 };
 
-constexpr std::size_t kRoom = 512;  // for events that wait; never more than this and two vectors
+constexpr std::size_t kRoom = 512;  // of buffered events; at most two vectors more are buffered
 static_assert(kRoom + 2 * kLanes <= EventSlots::kChunk);
 
 // Event times of an interval.
@@ -210,7 +246,7 @@ class Clock {
     base_ = event_key(static_cast<std::int64_t>(whole), 0, false);
     rounding_us_ = static_cast<float>(t.t0_us - whole) + 0.5f;
   }
-  // Whole us since that of the interval's start; s: in [0, 1].
+  // Whole us after floor(t0_us); s: in [0, 1].
   HWY_INLINE hn::Vec<I32> us(V s) const {
     return hn::ConvertTo(I32(), hn::MulAdd(s, hn::Set(F(), h_us_), hn::Set(F(), rounding_us_)));
   }
@@ -227,7 +263,7 @@ class Clock {
     if (end <= next) {
       EventKey* const keys = events.room(count, at(first));
       for (std::size_t i = 0; i < count; ++i) keys[i] = at(us[i]) + place[i];
-    } else if (end <= events.end_of_slot(next)) {  // what comes at an interval's end may count as the next one's
+    } else if (end <= events.end_of_slot(next)) {  // events at an interval's end may belong to the next slot
       const auto next_us = static_cast<std::int32_t>((next - base_) >> kKeyTimeShift);
       const auto late = static_cast<std::size_t>(std::count_if(us, us + count, [&](auto t) { return t >= next_us; }));
       EventKey *now = events.room(count - late, at(first)), *then = events.room(late, next);

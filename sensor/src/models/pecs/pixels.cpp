@@ -15,9 +15,9 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr double kMinThreshold = 0.1;           // of the nominal one: mismatch leaves no pixel without
-constexpr double kMostInterval_us = 1e9;        // the kernels' times within an interval are 32 bits
-constexpr double kBackgroundWindow_us = 65536;  // background events are drawn for a block of pixels and this time
+constexpr double kMinThreshold = 0.1;           // relative to the nominal one: lower bound with mismatch
+constexpr double kMaxInterval_us = 1e9;         // times within an interval have 32 bits in the kernels
+constexpr double kBackgroundWindow_us = 65536;  // background events are drawn per block of pixels and window
 
 // Poisson deviate by inversion in chunks small enough for exp(-mean); `next` gives uniforms in (0, 1).
 template <class Next>
@@ -32,9 +32,9 @@ int poisson(double mean, Next&& next) {
 
 IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step) {
   const double h0 = t_us[i + 1] - t_us[i], h1 = i + 2 < t_us.size() ? t_us[i + 2] - t_us[i + 1] : h0;
-  if (h0 > kMostInterval_us)
+  if (h0 > kMaxInterval_us)
     throw bad_input("frames", fmt::format("time after {} us", t_us[i]), fmt::format("{} us", h0),
-                    fmt::format("at most {} us between frames", kMostInterval_us));
+                    fmt::format("at most {} us between frames", kMaxInterval_us));
   return {t_us[i],
           t_us[i + 1],
           static_cast<float>(h0),
@@ -71,7 +71,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   draw_thresholds(chip, n);
   for (Zeros* row : {&light0_, &light1_, &m0_, &reference_}) *row = Zeros(padded);
   if (setup.causes) marks_.resize(n);
-  if (!has_thresholds_alone()) blind_us_ = Zeros(padded);
+  if (!has_thresholds_only()) blind_us_ = Zeros(padded);
   if (constants_.a_per_us > 0)
     for (Zeros* row : {&w_, &noise_}) *row = Zeros(padded);
 }
@@ -104,8 +104,8 @@ void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
     if (uniform(random_of(i)[2]) < chip.hot_pixel_fraction) hot_.push_back(static_cast<std::uint32_t>(i));
 }
 
-// No photoreceptor, refractory period, leak, background or causes.
-bool PecsPixels::has_thresholds_alone() const {
+// True without photoreceptor, refractory period, leak, background and causes.
+bool PecsPixels::has_thresholds_only() const {
   return constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
          !has_background() && marks_.empty();
 }
@@ -121,7 +121,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
-  const auto run = has_thresholds_alone() ? run_threshold_kernel : run_kernel;
+  const auto run = has_thresholds_only() ? run_threshold_kernel : run_kernel;
   run({constants_,
        static_cast<float>(dark_fa_),
        static_cast<float>(gain_fa_),
@@ -149,8 +149,8 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        marks_.empty() ? nullptr : marks_.data()});
 }
 
-// A Poisson process of one rate in all pixels is one of the summed rate whose events fall on pixels at random: drawn
-// for fixed blocks of pixels and fixed windows of time, so that neither tiles nor batches matter.
+// Poisson processes of one rate in all pixels are one process of the summed rate with a random pixel per event. Drawn
+// for fixed blocks of pixels and fixed windows of time, so that the events do not depend on tiles or batches.
 std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_us, PixelRange range) const {
   const auto [first, end] = range;
   std::vector<BackgroundEvent> events;

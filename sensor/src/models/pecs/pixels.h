@@ -1,9 +1,9 @@
 #pragma once
-// The pixel model `pecs` (docs/reference/sensor.md): photocurrent planes in, event keys out. All pixels of the chip,
-// each with its own thresholds and state; a range of pixels may be advanced by any thread, on its own.
+// The pixel model `pecs` (docs/reference/sensor.md): photocurrent planes in, event keys out. Every pixel has its own
+// thresholds and state; any thread may advance a range of pixels.
 //
-// Time runs in intervals between frames: the interval that starts at frame k is worked on when frame k + 2 is known,
-// because its monotone cubic (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.
+// The interval that starts at frame k is processed when frame k + 2 is known, because its monotone cubic (Fritsch &
+// Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -14,7 +14,7 @@
 
 namespace pecs::sensor {
 
-// An event that noise makes, whatever the light does.
+// A noise event, independent of the light.
 struct BackgroundEvent {
   double t_us;
   std::uint32_t pixel;
@@ -22,7 +22,7 @@ struct BackgroundEvent {
   Cause cause = Cause::noise;
 };
 
-// What a pixel's last reset found, to tell causes.
+// Time and noise at a pixel's last reset, for the causes of events.
 struct ResetMark {
   double t_us = 0;
   float noise = 0;
@@ -41,7 +41,7 @@ class PecsPixels : public PixelModel {
 
  private:
   bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
-  bool has_thresholds_alone() const;
+  bool has_thresholds_only() const;
   void draw_thresholds(const Chip& chip, std::size_t pixels);
   std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
 
@@ -49,14 +49,14 @@ class PecsPixels : public PixelModel {
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
   bool equal_thresholds_;
-  Zeros threshold_on_, threshold_off_;  // equal ones: a vector of each
+  Zeros threshold_on_, threshold_off_;  // if equal, one vector each
   Zeros light0_, light1_;               // of the last two frames (kernel.h)
   Zeros m0_;                            // slope of ln I [1/us] at the earlier one
-  Zeros reference_, blind_us_;          // blind_us_: not of thresholds alone
+  Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
   Zeros w_, noise_;                     // photoreceptor and its noise; empty when infinitely fast
-  std::vector<std::uint32_t> hot_;      // hot pixels, rising
+  std::vector<std::uint32_t> hot_;      // hot pixels, sorted
   std::shared_ptr<const NoiseTable> table_;
-  std::vector<ResetMark> marks_;  // empty when causes are not told
+  std::vector<ResetMark> marks_;  // empty without causes
 };
 
 }  // namespace pecs::sensor

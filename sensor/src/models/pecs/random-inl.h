@@ -22,7 +22,7 @@ HWY_INLINE void multiply(VU a, std::uint32_t by, VU& high, VU& low) {
   low = hn::OddEven(hn::BitCast(u, hn::ShiftLeft<32>(odd)), hn::BitCast(u, even));
 }
 
-// random.h: random4 for a run of pixels.
+// random.h: random4 for a vector of counters.
 HWY_INLINE void philox(VU c[4], std::uint64_t key) {
   const U32 u;
   auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);

@@ -1,4 +1,4 @@
-// Pixels of thresholds alone (chip `ideal`): V = ln I. Included once per instruction set by Highway's foreach_target.
+// Pixels with thresholds only (chip `ideal`): V = ln I. Included once per instruction set by Highway's foreach_target.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "models/pecs/threshold_kernel.cpp"
 #include <hwy/foreach_target.h>
@@ -10,18 +10,20 @@
 #include <memory>
 #include <span>
 
-#include "models/pecs/cubic-inl.h"
+#include "models/pecs/math-inl.h"
+// then
+#include "models/pecs/cubic.h"
 #include "models/pecs/kernel.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
 
-// Crossings of many pixels in one interval, solved together. A pixel's follow each other, as pixels do: the sorter is
-// fast then.
+// Crossings of many pixels in one interval, solved together. Crossings are ordered by pixel, which speeds up the
+// sorter.
 class Crossings {
  public:
-  // Of a vector of pixels: how many crossings, that of number k = 1, 2, … being where c1 s + c2 s^2 + c3 s^3 rises to
-  // start + k each for s in [0, 1]; `rise`: the cubic's value at 1.
+  // A vector of pixels with `count` crossings each: number k = 1, 2, … is where c1 s + c2 s^2 + c3 s^3 rises to
+  // start + k each, s in [0, 1]. rise: the cubic's value at 1.
   struct Pixels {
     V count, start, each, rise, c1, c2, c3;
     VU place;
@@ -29,10 +31,10 @@ class Crossings {
 
   explicit Crossings(EventSlots& events) : events_(events) {}
 
-  // solve() before the next interval.
+  // Call solve() before the next interval.
   void begin(const IntervalTimes& t) { clock_ = Clock(t); }
 
-  // No more pixels than lanes, each with a crossing.
+  // At most one vector of pixels, each with a crossing.
   HWY_INLINE void add(const Pixels& v, std::size_t pixels) {
     const F f;
     if (HWY_UNLIKELY(pixels_ + pixels > kMostPixels)) solve();
@@ -46,7 +48,7 @@ class Crossings {
   void solve() {
     const hn::FixedTag<std::uint32_t, 4> four;
     for (std::size_t j = 0; j < pixels_; ++j) {
-      // Written without a look at how many there are; few have more.
+      // Always writes four: few pixels have more crossings.
       const auto count = static_cast<std::uint32_t>(count_[j]);
       const std::uint32_t none = static_cast<std::uint32_t>(j) << kNumberBits;
       hn::StoreU(hn::Add(hn::Iota(four, 1), hn::Set(four, none)), four, list_ + listed_);
@@ -64,8 +66,8 @@ class Crossings {
  private:
   enum Row : std::size_t { kStart, kEach, kRise, kC1, kC2, kC3, kRows };
   static constexpr std::size_t kMostPixels = 512;
-  static constexpr int kNumberBits = 22;       // of a crossing within its pixel
-  static constexpr std::size_t kTogether = 4;  // the steps of one wait for each other
+  static constexpr int kNumberBits = 22;       // bits of a crossing's number within its pixel
+  static constexpr std::size_t kTogether = 4;  // vectors: hides the latency of a step
   static constexpr std::size_t kPlaces = kRoom + 4 + kTogether * kLanes;
 
   void solve_listed() {
@@ -73,11 +75,11 @@ class Crossings {
     const F f;
     const U32 u;
     const std::size_t lanes = hn::Lanes(f);
-    std::fill_n(list_ + listed_, kTogether * lanes, list_[listed_ - 1]);  // lanes to spare are done at once
+    std::fill_n(list_ + listed_, kTogether * lanes, list_[listed_ - 1]);  // pads the last vectors
     for (std::size_t i = 0; i < listed_; i += kTogether * lanes) {
-      Halley vectors[kTogether];
+      Halley<V> vectors[kTogether];
       for (std::size_t k = 0; k < kTogether; ++k) {
-        // So many crossings are of no more pixels, which follow each other.
+        // The crossings of a vector belong to at most as many pixels as lanes, stored in order.
         const std::size_t at = i + k * lanes;
         const std::uint32_t first = list_[at] >> kNumberBits;
         const VU listed = hn::LoadU(u, list_ + at);
@@ -85,13 +87,14 @@ class Crossings {
         const auto number = hn::And(listed, hn::Set(u, (1u << kNumberBits) - 1));
         const auto of = [&](Row row) { return hn::TableLookupLanes(hn::LoadU(f, rows_[row] + first), pixels); };
         const V level = hn::MulAdd(hn::ConvertTo(f, hn::BitCast(I32(), number)), of(kEach), of(kStart));
-        vectors[k] = Halley(hn::Div(level, of(kRise)), level, of(kC1), of(kC2), of(kC3), hn::Zero(f), hn::Set(f, 1.0f));
+        vectors[k] =
+            Halley<V>(hn::Div(level, of(kRise)), level, of(kC1), of(kC2), of(kC3), hn::Zero(f), hn::Set(f, 1.0f));
         const V place = hn::TableLookupLanes(hn::BitCast(f, hn::LoadU(u, place_of_ + first)), pixels);
         hn::StoreU(hn::BitCast(u, place), u, place_ + at);
       }
       for (int n = 0; n < 8; ++n) {
-        for (Halley& v : vectors) v.step();
-        if (n > 0 && std::ranges::all_of(vectors, [&](const Halley& v) { return hn::AllTrue(f, v.done); })) break;
+        for (Halley<V>& v : vectors) v.step();
+        if (n > 0 && std::ranges::all_of(vectors, [&](const Halley<V>& v) { return hn::AllTrue(f, v.done); })) break;
       }
       for (std::size_t k = 0; k < kTogether; ++k) hn::StoreU(clock_.us(vectors[k].s), I32(), us_ + i + k * lanes);
     }
@@ -109,7 +112,7 @@ class Crossings {
   std::int32_t us_[kPlaces];
 };
 
-// A block of pixels, frame by frame: what a pixel needs of the last frames stays in the first cache.
+// A block of pixels, frame by frame: the last frames' values of a block fit the L1 cache.
 class ThresholdBlock {
  public:
   static constexpr std::uint32_t kPixels = 4096;
@@ -159,7 +162,7 @@ class ThresholdBlock {
     return !hn::AllTrue(F(), hn::Eq(hn::LoadU(F(), a + p), hn::LoadU(F(), b + p)));
   }
 
-  // ln I of plane i. Four rows go round, so a vector is copied from the last one until all four are alike.
+  // ln I of plane i. Four rows rotate, so a vector is copied from the last one until all four are equal.
   void take_light(int i) {
     const F f;
     const std::int64_t frame = a_.first_frame + i;
@@ -177,7 +180,7 @@ class ThresholdBlock {
                   [&](std::uint32_t p) { hn::StoreU(hn::LoadU(f, row(i - 1) + p), f, row(i) + p); });
       any_moved_ |= changed != 0;
     }
-    if (i == 0) {  // the plane before is not there any more, but its ln I
+    if (i == 0) {  // the previous plane is gone; its ln I remains
       planes_.changed().set(count_, [&](std::uint32_t p) { return frame == 0 || differs(row(-1), row(0), p); });
       any_moved_ = moved_.any() || planes_.changed().any();
     }
@@ -200,13 +203,13 @@ class ThresholdBlock {
     }
   }
 
-  // Events of the interval between planes i - 2 and i - 1. The light differs where the bits say so, of the plane that
-  // many before the newest.
+  // Events of the interval between planes i - 2 and i - 1. Its light changes where the bits of the plane `planes_ago`
+  // before the newest are set.
   template <class SlopeAtEnd>
   HWY_INLINE void find_events(const IntervalTimes& t, std::size_t interval, int i, std::size_t planes_ago,
                               const SlopeAtEnd& slope_at_end) {
-    // Lists instead of branches: whether light that changes makes events cannot be guessed. Of single pixels: an edge
-    // moves few of a vector.
+    // Lists instead of branches, which would be mispredicted: changed light may or may not make events. Lists of
+    // pixels, not vectors: an edge changes few lanes of a vector.
     crossings_.begin(t);
     std::size_t active = 0;
     for (std::size_t w = 0; w < planes_.words(); ++w)
@@ -231,7 +234,7 @@ class ThresholdBlock {
     return hn::IfThenElse(lit, ln(current), before);
   }
 
-  // Slope at the start of an interval. It is asked for where there are events.
+  // Slope at the start of an interval, computed for pixels with events only.
   template <class Pixels>
   V slope_at_start(const IntervalTimes& t, std::size_t interval, Pixels pixels, int i, V l0, V l1, V s0) {
     if (interval == kChord) return s0;
@@ -252,7 +255,7 @@ class ThresholdBlock {
 
   static HWY_INLINE V at(const float* row, hn::Vec<I32> pixels) { return hn::GatherIndex(F(), row, pixels); }
 
-  // The interval between planes i - 2 and i - 1, for no more pixels than lanes; behind them, any.
+  // The interval between planes i - 2 and i - 1 for at most one vector of pixels; `active` is padded to a vector.
   template <class SlopeAtEnd>
   HWY_INLINE void step(const IntervalTimes& t, std::size_t interval, std::span<const std::uint32_t> active, int i,
                        const SlopeAtEnd& slope_at_end) {
@@ -267,7 +270,8 @@ class ThresholdBlock {
     const V on = threshold_of(a_.threshold_on), off = hn::Neg(threshold_of(a_.threshold_off));
     const V moved = hn::Sub(l1, reference);
     const M rising = hn::Ge(moved, on);
-    // The k-th event is where the monotone cubic has moved by k thresholds; from l0, and upwards for ON and OFF alike.
+    // The k-th event is where the monotone cubic has moved by k thresholds. Measured from l0, with OFF mirrored to
+    // rise.
     const V l0 = at(row(i - 2), pixels), s0 = per(l0, l1, t.per_h);
     const V threshold = hn::IfThenElse(rising, on, off);
     const V count = hn::IfThenElseZero(hn::FirstN(f, active.size()), hn::Floor(hn::Div(moved, threshold)));
@@ -291,7 +295,7 @@ class ThresholdBlock {
   Planes<kPixels> planes_;
   Crossings crossings_;
   std::uint32_t first_ = 0, count_ = 0;
-  VectorBits<kPixels> moved_;  // where the last frame differs from the one before, at the start of a batch
+  VectorBits<kPixels> moved_;  // at the start of a batch: where the last frame differs from the previous one
   bool any_moved_ = false;     // since then
   std::uint32_t active_[kPixels + 2 * kLanes];
   float l_[4][kWidth] = {};
