@@ -18,10 +18,9 @@ Matrix operator*(const Matrix& l, const Matrix& r) {
   return {l.a * r.a + l.b * r.c, l.a * r.b + l.b * r.d, l.c * r.a + l.d * r.c, l.c * r.b + l.d * r.d};
 }
 
-double vertex_curvature(const Surface& s) { return s.curvature + (s.powers.size() > 2 ? 2.0 * s.powers[2] : 0.0); }
-
 Matrix refraction(const Surface& s, double n_before, double n_after) {
-  return {1, 0, -(n_after - n_before) * vertex_curvature(s), 1};
+  const double vertex_curvature = s.at(0).slope_over_r;
+  return {1, 0, -(n_after - n_before) * vertex_curvature, 1};
 }
 
 }  // namespace

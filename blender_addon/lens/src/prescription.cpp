@@ -78,9 +78,10 @@ Surface read_surface(JsonObject& json) {
   return s;
 }
 
-// Neighbours must not cross. At the rim they may: housing radii are often estimates, and an air gap that closes there
-// only means that the real housing is narrower. Patents set a diaphragm at the vertex of a curved surface, whose sag
-// its plane then cuts: there the glass on both sides of it must not cross.
+// Neighbouring surfaces must not cross within 90 % of their radius. Beyond that they may: housing radii are often
+// estimates, and an air gap that closes there only means that the real housing is narrower. Patents put a diaphragm at
+// the vertex of a curved surface, which its plane then cuts: there the two surfaces around the diaphragm must not
+// cross.
 void check_order(const Prescription& lens, const std::vector<JsonObject>& list) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < lens.surfaces.size(); ++i)
@@ -100,25 +101,17 @@ void check_order(const Prescription& lens, const std::vector<JsonObject>& list) 
 
 }  // namespace
 
-double Surface::sag_mm(double r) const {
-  const double cr2 = curvature * r * r;
-  double z = cr2 / (1.0 + std::sqrt(1.0 - (1.0 + conic) * curvature * cr2));
-  double rp = 1.0;
-  for (const double a : powers) {
-    z += a * rp;
-    rp *= r;
+Profile::Point Profile::at(double r2) const {
+  const double root = std::sqrt(1.0 - (1.0 + conic) * curvature * curvature * r2);
+  Point out{curvature * r2 / (1.0 + root), curvature / root};
+  const double r = std::sqrt(r2);
+  double term = 1.0, sag_over_r2 = 0;  // term: r^(p-2)
+  for (std::size_t p = 2; p < powers.size(); ++p, term *= r) {
+    sag_over_r2 += powers[p] * term;
+    out.slope_over_r += static_cast<double>(p) * powers[p] * term;
   }
-  return z;
-}
-
-double Surface::slope(double r) const {
-  double dz = curvature * r / std::sqrt(1.0 - (1.0 + conic) * curvature * curvature * r * r);
-  double rp = 1.0;
-  for (std::size_t p = 1; p < powers.size(); ++p) {
-    dz += static_cast<double>(p) * powers[p] * rp;
-    rp *= r;
-  }
-  return dz;
+  out.sag_mm += sag_over_r2 * r2;
+  return out;
 }
 
 double Prescription::gap_mm(std::size_t i, std::size_t j, double r) const {
@@ -128,7 +121,7 @@ double Prescription::gap_mm(std::size_t i, std::size_t j, double r) const {
 bool Prescription::stop_is_diaphragm() const {
   const Surface& s = surfaces[stop];
   const double n_before = stop ? surfaces[stop - 1].after.nd() : 1.0;
-  return s.curvature == 0 && s.powers.empty() && s.after.nd() == n_before;
+  return s.is_plane() && s.after.nd() == n_before;
 }
 
 std::vector<double> Prescription::indices(double lambda_nm) const {
@@ -168,7 +161,7 @@ Prescription load_prescription(const std::string& name_or_path) {
   lens.sha256 = sha256_of_file(path);
   lens.name = top.text("name");
   if (top.has("units") && top.text("units") != "mm") top.fail("units", top.text("units"), "mm");
-  // What the file says about itself.
+  // Notes about the file; not used.
   for (const char* key : {"order", "source", "licence", "estimated", "notes", "scale_from_patent", "housing_note",
                           "vd_note", "semi_diameter_note"})
     top.any(key);

@@ -7,28 +7,12 @@
 namespace pecs::lens {
 namespace {
 
-// The polynomial part of the sag and its slope divided by r, at r^2.
-struct Poly {
-  double sag, slope_over_r;
-};
-Poly polynomial(const std::vector<double>& powers, double r2) {
-  const double r = std::sqrt(r2);
-  Poly out{0, 0};
-  double rp = 1.0;  // r^(p-2)
-  for (std::size_t p = 2; p < powers.size(); ++p, rp *= r) {
-    out.sag += powers[p] * rp;
-    out.slope_over_r += static_cast<double>(p) * powers[p] * rp;
-  }
-  out.sag *= r2;
-  return out;
-}
-
 struct Hit {
   Vec3 p;       // relative to the vertex
   Vec3 normal;  // unit, along the light (+z at the vertex)
 };
 
-// Where the line meets a conic, crossing it in the sense `direction` (+1: from object to film).
+// Intersection of the line with a conic, in the sense `direction` (+1: from object to film).
 bool meet_conic(double c, double k, Ray ray, int direction, Hit& hit) {
   // From the point of the line nearest to the vertex, against cancellation.
   const Vec3 p = ray.p - dot(ray.p, ray.d) * ray.d;
@@ -54,30 +38,22 @@ bool meet_conic(double c, double k, Ray ray, int direction, Hit& hit) {
   return true;
 }
 
-// Newton on z - sag(r) from the conic, or from the vertex plane where the conic is missed.
-bool meet_asphere(double c, double k, const std::vector<double>& powers, Ray ray, int direction, Hit& hit) {
-  if (!meet_conic(c, k, ray, direction, hit)) {
+// Newton's method on z - sag(r) from the conic, or from the vertex plane where the line misses the conic.
+bool meet_asphere(const Profile& profile, Ray ray, int direction, Hit& hit) {
+  if (!meet_conic(profile.curvature, profile.conic, ray, direction, hit)) {
     if (std::abs(ray.d.z) < 1e-6) return false;
     hit.p = ray.at_z(0);
   }
   Vec3 p = hit.p;
   for (int i = 0; i < 50; ++i) {
-    const double r2 = p.x * p.x + p.y * p.y, root2 = 1.0 - (1.0 + k) * c * c * r2;
-    if (!(root2 > 0)) return false;
-    const double root = std::sqrt(root2);
-    const Poly poly = polynomial(powers, r2);
-    const double f = p.z - c * r2 / (1.0 + root) - poly.sag;
-    const double slope_over_r = c / root + poly.slope_over_r;
-    const Vec3 gradient{-slope_over_r * p.x, -slope_over_r * p.y, 1.0};
+    const Profile::Point at = profile.at(p.x * p.x + p.y * p.y);
+    if (!std::isfinite(at.slope_over_r)) return false;
+    const double f = p.z - at.sag_mm;
+    const Vec3 gradient{-at.slope_over_r * p.x, -at.slope_over_r * p.y, 1.0};
     const double along = dot(gradient, ray.d);
     if (along * direction <= 0) return false;
     p = p - (f / along) * ray.d;
-    if (std::abs(f) < 1e-14 * (1.0 + std::abs(p.z))) {
-      hit.p = p;
-      hit.normal = normalized(gradient);
-      return true;
-    }
-    if (i == 49 && std::abs(f) < 1e-11) {
+    if (std::abs(f) < 1e-14 * (1.0 + std::abs(p.z)) || (i == 49 && std::abs(f) < 1e-11)) {
       hit.p = p;
       hit.normal = normalized(gradient);
       return true;
@@ -115,7 +91,7 @@ void Tracer::build(const Prescription& lens, std::span<const double> n_after, do
   for (std::size_t i = 0; i < lens.surfaces.size(); ++i) {
     const Surface& s = lens.surfaces[i];
     const double semi = i == lens.stop ? std::min(s.semi_diameter_mm, 0.5 * stop_diameter_mm) : s.semi_diameter_mm;
-    surfaces_.push_back({s.curvature, s.conic, s.z_mm, semi, n_before, n_after[i], s.powers});
+    surfaces_.push_back({s, s.z_mm, semi, n_before, n_after[i]});
     n_before = n_after[i];
   }
 }
@@ -126,12 +102,12 @@ Traced Tracer::walk(Ray ray, int direction, OnHit&& on_hit) const {
   const int count = static_cast<int>(surfaces_.size());
   for (int step = 0; step < count; ++step) {
     const int i = direction > 0 ? step : count - 1 - step;
-    const Flat& s = surfaces_[i];
+    const Element& s = surfaces_[i];
 
     const Ray local{{ray.p.x, ray.p.y, ray.p.z - s.z}, ray.d};
     Hit hit;
-    const bool met = s.powers.empty() ? meet_conic(s.c, s.k, local, direction, hit)
-                                      : meet_asphere(s.c, s.k, s.powers, local, direction, hit);
+    const bool met = s.profile.powers.empty() ? meet_conic(s.profile.curvature, s.profile.conic, local, direction, hit)
+                                              : meet_asphere(s.profile, local, direction, hit);
     if (!met) return {ray, Fate::missed, i};
     const Vec3 point{hit.p.x, hit.p.y, hit.p.z + s.z};
     if (!on_hit(i, point, (point.x * point.x + point.y * point.y) / (s.semi * s.semi))) return {ray, Fate::clipped, i};

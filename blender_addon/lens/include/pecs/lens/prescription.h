@@ -1,7 +1,12 @@
 #pragma once
-// A lens as its file states it (lens_data/SCHEMA.md). Conventions of the whole room: millimetres; the first vertex is
-// z = 0 and +z runs from the object to the film; a radius is positive when its centre lies at larger z; a
-// semi-diameter is the housing's.
+// A lens as in its file (lens_data/SCHEMA.md). Conventions of this folder: millimetres; the first vertex is z = 0 and
+// +z runs from the object to the film; a radius is positive when its centre lies at larger z; a semi-diameter is the
+// housing's.
+//
+// All of pecs_lens assumes rotational symmetry about z: a surface is sag_mm(r), the pupil tables (pupil.h) and the
+// image map (image_map.h) run over the film radius, and the camera's shader turns the film point to azimuth 0. A toroid
+// or a decentred element breaks each of these. A further rotationally symmetric surface needs Profile, its equivalent
+// in OSL (src/osl_shader.cpp: meet_text), its keys in src/prescription.cpp: read_surface and in lens_data/SCHEMA.md.
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -12,16 +17,25 @@
 
 namespace pecs::lens {
 
-// sag(r) = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum over p of powers[p] r^p
-struct Surface {
+// sag(r) = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum over p >= 2 of powers[p] r^p
+struct Profile {
   double curvature = 0;        // c = 1/radius [1/mm], 0 = plane
   double conic = 0;            // k
   std::vector<double> powers;  // [mm^(1-p)] by p; empty without aspheric terms
-  double z_mm = 0;             // of the vertex
+
+  struct Point {
+    double sag_mm, slope_over_r;  // slope: d sag / d r; NaN or infinite where the conic has ended
+  };
+  Point at(double r2_mm2) const;
+  double sag_mm(double r_mm) const { return at(r_mm * r_mm).sag_mm; }
+  bool is_plane() const { return curvature == 0 && powers.empty(); }
+  double slope(double r_mm) const { return r_mm * at(r_mm * r_mm).slope_over_r; }
+};
+
+struct Surface : Profile {
+  double z_mm = 0;  // of the vertex
   double semi_diameter_mm = 0;
   Glass after;  // the medium behind it
-  double sag_mm(double r_mm) const;
-  double slope(double r_mm) const;  // d sag / d r
 };
 
 struct Prescription {
@@ -31,9 +45,9 @@ struct Prescription {
   std::optional<double> nominal_efl_mm, nominal_fnumber;
 
   double rear_z_mm() const { return surfaces.back().z_mm; }
-  // From surface i to surface j behind it at radius r; below 0 they cross there.
+  // Distance from surface i to surface j behind it at radius r; negative where they cross.
   double gap_mm(std::size_t i, std::size_t j, double r_mm) const;
-  // The stop is a plane within one medium: it blocks, and does not refract. Its plane may cut its neighbours.
+  // True if the stop is a plane within one medium: it blocks and does not refract. Its plane may cut its neighbours.
   bool stop_is_diaphragm() const;
   double stop_diameter_mm() const { return 2.0 * surfaces[stop].semi_diameter_mm; }  // wide open
   // Index behind each surface. Throws bad_input, naming the surface, for a wavelength outside a glass's range.
@@ -43,7 +57,7 @@ struct Prescription {
 // Reads and checks a file; throws bad_input naming file and surface. A name without '/' and ".json" is one of
 // lens_data/lenses; ".zmx" is read as Zemax's, ".dat" and ".txt" as pbrt's (exchange.h).
 Prescription load_prescription(const std::string& name_or_path);
-// The lens as a file of lens_data/SCHEMA.md holds it, unchecked.
+// The lens in the form of lens_data/SCHEMA.md, unchecked.
 Json load_lens_json(const std::string& name_or_path);
 
 }  // namespace pecs::lens

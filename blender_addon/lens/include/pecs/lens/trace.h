@@ -1,8 +1,8 @@
 #pragma once
 // Exact ray tracing through a prescription at one wavelength, in either direction, in double precision.
-// A diaphragm's plane may cut a curved neighbour, as one at its vertex does: a ray is judged by where its straight line
-// between the two neighbours meets the plane, be it in the neighbour's glass. So do design programs, whose pupils and
-// f-numbers patents state; both directions agree, and the order in which a ray meets the two does not matter.
+// A diaphragm's plane may cut a curved neighbour: the stop clips a ray where its straight line between the two
+// neighbours meets the plane, even within the neighbour's glass. Design programs, whose pupils and f-numbers patents
+// list, do the same; both directions agree, and the order in which a ray meets the two does not matter.
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -42,9 +42,9 @@ inline constexpr double kWideOpen = std::numeric_limits<double>::infinity();
 
 class Tracer {
  public:
-  // The stop is closed to the diameter given, if that is smaller than its own.
+  // Closes the stop to the diameter given, if that is smaller than its own.
   Tracer(const Prescription& lens, double lambda_nm, double stop_diameter_mm = kWideOpen);
-  // With the index behind each surface given by the caller.
+  // n_after: refractive index behind each surface.
   Tracer(const Prescription& lens, std::span<const double> n_after, double stop_diameter_mm = kWideOpen);
 
   enum class Clip { housing, none };
@@ -53,8 +53,8 @@ class Tracer {
   Traced to_film(Ray ray, Clip clip = Clip::housing, std::vector<Vec3>* hits = nullptr) const;
   Traced to_scene(Ray ray, Clip clip = Clip::housing, std::vector<Vec3>* hits = nullptr) const;
 
-  // The largest (hit radius / semi-diameter) on the way: <= 1 passes. Infinite when the ray misses a surface or is
-  // totally reflected.
+  // The largest (hit radius / semi-diameter) of all surfaces: a ray with <= 1 passes. Infinite when the ray misses a
+  // surface or is totally reflected.
   double fill_to_film(Ray ray) const { return fill(ray, +1); }
   double fill_to_scene(Ray ray) const { return fill(ray, -1); }
 
@@ -64,9 +64,9 @@ class Tracer {
   double rear_semi_diameter_mm() const { return surfaces_.back().semi; }
 
  private:
-  struct Flat {  // one surface, ready to trace
-    double c, k, z, semi, n_before, n_after;
-    std::vector<double> powers;
+  struct Element {  // one surface at the tracer's wavelength and stop
+    Profile profile;
+    double z, semi, n_before, n_after;
   };
   template <class OnHit>
   Traced walk(Ray ray, int direction, OnHit&& on_hit) const;
@@ -75,7 +75,7 @@ class Tracer {
   void build(const Prescription& lens, std::span<const double> n_after, double stop_diameter_mm);
 
   double lambda_nm_ = 0;
-  std::vector<Flat> surfaces_;
+  std::vector<Element> surfaces_;
 };
 
 }  // namespace pecs::lens
