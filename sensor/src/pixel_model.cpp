@@ -18,7 +18,7 @@ const ModelEntry& entry(const std::string& name) {
   throw Error(ExitCode::usage, fmt::format("--model: got {}, wanted one of {}", name, fmt::join(model_names(), ", ")));
 }
 
-// Defaults, and what was chosen instead.
+// Defaults, replaced by the values of `choice`.
 std::map<std::string, double> resolved(const ModelChoice& choice) {
   const ModelEntry& model = entry(choice.name);
   std::map<std::string, double> out;
@@ -63,8 +63,8 @@ std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& ch
     throw Error(ExitCode::usage, fmt::format("--labels: got model {}, wanted {}", choice.name, fmt::join(tell, ", ")));
   }
   const double grey_per_unit = 255 * unit_fa / (choice.white_fa > 0 ? choice.white_fa : unit_fa);
-  return model.make(
-      {chip, width, height, seed, model.traits.takes_light ? unit_fa : grey_per_unit, causes, resolved(choice)});
+  return model.make({chip, width, height, seed, model.traits.takes_light ? unit_fa : grey_per_unit, causes,
+                     choice.device, resolved(choice)});
 }
 
 Json model_to_json(const ModelChoice& choice) {

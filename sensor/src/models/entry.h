@@ -1,5 +1,5 @@
 #pragma once
-// What a pixel model tells of itself (pixel_model.h).
+// Registry entry of a pixel model (pixel_model.h).
 #include "pecs/sensor/pixel_model.h"
 
 namespace pecs::sensor {
@@ -8,8 +8,9 @@ struct ModelSetup {
   const Chip& chip;
   int width, height;
   std::uint64_t seed;
-  double per_unit;  // of a plane's value 1: photocurrent [fA], or grey value of 0 to 255
+  double per_unit;  // of a plane's value 1: photocurrent [fA], or grey value from 0 to 255
   bool causes;
+  Device device;
   std::map<std::string, double> parameters;
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
   double at(const char* key) const { return parameters.at(key); }
@@ -27,7 +28,7 @@ std::unique_ptr<PixelModel> make_model(const ModelSetup& setup) {
   return std::make_unique<Model>(setup);
 }
 
-// All of them, in the order of sensor/CMakeLists.txt.
+// All models, in the order of sensor/CMakeLists.txt.
 struct NamedModel {
   const char* name;
   const ModelEntry* entry;

@@ -1,6 +1,6 @@
 #pragma once
-// Pixel models: frames in, events out. `pecs` is ours (models/pecs/); `esim`, `v2e`, `voltmeter` and `icns` are other
-// simulators', written from their papers to be compared with (docs/reference/models.md).
+// Pixel models: frames in, events out. `pecs` is PECS's own model (models/pecs/); `esim`, `v2e`, `voltmeter` and `icns`
+// are those of other simulators, written from their papers for comparison (docs/reference/models.md).
 //
 // To add one:
 //   1. src/models/NAME.cpp: a PixelModel and its `extern const ModelEntry kModel_NAME` (src/models/entry.h), with its
@@ -20,9 +20,9 @@
 
 namespace pecs::sensor {
 
-// What a batch of frames brings.
+// A batch of frames.
 struct FrameBatch {
-  std::int64_t first_frame = 0;      // frames given before
+  std::int64_t first_frame = 0;      // number of frames in earlier batches
   std::vector<const float*> planes;  // each [height * width], row 0 at the top, in the model's range at least
   std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
   bool last = false;                 // no frame follows: the last interval is finished too
@@ -37,12 +37,16 @@ struct PixelRange {
 class PixelModel {
  public:
   virtual ~PixelModel() = default;
-  // Works through the batch for the pixels of `range` and adds their events; none comes before the start of the
-  // interval that makes it. Every batch is given to every pixel once, by any thread; ranges that are worked on at the
-  // same time begin at multiples of kBlock, or where the region does that is worked on.
+  // Processes the batch for the pixels of `range` and adds their events; no event is earlier than the start of its
+  // interval. Every pixel gets every batch once, from any thread; concurrent ranges begin at multiples of kBlock or at
+  // the start of the region.
   virtual void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) = 0;
-  // Models whose pixels are not independent look at all pixels first, frame by frame: then a batch has one frame.
+  // Called for all pixels before advance(), frame by frame, if the model's pixels are not independent; its batches have
+  // one frame.
   virtual void survey(const FrameBatch&, PixelRange) {}
+  // True if a call takes a whole region, from one thread, instead of tiles from many: for a device that works on all
+  // pixels at once.
+  virtual bool prefers_whole_region() const { return false; }
   static constexpr std::uint32_t kBlock = 1024;
 };
 
@@ -54,16 +58,20 @@ struct ModelParameter {
 };
 
 struct ModelTraits {
-  bool takes_light = false;            // photocurrent [fA]; else a grey value of 0 to 255, 255 being white
-  bool tells_causes = false;           // why each event came
-  bool is_random = true;               // the seed changes its events
-  bool pixels_are_independent = true;  // of each other, so that a part of the picture may be worked on alone
+  bool takes_light = false;            // photocurrent [fA]; otherwise a grey value from 0 to 255 (white)
+  bool tells_causes = false;           // labels each event with its cause
+  bool is_random = true;               // the seed changes the events
+  bool pixels_are_independent = true;  // of each other, so that a region may be simulated on its own
 };
+
+// Where a model runs. To add a device: docs/howto/add_pixel_model.md.
+enum class Device { cpu };
 
 struct ModelChoice {
   std::string name = "pecs";
-  std::map<std::string, double> parameters = {};  // of the model, by key; the others have their defaults
+  std::map<std::string, double> parameters = {};  // of the model, by key; defaults for those left out
   double white_fa = 0;                            // photocurrent [fA] of the grey value 255; 0: of a plane's value 1
+  Device device = Device::cpu;
 };
 
 std::vector<std::string> model_names();
@@ -72,8 +80,8 @@ std::span<const ModelParameter> model_parameters(const std::string& model);
 const char* model_source(const std::string& model);  // the paper
 const ModelTraits& model_traits(const std::string& model);
 
-// unit_fa: photocurrent [fA] of a plane's value 1. `causes`: every event comes with its cause. Throws usage for an
-// unknown model or parameter, a value out of range, and for causes of a model that does not tell them.
+// unit_fa: photocurrent [fA] of a plane's value 1. `causes`: events are labelled with their causes. Throws usage for an
+// unknown model or parameter, a value out of range, and for causes of a model without tells_causes.
 std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& chip, int width, int height,
                                        std::uint64_t seed, double unit_fa, bool causes = false);
 // All parameters as resolved, for run records.
