@@ -59,7 +59,7 @@ void convert(const Options& o, Talk& talk) {
     selector.apply(block);
     written.add(block);
     if (written.time_reversals > 0)
-      throw events::time_falls(o.in, from, [&](const events::Event& e) { return selector.keeps(e); });
+      throw events::non_monotonic_timestamps(o.in, from, [&](const events::Event& e) { return selector.keeps(e); });
     writer->write(block);
     progress.at(read.events);
   }

@@ -26,7 +26,6 @@ WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
 CHIPS = ("ideal", "imx636", "gen3_vga", "davis346")
 MODELS = ("pecs", "esim", "v2e", "voltmeter", "icns")
 NOISY = ("background_on_hz=20", "background_off_hz=30", "hot_pixel_fraction=0.01", "leak_rate_hz=5")
-FORMATS = ("evt2.raw", "evt21.raw", "evt3.raw", "dat", "hdf5", "h5", "aedat4", "npz", "csv", "txt")
 
 
 def light(t: float) -> np.ndarray:
@@ -121,13 +120,12 @@ def sensed(program: Path, folder: Path) -> dict[str, str]:
 
 
 def written(program: Path, folder: Path) -> dict[str, str]:
-    """A file of each format as bytes."""
+    """The events read back from a file of each format."""
     table = {}
     subprocess.run([program, "sense", "film", "-o", "all.csv", "--quiet"], cwd=folder, check=True)
-    for name in FORMATS:
-        output = "again." + name
-        command = [program, "convert", "all.csv", output, "--quiet"]
-        command += ["--format", name.split(".")[0]] if name.startswith("evt") else []
+    for name, extension in [(f["name"], f["extensions"][0]) for f in pecs.event_formats() if f["writes"]]:
+        output = f"{name}{extension}"
+        command = [program, "convert", "all.csv", output, "--format", name, "--quiet"]
         result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         table[f"file {name}"] = (
             f"exit {result.returncode}" if result.returncode else of_events(pecs.read(folder / output))

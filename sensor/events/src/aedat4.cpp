@@ -2,8 +2,8 @@
 // bytes} and that many bytes, compressed; at the header's data_table_position the FileDataTable, compressed.
 // Compression is by LZ4 or Zstandard frames. Unpacked, a packet of an event stream is an EventPacket after its length
 // in 4 bytes (aedat4.fbs). The header's XML names the streams: typeIdentifier "EVTS", and sizeX, sizeY and source under
-// "info". A recording that was cut short has position -1 and no table. Of several event streams the first is read;
-// frames, IMU and triggers are skipped.
+// "info". A truncated recording has position -1 and no table. Reads the first event stream; skips
+// frames, IMU and triggers.
 #include <fmt/format.h>
 #include <lz4frame.h>
 #include <zstd.h>
@@ -14,7 +14,6 @@
 #include "aedat4_generated.h"
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "codecs.h"
 #include "extent.h"
 #include "input_file.h"
 #include "output_file.h"
@@ -28,7 +27,7 @@ constexpr int kMaxSize = 32768;  // x and y are signed 16-bit
 enum Compression { kNone, kLz4, kLz4High, kZstd, kZstdHigh };
 constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kTableId = "FTAB";
 
-// The unpacked bytes; empty when `packed` is no whole frame, or unpacks to more than kMaxPacketBytes.
+// The unpacked bytes; empty if `packed` is not a complete frame, or unpacks to more than kMaxPacketBytes.
 std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compression) {
   std::vector<std::uint8_t> out;
   const auto step = [&] { out.resize(std::max(buffer_size(1 << 16, 256), out.size() * 2)); };
@@ -112,7 +111,8 @@ class Aedat4Reader final : public Reader {
     file_.read_exactly(std::as_writable_bytes(std::span(&bytes, 1)), "header length");
     if (bytes > std::min(file_.size() - file_.offset(), kMaxHeaderBytes))
       throw file_.damage(fmt::format("a header of {} bytes", bytes), "at most what the file has", 4);
-    std::vector<std::uint8_t> header(sizeof bytes + bytes);  // the length belongs to the FlatBuffer: it sets alignment
+    // The length is part of the FlatBuffer: it determines the alignment.
+    std::vector<std::uint8_t> header(sizeof bytes + bytes);
     std::memcpy(header.data(), &bytes, sizeof bytes);
     file_.read_exactly(std::as_writable_bytes(std::span(header).subspan(sizeof bytes)), "header");
     flatbuffers::Verifier verifier(header.data(), header.size());
@@ -222,12 +222,12 @@ class Aedat4Writer final : public CheckedWriter {
     }
     builder.FinishSizePrefixed(aedat4::CreateFileDataTableDirect(builder, &entries), kTableId);
     file_.put_bytes(packed(builder));
-    file_.rewrite_from(kMagic.size());  // the header, now that the table's place is known
+    file_.rewrite_from(kMagic.size());  // the header, with the table's position
     put_header(static_cast<std::int64_t>(table_at));
     file_.commit();
   }
 
-  // Of one length whatever the position, which is not -1, the default that is left out.
+  // Has a fixed length for every position but -1, the default, which FlatBuffers omits.
   void put_header(std::int64_t data_table_position) {
     pugi::xml_document document;
     const auto node = [](pugi::xml_node parent, const char* name, const char* path) {

@@ -1,5 +1,5 @@
 #pragma once
-// A reader of files that are stored in blocks: fills the caller's span from one block after the other.
+// Base class of readers of files that are stored in blocks.
 #include <algorithm>
 #include <cstdint>
 #include <optional>
@@ -34,7 +34,7 @@ class BlockReader : public Reader {
   }
 
  protected:
-  // The next events of the file into block_, from first_ on; false at the end.
+  // Reads the next events of the file, from first_ on, into block_; false at the end.
   virtual bool next_block() = 0;
 
   StreamInfo info_;

@@ -1,5 +1,6 @@
 #pragma once
-// What every writer refuses, said once: unsorted times, pixels outside, other polarities, use after close().
+// Checks common to all writers: decreasing timestamps, pixels outside the sensor, polarities other than 0 and 1, use
+// after close().
 #include <string>
 
 #include "pecs/events/format.h"
@@ -15,10 +16,10 @@ class CheckedWriter : public Writer {
 
  protected:
   virtual void put(std::span<const Event> events) = 0;  // checked, never empty
-  virtual void finish() = 0;                            // complete the file and give it its name
+  virtual void finish() = 0;                            // completes the file and renames it to its final name
   const std::filesystem::path& path() const { return path_; }
   const StreamInfo& info() const { return info_; }
-  std::uint64_t count() const { return count_; }  // of events before the present put()
+  std::uint64_t count() const { return count_; }  // of events before the current put()
 
  private:
   std::filesystem::path path_;

@@ -1,13 +1,12 @@
 // Text, one event a line, in three conventions:
-//   csv    a header line that names the columns and the unit of time, "t_us,x,y,p", and nothing else: common readers
-//          stumble over comments. Read also: "# width=1280 height=720", other orders and separators (comma, semicolon,
+//   csv    a header line with the columns and the unit of time, "t_us,x,y,p", and no comments, which common readers do
+//          not accept. Also read: "# width=1280 height=720", other orders and separators (comma, semicolon,
 //          tab, space), t_s, t_ms and t_ns, decimal times, p of -1, and Metavision's "%geometry:W,H" and x,y,p,t in
 //          microseconds.
 //   e2vid  "W H", then t x y p in seconds (ESIM, E2VID)
-//   v2e    comments with '#', then t x y p in seconds with a decimal point (v2e, the RPG DAVIS data); read also: a
-//   fifth
-//          column, v2e's signal or noise
-// Decimal times are taken exactly, rounded to 1 us.
+//   v2e    comments with '#', then t x y p in seconds with a decimal point (v2e, the RPG DAVIS data); also read:
+//          a fifth column, v2e's signal or noise
+// Decimal times are parsed exactly and rounded to 1 us.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,7 +19,6 @@
 
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "codecs.h"
 #include "extent.h"
 #include "input_file.h"
 #include "output_file.h"
@@ -45,7 +43,7 @@ class LineReader {
     if (end + 1 < head.size() && head[end] == '\r' && head[end + 1] != '\n') line_end_ = '\r';  // old Macintosh
   }
 
-  // Without its end; valid until the next call.
+  // The line without its end; valid until the next call.
   bool next(std::string_view& line) {
     const void* end = nullptr;
     while (!(end = std::memchr(buffer_.data() + position_, line_end_, filled_ - position_)) && !ended_) {
@@ -69,7 +67,7 @@ class LineReader {
     return true;
   }
 
-  // Of the line last given.
+  // Byte offset of the last line.
   std::string place() const { return fmt::format("line {}, byte {}", line_, line_start_); }
   Error damage(std::string_view got, std::string_view wanted) const {
     return bad_input(file_.path().string(), fmt::format("line {} (byte {})", line_, line_start_), shortened(got, 80),
@@ -82,10 +80,10 @@ class LineReader {
   std::size_t filled_ = 0, position_ = 0;
   std::uint64_t line_ = 0, line_start_ = 0, next_start_ = 0;
   bool ended_ = false;
-  char line_end_ = '\n';  // "\r\n" too: what separates words ends them
+  char line_end_ = '\n';  // also for "\r\n": '\r' separates words
 };
 
-// The next word of `line`, which is shortened by it; empty at the end.
+// Removes the next word from `line` and returns it; empty at the end.
 std::string_view next_word(std::string_view& line) {
   const std::size_t begin = std::min(line.find_first_not_of(kSeparators), line.size());
   const std::size_t end = std::min(line.find_first_of(kSeparators, begin), line.size());
@@ -94,7 +92,7 @@ std::string_view next_word(std::string_view& line) {
   return word;
 }
 
-// A decimal number times 10^exponent, without going through floating point.
+// A decimal number times 10^exponent, without floating-point arithmetic.
 struct Decimal {
   std::int64_t value = 0;  // rounded half up
   bool exact = true;
@@ -222,7 +220,7 @@ class CsvReader final : public Reader {
     if (names) {
       convention_ = Convention::csv;
       parse_header();
-      pending_ = next_content();  // so that a comment with the size is seen
+      pending_ = next_content();  // parses comments, which may give the size
     } else if (metavision_) {
       layout_ = {{3, 0, 1, 2}, 4, 0};
       pending_ = true;

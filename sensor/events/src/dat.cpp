@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include "checked_writer.h"
-#include "codecs.h"
 #include "extent.h"
 #include "input_file.h"
 #include "output_file.h"
@@ -42,7 +41,7 @@ class DatReader final : public Reader {
         extent_->end();
         break;
       }
-      // A fall of t by half its range or more is a wrap.
+      // A decrease of t by half its range or more is a wrap.
       const auto t = static_cast<std::int64_t>(*item & 0xffffffff);
       if (t + kWrap / 2 <= last_) wraps_ += kWrap;
       last_ = t;
@@ -62,7 +61,7 @@ class DatReader final : public Reader {
   std::int64_t last_ = 0, wraps_ = 0;
 };
 
-// 32 bits of t and a fall of half their range as the sign of a wrap: a gap must be shorter than 2^31 us = 35 min.
+// t has 32 bits, and a decrease by half their range means a wrap: a gap must be shorter than 2^31 us = 35 min.
 constexpr Limits kLimits = {.t_min_us = 0, .max_gap_us = kWrap / 2, .max_size = kMaxSize};
 
 class DatWriter final : public CheckedWriter {

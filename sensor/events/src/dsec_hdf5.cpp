@@ -11,7 +11,6 @@
 #include "block_reader.h"
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "codecs.h"
 #include "event_columns.h"
 #include "hdf5_file.h"
 

@@ -27,7 +27,7 @@ class Cursor {
   std::size_t offset_ = 0;
 };
 
-// The end of a run of `count` that begins at `i` of `n`.
+// End of a run of `count` that begins at `i`, checked against `n`.
 std::size_t run_end(const Cursor& in, std::size_t i, std::size_t count, std::size_t n) {
   if (count > n - i)
     throw Damage{in.offset(), fmt::format("a run of {} events", count), fmt::format("at most {}", n - i)};
@@ -197,7 +197,7 @@ void encode_y_x_p(std::span<const Event> events, std::vector<std::byte>& out) {
 }  // namespace
 
 void encode(std::span<const Event> events, std::vector<std::byte>& out) {
-  // What each style takes for y, x and p.
+  // Size of y, x and p in each style.
   const std::size_t quads = (events.size() + 3) / 4;
   std::vector<std::byte> y, p;
   std::size_t x_masks = 0;

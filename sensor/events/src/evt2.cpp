@@ -3,10 +3,8 @@
 //   8      TIME_HIGH: bits 33..6 of t_us in 27..0; t wraps every 2^34 us = 4 h 46 min
 //   10     trigger; 14, 15 others: skipped
 #include "checked_writer.h"
-#include "codecs.h"
 #include "output_file.h"
 #include "raw_reader.h"
-#include "time_high.h"
 
 namespace pecs::events {
 namespace {

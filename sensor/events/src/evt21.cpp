@@ -7,10 +7,8 @@
 #include <bit>
 
 #include "checked_writer.h"
-#include "codecs.h"
 #include "output_file.h"
 #include "raw_reader.h"
-#include "time_high.h"
 
 namespace pecs::events {
 namespace {

@@ -5,15 +5,13 @@
 //   4 VECT_12    events at base + k for every set bit k of 11..0; then base += 12
 //   5 VECT_8     the same with bits 7..0; then base += 8
 //   6 TIME_LOW   bits 11..0 of t_us
-//   8 TIME_HIGH  bits 23..12 of t_us; t wraps every 2^24 us = 16.777 s, and readers count the wraps they see
+//   8 TIME_HIGH  bits 23..12 of t_us; t wraps every 2^24 us = 16.777 s, and readers count the wraps
 //   7, 10..15    continuations, triggers, IMU, counters: skipped
 #include <bit>
 
 #include "checked_writer.h"
-#include "codecs.h"
 #include "output_file.h"
 #include "raw_reader.h"
-#include "time_high.h"
 
 namespace pecs::events {
 namespace {
@@ -86,7 +84,7 @@ class Evt3Reader final : public RawReader<std::uint16_t> {
       throw damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize));
   }
 
-  // Until TIME_LOW says more, a new high part begins at its start.
+  // Until the next TIME_LOW, a new high part counts from its start.
   void take_time_high(unsigned value) {
     const std::int64_t before = high_.value();
     high_.take(value);
@@ -148,7 +146,7 @@ class Evt3Writer final : public CheckedWriter {
     if (low != low_) word(time_low, static_cast<unsigned>(low_ = low));
   }
 
-  // How many events from the first on fit one vector of 32 pixels that ends inside the sensor.
+  // Number of events, from the first on, in one vector of 32 pixels that ends inside the sensor.
   std::size_t vector_run(std::span<const Event> events) const {
     const Event& first = events[0];
     if (info().width < 32) return 1;

@@ -1,5 +1,5 @@
 #pragma once
-// The size of the pixel array while a file is read: given by the file (then events outside are damage), or measured.
+// The size of the pixel array while a file is read: from the file (then events outside it are errors), or measured.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@ class Extent {
     info_.height = height_;
   }
   bool is_given() const { return given_; }
-  // Pixels may lie below these.
+  // Upper bounds of the pixel coordinates, exclusive.
   int width() const { return given_ ? info_.width : limit_; }
   int height() const { return given_ ? info_.height : limit_; }
   std::string wanted() const { return fmt::format("inside {}x{}", width(), height()); }

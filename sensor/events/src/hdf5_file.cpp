@@ -24,7 +24,7 @@ Handle access_within_file() {
   return access;
 }
 
-// What is wrong on the way to `path`, link by link; nothing when all is there.
+// The first missing or external link on `path`; empty if there is none.
 std::optional<std::string> missing_link(hid_t file, const std::string& path) {
   const Handle access = access_within_file();
   for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
@@ -100,12 +100,12 @@ Column::Column(const Handle& file, std::filesystem::path path, std::string name)
 
 void Column::open(const Handle& file, hid_t access) {
   if (const auto missing = missing_link(file.get(), name_)) throw damage(*missing, "a dataset in this file");
-  dataset_.close();  // what is open keeps its access, the cache among it
+  dataset_.close();  // an open dataset keeps its access properties, such as the cache
   dataset_ = Handle(H5Dopen2(file.get(), name_.c_str(), access), H5Dclose);
   if (!dataset_) throw damage("an object that HDF5 cannot open", "a dataset in this file");
 }
 
-// A chunk is decompressed as a whole: hold one in the cache, and refuse one that no writer makes.
+// Chunks are decompressed as a whole: caches one, and rejects chunk sizes that no writer makes.
 void Column::limit_chunks(const Handle& file, hid_t properties, std::uint64_t item_bytes) {
   hsize_t chunk = 0;
   if (H5Pget_chunk(properties, 1, &chunk) != 1) throw damage("unreadable chunk sizes", "one size");
@@ -118,7 +118,7 @@ void Column::limit_chunks(const Handle& file, hid_t properties, std::uint64_t it
   open(file, access.get());
 }
 
-// The declared size is what is stored. Chunks that were never written would read as zeros.
+// Checks that all declared chunks are stored: missing chunks would read as zeros.
 void Column::check_storage(std::uint64_t item_bytes) const {
   if (size_ == 0) return;
   if (chunk_ == 0) {
@@ -185,7 +185,7 @@ bool is_unsigned(hid_t integer_type) { return H5Tget_sign(integer_type) == H5T_S
 
 namespace {
 
-// What `read` puts into the bits of an integer of `type`, when an int64 holds it.
+// The integer of `type` in the bits from `read`, if an int64 can hold it.
 template <class Read>
 std::optional<std::int64_t> one_integer(hid_t type, hid_t space, Read&& read) {
   std::int64_t value = 0;
@@ -250,7 +250,7 @@ Output::Output(std::filesystem::path path) : path_(std::move(path)), partial_(pa
 
 namespace {
 
-// Without the time of writing, so that the same items make the same bytes.
+// Without timestamps, so that the same items make the same bytes.
 Handle dataset_properties() {
   Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(properties.get(), false);

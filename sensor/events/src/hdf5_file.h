@@ -1,5 +1,5 @@
 #pragma once
-// The HDF5 C library, held by handles: every failure becomes a pecs::Error with the file and the object's name.
+// RAII handles for the HDF5 C library: every failure becomes a pecs::Error with the file and the object's name.
 #include <hdf5.h>
 
 #include <filesystem>
@@ -15,9 +15,8 @@
 
 namespace pecs::events::hdf5 {
 
-// The library, as Debian builds it, serves one thread at a time: hold a Session around every use. It also keeps the
-// library from printing its own error stack, and from closing what is open when the program ends: it crashes there
-// after a disk was full.
+// Debian's build of the library is not thread-safe: hold a Session around every use. A Session also stops the library
+// from printing its error stack, and from closing open objects at exit, where it crashes after a full disk.
 class Session {
  public:
   Session();
@@ -43,7 +42,7 @@ class Handle {
     return *this;
   }
   ~Handle() { close(); }
-  herr_t close();  // negative: failed (a disk full is seen here)
+  herr_t close();  // negative: failed (reports a full disk)
   hid_t get() const { return id_; }
   explicit operator bool() const { return id_ >= 0; }
 
@@ -58,8 +57,8 @@ bool has_paths(const std::filesystem::path& path, const std::vector<std::string>
 
 Handle open_file(const std::filesystem::path& path);  // throws not_found, bad_input
 
-// A one-dimensional dataset opened for reading; `place` of its errors is its name. Its items lie in this file, all of
-// them: links to other files, external storage, virtual datasets and chunks that were never written are refused.
+// A one-dimensional dataset opened for reading; `place` of its errors is its name. Rejects datasets whose items are not
+// all in this file: links to other files, external storage, virtual datasets and chunks that were never written.
 class Column {
  public:
   Column(const Handle& file, std::filesystem::path path, std::string name);  // throws bad_input
@@ -87,10 +86,10 @@ class Column {
   std::uint64_t size_ = 0, chunk_ = 0;
 };
 
-// Of a root attribute or a group's; empty when absent or of another type.
+// Value of an attribute of the root or a group; empty if absent or of another type.
 std::optional<std::string> text_attribute(hid_t object, const char* name);
 std::optional<std::int64_t> integer_attribute(hid_t object, const char* name);
-// A dataset of one value in this file; empty also when it is beyond int64.
+// Value of a scalar dataset in this file; empty if absent or beyond int64.
 std::optional<std::int64_t> integer_dataset(const Handle& file, const char* name);
 bool is_unsigned(hid_t integer_type);
 void write_attribute(hid_t object, const char* name, const std::string& text);
@@ -130,7 +129,7 @@ Handle type_of(std::uint64_t);
 struct DatasetOptions {
   std::size_t chunk = 1 << 15;            // items
   bool gzip = false;                      // after shuffling
-  H5Z_filter_t filter = H5Z_FILTER_NONE;  // an optional one, whose chunks come encoded through append_chunk
+  H5Z_filter_t filter = H5Z_FILTER_NONE;  // optional; its encoded chunks come through append_chunk
 };
 
 // A growing one-dimensional dataset.
@@ -148,7 +147,7 @@ class GrowingDataset {
   std::uint64_t size_ = 0;
 };
 
-// A gzipped dataset of integers, item by item.
+// A gzipped dataset of integers, written item by item.
 template <class T>
 class Appender {
  public:

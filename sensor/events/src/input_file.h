@@ -1,5 +1,5 @@
 #pragma once
-// Reads a file front to back through a buffer and knows the byte it stands at.
+// Buffered sequential reading with the current byte offset.
 #include <bit>
 #include <cstdio>
 #include <cstring>
@@ -25,10 +25,10 @@ class InputFile {
 
   // At most out.size() bytes; fewer only at the end of the file.
   std::size_t read(std::span<std::byte> out);
-  void read_exactly(std::span<std::byte> out, const char* what);  // throws bad_input when the file ends before
+  void read_exactly(std::span<std::byte> out, const char* what);  // throws bad_input if the file is too short
   void seek(std::uint64_t offset);
 
-  // The next item of a sequence that lasts to the end of the file; throws bad_input when the last one is cut short.
+  // The next item of a sequence that fills the rest of the file; throws bad_input if the last one is truncated.
   template <class T>
   std::optional<T> next() {
     if (filled_ - position_ < sizeof(T) && !refill(sizeof(T))) return {};

@@ -10,7 +10,6 @@
 
 #include "block_reader.h"
 #include "checked_writer.h"
-#include "codecs.h"
 #include "ecf.h"
 #include "event_columns.h"
 #include "hdf5_file.h"
@@ -48,7 +47,7 @@ class MetavisionReader final : public BlockReader {
         values_(path.string(), {"/CD/events.t", "/CD/events.x", "/CD/events.y", "/CD/events.p"}) {
     const hdf5::Session session;
     find_members();
-    // The attributes are the lines of a RAW header.
+    // The attributes correspond to the lines of a RAW header.
     std::string header;
     for (const char* key : {"format", "geometry", "sensor_name", "sensor_generation"})
       if (const auto value = hdf5::text_attribute(file_.get(), key)) header += fmt::format("% {} {}\n", key, *value);
@@ -85,7 +84,7 @@ class MetavisionReader final : public BlockReader {
       throw events_.damage(fmt::format("no chunk for event {}", first_), "one");
     if (filters_off != 0) return false;
     const std::string place = fmt::format("byte {}", address);
-    // The greatest that an encoder can make of so many events.
+    // Upper bound of the encoded size.
     const std::size_t most = 16 + events_.chunk() * 16;
     if (bytes > most)
       throw bad_input(path_.string(), place, fmt::format("a chunk of {} bytes", bytes),
@@ -113,7 +112,7 @@ class MetavisionReader final : public BlockReader {
   void read_plain(std::size_t wanted) {
     values_.resize(wanted);
     for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
-      // A compound of one member takes that member from the file's.
+      // A memory type with one member reads that member only.
       const char* const name = kMembers[c];
       const hdf5::Handle type(H5Tcreate(H5T_COMPOUND, sizeof(std::int64_t)), H5Tclose);
       H5Tinsert(type.get(), name, 0, unsigned_[c] ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64);

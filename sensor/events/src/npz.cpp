@@ -1,5 +1,5 @@
 // NumPy NPZ: a ZIP of one-dimensional arrays t (int64, microseconds), x, y (uint16) and p (uint8), and of the scalars
-// width and height. Read also: other integer types and byte orders, booleans, compressed archives.
+// width and height. Also read: other integer types and byte orders, booleans, compressed archives.
 #include <fmt/format.h>
 #include <unistd.h>
 #include <zip.h>
@@ -15,7 +15,6 @@
 
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "codecs.h"
 #include "event_columns.h"
 #include "extent.h"
 #include "input_file.h"
@@ -83,7 +82,7 @@ class ArrayReader {
 
   bool is_unsigned() const { return !signed_; }
 
-  // The next out.size() values, the bits of unsigned ones; the caller asks for no more than there are.
+  // The next out.size() values, unsigned ones as their bits; at most as many as are left.
   void read(std::span<std::int64_t> out) {
     bytes_.resize(out.size() * item_bytes_);
     read_exactly(bytes_);
@@ -97,7 +96,7 @@ class ArrayReader {
     }
   }
 
-  // After the last value: the archive compares its check sum when it has given all bytes.
+  // Call after the last value: the archive checks its checksum at the end of the data.
   void end() {
     std::byte more{};
     const zip_int64_t got = zip_fread(member_.get(), &more, 1);
@@ -224,7 +223,7 @@ constexpr Limits kLimits = {};
 constexpr std::size_t kHeaderBytes = 128;
 constexpr zip_uint16_t kDosDate = 1 << 5 | 1;  // 1980-01-01, as NumPy's: the same events make the same bytes
 
-// The header is of one length whatever the count, so that it can be written last.
+// The header has a fixed length, so that it can be written last.
 std::string npy_header(const char* descr, const std::string& shape) {
   std::string header = std::string("\x93NUMPY\x01\x00", 8);
   header += static_cast<char>(kHeaderBytes - 10);
@@ -234,7 +233,7 @@ std::string npy_header(const char* descr, const std::string& shape) {
   return header + '\n';
 }
 
-// A column waits in a nameless file beside the output until the ZIP is put together.
+// A column is buffered in an unnamed file in the output folder until the ZIP is assembled.
 class Spool {
  public:
   Spool(const std::filesystem::path& output, const PartialFile& partial, const char* descr)
@@ -292,7 +291,7 @@ class NpzWriter final : public CheckedWriter {
 
   void finish() override {
     int code = 0;
-    // libzip gives its file a name when it is done: another one than the .partial, which is locked.
+    // libzip renames its file at the end, so it needs another name than the locked .partial.
     const std::string unfinished = partial_.partial_path().string() + ".zip";
     Archive archive(zip_open(unfinished.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
     if (!archive) throw bad_output(path().string(), std::strerror(errno));

@@ -1,5 +1,5 @@
 #pragma once
-// Appends small items to a whole-or-nothing file through a buffer.
+// Buffered writing to an AtomicFile.
 #include <cstring>
 #include <span>
 #include <vector>
@@ -24,7 +24,7 @@ class OutputFile {
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
   std::uint64_t offset() const { return written_ + buffer_.size(); }
-  // What is put next replaces what stands from this byte on, with no more bytes than there are.
+  // The next put() calls overwrite existing bytes from this offset on; they must not write beyond the end.
   void rewrite_from(std::uint64_t offset) {
     flush();
     std::fseek(file_.stream(), static_cast<long>(offset), SEEK_SET);

@@ -13,13 +13,13 @@ constexpr std::size_t kHeadBytes = 1 << 16;  // a longer header is refused
 struct RawHeader {
   std::map<std::string, std::string> fields;   // keys in lower case
   std::size_t bytes = 0;                       // of the header; the data begin here
-  std::string encoding;                        // "EVT3", …, or what else the file says; empty when it says nothing
+  std::string encoding;                        // "EVT3", … or another value in the file; empty without one
   std::map<std::string, std::string> options;  // of the format line: height, width, endianness
   StreamInfo info;
 };
 
 RawHeader parse_raw_header(std::span<const std::byte> head);
-// The header of a RAW file in `info`'s size, up to and with "% end".
+// The header of a RAW file of `info`'s size, including "% end".
 std::string raw_header_text(const std::string& encoding, const std::string& evt, const StreamInfo& info,
                             const std::string& options = "");
 

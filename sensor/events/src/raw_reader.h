@@ -1,7 +1,9 @@
 #pragma once
-// What the readers of Prophesee RAW files share: header, words, the check of an event's place.
+// Base class of the readers of Prophesee RAW files: header, words, check of pixel coordinates.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
@@ -27,7 +29,7 @@ class RawReader : public Reader {
     file_.seek(header.bytes);
   }
 
-  // The next word; nothing at the file's end.
+  // The next word; none at the end of the file.
   std::optional<Word> next_word() {
     const auto word = file_.next<Word>();
     if (!word) extent_->end();
@@ -49,5 +51,36 @@ class RawReader : public Reader {
   StreamInfo info_;
   std::optional<Extent> extent_;
 };
+
+// The high part of the time in RAW streams: it counts to `range`, then wraps to 0; readers count the wraps.
+class TimeHighReader {
+ public:
+  explicit TimeHighReader(std::int64_t range) : range_(range) {}
+  bool known() const { return high_ >= 0; }  // events before the first TIME_HIGH have no time and are discarded
+  std::int64_t value() const { return high_; }
+  // A decrease by half the range or more is a wrap; a smaller one is kept: the stream is not in order.
+  void take(std::int64_t value) {
+    if (!known()) {
+      high_ = value;
+      return;
+    }
+    const std::int64_t wraps = high_ / range_ + (high_ % range_ >= value + range_ / 2 ? 1 : 0);
+    high_ = wraps * range_ + value;
+  }
+
+ private:
+  std::int64_t range_, high_ = -1;
+};
+
+// Calls put(value) for every TIME_HIGH to write between `from` and `to`: in steps of at most a quarter of the range,
+// and at each wrap from the last value to 0, so that all readers count the same wraps in any gap.
+template <class Put>
+void step_time_high(std::int64_t from, std::int64_t to, std::int64_t range, Put&& put) {
+  while (from < to) {
+    const std::int64_t last_of_wrap = from - from % range + range - 1;
+    from = from == last_of_wrap ? from + 1 : std::min({from + range / 4, to, last_of_wrap});
+    put(from);
+  }
+}
 
 }  // namespace pecs::events

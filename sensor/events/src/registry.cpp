@@ -2,12 +2,16 @@
 
 #include <algorithm>
 
-#include "codecs.h"
 #include "input_file.h"
 #include "pecs/error.h"
+#include "pecs/events/format.h"
 #include "raw_header.h"
 
 namespace pecs::events {
+
+Codec make_evt3(), make_evt2(), make_evt21(), make_dat(), make_metavision_hdf5(), make_dsec_hdf5(), make_aedat4(),
+    make_npz(), make_csv(), make_e2vid(), make_v2e();
+
 namespace {
 
 std::string names(bool for_output) {
@@ -76,7 +80,8 @@ std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const Str
   return codec_for_output(path, format).open_writer(path, info);
 }
 
-Error time_falls(const std::filesystem::path& path, const Codec& codec, const std::function<bool(const Event&)>& keep) {
+Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& codec,
+                               const std::function<bool(const Event&)>& keep) {
   const std::unique_ptr<Reader> reader = codec.open_reader(path);
   Event event;
   std::optional<std::int64_t> last_us;
@@ -89,12 +94,12 @@ Error time_falls(const std::filesystem::path& path, const Codec& codec, const st
     }
     last_us = event.t_us;
   }
-  return {ExitCode::internal, path.string() + ": times do not fall"};
+  return {ExitCode::internal, path.string() + ": timestamps do not decrease"};
 }
 
 namespace {
 
-// trim(events, first): drops what is not wanted from the block that begins at `first`.
+// trim(events, first): discards events of the block that begins at `first`.
 template <class Trim>
 Stream read_blocks(Reader& reader, const Trim& trim) {
   constexpr std::size_t kBlock = 1 << 16;

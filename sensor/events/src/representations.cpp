@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kMostBins = 4096;
 
-// Checks everything once; then what the loops need of a window.
+// Checks the arguments, and holds the values that the loops need.
 struct Planes {
   Planes(const EventWindow& window, int planes, std::span<const float> out)
       : width(static_cast<std::uint32_t>(window.width)),
@@ -55,12 +55,12 @@ struct Planes {
   std::int64_t first_us = 0, last_us = 0;
 };
 
-// 1, or 0 of a zero; without a branch.
+// 0 for 0, otherwise 1; branchless.
 float is_some(float v) { return static_cast<float>(std::bit_cast<std::uint32_t>(v) << 1 != 0); }
 
-// As E2VID's EventPreprocessor.
+// Like E2VID's EventPreprocessor.
 void normalise_values(std::span<float> values) {
-  // Sums of short runs in float, in lanes that the compiler adds at once; of those in double.
+  // Sums short runs in float, in lanes for vectorisation, and the results in double.
   constexpr std::size_t kLanes = 64, kRun = 64 * kLanes;
   double sum = 0, squares = 0, count = 0;
   for (std::size_t begin = 0; begin < values.size(); begin += kRun) {
@@ -77,7 +77,7 @@ void normalise_values(std::span<float> values) {
   }
   if (count == 0) return;
   const double mean = sum / count, variance = squares / count - mean * mean;
-  const double least = 1e-6 * squares / count;  // what rounding leaves of none
+  const double least = 1e-6 * squares / count;  // rounding error of a variance of 0
   const double scale = variance > least ? 1 / std::sqrt(variance) : 1;
   const auto times = static_cast<float>(scale), less = static_cast<float>(mean * scale);
   for (float& v : values) v = v * times - less * is_some(v);
@@ -105,7 +105,7 @@ void voxel_grid(std::span<const Event> events, const EventWindow& window, int bi
 void time_surface(std::span<const Event> events, const EventWindow& window, double tau_us, std::span<float> out) {
   if (!(tau_us > 0)) throw Error(ExitCode::usage, fmt::format("tau_us: got {}, wanted more than 0", tau_us));
   const Planes planes(window, 2, out);
-  // Times after the window's end first, then what they decay to.
+  // First the last times, then their decay.
   constexpr float kNever = -std::numeric_limits<float>::infinity();
   std::ranges::fill(out, kNever);
   for (const Event& e : events) {

@@ -23,7 +23,7 @@ void encode_srgb(std::span<float> rgb) {
   }
 }
 
-// The name if the config has it, the default if none was asked for; throws naming all.
+// The name, or the default if empty; throws if the config lacks it, and lists all names.
 std::string chosen(const std::optional<std::string>& name, const char* fallback, const std::vector<std::string>& all,
                    const char* option) {
   if (!name) return fallback;

@@ -26,7 +26,7 @@ double microseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
 }
 
-// Whether a window opens. Some toolkits end the program where a display does not answer: so another process tries.
+// True if a window opens. Some toolkits end the program if the display does not answer, so a child process tries.
 bool display_answers() {
   if (!std::getenv("DISPLAY") && !std::getenv("WAYLAND_DISPLAY")) return false;
   const pid_t child = ::fork();
@@ -54,13 +54,13 @@ class EventView {
       return;
     }
     partial_.emplace(live.video);
-    // FFmpeg knows a container by its ending.
+    // FFmpeg detects the container by the extension.
     unfinished_ = live.video.parent_path() / ("." + live.video.stem().string() + ".partial.mp4");
     if (!writer_.open(unfinished_.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30, size))
       throw bad_output(live.video.string(), "OpenCV has no MPEG-4 encoder");
   }
 
-  // False when the user has had enough.
+  // False when the user ends the view.
   bool add(std::span<const events::Event> events) {
     bool goes_on = true;
     for (const events::Event& e : events) {
@@ -103,7 +103,7 @@ class EventView {
 };
 
 cv::VideoCapture open_source(const LiveOptions& live) {
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // what fails is said below
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // errors are reported below
   cv::VideoCapture capture;
   if (live.camera && !capture.open(*live.camera))
     throw not_found(fmt::format("camera {}", *live.camera), "no such camera");
@@ -113,7 +113,7 @@ cv::VideoCapture open_source(const LiveOptions& live) {
   return capture;
 }
 
-// Frames as they come. A camera's have the time of their arrival, a video's the file's rate.
+// Live frames, with the time of arrival (camera) or the file's frame rate (video).
 class Live final : public sensor::FrameSource {
  public:
   Live(const LiveOptions& live, const PictureOptions& pictures)
@@ -175,7 +175,7 @@ sensor::SenseReport sense_live(const LiveOptions& live, sensor::SenseOptions sen
     throw Error(ExitCode::usage, "--fps: got a camera, whose frames have the times of their arrival, wanted a video");
   const auto source = std::make_shared<Live>(live, pictures);
   if (sense.model.white_fa == 0 &&
-      !sensor::model_traits(sense.model.name).takes_light)  // white is the same from the first picture to the last
+      !sensor::model_traits(sense.model.name).takes_light)  // white is the same in all frames
     sense.model.white_fa = sense.light.photocurrent_a.value_or(sensor::kDefaultWhite_a) * 1e15;
   EventView view(live, {source->info().width, source->info().height}, shows);
   sense.source = source;

@@ -76,7 +76,7 @@ class Folder final : public Pictures {
     try {
       picture = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
     } catch (const cv::Exception&) {
-      picture.release();  // said below
+      picture.release();  // reported below
     }
     if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
     return picture;
@@ -85,7 +85,7 @@ class Folder final : public Pictures {
   std::vector<fs::path> files_;
 };
 
-// Frames come in order; those that other threads ask for early wait in memory.
+// Frames are decoded in order; frames that precede the requested one are kept in memory for other threads.
 class Video final : public Pictures {
  public:
   Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
@@ -105,7 +105,7 @@ class Video final : public Pictures {
 
  private:
   void open() const {
-    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // what is wrong is said once, by us
+    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // PECS reports errors itself
     capture_.open(path_.string(), cv::CAP_FFMPEG);
     next_ = 0;
     early_.clear();
@@ -134,8 +134,8 @@ class Video final : public Pictures {
   mutable std::map<std::int64_t, cv::Mat> early_;
 };
 
-// Files that are taken for light by mistake.
-void refuse_other_files(const fs::path& path) {
+// Rejects files that contain no light, such as scenes and recordings.
+void reject_other_files(const fs::path& path) {
   std::vector<std::byte> head(4096);
   std::ifstream file(path, std::ios::binary);
   file.read(reinterpret_cast<char*>(head.data()), static_cast<std::streamsize>(head.size()));
@@ -152,12 +152,12 @@ void refuse_other_files(const fs::path& path) {
 
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
   if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
-  refuse_other_files(path);
+  reject_other_files(path);
   return std::make_unique<Video>(path, options);
 }
 
 std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
-  if (!fs::exists(path)) throw not_found(path.string(), "no such folder");
+  if (!fs::exists(path)) throw not_found(path.string(), "no such file or folder");
   static const std::string kExr[] = {".exr"};
   const bool has_json = fs::exists(path / "stack.json");
   const auto refuse = [&](const char* option, const char* wanted) {

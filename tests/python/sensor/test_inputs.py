@@ -216,9 +216,10 @@ def test_video_and_colour_space(tmp_path, pecs_program):
         (["x.avi", "--source", "camera", "--view"], 2, "x.avi: got an input beside --source camera"),
         (["--source", "video", "--view"], 2, "input: got nothing"),
         (["no.avi", "--source", "video", "--view"], 3, "no.avi: cannot be opened: no such file"),
+        (["no.avi"], 3, "no.avi: cannot be opened: no such file or folder"),
     ],
 )
-def test_a_live_source_that_is_not_there(tmp_path, pecs_program, args, code, words):
+def test_an_input_that_does_not_exist(tmp_path, pecs_program, args, code, words):
     done = pecs_program("sense", *args, "-o", tmp_path / "o.csv")
     assert done.returncode == code and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())

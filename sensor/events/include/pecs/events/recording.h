@@ -15,8 +15,8 @@ struct Recording {
   std::int64_t span_us = 0;   // from the first event to just after the last one
   std::vector<Event> events;  // in time order
 };
-// Keeps events of [from_us, to_us), counted from the first event. Throws bad_input when none are left. `file` is named
-// in errors, its last part in pictures.
+// Keeps events of [from_us, to_us), relative to the first event. Throws bad_input if none are left. `file` is for
+// errors and, without folders, for `name`.
 Recording recording_of(Stream stream, const std::string& file, std::int64_t from_us, std::int64_t to_us);
 
 }  // namespace pecs::events

@@ -1,8 +1,8 @@
 #pragma once
-// What networks are fed: the events of a window as planes of float, row 0 at the top. Each function fills all of `out`,
-// in one thread; equal events give equal bits. Events before begin_us or after end_us do not count; their order is of
-// no matter but to rounding. All throw bad_input for a pixel outside the picture (then `out` holds anything), and
-// usage errors for a wrong size.
+// Inputs of networks: the events of a window as planes of float, row 0 at the top. Each function fills all of `out`, in
+// one thread; equal events give equal bits. Events before begin_us or after end_us are ignored; their order affects
+// rounding only. All throw bad_input for a pixel outside the sensor (then `out` is unspecified), and usage errors for a
+// wrong size.
 #include <span>
 
 #include "pecs/events/event.h"

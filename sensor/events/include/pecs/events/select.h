@@ -1,5 +1,5 @@
 #pragma once
-// A part of a stream, taken block by block as it passes.
+// Selects a part of a stream, block by block.
 #include <algorithm>
 #include <optional>
 #include <vector>

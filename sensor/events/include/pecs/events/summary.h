@@ -1,5 +1,5 @@
 #pragma once
-// What `pecs info` says of a stream, gathered as it passes.
+// Statistics of a stream for `pecs info`, gathered block by block.
 #include <algorithm>
 #include <optional>
 #include <span>
@@ -25,7 +25,7 @@ struct Summary {
   }
 
   // "events", "t_first_us", "t_last_us", "duration_us", "on_fraction", "time_reversals", "event_rate_hz",
-  // "event_rate_per_pixel_hz"; null where a stream without events, duration or size has none.
+  // "event_rate_per_pixel_hz"; null if the stream has no events, duration or size.
   Json json(int width, int height) const {
     Json out = {{"events", events}, {"time_reversals", time_reversals}};
     for (const char* key :

@@ -9,15 +9,15 @@
 namespace pecs::input {
 
 struct PictureOptions {
-  sensor::FrameTimes times;                          // video: default the file's own rate
-  std::optional<std::string> colour_space;           // "srgb", "linear", or one of the OpenColorIO config's
-  std::optional<std::filesystem::path> ocio_config;  // else $OCIO
+  sensor::FrameTimes times;                          // video: the file's rate by default
+  std::optional<std::string> colour_space;           // "srgb", "linear", or a colour space of the OpenColorIO config
+  std::optional<std::filesystem::path> ocio_config;  // otherwise $OCIO
 };
 
 // A folder of pictures, or a video file. Throws not_found, bad_input, and usage for a wrong colour space.
 std::unique_ptr<sensor::FrameSource> open_pictures(const std::filesystem::path& path, const PictureOptions& options);
 
-// EXR stack, folder of EXR files, folder of pictures, or video: by what is there.
+// Opens an EXR stack, a folder of EXR files, a folder of pictures, or a video, by content.
 std::unique_ptr<sensor::FrameSource> open_frames(const std::filesystem::path& path, const PictureOptions& options);
 
 }  // namespace pecs::input
