@@ -62,7 +62,7 @@ void diffract(std::span<float> pixels, int width, int height, double pixel_pitch
               double working_fnumber) {
   if (width < 1 || height < 1 || pixels.size() != static_cast<std::size_t>(width) * height)
     throw std::invalid_argument("diffract: the picture is not width x height");
-  // The pattern falls as 1/r^3: 16 Airy radii hold all but 1 % of the light, the mirror takes the rest.
+  // The pattern falls as 1/r^3: 16 Airy radii contain 99 % of the light; mirroring covers the rest.
   const int margin = static_cast<int>(std::ceil(16 * airy_radius_mm(lambda_nm, working_fnumber) / pixel_pitch_mm)) + 8;
   const int w = fast_length(width + 2 * margin), h = fast_length(height + 2 * margin);
   std::vector<Complex> field(static_cast<std::size_t>(w) * h);
@@ -81,7 +81,7 @@ void diffract(std::span<float> pixels, int width, int height, double pixel_pitch
   });
   transform(field, w, h, 1, w, false);
   transform(field, h, w, w, 1, false);
-  // Rounding and the cut at the pixel grid's own frequency may leave a trace below zero; irradiance has none.
+  // Rounding and the cut-off at the pixel grid's frequency may give small negative values; irradiance is not negative.
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
       pixels[static_cast<std::size_t>(y) * width + x] =

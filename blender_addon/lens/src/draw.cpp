@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kWidth = 960, kMargin = 24, kSpotSize = 170;
 
-// One colour per field (Okabe-Ito, told apart by the colour-blind), dashes per wavelength.
+// One colour per field (Okabe-Ito, distinguishable by colour-blind readers), dashes per wavelength.
 constexpr const char* kFieldColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
 constexpr const char* kDashes[] = {"1 2", "none", "5 2", "7 2 1 2"};
 
@@ -157,10 +157,10 @@ std::string plot(const Box& box, const std::string& title, const std::string& x_
   return svg;
 }
 
-// One colour per wavelength: blue, green, red, as far as the colour-blind need.
+// One colour per wavelength: variants of blue, green and red that colour-blind readers can distinguish.
 constexpr const char* kBandColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
 
-// What a chart shows, made once: the spots of all fields and bands, through the lens as focused.
+// Data of a chart: the spots of all fields and bands through the focused lens.
 struct Chart {
   const Prescription& lens;
   const DrawOptions& o;

@@ -12,7 +12,7 @@
 namespace pecs::lens {
 namespace {
 
-constexpr double kPlaneRadius = 1e7;  // pbrt knows no plane: radius 0 is the stop
+constexpr double kPlaneRadius = 1e7;  // pbrt has no plane: radius 0 is the stop
 
 std::string utf8(const std::string& bytes) {
   const bool le = bytes.starts_with("\xFF\xFE"), be = bytes.starts_with("\xFE\xFF");
@@ -241,7 +241,7 @@ std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_
     if (i == lens.stop && !diaphragm)
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no stop on a glass surface", lens.file, i));
-    for (const std::size_t neighbour : {i - 1, i + 1}) {  // pbrt follows rays forward only
+    for (const std::size_t neighbour : {i - 1, i + 1}) {  // pbrt traces rays forward only
       if (!diaphragm || neighbour >= lens.surfaces.size()) continue;
       const double edge = std::min(s.semi_diameter_mm, lens.surfaces[neighbour].semi_diameter_mm);
       if (lens.gap_mm(std::min(i, neighbour), std::max(i, neighbour), edge) < 0)

@@ -19,7 +19,7 @@ Ray towards(double r, double film_z, double x, double plane_z) {
 std::optional<Ray> chief_ray(const Tracer& tracer, std::size_t stop, double film_z_mm, double r_mm) {
   const double plane = tracer.rear_z_mm();
   std::vector<Vec3> hits;
-  // Height in the stop of the ray through x on the direction plane; NaN where it does not arrive.
+  // Height in the stop of the ray through x on the direction plane; NaN if it is blocked.
   const auto height = [&](double x) {
     hits.clear();
     tracer.to_scene(towards(r_mm, film_z_mm, x, plane), Tracer::Clip::none, &hits);
@@ -61,7 +61,7 @@ std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, std::size_t stop, d
                                           Tracer::Clip::housing, &line);
     if (traced.fate != Fate::ok) continue;
     line.push_back(traced.ray.at_z(std::min(-ahead_mm, traced.ray.p.z - 1e-3)));
-    // A diaphragm that cuts its neighbour lies on the ray's line, but not on its way.
+    // A diaphragm that cuts its neighbour is on the ray's line, but not on its path.
     const auto at_stop = line.begin() + static_cast<std::ptrdiff_t>(tracer.surface_count() - stop);
     if (at_stop->z > at_stop[-1].z || at_stop[1].z > at_stop->z) line.erase(at_stop);
     fan.push_back(std::move(line));
@@ -168,9 +168,9 @@ MtfCurve wavefront_mtf(const Prescription& lens, const Tracer& tracer, const Obj
       double path = 0;  // n behind the last surface is that of air, 1
       for (std::size_t k = 1; k < hits.size(); ++k) {
         const Vec3 way = hits[k] - hits[k - 1];
-        path += n[n.size() - k] * std::copysign(std::sqrt(dot(way, way)), -way.z);  // back from a diaphragm: less
+        path += n[n.size() - k] * std::copysign(std::sqrt(dot(way, way)), -way.z);  // negative back from a diaphragm
       }
-      // On to the plane wave through the origin, or to where the ray passes the object point.
+      // Path to the plane wave through the origin, or to the point closest to the object point.
       const Vec3 from = hits.back();
       path += object.at_infinity ? -dot(from, object.place) / dot(t.ray.d, object.place)
                                  : dot(object.place - from, t.ray.d);

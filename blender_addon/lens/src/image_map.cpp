@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kNodes = 96;       // over the film radius
 constexpr int kLayers = 7;       // over the height of a tilted film
-constexpr double kBeyond = 1.1;  // how far the table reaches, in distances to the farthest corner
+constexpr double kBeyond = 1.1;  // extent of the table relative to the farthest corner
 
 // Lagrange's weights of the nodes first, first + 1, first + 2, first + 3 at `x`.
 std::array<double, 4> cubic_weights(double x, double first) {
@@ -22,7 +22,7 @@ std::array<double, 4> cubic_weights(double x, double first) {
           t * (t - 1) * (t - 2) / 6};
 }
 
-// The root of a rising f between low and high, f(low) <= 0 <= f(high), by false position (Illinois).
+// The root of an increasing f between low and high, f(low) <= 0 <= f(high), by false position (Illinois).
 template <class F>
 double rising_root(F&& f, double low, double high) {
   double at_low = f(low), at_high = f(high), x = low;
@@ -96,7 +96,7 @@ void ImageMap::tabulate(const Prescription& lens, double max_r_mm) {
 }
 
 ImageMap::FilmPoint ImageMap::film_point(Pixel pixel) const {
-  // The picture lies upside down on the film.
+  // The image on the film is upside down.
   const double across = (0.5 * setting_.width_px - pixel.x) * setting_.pixel_pitch_mm;
   const double along = (pixel.y - 0.5 * setting_.height_px) * setting_.pixel_pitch_mm;
   const Vec3 p = across * axes_.right + along * axes_.up;
@@ -163,7 +163,7 @@ std::optional<Pixel> ImageMap::pixel_from_direction(Vec3 direction) const {
     return per_x * (r * ux - s.film_shift_x_mm) + per_y * (r * uy - s.film_shift_y_mm);
   };
   const auto excess = [&](double r) { return r * at(r, dz_at(r)).angle_per_mm - angle; };
-  // A flat film's nodes tell the root's place.
+  // A film without tilt: find the nodes around the root.
   std::size_t low = 0, high = layers_[0].size() - 1;
   const auto radius = [&](std::size_t node) { return step_mm_ * static_cast<double>(node); };
   if (!(excess(radius(high)) >= 0)) return std::nullopt;

@@ -18,7 +18,7 @@ double mean(const std::vector<double>& values) {
 }
 
 // RMS distance on the film [mm] between the images of one scene point at two wavelengths, over the pupil of the film
-// point (r, 0): rays leave it alike and are compared where they meet the focused plane (or in angle, at infinity).
+// point (r, 0): rays leave it in the same direction and are compared on the focused plane (or in angle, at infinity).
 double colour_shift_mm(const Tracer& a, const Tracer& b, const Focus& focus, const FirstOrder& f, double r_mm) {
   const ExactPupil pupil = exact_pupil(a, focus.film_z_mm, r_mm, 24);
   double sum = 0;
@@ -54,7 +54,7 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
     throw bad_input(lens.file, "bands_nm", fmt::format("{} bands", o.bands_nm.size()), "1 to 3");
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
-  // How far the film reaches from the axis, and along it: at a corner.
+  // Largest distance of the film from the axis, and along it: at a corner.
   const FilmAxes axes = film_axes(o);
   double max_r = 0, max_dz = 0;
   for (const double u : {-0.5 * o.film_width_mm, 0.5 * o.film_width_mm})
@@ -69,7 +69,7 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
   if (!std::isfinite(camera.first_order.entrance_pupil_z_mm))
     throw Error(ExitCode::unsupported, lens.file + ": the entrance pupil lies at infinity");
 
-  // One wavelength for the whole pass where the bands' pictures coincide, one per sample else.
+  // One wavelength for the whole pass if the bands' images coincide, otherwise one per sample.
   const double middle = mean(o.bands_nm);
   const Tracer at_mean(lens, middle, o.stop_diameter_mm);
   double shift_mm = 0;

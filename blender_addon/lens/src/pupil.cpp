@@ -23,7 +23,7 @@ constexpr std::array<std::array<double, 2>, 8> kGauss{{{0.019855071751231884, 0.
                                                        {0.8983332387068134, 0.11119051722668724},
                                                        {0.9801449282487681, 0.05061426814518813}}};
 
-// fill - 1 along a line of the direction plane: <= 0 passes.
+// fill - 1 along a line of the direction plane: the ray passes where it is <= 0.
 class Probe {
  public:
   Probe(const Tracer& tracer, double film_z, double r)
@@ -38,7 +38,7 @@ class Probe {
   double plane_;
 };
 
-// The edge between a passing and a blocked parameter: false position where the fill is finite, bisection else.
+// The edge between a passing and a blocked parameter: false position where the fill is finite, otherwise bisection.
 template <class F>
 double find_edge(const F& f, double in, double f_in, double out, double f_out) {
   const double accuracy = 1e-10 * std::max(1e-3, std::abs(out - in));
@@ -236,11 +236,11 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
   table.lambda_nm = tracer.lambda_nm();
   table.film_z_mm = film_z_mm;
   table.max_r_mm = max_r_mm;
-  // More nodes until the interpolated ellipses cover the pupils between them; the last missing part by the margin.
+  // More nodes until the interpolated ellipses cover the pupils between them; the margin covers the last missing part.
   std::vector<ExactPupil> pupils;
   for (int nodes = kNodes;; nodes = 2 * nodes - 1) {
     const int dense = (nodes - 1) * kAreaPerNode + 1;
-    std::vector<ExactPupil> coarser = std::move(pupils);  // every other one of the new
+    std::vector<ExactPupil> coarser = std::move(pupils);  // every second one of the new nodes
     pupils.assign(dense, {});
     tbb::parallel_for(0, dense, [&](int i) {
       pupils[i] = !coarser.empty() && i % 2 == 0 ? std::move(coarser[i / 2])
@@ -250,7 +250,7 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
     tbb::parallel_for(0, nodes, [&](int i) {
       table.ellipses[i] = covering_ellipse(pupils[static_cast<std::size_t>(i) * kAreaPerNode]);
     });
-    // A film point without light borrows its neighbour's ellipse, so that interpolation towards it still covers.
+    // A film point without light gets its neighbour's ellipse, so that the interpolated ellipse still covers the pupil.
     for (int i = 1; i < nodes; ++i)
       if (table.ellipses[i].a_mm == 0) table.ellipses[i] = table.ellipses[i - 1];
     for (Ellipse& e : table.ellipses) {
@@ -263,7 +263,7 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
       table.areas_mm2.push_back(pupil.area_mm2);
       table.irradiance.push_back(pupil.irradiance_per_radiance);
     }
-    // Misses between the nodes are few and small at first: widen the two ellipses beside them before adding nodes.
+    // Misses between the nodes are few and small at first: widen the two adjacent ellipses before adding nodes.
     std::vector<Ellipse> covering = table.ellipses;
     for (int round = 0; round < 3; ++round) {
       table.missed_fraction = 0;

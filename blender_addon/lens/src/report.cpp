@@ -177,7 +177,7 @@ ImageSetting image_setting(const Prescription& lens, JsonObject options) {
 Json camera_report(const Prescription& lens, const Camera& camera) {
   Json missed = Json::array();
   for (const PupilTables& table : camera.tables) missed.push_back(table.missed_fraction);
-  // Diffraction is the renderer's to apply, per band, where the Airy radius exceeds half a pixel.
+  // The renderer applies diffraction per band, if the Airy radius exceeds half a pixel.
   std::vector<double> working, airy;
   for (std::size_t i = 0; i < camera.e0_sr.size(); ++i) {
     working.push_back(0.5 / std::sqrt(camera.e0_sr[i] / std::numbers::pi));

@@ -1,5 +1,6 @@
 #pragma once
-// Prescriptions of other programs. Importers give a lens of lens_data/SCHEMA.md; what that cannot hold is refused.
+// Prescriptions of other programs. Importers return a lens in the form of lens_data/SCHEMA.md and reject features that
+// it does not support.
 #include <string>
 
 #include "pecs/lens/prescription.h"
@@ -8,8 +9,8 @@
 namespace pecs::lens {
 
 // Zemax sequential .zmx (text, UTF-8 or UTF-16): STANDARD, EVENASPH and ODDASPHE surfaces, units MM, CM or IN. Glass by
-// name from the catalogues we have, else by the nd and Vd of the GLAS line. Surfaces without DIAM are refused; planes
-// between air and air are dropped unless they are the stop.
+// name from the catalogues in lens_data/glasses, otherwise by nd and Vd of the GLAS line. Surfaces without DIAM are
+// rejected; planes between air and air are discarded unless they are the stop.
 Json import_zmx(const std::string& bytes, const std::string& file);
 
 // pbrt's lens text: radius, thickness, index, aperture diameter [mm] per line, front to rear, radius 0 = stop.

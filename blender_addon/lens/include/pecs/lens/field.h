@@ -1,5 +1,5 @@
 #pragma once
-// What the lens does off the axis: chief rays, fans.
+// The lens off the axis: chief rays, fans, spots, MTF.
 #include <optional>
 #include <vector>
 
@@ -15,11 +15,11 @@ std::optional<Ray> chief_ray(const Tracer& tracer, std::size_t stop, double film
 std::optional<double> field_angle_deg(const Tracer& tracer, std::size_t stop, double film_z_mm, double r_mm);
 
 // Polylines for drawing, from the film point through the lens and `ahead` mm before the first vertex: `count` rays
-// evenly over the pupil's meridional section. Empty when no ray gets through.
+// evenly over the pupil's meridional section. Empty if no ray passes.
 std::vector<std::vector<Vec3>> ray_fan(const Tracer& tracer, std::size_t stop, double film_z_mm, double r_mm, int count,
                                        double ahead_mm);
 
-// Where light from one object point lands: that of the film point (r, 0) by the chief ray at the reference wavelength.
+// Spot of one object point: the point imaged at (r, 0) by the chief ray at the reference wavelength.
 struct ObjectPoint {
   bool at_infinity = true;
   Vec3 place;  // the point, or the unit direction of its light (d.z > 0)
@@ -28,8 +28,7 @@ struct ObjectPoint {
 std::optional<ObjectPoint> object_point(const Tracer& reference, std::size_t stop, const Focus& focus,
                                         double pupil_z_mm, double r_mm);
 
-// Hits on the film of rays evenly over the part of the entrance pupil that gets through, `across` of them in its
-// diameter.
+// Hits on the film of rays evenly over the part of the entrance pupil that passes, `across` of them in its diameter.
 std::vector<Vec3> spot(const Tracer& tracer, const Tracer& reference, const ObjectPoint& object, const Focus& focus,
                        double pupil_z_mm, double r_mm, int across);
 double rms_radius_mm(const std::vector<Vec3>& hits);
@@ -42,14 +41,14 @@ Mtf geometric_mtf(const std::vector<Vec3>& hits, double cycles_per_mm);
 
 // MTF with diffraction, at evenly spaced frequencies from 0: the autocorrelation of the pupil function
 // A exp(2 pi i W / lambda) over the direction cosines at the film point (r, 0), W by the optical paths of real rays
-// from it to the object point (reversed light), A = 1 where they get through.
+// from it to the object point (reversed light), A = 1 where they pass.
 struct MtfCurve {
   std::vector<double> cycles_per_mm, tangential, sagittal;
 };
 MtfCurve wavefront_mtf(const Prescription& lens, const Tracer& tracer, const ObjectPoint& object, const Focus& focus,
                        double r_mm, double max_cycles_per_mm);
 
-// What the lens does along the film radius.
+// Aberrations over the film radius.
 struct FieldRow {
   double r_mm, angle_deg;  // of the chief ray in the scene
   double relative_illumination;

@@ -21,10 +21,10 @@ struct FirstOrder {
 // Throws bad_input for a lens without a real image of a far object.
 FirstOrder first_order(const Prescription& lens, double lambda_nm, double stop_diameter_mm = kWideOpen);
 
-// The stop diameter that gives an f-number; throws bad_input when the stop does not open so far.
+// The stop diameter that gives an f-number; throws bad_input beyond the widest aperture.
 double stop_diameter_for_fnumber(const Prescription& lens, double fnumber, double lambda_nm = kLambdaD);
 
-// Focus distances are measured along the axis from the entrance pupil's centre, where the camera's origin lies;
+// Focus distances are measured along the axis from the entrance pupil's centre, the camera's origin;
 // none = infinity.
 struct Focus {
   std::optional<double> distance_m;

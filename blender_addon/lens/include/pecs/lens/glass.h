@@ -19,7 +19,7 @@ class Glass {
   // A file of lens_data/glasses (lens_data/SCHEMA.md); throws bad_input.
   static Glass from_file(const std::filesystem::path& path);
 
-  // lambda in [min_nm(), max_nm()]; outside, the value means nothing.
+  // lambda in [min_nm(), max_nm()]; outside this range, the value is invalid.
   double n(double lambda_nm) const;
   double nd() const { return n(kLambdaD); }
   double vd() const { return (n(kLambdaD) - 1.0) / (n(kLambdaF) - n(kLambdaC)); }

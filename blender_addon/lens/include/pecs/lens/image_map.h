@@ -32,9 +32,8 @@ struct Pixel {
   double x = 0, y = 0;
 };
 
-// Chief rays are tabulated over film radius (and film height, of a tilted film); both ways read the one table, so that
-// they are each other's inverse. It reaches a little beyond the picture's corners, and nullopt is what no chief ray
-// serves.
+// Chief rays are tabulated over film radius (and film height, of a tilted film); both directions use one table, so that
+// they are exact inverses. The table reaches 10 % beyond the picture's corners. nullopt: no chief ray there.
 class ImageMap {
  public:
   ImageMap(const Prescription& lens, const ImageSetting& setting);

@@ -13,7 +13,7 @@ struct ExactPupil {
   double r_mm = 0;
   double centre_x_mm = 0;              // inside, on y = 0
   std::vector<double> edge_mm;         // edge_mm[j]: distance from the centre to the edge at angle pi (j + 1/2) / size
-  double area_mm2 = 0;                 // 0: no ray gets through
+  double area_mm2 = 0;                 // 0: no ray passes
   double irradiance_per_radiance = 0;  // E for scene radiance 1: integral of cos^4 / d^2 over the pupil [sr]
   Vec3 edge_point(std::size_t j) const;  // z = 0
 };
@@ -24,7 +24,7 @@ struct Ellipse {
   double p_mm = 0, a_mm = 0, b_mm = 0;
   double area_mm2() const;
 };
-Ellipse covering_ellipse(const ExactPupil& pupil);  // the smallest that contains it
+Ellipse covering_ellipse(const ExactPupil& pupil);  // smallest ellipse that contains it
 
 // The table the camera samples from: ellipses at evenly spaced film radii, interpolated linearly, enlarged by the
 // margin so that the interpolated ellipse covers the exact pupil everywhere; exact areas at radii four times as dense.
@@ -41,8 +41,8 @@ struct PupilTable {
 };
 PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm);
 
-// The pupils of a tilted film: its points lie at several z, and rotational symmetry leaves (r, z). Tables at evenly
-// spaced z, interpolated linearly; one table when the film is square to the axis.
+// The pupils of a tilted film: its points have several z; by rotational symmetry, (r, z) determines a pupil. Tables at
+// evenly spaced z, interpolated linearly; one table when the film is square to the axis.
 struct PupilTables {
   std::vector<PupilTable> layers;  // at film_z + max_dz (2 k / (size - 1) - 1); one: at film_z
   double film_z_mm = 0, max_r_mm = 0, max_dz_mm = 0;

@@ -1,5 +1,5 @@
 #pragma once
-// What the program and the C interface say about a lens, as JSON (keys: docs/reference/lens.md).
+// Reports about a lens for the program and the C interface, as JSON (keys: docs/reference/lens.md).
 #include <optional>
 
 #include "pecs/lens/image_map.h"
@@ -22,7 +22,7 @@ struct InfoOptions {
   std::vector<double> bands_nm;                            // for colour along the field; empty: lambda_nm
   int field_rows = 5;
 };
-InfoOptions info_options(JsonObject options);  // reads and refuses unknown keys
+InfoOptions info_options(JsonObject options);  // rejects unknown keys
 Json info(const Prescription& lens, const InfoOptions& options);
 
 CameraOptions camera_options(const Prescription& lens, JsonObject options);
