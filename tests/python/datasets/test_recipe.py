@@ -131,7 +131,7 @@ def test_a_wrong_choice_of_the_trajectory_is_one_line(load):
     ("mean", "sd", "low", "high"), [(0.5, 1e6, 0, 1), (0, 1, 0, 1), (1, 0, 1, 1), (0.9, 0.3, 0, 1)]
 )
 def test_a_normal_rule_is_a_truncated_normal_distribution(mean, sd, low, high):
-    """With any sd, and without a draw that takes for ever."""
+    """With any sd, and without an endless draw."""
     from scipy.stats import kstest, truncnorm
 
     value = Table({"x": {"normal": [mean, sd], "range": [low, high]}}, "f").value("x")
