@@ -17,7 +17,7 @@ class Talk {
   bool quiet() const { return quiet_; }
   bool verbose() const { return verbose_; }
 
-  // A line on stderr about what is no error, if not quiet.
+  // Prints a warning on stderr, if not quiet.
   void warn(const std::string& line) const;
 
   // Writes the run record; verbose: and says on stderr what it holds.

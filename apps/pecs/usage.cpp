@@ -39,7 +39,7 @@ const std::string& nearest(const std::string& word, const std::vector<std::strin
                            [&](const auto& a, const auto& b) { return edits(word, a) < edits(word, b); });
 }
 
-// What is said of the first word that is no option of `app`, or nothing.
+// The message about the first word that is not an option of `app`, or an empty string.
 std::string unknown_option(const CLI::App& app) {
   for (std::string word : app.remaining()) {
     if (!word.starts_with("--") || word == "--") continue;

@@ -328,7 +328,7 @@ def car(name, paint, rng):
 
 
 def moving_car(k, speed, paint, rng):
-    """Right lane: first two ahead, then behind; left lane: from far ahead. Nobody starts beside the camera."""
+    """Right lane: first two ahead, then behind; left lane: from far ahead. None starts next to the camera."""
     thing, row = car(f"car {k:02d}", paint, rng), k // 2
     if k % 2 == 0:
         start, rate, away = (

@@ -87,7 +87,7 @@ shader {shader}(output point position = 0, output vector direction = 0, output c
   if (ok && p > 0) {{
     // camera space: origin at the entrance pupil's centre
     position = {units_per_mm} * point(x, y, z + {pupil_z});
-    direction = (1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)) * vector(dx, dy, dz);  // unit but for rounding
+    direction = (1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)) * vector(dx, dy, dz);  // unit up to rounding
     float blocked = (1 - p) * (1 - p);  // of two draws
     weight *= pupil / ({distance2} * (1 - blocked * blocked));
     throughput = {throughput};

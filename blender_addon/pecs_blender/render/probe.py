@@ -7,7 +7,7 @@ every pixel whose surface scatters light is a light meter. The photocurrent is t
 by its irradiance per radiance on the axis, else by the camera's f-number.
 
 The event rate is that of some small pictures of the range's beginning: what an edge sweeps grows with the pixels, so a
-pixel fires as often in a small picture as in a large one, but for texture too fine for the small one.
+pixel fires as often in a small picture as in a large one, except where texture is too fine for the small one.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def restore(scene, thing) -> None:
     before = json.loads(thing.data[BEFORE])
     for group, (of, names) in _groups(scene, thing.data).items():
         for name in names:
-            with contextlib.suppress(TypeError):  # a lens that is no longer there
+            with contextlib.suppress(TypeError):  # the lens file was removed
                 setattr(of, name, before[group][name])
     del thing.data[BEFORE]
 

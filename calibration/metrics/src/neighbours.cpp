@@ -158,7 +158,7 @@ void Neighbours::build(std::size_t node, std::size_t first_leaf, std::size_t end
     nodes_[node] = {around, -1 - static_cast<std::int32_t>(first_leaf), 0};
     return;
   }
-  // Halves, across the longest side; full leaves but for the last.
+  // Halves, across the longest side; full leaves except the last.
   int axis = 0;
   for (int d = 1; d < 3; ++d)
     if (around.high[d] - around.low[d] > around.high[axis] - around.low[axis]) axis = d;

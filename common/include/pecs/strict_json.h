@@ -1,6 +1,6 @@
 #pragma once
 // JSON that is checked as it is read: every getter names file and key when a value is missing, of the wrong type, not
-// finite or out of range, and done() refuses keys that nobody asked for. Keys that start with '_' are comments.
+// finite or out of range, and done() rejects keys that were not read. Keys that start with '_' are comments.
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -46,7 +46,7 @@ class JsonObject {
   std::vector<JsonObject> objects(const std::string& key);  // an array of objects
   const Json& any(const std::string& key);                  // taken as it is; null when absent
 
-  void done() const;  // throws for a key nobody asked for
+  void done() const;  // throws for a key that was not read
   [[noreturn]] void fail(const std::string& key, const std::string& got, const std::string& wanted) const;
   const std::string& file() const { return file_; }
   const std::string& place() const { return place_; }
