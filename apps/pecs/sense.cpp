@@ -127,7 +127,11 @@ void resolve(Options& o, const Talk& talk) {
   o.quiet = talk.quiet();
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
-  for (const std::string& text : o.parameters) o.model.parameters.insert(key_value(text, "--param"));
+  for (const std::string& text : o.parameters) {
+    const auto [at, is_new] = o.model.parameters.insert(key_value(text, "--param"));
+    if (!is_new)
+      throw Error(ExitCode::usage, fmt::format("--param {}: {} is set twice; set it once", text, at->first));
+  }
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
   if (o.live_source && !o.view) throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o.live_source));

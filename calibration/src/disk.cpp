@@ -65,19 +65,20 @@ Coherence coherence(std::span<const Sample> samples, int m, double x, double y, 
   return {cv::norm(sums(0, best)) / static_cast<double>(samples.size()), turns * 360 / m};
 }
 
-// At random if there are very many; in random order.
+// About kMostEvents of the events, drawn at random, in random order. The engine's numbers are the same with every
+// standard library; those of its distributions and of std::shuffle are not.
 std::vector<Sample> samples_of(const events::Recording& recording, const PlaceOnPlane& place) {
   std::mt19937_64 random(1);
   std::vector<Sample> samples;
   const double span_s = static_cast<double>(recording.span_us) * 1e-6;
-  const double keep = static_cast<double>(kMostEvents) / static_cast<double>(recording.events.size());
+  const std::size_t total = recording.events.size();
   for (const auto& e : recording.events)
-    if (keep >= 1 || std::uniform_real_distribution(0.0, 1.0)(random) < keep) {
+    if (total <= kMostEvents || random() % total < kMostEvents) {
       cv::Point2d at(e.x + 0.5, e.y + 0.5);
       if (place) at = place(at);
       samples.push_back({at.x, at.y, static_cast<double>(e.t_us) * 1e-6 - span_s / 2, e.p});
     }
-  std::shuffle(samples.begin(), samples.end(), random);
+  for (std::size_t left = samples.size(); left > 1; --left) std::swap(samples[left - 1], samples[random() % left]);
   return samples;
 }
 

@@ -65,7 +65,6 @@ char* pecs_chip_info(const pecs_chip* chip, pecs_error* error) {
     const Chip& c = given(chip, "chip").chip;
     pecs::Json info = chip_to_json(c);
     for (const auto& [key, range] : c.ranges) info["values"][key]["range"] = {range.min, range.max};
-    info["relative_qe"] = {{"lambda_nm", c.relative_qe.lambda_nm}, {"value", c.relative_qe.value}};
     return pecs::capi::hand_over(info);
   });
 }

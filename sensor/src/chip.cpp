@@ -6,6 +6,7 @@
 #include <array>
 #include <charconv>
 #include <map>
+#include <set>
 
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
@@ -114,9 +115,12 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   if (o.has("noise_table")) chip.noise_table = read_noise_table(path.parent_path() / o.text("noise_table"));
   o.done();
 
+  std::set<std::string> given;
   for (const std::string& text : overrides) {
     const auto equals = text.find('=');
     const std::string key = text.substr(0, equals);
+    if (!given.insert(key).second)
+      throw Error(ExitCode::usage, fmt::format("--set {}: {} is set twice; set it once", text, key));
     const auto known = chip.ranges.find(key);
     if (equals == std::string::npos || known == chip.ranges.end())
       throw Error(ExitCode::usage, fmt::format("--set {}: got an unknown key, wanted KEY=VALUE with one of {}", text,
@@ -149,6 +153,7 @@ void check_fits(const Chip& chip, int width, int height, const std::string& sour
 Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
+  out["relative_qe"] = {{"lambda_nm", chip.relative_qe.lambda_nm}, {"value", chip.relative_qe.value}};
   if (chip.noise_table) out["noise_table"] = chip.noise_table->file;
   return out;
 }

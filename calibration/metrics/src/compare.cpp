@@ -258,6 +258,10 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   return c;
 }
 
+StreamSummary summary_of(const events::Recording& r, int rate_bins) {
+  return summary_of(r.events, {r.first_us, r.first_us + r.span_us - 1}, r.span_us, rate_bins);
+}
+
 Json to_json(const Comparison& c) {
   Json json = json_of(c.distance);
   json["normalisation"] = name_of(c.options.normalisation);

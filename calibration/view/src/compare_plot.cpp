@@ -7,22 +7,39 @@
 
 namespace pecs::view {
 
-std::string rate_plot(const metrics::Comparison& c, bool alone) {
-  std::vector<Series> series;
-  for (const auto& [s, name, style] :
-       {std::tuple{&c.real, alone ? "events" : "real", "real"}, {&c.sim, "simulated", "sim"}}) {
-    if (alone && s == &c.sim) continue;
-    for (const auto& [hz, polarity, colour] : {std::tuple{&s->on_hz, " ON", "on "}, {&s->off_hz, " OFF", "off "}}) {
-      Series curve{name + std::string(polarity), std::string(colour) + style, {}, *hz};
-      const double own_us = static_cast<double>(s->events) / s->rate_hz * 1e6;  // the stream ends here
-      const double bin_us = static_cast<double>(c.curve_us) / static_cast<double>(hz->size());
-      for (std::size_t i = 0; i < hz->size() && static_cast<double>(i) * bin_us < own_us; ++i)
-        curve.x.push_back((static_cast<double>(i) + 0.5) * bin_us * 1e-3);
-      curve.y.resize(curve.x.size());
-      series.push_back(curve);
-    }
+namespace {
+
+// The ON and OFF rate of one stream, up to its last event. `curve_us`: time that the bins cover.
+void add_rates(std::vector<Series>& series, const metrics::StreamSummary& s, std::int64_t curve_us,
+               const std::string& name, const std::string& style) {
+  const double end_us = static_cast<double>(s.events) / s.rate_hz * 1e6;
+  for (const auto& [hz, polarity, colour] : {std::tuple{&s.on_hz, " ON", "on "}, {&s.off_hz, " OFF", "off "}}) {
+    Series curve{name + polarity, colour + style, {}, *hz};
+    const double bin_us = static_cast<double>(curve_us) / static_cast<double>(hz->size());
+    for (std::size_t i = 0; i < hz->size() && static_cast<double>(i) * bin_us < end_us; ++i)
+      curve.x.push_back((static_cast<double>(i) + 0.5) * bin_us * 1e-3);
+    curve.y.resize(curve.x.size());
+    series.push_back(curve);
   }
-  return line_plot(series, "time from the first event (ms)", "events per second");
+}
+
+std::string drawn(const std::vector<Series>& rates) {
+  return line_plot(rates, "time from the first event (ms)", "events per second");
+}
+
+}  // namespace
+
+std::string rate_plot(const metrics::Comparison& c) {
+  std::vector<Series> rates;
+  add_rates(rates, c.real, c.curve_us, "real", "real");
+  add_rates(rates, c.sim, c.curve_us, "simulated", "sim");
+  return drawn(rates);
+}
+
+std::string rate_plot(const events::Recording& recording) {
+  std::vector<Series> rates;
+  add_rates(rates, metrics::summary_of(recording), recording.span_us, "events", "real");
+  return drawn(rates);
 }
 
 std::string delay_plot(const metrics::DelayComparison& c) {

@@ -14,6 +14,7 @@
 #include "pecs/sensor/chip.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/stack.h"
+#include "pecs/strict_json.h"
 #include "pecs/version.h"
 #include "pecs/view/compare_plot.h"
 #include "pecs/view/event_pictures.h"
@@ -26,19 +27,24 @@ namespace {
 constexpr std::size_t kPlayerEvents = 200'000;  // per stream, in the page
 constexpr double kSeen = 0.2;                   // a correlation below this says nothing about time
 
-struct Loaded {
+struct EventFile {
   std::filesystem::path path;
-  events::Stream stream;
   events::Recording recording;
   Json run;  // <path>.run.json, or null
+  std::string run_file() const { return path.string() + ".run.json"; }
 };
 
-Loaded load(const std::filesystem::path& path) {
-  events::Stream stream = events::read_all(path);
-  Loaded l{path, stream, events::recording_of(std::move(stream), path.string(), 0, INT64_MAX), nullptr};
-  const std::filesystem::path record = path.string() + ".run.json";
-  if (std::filesystem::exists(record)) l.run = parse_json_file(record);
-  return l;
+EventFile read_events(const std::filesystem::path& path) {
+  EventFile file{path, events::recording_of(events::read_all(path), path.string(), 0, INT64_MAX), nullptr};
+  if (std::filesystem::exists(file.run_file())) file.run = parse_json_file(file.run_file());
+  return file;
+}
+
+// A copy with the file's own times.
+events::Stream stream_of(const events::Recording& recording) {
+  events::Stream stream{{recording.width, recording.height, ""}, recording.events};
+  for (events::Event& e : stream.events) e.t_us += recording.first_us;
+  return stream;
 }
 
 struct Stack {
@@ -125,16 +131,10 @@ std::string scores(const metrics::Comparison& shared, const metrics::Comparison&
          "half the number of events. No simulation needs to be better than that.</p>";
 }
 
-std::string rates(const metrics::Comparison* c, const Loaded& only) {
-  if (c) return rate_plot(*c);
-  return rate_plot(metrics::compare(only.stream, "", only.stream, "", {.normalisation = metrics::Normalisation::eq16}),
-                   true);
-}
-
 // Pictures at the same instants, and a player that runs through all of them.
-std::string event_pictures(const std::vector<const Loaded*>& streams, const std::vector<std::string>& names) {
+std::string event_pictures(const std::vector<const EventFile*>& streams, const std::vector<std::string>& names) {
   std::int64_t span_us = INT64_MAX;
-  for (const Loaded* s : streams) span_us = std::min(span_us, s->recording.span_us);
+  for (const EventFile* s : streams) span_us = std::min(span_us, s->recording.span_us);
   const std::int64_t window_us = readable_window_us(streams[0]->recording, span_us / 4 + 1);
   const int binning = std::max(1, streams[0]->recording.width / 640);
 
@@ -174,6 +174,23 @@ std::string event_pictures(const std::vector<const Loaded*>& streams, const std:
   return html;
 }
 
+// Number and times of the frames, and their rate, or the range of their intervals where these differ.
+std::string frame_rows(const std::vector<std::int64_t>& times_ns, std::int64_t rendered) {
+  const auto ms = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-6; };
+  std::string rows = row("frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
+                                               ms(times_ns.front()), ms(times_ns.back())));
+  if (times_ns.size() < 2) return rows;
+  std::int64_t shortest = INT64_MAX, longest = 0;
+  for (std::size_t i = 1; i < times_ns.size(); ++i) {
+    shortest = std::min(shortest, times_ns[i] - times_ns[i - 1]);
+    longest = std::max(longest, times_ns[i] - times_ns[i - 1]);
+  }
+  if (longest - shortest > 1)  // more than the rounding of times to 1 ns
+    return rows + row("frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(shortest), ms(longest)));
+  const double mean_ms = ms(times_ns.back() - times_ns.front()) / static_cast<double>(times_ns.size() - 1);
+  return rows + row("frame rate", fmt::format("{:.6g} Hz", 1e3 / mean_ms));
+}
+
 std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip) {
   const auto& info = stack.reader.info();
   std::string html;
@@ -182,11 +199,8 @@ std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip
         "<figure><img class=\"preview\" src=\"{}\" alt=\"first frame\"><figcaption>First frame: brightness as "
         "the sensor's pixels see it{}, display gamma 2.2</figcaption></figure>",
         png_source(brightness(stack.reader, chip)), chip ? "" : " (flat quantum efficiency: no chip known)");
-  const auto frames = info.times_ns.size();
-  const double last_ms = frames ? static_cast<double>(info.times_ns.back()) * 1e-6 : 0;
-  html += "<table>" + row("frames", fmt::format("{} of {}, to {:.3f} ms", stack.reader.frames(), frames, last_ms)) +
+  html += "<table>" + frame_rows(info.times_ns, stack.reader.frames()) +
           row("pixels", fmt::format("{} x {}", info.width, info.height));
-  if (frames > 1) html += row("frame rate", fmt::format("{:.0f} Hz", static_cast<double>(frames - 1) * 1e3 / last_ms));
   if (info.period_ns) html += row("period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6));
   if (info.pixel_pitch_m) html += row("pixel pitch", fmt::format("{:.3f} µm", *info.pixel_pitch_m * 1e6));
   html +=
@@ -249,15 +263,22 @@ std::string details(const std::string& name, const Json& json) {
                      html_escaped(pecs::text_of(json, 2)));
 }
 
-std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
-  std::string name;
-  if (sim && sim->run.is_object() && sim->run.contains("/config/chip/name"_json_pointer))
-    name = sim->run["/config/chip/name"_json_pointer].get<std::string>();
-  else if (stack && stack->json.contains("/render/chip"_json_pointer))
-    name = stack->json["/render/chip"_json_pointer].get<std::string>();
-  if (name.empty()) return {};
+// Name and quantum efficiency of the chip that the run record lists, or else the profile that stack.json names.
+std::optional<sensor::Chip> chip_of(const EventFile* sim, const Stack* stack) {
+  if (sim && sim->run.contains("/config/chip/relative_qe"_json_pointer)) {
+    JsonObject config = JsonObject(sim->run, sim->run_file()).object("config");
+    JsonObject simulated = config.object("chip"), qe = simulated.object("relative_qe");
+    sensor::Chip chip;
+    chip.name = simulated.text("name");
+    chip.relative_qe = {qe.numbers("lambda_nm"), qe.numbers("value")};
+    if (const auto n = chip.relative_qe.value.size(); n < 2 || n != chip.relative_qe.lambda_nm.size())
+      qe.fail("value", fmt::format("{} values", n), "one per wavelength, at least 2");
+    return chip;
+  }
+  const auto name = "/render/chip"_json_pointer;
+  if (!stack || !stack->json.contains(name) || !stack->json[name].is_string()) return {};
   try {
-    return sensor::load_chip(name);
+    return sensor::load_chip(stack->json[name]);
   } catch (const Error&) {
     return {};
   }
@@ -265,7 +286,7 @@ std::optional<sensor::Chip> chip_of(const Loaded* sim, const Stack* stack) {
 
 // What the page is made from.
 struct Material {
-  std::optional<Loaded> real, sim;
+  std::optional<EventFile> real, sim;
   std::optional<Stack> stack;
   std::optional<sensor::Chip> chip;
   std::vector<std::string> warnings;
@@ -273,8 +294,8 @@ struct Material {
 
 Material read(const ReportInputs& inputs) {
   Material m;
-  if (inputs.real) m.real = load(*inputs.real);
-  if (inputs.sim) m.sim = load(*inputs.sim);
+  if (inputs.real) m.real = read_events(*inputs.real);
+  if (inputs.sim) m.sim = read_events(*inputs.sim);
   if (inputs.stack)
     m.stack = Stack{sensor::StackReader(*inputs.stack), parse_json_file(*inputs.stack / "stack.json"),
                     sha256_of_file(*inputs.stack / "stack.json")};
@@ -325,7 +346,8 @@ Scored score(Material& m, metrics::CompareOptions options, Json& summary) {
   if (!m.real || !m.sim) return out;
   const auto compared = [&](metrics::Normalisation normalisation) {
     options.normalisation = normalisation;
-    return metrics::compare(m.real->stream, m.real->path.string(), m.sim->stream, m.sim->path.string(), options);
+    return metrics::compare(stream_of(m.real->recording), m.real->path.string(), stream_of(m.sim->recording),
+                            m.sim->path.string(), options);
   };
   out.shared = compared(metrics::Normalisation::shared);
   out.table = scores(*out.shared, compared(metrics::Normalisation::eq16), compared(metrics::Normalisation::paper));
@@ -381,7 +403,7 @@ std::string body_of(const Material& m, const Scored& scored, const ReportInputs&
                           : "A render";
   body += fmt::format("</h1><p class=\"soft\">PECS {}</p>", kVersion) + scored.cards;
   for (const auto& w : m.warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
-  std::vector<const Loaded*> streams;
+  std::vector<const EventFile*> streams;
   std::vector<std::string> names;
   if (m.real) streams.push_back(&*m.real), names.push_back("real");
   if (m.sim) streams.push_back(&*m.sim), names.push_back("simulated");
@@ -393,7 +415,8 @@ std::string body_of(const Material& m, const Scored& scored, const ReportInputs&
   body += "<h2>Scores</h2>";
   body += scored.shared ? scored.table : missing("Needs a real recording (--real) and simulated events (--sim).");
   if (!streams.empty())
-    body += "<h2>Event rate over time</h2>" + rates(scored.shared ? &*scored.shared : nullptr, *streams[0]);
+    body += "<h2>Event rate over time</h2>" +
+            (scored.shared ? rate_plot(*scored.shared) : rate_plot(streams[0]->recording));
   if (scored.shared) body += counts(*scored.shared);
   const Stack* stack = m.stack ? &*m.stack : nullptr;
   body += "<h2>What was rendered</h2>" + (stack ? rendered(*stack, m.chip) : missing("No stack was given (--stack)."));
@@ -410,7 +433,7 @@ Json write_report(const ReportInputs& inputs, const std::filesystem::path& outpu
   Material m = read(inputs);
   Json summary = Json::object();
   const Scored scored = score(m, inputs.compare, summary);
-  const Loaded* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;
+  const EventFile* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;
   AtomicFile file(output);
   file.write(fill_template(web::kReport,
                            {{"title", html_escaped(title ? title->recording.name : inputs.stack->filename().string())},

@@ -1,5 +1,7 @@
 import json
+import os
 import re
+import subprocess
 
 import numpy as np
 import pecs
@@ -92,6 +94,66 @@ def test_missing_parts_are_said(pecs_program, inputs, given, said):
     page = text_of(inputs / "report.html")
     for line in said:
         assert line in page
+
+
+def report_of_a_stack(pecs_program, folder, times_ns):
+    """The page's words about a stack of frames at these times."""
+    stack = json.loads((folder / "stack/stack.json").read_text()) | {"times_ns": times_ns}
+    with StackWriter(folder / "timed", stack) as writer:
+        for i in range(len(times_ns)):
+            writer.write_frame(i, np.ones((2, HEIGHT, WIDTH), np.float32))
+    done = pecs_program("report", "--stack", "timed", "-o", "report.html", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return re.sub(r"\s+", " ", text_of(folder / "report.html"))
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "words"),
+    [
+        ([100_000_000, 101_000_000, 102_000_000], "3 of 3, 100.000 to 102.000 ms"),
+        ([100_000_000, 101_000_000, 102_000_000], "frame rate 1000 Hz"),
+        ([333_333_333, 333_666_667, 334_000_000, 334_333_333], "frame rate 3000 Hz"),
+        ([0, 1_000_000, 5_000_000], "frame intervals 1.000 to 4.000 ms"),
+    ],
+    ids=["times of a window", "rate of a window", "rounded times", "adaptive keyframes"],
+)
+def test_the_frame_rate_is_that_of_the_intervals(pecs_program, inputs, times_ns, words):
+    page = report_of_a_stack(pecs_program, inputs, times_ns)
+    assert words in page and ("frame rate" in page) != ("frame intervals" in page)
+
+
+def test_the_chip_is_the_run_records(pecs_program, root, inputs):
+    """The simulation's own quantum efficiency is drawn, also where a shipped profile has the same name."""
+    profile = json.loads((root / "sensor/chips/imx636.json").read_text())
+    profile["relative_qe"] |= {"lambda_nm": [300, 500, 900], "value": [0, 1, 0]}
+    (inputs / "own.json").write_text(json.dumps(profile))
+    sense = ("sense", "stack", "-o", "own.raw", "--chip", "own.json", "--set", "peak_qe=0.5")
+    assert pecs_program(*sense, cwd=inputs).returncode == 0
+    (inputs / "own.json").unlink()
+    curves = []
+    for events in ("own.raw", "sim.raw"):
+        pecs_program("report", "--sim", events, "--stack", "stack", "-o", "report.html", cwd=inputs)
+        curves.append(re.search('class="curve on" d="([^"]*)"', (inputs / "report.html").read_text())[1])
+    assert curves[0].count("L") == 2 and curves[1].count("L") > 2
+
+
+def test_a_recording_is_loaded_once(inputs, root):
+    """Peak memory grows by less than two copies of the events."""
+    count = 3_000_000
+    many = np.zeros(count, pecs.EVENT_DTYPE)
+    many["t"] = np.arange(count) // 100
+    many["x"], many["y"] = np.arange(count) % WIDTH, np.arange(count) % HEIGHT
+    pecs.write(inputs / "many.npz", many, WIDTH, HEIGHT)
+    pecs.write(inputs / "few.npz", many[:1000], WIDTH, HEIGHT)
+    peak = {}
+    for name in ("few", "many"):
+        command = [root / "build/release/bin/pecs", "report", "--real", f"{name}.npz", "-o", "report.html"]
+        child = subprocess.Popen(command, cwd=inputs)
+        _, status, usage = os.wait4(child.pid, 0)
+        assert status == 0
+        peak[name] = usage.ru_maxrss * 1024
+    print("copies", (peak["many"] - peak["few"]) / (count * many.itemsize))
+    assert peak["many"] - peak["few"] < 3 * count * many.itemsize
 
 
 def test_events_of_another_stack_are_noted(pecs_program, inputs):

@@ -135,6 +135,14 @@ def test_no_room_reaches_another_by_sys_path():
     assert not wrong, "\n".join(wrong)
 
 
+def test_random_numbers_are_those_of_every_standard_library():
+    """Engines of <random> are specified to the bit; its distributions and std::shuffle are not."""
+    code = [p for p in sources(".cpp", ".h") if not name_of(p).startswith(("tests/", "bench/", "studies/"))]
+    unspecified = re.compile(r"std::(shuffle|sample|random_device|\w+_distribution|generate_canonical)\b")
+    found = [f"{name_of(p)}: {m[0]}" for p in code if (m := unspecified.search(re.sub("//.*", "", p.read_text())))]
+    assert not found, "\n".join(found)
+
+
 def test_files_are_short():
     """Functions: ruff (pyproject.toml) and clang-tidy (.clang-tidy)."""
     lines = {name_of(p): len(p.read_text().splitlines()) for p in sources(".py", ".cpp", ".h")}

@@ -72,6 +72,20 @@ def test_an_option_without_effect_is_refused(option, plain, pecs_program):
     assert len(done.stderr.strip().splitlines()) == 1 and not (plain / "refused.npz").exists()
 
 
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["--set", "contrast_threshold_on=0.2", "--set", "contrast_threshold_on=0.3"],
+        ["--model", "esim", "--param", "log_eps=0.01", "--param", "log_eps=0.02"],
+    ],
+    ids=["set", "param"],
+)
+def test_a_value_that_is_set_twice_is_an_error(args, plain, pecs_program):
+    done = pecs_program("sense", plain / "s", "-o", plain / "refused.npz", *args)
+    key = args[-1].split("=")[0]
+    assert (done.returncode, done.stderr) == (2, f"pecs: {args[-2]} {args[-1]}: {key} is set twice; set it once\n")
+
+
 @pytest.mark.parametrize("args", [["--white", "1e-12"], ["--gain", "1e-15", "--photocurrent", "1e-12"]])
 def test_options_that_exclude_each_other(args, plain, pecs_program):
     done = pecs_program("sense", plain / "s", "-o", plain / "refused.npz", "--quiet", *args)

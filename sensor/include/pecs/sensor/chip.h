@@ -46,7 +46,7 @@ struct Chip {
 };
 
 // `name`: of a profile in sensor/chips, or a path (see find_data). `overrides`: "key=value" within the profile's range.
-// Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad override.
+// Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad or a repeated override.
 Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {});
 
 // Photon noise, leak, background events, hot pixels and mismatch off: a still scene gives no events.
@@ -55,7 +55,7 @@ Chip without_noise(Chip chip);
 // Throws bad_input for a picture larger than the chip, naming `source`.
 void check_fits(const Chip& chip, int width, int height, const std::string& source);
 
-// All values and units as resolved, for run records.
+// All values with their units and the relative quantum efficiency, after overrides, for run records.
 Json chip_to_json(const Chip& chip);
 
 }  // namespace pecs::sensor

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pecs/events/format.h"
+#include "pecs/events/recording.h"
 #include "pecs/metrics/delays.h"
 #include "pecs/metrics/distances.h"
 #include "pecs/strict_json.h"
@@ -57,6 +58,9 @@ struct Comparison {
 // sensors differ in size under the shared normalisation or for delays.
 Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
                    const CompareOptions& options);
+
+// Counts and rates of one recording.
+StreamSummary summary_of(const events::Recording& recording, int rate_bins = 100);
 
 Json to_json(const Comparison& comparison);
 

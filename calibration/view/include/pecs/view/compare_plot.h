@@ -1,13 +1,15 @@
 #pragma once
 #include <string>
 
+#include "pecs/events/recording.h"
 #include "pecs/metrics/compare.h"
 
 namespace pecs::view {
 
-// Line plots (SVG) in the colours of the page they stand on: event rates over time (`alone`: of one stream, which was
-// compared with itself); histograms of the delays.
-std::string rate_plot(const metrics::Comparison& comparison, bool alone = false);
+// Line plots (SVG) in the colours of the page that contains them: event rates over time, of both streams or of one;
+// histograms of the delays.
+std::string rate_plot(const metrics::Comparison& comparison);
+std::string rate_plot(const events::Recording& recording);
 std::string delay_plot(const metrics::DelayComparison& delays);
 
 // Both as a drawing of its own.
