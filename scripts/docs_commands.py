@@ -27,7 +27,7 @@ warnings. With `--verbose` it also says what it used and how long it took, and e
 
 
 def help_of(command: list[str]) -> str:
-    env = os.environ | {"COLUMNS": "100", "PYTHONPATH": f"{ROOT / 'python'}:{ROOT / 'blender_addon'}"}
+    env = os.environ | {"COLUMNS": "80", "PYTHONPATH": f"{ROOT / 'python'}:{ROOT / 'blender_addon'}"}
     done = subprocess.run([*command, "--help"], capture_output=True, text=True, env=env, cwd=ROOT)
     if done.returncode:
         sys.exit(f"docs_commands.py: {' '.join(command)} --help: got code {done.returncode}, wanted 0\n{done.stderr}")

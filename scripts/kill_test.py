@@ -187,7 +187,7 @@ def jobs_of(kind: str, folder: Path, output: Path) -> list[list[Path | str]]:
         names = [(f["name"], f["extensions"][0]) for f in pecs.event_formats() if f["writes"]]
         return [["convert", recording, output / f"{name}{ending}", "--format", name] for name, ending in names]
     scene = ROOT / "scenes/rotating_disk"
-    given = [recording, "--scene", scene, "--pixel-pitch-um", "19.44", "-o", output / "a.json"]
+    given = [recording, "--scene", scene, "--pixel-pitch", "19.44", "-o", output / "a.json"]
     return [["align", *given, "--picture", output / "a.png"]]
 
 

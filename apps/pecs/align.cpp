@@ -333,15 +333,13 @@ void add_align(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<AlignArguments>();
   align->add_option("REAL", a->real, "recording of a lab scene, any event format");
   align->add_option("--scene", a->scene, "folder of the scene: scenes/board, scenes/rotating_disk");
-  align->add_option("-o,--output", a->output, "aligned.json, for `pecs_blender render --set @aligned.json`");
-  align->add_option("--picture", a->picture, "overlay of the recording before and after (PNG)");
+  add_output(*align, "-o,--output", a->output, "aligned.json, for `pecs_blender render --set @aligned.json`");
+  add_output(*align, "--picture", a->picture, "overlay of the recording before and after (PNG)");
   align->add_option("--sim", a->sim, "events simulated of the scene, to correct the result by");
   align->add_option("--sim-of", a->sim_of,
                     "aligned.json that the simulation was made with (default: the scene's own values)");
   align->add_option("--camera", a->camera, "camera of `pecs align intrinsics` instead of the scene's lens");
-  align
-      ->add_option("--pixel-pitch,--pixel-pitch-um", a->pixel_pitch_um,
-                   "pixel pitch of the sensor, if it is not 1280 x 720 of 4.86um")
+  align->add_option("--pixel-pitch", a->pixel_pitch_um, "pixel pitch of the sensor, if it is not 1280 x 720 of 4.86um")
       ->transform(quantity("um"));
   align->add_option("--views", a->search.views, "instants at which a board is looked for")
       ->check(CLI::Range(3, 1000))
@@ -367,7 +365,7 @@ void add_align(CLI::App& app, Talk& talk) {
   command->add_option("--target", d->board.target, "disk, checkerboard, circles or asymmetric-circles")
       ->capture_default_str();
   add_board_options(*command, d->board);
-  command->add_option("-o,--output", d->output, "picture of what was found (PNG)");
+  add_output(*command, "-o,--output", d->output, "picture of what was found (PNG)");
   command->add_flag("--json", d->json, "machine-readable output");
   add_examples(*command, {"pecs align detect recording.raw -o found.png",
                           "pecs align detect recording.raw --target checkerboard --columns 8 --rows 5"});
@@ -387,15 +385,15 @@ void add_align(CLI::App& app, Talk& talk) {
       ->capture_default_str();
   command->add_flag("--tangential", i->options.tangential, "tangential distortion too");
   command->add_option("--lens", i->lens.lens, "prescription of a lens (name or file) to compare the distortion with");
-  command->add_option("--focus,--focus-m", i->lens.focus_m, "the lens's object distance (default: infinity)")
+  command->add_option("--focus", i->lens.focus_m, "the lens's object distance (default: infinity)")
       ->transform(quantity("m"));
-  command->add_option("--stop-diameter,--stop-diameter-mm", i->lens.stop_diameter_mm, "the lens's (default: wide open)")
+  command->add_option("--stop-diameter", i->lens.stop_diameter_mm, "the lens's (default: wide open)")
       ->transform(quantity("mm"));
-  command->add_option("--pixel-pitch,--pixel-pitch-um", i->lens.pixel_pitch_um, "of the sensor")
+  command->add_option("--pixel-pitch", i->lens.pixel_pitch_um, "of the sensor")
       ->transform(quantity("um"))
       ->capture_default_str();
-  command->add_option("-o,--output", i->output, "the camera, a JSON file");
-  command->add_option("--picture", i->picture, "coverage map (PNG)");
+  add_output(*command, "-o,--output", i->output, "the camera, a JSON file");
+  add_output(*command, "--picture", i->picture, "coverage map (PNG)");
   command->add_flag("--json", i->json, "machine-readable output");
   add_examples(*command, {"pecs align intrinsics recording.raw --columns 8 --rows 5 -o camera.json",
                           "pecs align intrinsics *.png --columns 8 --rows 5 --lens pecs_lab_15mm --focus 0.5m"});

@@ -7,7 +7,7 @@
 #include "units.h"
 
 namespace pecs::app {
-void add_bands(CLI::App& app) {
+void add_bands(CLI::App& app, Talk&) {
   struct Options {
     std::string chip = "imx636", placement = "gauss", illuminant;
     int n = 6;
@@ -22,9 +22,9 @@ void add_bands(CLI::App& app) {
       ->capture_default_str();
   sub->add_option("--illuminant", o->illuminant,
                   "the lamp: a name of lens_data/spectra, a CSV (wavelength in nm, power), blackbody:T or daylight:T");
-  sub->add_option("--min-wavelength,--min-nm", o->min_nm, "the shortest one (default: where QE and lamp begin)")
+  sub->add_option("--min-wavelength", o->min_nm, "the shortest one (default: where QE and lamp begin)")
       ->transform(quantity("nm"));
-  sub->add_option("--max-wavelength,--max-nm", o->max_nm, "the longest one (default: where QE and lamp end)")
+  sub->add_option("--max-wavelength", o->max_nm, "the longest one (default: where QE and lamp end)")
       ->transform(quantity("nm"));
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,

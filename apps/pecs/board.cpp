@@ -43,14 +43,14 @@ void add_board(CLI::App& app, Talk& talk) {
   CLI::App* sub = app.add_subcommand("board", "a target to print: checkerboard, grid of circles, disk of sectors");
   sub->add_option("--squares", o->squares, "checkerboard of COLUMNSxROWS squares, black at the top left");
   sub->add_option("--circles", o->circles, "grid of COLUMNSxROWS black circles");
-  sub->add_option("--disk,--disk-mm", o->diameter_mm, "diameter of a disk")
+  sub->add_option("--disk", o->diameter_mm, "diameter of a disk")
       ->transform(quantity("mm"))
       ->check(CLI::Range(1.0, 10000.0));
-  sub->add_option("--square,--square-mm", o->square_mm, "side of a square")
+  sub->add_option("--square", o->square_mm, "side of a square")
       ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  sub->add_option("--spacing,--spacing-mm", o->spacing_mm, "between circles of a row")
+  sub->add_option("--spacing", o->spacing_mm, "between circles of a row")
       ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
@@ -58,8 +58,8 @@ void add_board(CLI::App& app, Talk& talk) {
   sub->add_option("--sectors", o->sectors, "sectors of the disk, black and white ones in all; even")
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
-  sub->add_option("-o,--output", o->output, "the picture: .svg, .pdf or .png")->required();
-  sub->add_option("--width,--width-px", o->width_px, "width of a .png")
+  add_output(*sub, "-o,--output", o->output, "the picture: .svg, .pdf or .png")->required();
+  sub->add_option("--width", o->width_px, "width of a .png")
       ->transform(quantity("px"))
       ->check(CLI::Range(16, 16384))
       ->capture_default_str();

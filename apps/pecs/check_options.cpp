@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -11,11 +10,11 @@
 namespace pecs::app {
 namespace {
 
-// CLI11 takes nan for any number, -1 for an unsigned one, and the last integer for all beyond it.
+// CLI11 accepts nan for any number, converts -1 to an unsigned one, and clamps integers that are too large.
 std::string finite(const std::string& text) {
   double value = 0;
-  const bool odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
-  return odd ? fmt::format("got {}, wanted a finite number", text) : "";
+  const bool is_odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
+  return is_odd ? fmt::format("got {}, wanted a finite number", text) : "";
 }
 
 std::string not_negative(const std::string& text) {
@@ -31,13 +30,11 @@ std::string within(const std::string& text) {
   return fmt::format("got {}, wanted an integer in [{}, {}]", text, Limits::min(), Limits::max());
 }
 
-constexpr std::string_view kOutputs[] = {"output", "OUT", "picture", "labels"};
-
-// What is given for kOutputs against all other values that are names of files.
+// Compares the outputs with all other values that are names of files.
 void check_files(const CLI::App& app) {
   std::vector<std::filesystem::path> inputs, outputs;
   for (const CLI::Option* option : app.get_options()) {
-    const bool writes = std::ranges::find(kOutputs, option->get_single_name()) != std::end(kOutputs);
+    const bool writes = option->get_type_name() == kOutput;
     std::error_code ec;
     for (const std::string& value : option->results())
       if (writes || std::filesystem::exists(value, ec)) (writes ? outputs : inputs).emplace_back(value);
@@ -51,8 +48,8 @@ CLI::Validator positive() {
   return CLI::Validator(
       [](const std::string& text) {
         double value = 0;
-        const bool good = CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value);
-        return good ? "" : fmt::format("got {}, wanted a number above 0", text);
+        const bool is_good = CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value);
+        return is_good ? "" : fmt::format("got {}, wanted a number above 0", text);
       },
       "POSITIVE");
 }

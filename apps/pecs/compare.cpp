@@ -133,7 +133,7 @@ void add_compare(CLI::App& app, Talk& talk) {
   command->add_option("--disk", a->disk,
                       "compare the delays behind a turning disk's edges: find (in REAL), or the file that `pecs align "
                       "detect REAL --json` was written to");
-  command->add_option("-o,--picture", a->picture, "rates and delays drawn (SVG, PNG or PDF)");
+  add_output(*command, "-o,--picture", a->picture, "rates and delays drawn (SVG, PNG or PDF)");
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs compare recording.raw events.raw",
                           "pecs compare recording.raw events.raw --window 100ms -o scores.svg",

@@ -94,16 +94,15 @@ void add_convert(CLI::App& app, Talk& talk) {
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("convert", "an event file in another format, whole or in part");
   sub->add_option("IN", o->in, "event file")->required();
-  sub->add_option("OUT", o->out, "event file to write; its extension says the format")->required();
+  add_output(*sub, "OUT", o->out, "event file to write; its extension says the format")->required();
   std::string names;
   for (const events::Codec& c : events::codecs())
     if (c.open_writer) names += fmt::format("\n{} ({}): {}", c.name, c.extensions.front(), c.description);
   sub->add_option("--format", o->format, "format of OUT, one of:" + names);
   sub->add_option("--input-format", o->input_format, "format of IN, when its content does not say");
-  sub->add_option("--t-start,--t-start-us", o->selection.t_start_us, "keep events from this time of IN on")
+  sub->add_option("--t-start", o->selection.t_start_us, "keep events from this time of IN on")
       ->transform(quantity("us"));
-  sub->add_option("--t-end,--t-end-us", o->selection.t_end_us, "keep events before this time of IN")
-      ->transform(quantity("us"));
+  sub->add_option("--t-end", o->selection.t_end_us, "keep events before this time of IN")->transform(quantity("us"));
   sub->add_flag("--rezero", o->selection.rezero, "subtract the time of the first event kept");
   sub->add_option("--decimate", o->selection.decimate,
                   "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "

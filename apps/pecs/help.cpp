@@ -2,89 +2,120 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/ioctl.h>
-#include <unistd.h>
 
-#include <algorithm>
-#include <cstdlib>
 #include <memory>
 #include <sstream>
 
-#include "command_tree.h"
+#include "usage.h"
 
 namespace pecs::app {
 namespace {
 
 constexpr const char* kUnits = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in brackets.";
-constexpr std::size_t kColumn = 28;  // where what an option does begins; as in python/pecs/_arguments.py
+constexpr std::size_t kColumn = 28, kWidth = 80;  // of the descriptions; of the page
 
-// As Python finds it: $COLUMNS, or the terminal's, or 80; two are left free.
-std::size_t width() {
-  int columns = 0;
-  if (const char* given = std::getenv("COLUMNS")) columns = std::atoi(given);
-  struct winsize size{};
-  if (columns <= 0 && ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0) columns = size.ws_col;
-  return static_cast<std::size_t>(std::clamp(columns > 0 ? columns : 80, 60, 120) - 2);
-}
-
-// Lines of at most width() characters, all but the first behind `indent` spaces; line ends of `text` are kept.
+// Wraps `text` at kWidth; lines after the first one are indented. Line ends in `text` are kept.
 std::string wrapped(const std::string& text, std::size_t indent) {
+  const std::string line_end = "\n" + std::string(indent, ' ');
   std::string out;
   std::istringstream lines(text);
   for (std::string line, word; std::getline(lines, line);) {
-    if (!out.empty()) out += "\n" + std::string(indent, ' ');
-    std::size_t used = indent;
+    if (!out.empty()) out += line_end;
+    std::size_t column = indent;
     std::istringstream words(line);
-    for (bool first = true; words >> word; first = false) {
-      if (!first && used + 1 + word.size() > width()) {
-        out += "\n" + std::string(indent, ' ') + word;
-        used = indent + word.size();
-        continue;
-      }
-      out += (first ? "" : " ") + word;
-      used += word.size() + (first ? 0 : 1);
+    while (words >> word) {
+      const bool first = column == indent, fits = column + 1 + word.size() < kWidth;
+      out += (first ? "" : fits ? " " : line_end) + word;
+      column = (fits ? column + !first : indent) + word.size();
     }
   }
   return out;
 }
 
 std::string row(const std::string& name, const std::string& text) {
-  std::string out = "  " + name;
+  const std::string out = "  " + name;
   if (text.empty()) return out + "\n";
   const bool fits = out.size() + 2 <= kColumn;
-  out += fits ? std::string(kColumn - out.size(), ' ') : "\n" + std::string(kColumn, ' ');
-  return out + wrapped(text, kColumn) + "\n";
+  return out + (fits ? "" : "\n") + std::string(kColumn - (fits ? out.size() : 0), ' ') + wrapped(text, kColumn) + "\n";
+}
+
+// CLI11's text for an option's type: the type, then the descriptions of its validators ("FLOAT:TIME[us]:POSITIVE").
+std::vector<std::string> type_parts(const CLI::Option& option) {
+  return CLI::detail::split(option.get_type_name(), ':');
+}
+
+// "TIME[us]" for an option with quantity("us"), otherwise nothing.
+std::string quantity_of(const CLI::Option& option) {
+  for (const std::string& part : type_parts(option))
+    if (part.ends_with(']') && part.find(' ') == part.npos) return part;
+  return "";
+}
+
+// "TIME[us]", "{a,b}", "TEXT", "NUMBER NUMBER", or nothing for a flag.
+std::string value_of(const CLI::Option& option) {
+  if (option.get_items_expected_max() == 0) return "";
+  if (const std::string quantity = quantity_of(option); !quantity.empty()) return quantity;
+  const std::vector<std::string> parts = type_parts(option);
+  if (parts.back().starts_with('{')) return parts.back();
+  const std::string& type = parts.front();
+  const std::string word = type == "FLOAT" ? "NUMBER" : type == "INT" || type == "UINT" ? "N" : type;
+  return option.get_items_expected_max() == 2 ? word + " " + word : word;
+}
+
+// "-o, --output TEXT", "--start TIME[us]".
+std::string heading_of(const CLI::Option& option) {
+  if (option.get_positional()) return option.get_name();
+  std::vector<std::string> names;
+  for (const std::string& name : option.get_snames()) names.push_back("-" + name);
+  for (const std::string& name : option.get_lnames()) names.push_back("--" + name);
+  const std::string value = value_of(option);
+  return fmt::format("{}{}{}", fmt::join(names, ", "), value.empty() ? "" : " ", value);
+}
+
+// The description, with range and default.
+std::string description_of(const CLI::Option& option) {
+  std::vector<std::string> more;
+  for (const std::string& part : type_parts(option))
+    if (const auto at = part.find(" in ["); at != part.npos) {  // CLI::Range: "INT in [1 - 100]"
+      const std::string range = part.substr(at + 5, part.size() - at - 6);
+      if (range.size() <= 12) more.push_back(CLI::detail::find_and_replace(range, " - ", " to "));
+    }
+  std::string usual = option.get_default_str();
+  if (usual.starts_with('[') && usual.ends_with(']')) usual = usual.substr(1, usual.size() - 2);
+  if (!usual.empty()) more.push_back("default: " + usual + unit_of(option));
+  if (option.get_required() && !option.get_positional()) more.emplace_back("required");
+  return option.get_description() + (more.empty() ? "" : fmt::format(" ({})", fmt::join(more, "; ")));
 }
 
 class Formatter : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode) const override {
-    std::string usage = "usage: " + name + " [options]", out, options;
+    std::string usage = "usage: " + name + " [options]", arguments, options, commands;
     bool has_units = false;
     for (const CLI::Option* option : app->get_options()) {
-      if (!option->get_positional()) {
-        options += row(heading_of(*option), said_of(*option));
-        has_units = has_units || !unit_of(*option).empty();
-        continue;
-      }
+      has_units = has_units || !quantity_of(*option).empty();
+      (option->get_positional() ? arguments : options) += row(heading_of(*option), description_of(*option));
+      if (!option->get_positional()) continue;
       const std::string words = option->get_name() + (option->get_items_expected_max() > 1 ? " ..." : "");
       usage += option->get_required() ? " " + words : " [" + words + "]";
-      out += row(option->get_name(), said_of(*option));
     }
-    if (!out.empty()) out = "\narguments:\n" + out;
-    if (!options.empty()) out += "\noptions:\n" + options;
-    if (const auto below = commands_of(*app); !below.empty()) {
-      usage += app->get_require_subcommand_min() ? " COMMAND ..." : " [COMMAND ...]";
-      out += "\ncommands:\n";
-      for (const CLI::App* command : below) out += row(command->get_name(), command->get_description());
-    }
+    for (const CLI::App* command : commands_of(*app)) commands += row(command->get_name(), command->get_description());
+    if (!commands.empty()) usage += app->get_require_subcommand_min() ? " COMMAND ..." : " [COMMAND ...]";
+    std::string out = usage + "\n\n" + wrapped(app->get_description(), 0) + "\n";
+    for (const auto& [title, rows] : {std::pair{"arguments", arguments}, {"options", options}, {"commands", commands}})
+      if (!rows.empty()) out += fmt::format("\n{}:\n{}", title, rows);
     if (has_units) out += fmt::format("\n{}\n", wrapped(kUnits, 0));
-    if (!app->get_footer().empty()) out += "\n" + app->get_footer() + "\n";
-    return usage + "\n\n" + wrapped(app->get_description(), 0) + "\n" + out;
+    return out + (app->get_footer().empty() ? "" : "\n" + app->get_footer() + "\n");
   }
 };
 
 }  // namespace
+
+std::string unit_of(const CLI::Option& option) {
+  const std::string quantity = quantity_of(option);
+  const std::size_t open = quantity.find('[');
+  return quantity.empty() ? "" : quantity.substr(open + 1, quantity.size() - open - 2);
+}
 
 void add_examples(CLI::App& command, std::initializer_list<const char*> lines) {
   command.footer(fmt::format("examples:\n  {}", fmt::join(lines, "\n  ")));

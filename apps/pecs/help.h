@@ -1,15 +1,18 @@
 #pragma once
-// What --help says, in the form of Python's argparse, so that all commands look alike; examples at its end.
+// --help in the form that the commands in Python have too (python/pecs/_arguments.py), with examples at the end.
 #include <CLI/CLI.hpp>
 #include <initializer_list>
 #include <string>
 
 namespace pecs::app {
 
-// Below a command's --help, one per line. To be called once for every command (tests/python/cli/test_cli.py).
+// Sets the examples at the end of --help, one per line. Every command has some (tests/python/cli/test_cli.py).
 void add_examples(CLI::App& command, std::initializer_list<const char*> lines);
 
-// For `app` and every command below it.
+// Sets the form of --help for `app` and every command below it.
 void format_help(CLI::App& app);
+
+// "us" for an option with quantity("us"), otherwise nothing.
+std::string unit_of(const CLI::Option& option);
 
 }  // namespace pecs::app

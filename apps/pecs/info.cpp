@@ -123,7 +123,7 @@ void print(const std::string& path, const Json& info) {
 
 }  // namespace
 
-void add_info(CLI::App& app) {
+void add_info(CLI::App& app, Talk&) {
   struct Options {
     std::string path;
     std::optional<std::string> format;

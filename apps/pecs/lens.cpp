@@ -30,7 +30,7 @@ struct LensArguments {
   int width_px = 1920;
 
   void add_width_to(CLI::App& command) {
-    command.add_option("--width,--width-px", width_px, "width of a .png")
+    command.add_option("--width", width_px, "width of a .png")
         ->transform(quantity("px"))
         ->capture_default_str()
         ->check(CLI::Range(16, 16384));
@@ -40,15 +40,14 @@ struct LensArguments {
         ->required();
   }
   void add_state_to(CLI::App& command) {
-    command.add_option("--focus,--focus-m", focus_m, "object distance from the entrance pupil (default: infinity)")
+    command.add_option("--focus", focus_m, "object distance from the entrance pupil (default: infinity)")
         ->transform(quantity("m"));
     add_stop_to(command);
   }
   void add_stop_to(CLI::App& command) {
-    auto* diameter = command
-                         .add_option("--stop-diameter,--stop-diameter-mm", stop.diameter_mm,
-                                     "diameter of the stop (default: wide open)")
-                         ->transform(quantity("mm"));
+    auto* diameter =
+        command.add_option("--stop-diameter", stop.diameter_mm, "diameter of the stop (default: wide open)")
+            ->transform(quantity("mm"));
     command.add_option("--fnumber", stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
   }
 };
@@ -56,14 +55,14 @@ struct LensArguments {
 // --wavelength of one or several of them.
 template <class Target>
 CLI::Option* add_wavelength(CLI::App& command, Target& nm, const char* what) {
-  return command.add_option("--wavelength,--lambda-nm", nm, what)->transform(quantity("nm"));
+  return command.add_option("--wavelength", nm, what)->transform(quantity("nm"));
 }
 
 void add_film(CLI::App& command, lens::InfoOptions& info) {
-  command.add_option("--film-width,--film-width-mm", info.film_width_mm, "film width")
+  command.add_option("--film-width", info.film_width_mm, "film width")
       ->transform(quantity("mm"))
       ->capture_default_str();
-  command.add_option("--film-height,--film-height-mm", info.film_height_mm, "film height")
+  command.add_option("--film-height", info.film_height_mm, "film height")
       ->transform(quantity("mm"))
       ->capture_default_str();
 }
@@ -119,7 +118,7 @@ void add_lens_info(CLI::App& parent) {
   add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
   add_film(*command, o->info);
   command
-      ->add_option("--bands,--bands-nm", o->info.bands_nm,
+      ->add_option("--bands", o->info.bands_nm,
                    "wavelengths of the colours along the field, separated by commas (default: --wavelength)")
       ->transform(quantity("nm"))
       ->delimiter(',');
@@ -152,8 +151,8 @@ void add_lens_pupil(CLI::App& parent, Talk& talk) {
   o->add_state_to(*command);
   add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
   add_film(*command, o->info);
-  command->add_option("-o,--output", o->output,
-                      "picture (.svg or .png) of exact pupils and ellipses at five film radii");
+  add_output(*command, "-o,--output", o->output,
+             "picture (.svg or .png) of exact pupils and ellipses at five film radii");
   o->add_width_to(*command);
   command->add_flag("--json", o->json, "machine-readable output");
   add_examples(*command, {"pecs lens pupil pecs_lab_15mm --fnumber 4 -o pupils.svg"});
@@ -201,9 +200,9 @@ void add_lens_convert(CLI::App& parent, Talk& talk) {
   CLI::App* command =
       parent.add_subcommand("convert", "Zemax .zmx or pbrt .dat to our JSON, or any lens to pbrt's .dat");
   o->add_to(*command);
-  command->add_option("-o,--output", o->output, "the new file: .json, or .dat for pbrt")->required();
+  add_output(*command, "-o,--output", o->output, "the new file: .json, or .dat for pbrt")->required();
   add_wavelength(*command, o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
-  command->add_option("--focus,--focus-m", o->focus_m, "focus of pbrt's film distance (default: infinity)")
+  command->add_option("--focus", o->focus_m, "focus of pbrt's film distance (default: infinity)")
       ->transform(quantity("m"));
   add_examples(*command, {"pecs lens convert lens.zmx -o lens.json",
                           "pecs lens convert pecs_lab_15mm -o lens.dat --wavelength 550nm"});
@@ -241,7 +240,7 @@ void add_lens_trace(CLI::App& parent) {
   o->add_to(*command);
   o->add_stop_to(*command);
   add_wavelength(*command, o->lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--to-z,--to-z-mm", o->to_z_mm, "plane on which the traced rays are given")
+  command->add_option("--to-z", o->to_z_mm, "plane on which the traced rays are given")
       ->transform(quantity("mm"))
       ->required();
   command->add_flag("--no-clip", o->no_clip, "ignore stop and housing");
@@ -267,10 +266,10 @@ void add_lens_picture(CLI::App& parent, Talk& talk, const std::string& name, con
   CLI::App* command = parent.add_subcommand(name, help);
   o->add_to(*command);
   o->add_state_to(*command);
-  command->add_option("-o,--output", o->output, "the picture, .svg or .png")->required();
+  add_output(*command, "-o,--output", o->output, "the picture, .svg or .png")->required();
   o->add_width_to(*command);
   add_wavelength(*command, o->draw.bands_nm, "wavelengths, separated by commas")->delimiter(',')->capture_default_str();
-  command->add_option("--film-half-diagonal,--film-half-diagonal-mm", o->draw.film_half_diagonal_mm, "of the film")
+  command->add_option("--film-half-diagonal", o->draw.film_half_diagonal_mm, "of the film")
       ->transform(quantity("mm"))
       ->capture_default_str();
   command->add_option("--fields", o->draw.fields, "film points, parts of the half diagonal")

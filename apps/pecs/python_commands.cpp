@@ -1,5 +1,4 @@
-// Commands that are Python modules of the package: `pecs dataset` knows recipes, Blender and the layouts of loaders;
-// `pecs demo` is a script over the other commands, `pecs run` renders a stack and hands it to `pecs sense`.
+// Commands that are Python modules: this program replaces itself by Python with the rest of the command line.
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -15,7 +14,26 @@
 namespace pecs::app {
 namespace {
 
-// What the variable names, PECS_PYTHON, or that of the checkout or environment this program lies in, or the system's.
+// To add a command in Python: one line here, and its page in docs/reference.
+struct PythonCommand {
+  const char* name;
+  std::vector<std::string> words;  // the module, and what precedes the command's own words
+  const char* help;
+  const char* variable = "PECS_PYTHON";  // names the Python that has the module
+};
+const PythonCommand kCommands[] = {
+    {"dataset", {"pecs.datasets"}, "sequences with ground truth from a recipe, in the layouts of loaders (Python)"},
+    {"demo", {"pecs.demo"}, "a scene with ground truth as events, pictures, video and pages (Python)"},
+    {"train", {"pecs.learning", "train"}, "train a network on a data set to reconstruct video from events (Python)"},
+    {"reconstruct", {"pecs.learning", "reconstruct"}, "video from events, by a network or a filter (Python)"},
+    {"run",
+     {"pecs_blender", "run"},
+     "a .blend or a scene folder to events: render, then sense (Python)",
+     "PECS_BLENDER_PYTHON"},
+};
+
+// The Python named by the variable, by PECS_PYTHON, that of the checkout or environment that contains this program, or
+// the system's.
 std::string python(const char* variable, const std::filesystem::path& program) {
   for (const char* name : {variable, "PECS_PYTHON"})
     if (const char* named = std::getenv(name)) return named;
@@ -26,60 +44,35 @@ std::string python(const char* variable, const std::filesystem::path& program) {
   return "python3";
 }
 
-struct Module {
-  std::vector<std::string> words;  // its name, and what comes before the command's own words
-  const char* variable = "PECS_PYTHON";
-};
-
-// The module's process is told of this program.
-void add_module(CLI::App& app, const Talk& talk, const std::string& name, const Module& module,
-                const std::string& about) {
-  CLI::App* sub = app.add_subcommand(name, about);
-  sub->prefix_command();
-  sub->set_help_flag();  // Python's
-  sub->callback([sub, &talk, name, module] {
-    std::error_code error;
-    const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
-    if (!error) setenv("PECS_PROGRAM", self.c_str(), 0);
-    const std::string program = python(module.variable, self);
-    std::vector<std::string> words = {program, "-m"};
-    words.insert(words.end(), module.words.begin(), module.words.end());
-    if (talk.quiet()) words.emplace_back("--quiet");
-    if (talk.verbose()) words.emplace_back("--verbose");
-    const std::vector<std::string> given = sub->remaining();
-    words.insert(words.end(), given.begin(), given.end());
-    std::vector<char*> pointers;
-    pointers.reserve(words.size() + 1);
-    for (std::string& word : words) pointers.push_back(word.data());
-    pointers.push_back(nullptr);
-    execvp(program.c_str(), pointers.data());
-    throw Error(ExitCode::not_found, fmt::format("{}: {}: {}; {} names a Python that has {}", name, program,
-                                                 std::strerror(errno), module.variable, module.words.front()));
-  });
+// Replaces this process. The module finds this program by PECS_PROGRAM.
+[[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments, const Talk& talk) {
+  std::error_code error;
+  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (!error) setenv("PECS_PROGRAM", self.c_str(), 0);
+  const std::string program = python(command.variable, self);
+  std::vector<std::string> words = {program, "-m"};
+  words.insert(words.end(), command.words.begin(), command.words.end());
+  if (talk.quiet()) words.emplace_back("--quiet");
+  if (talk.verbose()) words.emplace_back("--verbose");
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> pointers;
+  pointers.reserve(words.size() + 1);
+  for (std::string& word : words) pointers.push_back(word.data());
+  pointers.push_back(nullptr);
+  execvp(program.c_str(), pointers.data());
+  throw Error(ExitCode::not_found, fmt::format("{}: {}: {}; set {} to a Python that has {}", command.name, program,
+                                               std::strerror(errno), command.variable, command.words.front()));
 }
 
 }  // namespace
 
-void add_dataset(CLI::App& app, Talk& talk) {
-  add_module(app, talk, "dataset", {{"pecs.datasets"}},
-             "sequences with ground truth from a recipe, in the layouts of loaders (Python)");
-}
-
-void add_demo(CLI::App& app, Talk& talk) {
-  add_module(app, talk, "demo", {{"pecs.demo"}},
-             "a scene with a known truth as events, pictures, video and pages (Python)");
-}
-
-void add_learning(CLI::App& app, Talk& talk) {
-  add_module(app, talk, "train", {{"pecs.learning", "train"}},
-             "a network that makes video of events, on a data set (Python)");
-  add_module(app, talk, "reconstruct", {{"pecs.learning", "reconstruct"}},
-             "video from events, by a network or a filter (Python)");
-}
-
-void add_run(CLI::App& app, Talk& talk) {
-  add_module(app, talk, "run", {{"pecs_blender", "run"}, "PECS_BLENDER_PYTHON"},
-             "a .blend or a scene folder to events: render, then sense (Python)");
+void add_python(CLI::App& app, Talk& talk) {
+  for (const PythonCommand& command : kCommands) {
+    CLI::App* sub = app.add_subcommand(command.name, command.help);
+    sub->prefix_command();
+    sub->set_help_flag();  // Python's
+    sub->callback([sub, &talk, &command] { execute(command, sub->remaining(), talk); });
+  }
 }
 
 }  // namespace pecs::app

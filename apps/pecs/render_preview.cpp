@@ -184,13 +184,11 @@ void add_render_preview(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("render-preview", "a rendered stack as a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
-  command->add_option("-o,--output", a->output, "what to write; the ending chooses")->required();
+  add_output(*command, "-o,--output", a->output, "what to write; the ending chooses")->required();
   command->add_option("--frame", a->frame, "png: which frame")
       ->check(CLI::Range(0, 100'000'000))
       ->capture_default_str();
-  command
-      ->add_option("--exposure,--exposure-ev", a->exposure_ev,
-                   "how much brighter than with 1 % of the first frame white")
+  command->add_option("--exposure", a->exposure_ev, "how much brighter than with 1 % of the first frame white")
       ->transform(quantity("EV"))
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
@@ -201,7 +199,7 @@ void add_render_preview(CLI::App& app, Talk& talk) {
       command->add_option("--view", a->display.view, "view transform of an OpenColorIO config (default: sRGB)");
   auto* display = command->add_option("--display", a->display.display, "display of that config (default: its own)");
   auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
-  command->add_option("--band,--band-nm", a->band_nm, "the nearest band alone, in false colour (default: colour)")
+  command->add_option("--band", a->band_nm, "the nearest band alone, in false colour (default: colour)")
       ->transform(quantity("nm"))
       ->check(CLI::Range(100.0, 10000.0))
       ->excludes(view)

@@ -54,7 +54,7 @@ void add_report(CLI::App& app, Talk& talk) {
   command->add_option("--window", a->window_us, "score only this much from each stream's first event, e.g. 100ms")
       ->transform(quantity("us"))
       ->check(positive());
-  command->add_option("-o,--output", a->output, "HTML file to write")->required();
+  add_output(*command, "-o,--output", a->output, "HTML file to write")->required();
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs report --sim events.raw --stack out/stack -o report.html",
                           "pecs report --real recording.raw --sim events.raw --window 100ms -o report.html"});

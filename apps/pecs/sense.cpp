@@ -46,13 +46,12 @@ void add_frames(CLI::App* sub, Options* o) {
   sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
       ->transform(quantity("Hz"))
       ->check(positive());
-  sub->add_option("--times,--times-us", o->times.file_us, "text file of the frames' times, one in us a line");
+  sub->add_option("--times", o->times.file_us, "text file of the frames' times, one in us a line");
   sub->add_option(
       "--colorspace", o->colour_space,
       "colours of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
   sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
-  sub->add_option("--photocurrent,--photocurrent-a", o->light.photocurrent_a,
-                  "photocurrent of relative light 1 (white)")
+  sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
       ->transform(quantity("A"))
       ->check(positive());
   sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share in the light (Eq. 8-11)")
@@ -80,24 +79,22 @@ void add_pixels(CLI::App* sub, Options* o) {
       ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
       ->allow_extra_args(false);
-  sub->add_option("--white,--white-a", o->white_a,
-                  "photocurrent of white, for the other models (default: first frame's 99.5 %)")
+  sub->add_option("--white", o->white_a, "photocurrent of white, for the other models (default: first frame's 99.5 %)")
       ->transform(quantity("A"))
       ->check(positive());
   sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
-  sub->add_option("--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
+  add_output(*sub, "--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
 }
 
 void add_window(CLI::App* sub, Options* o) {
   sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--start,--start-us", o->window.start_us, "output begins this long after the start (or the warm-up)")
+  sub->add_option("--start", o->window.start_us, "output begins this long after the start (or the warm-up)")
       ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
-  sub->add_option("--duration,--duration-us", o->window.duration_us,
-                  "length of the output; a periodic stack is looped for it")
+  sub->add_option("--duration", o->window.duration_us, "length of the output; a periodic stack is looped for it")
       ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
@@ -113,10 +110,9 @@ void add_live(CLI::App* sub, Options* o) {
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
                 "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  o->seconds = sub->add_option("--run-time,--seconds", o->live.seconds, "end of a live run")
-                   ->transform(quantity("s"))
-                   ->check(positive());
-  o->shown = sub->add_option("--window,--picture-us", o->live.picture_us, "time of the events shown together")
+  o->seconds =
+      sub->add_option("--run-time", o->live.seconds, "end of a live run")->transform(quantity("s"))->check(positive());
+  o->shown = sub->add_option("--window", o->live.picture_us, "time of the events shown together")
                  ->transform(quantity("us"))
                  ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
                  ->capture_default_str();
@@ -129,8 +125,7 @@ void resolve(Options& o, const Talk& talk) {
   o.model.white_fa = o.white_a * 1e15;
   for (const std::string& text : o.parameters) {
     const auto [at, is_new] = o.model.parameters.insert(key_value(text, "--param"));
-    if (!is_new)
-      throw Error(ExitCode::usage, fmt::format("--param {}: {} is set twice; set it once", text, at->first));
+    if (!is_new) throw Error(ExitCode::usage, fmt::format("--param {}: {} is set twice; set it once", text, at->first));
   }
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
@@ -180,7 +175,7 @@ void add_sense(CLI::App& app, Talk& talk) {
   const auto o = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
   sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
-  sub->add_option("-o,--output", o->output, "event file; its name says the format")->required();
+  add_output(*sub, "-o,--output", o->output, "event file; its name says the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its name");
   add_pixels(sub, o.get());
   add_frames(sub, o.get());

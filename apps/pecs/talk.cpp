@@ -3,7 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "command_tree.h"
+#include "help.h"
+#include "usage.h"
 
 namespace pecs::app {
 
@@ -30,8 +31,8 @@ void Talk::record(const std::filesystem::path& output, const RunRecord& record) 
 
 void Talk::end(const CLI::App& app) const {
   if (!verbose_) return;
-  const CLI::App& command = chosen_below(app);
-  const std::string name = fmt::format("{}", fmt::join(path_of(command), " "));
+  const CLI::App& command = chosen_command(app);
+  const std::string name = full_name(command);
   for (const CLI::Option* option : command.get_options()) {
     const bool is_flag = option->get_items_expected_max() == 0;
     const std::string value =

@@ -1,14 +1,24 @@
 #pragma once
-// What is said about a wrong command line: one line, `pecs: COMMAND: …`.
+// Errors of the command line, each on one line: `pecs: COMMAND: …`.
 #include <CLI/CLI.hpp>
 #include <string>
+#include <vector>
 
 namespace pecs::app {
 
-// Throws Error(usage) for a word where a command is wanted and none has that name; also with --help behind.
+// The subcommands of `app`, in the order of --help.
+std::vector<const CLI::App*> commands_of(const CLI::App& app);
+
+// The subcommand that was parsed, or `app`.
+const CLI::App& chosen_command(const CLI::App& app);
+
+// "lens info"; empty for the program.
+std::string full_name(const CLI::App& command);
+
+// Throws Error(usage) for an unknown subcommand, also where --help follows it.
 void check_commands(const CLI::App& app, int argc, const char* const* argv);
 
-// The line for an error of the parser, without "pecs: ".
+// The message for an error of the parser.
 std::string usage_line(const CLI::App& app, const CLI::ParseError& error);
 
 }  // namespace pecs::app

@@ -91,7 +91,7 @@ void add_view(CLI::App& app, Talk& talk) {
   auto a = std::make_shared<Arguments>();
   auto* command = app.add_subcommand("view", "events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
-  command->add_option("-o,--output", a->output, "what to write; the ending chooses")->required();
+  add_output(*command, "-o,--output", a->output, "what to write; the ending chooses")->required();
   command->add_option("--from", a->from_us, "start, counted from the first event")->transform(quantity("us"));
   command->add_option("--to", a->to_us, "end, counted from the first event (default: all)")->transform(quantity("us"));
   command->add_option("--window", a->window_us, "time of the events in one picture (default: readable)")

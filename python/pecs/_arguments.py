@@ -5,27 +5,18 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import json
 import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-_EXPONENTS = {  # of ten, relative to the SI unit
-    "TIME": {"ns": -9, "us": -6, "µs": -6, "μs": -6, "ms": -3, "s": 0},
-    "LENGTH": {"nm": -9, "um": -6, "µm": -6, "μm": -6, "mm": -3, "cm": -2, "m": 0},
-    "FREQUENCY": {"Hz": 0, "kHz": 3, "MHz": 6, "fps": 0},
-    "CURRENT": {"fA": -15, "pA": -12, "nA": -9, "uA": -6, "µA": -6, "μA": -6, "mA": -3, "A": 0},
-    "ANGLE": {"deg": 0},
-    "PIXELS": {"px": 0},
-    "STOPS": {"EV": 0},
-    "LIGHT": {"lx": 0, "klx": 3},
-    "MEMORY": {"MB": 6, "GB": 9},
-}
-_KIND = {unit: kind for kind, units in _EXPONENTS.items() for unit in units}
-_EXAMPLE = {"TIME": "20ms", "LENGTH": "5mm", "FREQUENCY": "10kHz", "CURRENT": "2pA", "ANGLE": "1.5deg"}
-_EXAMPLE |= {"PIXELS": "24px", "STOPS": "2EV", "LIGHT": "500lx", "MEMORY": "2GB"}
+# Kind of quantity -> an example, and its units with their power of ten in SI units. The program reads it too.
+_KINDS: dict[str, Any] = json.loads(Path(__file__).with_name("units.json").read_text("utf-8"))
+_KIND = {unit: kind for kind, entry in _KINDS.items() for unit in entry["exponents"]}
 _VALUE = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?) *(\D*)", re.ASCII)
 UNITS = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in brackets."
 
@@ -43,11 +34,11 @@ class Quantity:
         return _KIND[self.unit]
 
     def __call__(self, text: str) -> float:
-        found, units = _VALUE.fullmatch(text.strip()), _EXPONENTS[self.kind]
+        found, units = _VALUE.fullmatch(text.strip()), _KINDS[self.kind]["exponents"]
         if not found or (found[2] or self.unit) not in units:
             names = ", ".join(name for name in units if name.isascii())
             raise argparse.ArgumentTypeError(
-                f"got {text!r}, wanted a number with a unit ({names}) such as {_EXAMPLE[self.kind]}, "
+                f"got {text!r}, wanted a number with a unit ({names}) such as {_KINDS[self.kind]['example']}, "
                 f"or in {self.unit} without"
             )
         shift = units[found[2] or self.unit] - units[self.unit]

@@ -115,7 +115,7 @@ def board(index: int, keep: Path) -> dict:
         # The scene's own values are off; those of truth.json hold for the clock.
         off = {k: v for k, v in truth.items() if k.startswith("square")} | {"board_distance_mm": lens[3]}
         scene = write_scene(folder, "board", lens, off)
-        common = [real, "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
+        common = [real, "--scene", scene, "--pixel-pitch", 1000 * PITCH_MM, "--json"]
         found = align(*common, "--views=16", cwd=folder)
         kept = {k: v for k, v in truth.items() if not k.startswith("square")}
         known = {"scene": "board", "camera": {"rotation_deg": list(rotation_deg)}, "parameters": kept}
@@ -167,7 +167,7 @@ def disk(index: int, keep: Path) -> dict:
         folder = Path(folder)
         values = {"disk_radius_mm": radius, "sectors": sectors, "disk_distance_mm": lens[3]}
         scene = write_scene(folder, "rotating_disk", lens, values)
-        common = [real, "--scene", scene, "--pixel-pitch-um", 1000 * PITCH_MM, "--json"]
+        common = [real, "--scene", scene, "--pixel-pitch", 1000 * PITCH_MM, "--json"]
         first = align(*common, cwd=folder)
         if "failed" in first:
             return {"lens": lens[0], **first}
@@ -233,8 +233,8 @@ def intrinsics(index: int, keep: Path) -> dict:
                 seen = board.seen(camera, found["views"][0]["time_us"] * 1e-6)
                 worst.append(np.sqrt(np.mean((np.array(found["views"][0]["points"]) - seen) ** 2)))
         result = align(
-            "intrinsics", *clips, "--columns=9", "--rows=7", "--views=1", f"--lens={lens[0]}", f"--focus-m={lens[1]}",
-            "--pixel-pitch-um=9.72", "--json", *([f"--stop-diameter-mm={lens[2]}"] if lens[2] else []), cwd=folder,
+            "intrinsics", *clips, "--columns=9", "--rows=7", "--views=1", f"--lens={lens[0]}", f"--focus={lens[1]}",
+            "--pixel-pitch=9.72", "--json", *([f"--stop-diameter={lens[2]}"] if lens[2] else []), cwd=folder,
         )  # fmt: skip
     if "failed" in result:
         return {"lens": lens[0], **result}

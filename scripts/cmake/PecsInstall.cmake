@@ -1,6 +1,6 @@
-# What `cmake --install` puts where: the program with its manual and completions, libpecs with header, CMake package and
-# pkg-config file, and the data files in share/pecs, where data_dir() looks from the program and the library. A wheel has
-# no links and no C users: program and library lie beside the Python modules, the library with one name.
+# `cmake --install` installs the program, libpecs with header, CMake package and pkg-config file, and the data files in
+# share/pecs, where data_dir() finds them from the program and the library. A wheel has no links and no C users: program
+# and library are beside the Python modules, the library with one name.
 if(SKBUILD)
   set(data pecs/_lib/share/pecs)
   install(TARGETS pecs_c LIBRARY DESTINATION pecs/_lib COMPONENT python)
@@ -27,19 +27,6 @@ else()
   install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
   if(PECS_BUILD_PROGRAM)
     install(TARGETS pecs)
-    # The manual and the shells' completions, which the program writes itself.
-    set(generated ${PROJECT_BINARY_DIR}/generated_share)
-    install(CODE "
-      file(REMOVE_RECURSE ${generated})
-      file(MAKE_DIRECTORY ${generated}/bash ${generated}/zsh ${generated}/fish)
-      execute_process(COMMAND $<TARGET_FILE:pecs> man -o ${generated}/man COMMAND_ERROR_IS_FATAL ANY)
-      foreach(shell IN ITEMS bash zsh fish)
-        execute_process(COMMAND $<TARGET_FILE:pecs> completion \${shell} OUTPUT_FILE ${generated}/\${shell}/text COMMAND_ERROR_IS_FATAL ANY)
-      endforeach()")
-    install(DIRECTORY ${generated}/man/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
-    install(FILES ${generated}/bash/text DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME pecs)
-    install(FILES ${generated}/zsh/text DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions RENAME _pecs)
-    install(FILES ${generated}/fish/text DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d RENAME pecs.fish)
   endif()
 endif()
 install(DIRECTORY lens_data DESTINATION ${data} COMPONENT python)

@@ -66,7 +66,7 @@ def cases():
         yield f"{chip} noisy labels", ["film", "--chip", chip, *noisy, "--labels", "labels.npy"]
         yield f"{chip} loops", ["film", "--chip", chip, "--warmup-loops", "2"]
         yield f"{chip} loops noisy labels", [
-            "film", "--chip", chip, *noisy, "--labels", "labels.npy", "--warmup-loops", "1", "--duration-us", "20001",
+            "film", "--chip", chip, *noisy, "--labels", "labels.npy", "--warmup-loops", "1", "--duration", "20001",
         ]  # fmt: skip
         yield f"{chip} ideal readout", ["film", "--chip", chip, *noisy, "--readout", "ideal"]
     slow = [
@@ -76,20 +76,20 @@ def cases():
         "--set=clock_jitter_s=3e-6",
     ]
     yield "slow readout", ["film", "--chip", "imx636", *slow]
-    yield "slow readout, loops", ["film", "--chip", "imx636", *slow, "--warmup-loops", "3", "--start-us", "1234"]
+    yield "slow readout, loops", ["film", "--chip", "imx636", *slow, "--warmup-loops", "3", "--start", "1234"]
     yield "refractory", ["film", "--chip", "ideal", "--set=refractory_period_s=3e-4"]
-    yield "window", ["film", "--start-us", "1500", "--warmup-loops", "0", "--seed", "7"]
+    yield "window", ["film", "--start", "1500", "--warmup-loops", "0", "--seed", "7"]
     yield "radiance", ["scene", "--fnumber", "4"]
-    yield "radiance, window of one loop", ["scene", "--gain", "1e-14", "--start-us", "2000", "--duration-us", "3000"]
+    yield "radiance, window of one loop", ["scene", "--gain", "1e-14", "--start", "2000", "--duration", "3000"]
     yield "mc", ["film", "--bands", "mc:4", "--seed", "3"]
     yield "mc, loops", ["film", "--bands", "mc:2", "--warmup-loops", "1"]
-    yield "long loops", ["film", "--warmup-loops", "1", "--duration-us", "200000", "--chip", "davis346"]
+    yield "long loops", ["film", "--warmup-loops", "1", "--duration", "200000", "--chip", "davis346"]
     for model in MODELS:
         yield f"pictures {model}", ["pictures", "--fps", "4000", "--model", model]
         yield f"video {model}", ["video.avi", "--model", model]
         yield f"live {model}", ["video.avi", "--source", "video", "--view", "--model", model]
         if model != "pecs":  # which sees light, not pictures
-            yield f"white {model}", ["film", "--model", model, "--white-a", "3e-13"]
+            yield f"white {model}", ["film", "--model", model, "--white", "3e-13"]
     yield "live noisy", ["video.avi", "--source", "video", "--view", "--fps", "700", *noisy]
 
 

@@ -39,31 +39,6 @@ def test_the_library_has_its_names(prefix):
     assert names == ["libpecs.so", "libpecs.so.0", f"libpecs.so.{pecs.__version__}"]
 
 
-def completed(prefix, *words):
-    """What bash offers for a command line that ends in the last of `words`."""
-    line = "_pecs; printf '%s\\n' \"${COMPREPLY[@]}\""
-    script = f'source {prefix}/share/bash-completion/completions/pecs; COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); {line}'
-    return succeed("bash", "-c", script, "bash", *words).split()
-
-
-def test_bash_completes(prefix, tmp_path):
-    assert {"sense", "view", "lens"} <= set(completed(prefix, "pecs", ""))
-    assert completed(prefix, "pecs", "lens", "dr") == ["draw"]
-    assert completed(prefix, "pecs", "sense", "--warm") == ["--warmup-loops"]
-    assert completed(prefix, "pecs", "view", "a.raw", "--theme", "d") == ["dark"]
-
-
-def test_the_manual_says_what_help_says(prefix):
-    commands = [path.stem.removeprefix("pecs-") for path in (prefix / "share/man/man1").glob("pecs-*.1")]
-    said = succeed(prefix / "bin/pecs", "--help")
-    assert {"sense", "lens", "demo"} <= set(commands) and all(f"\n  {name} " in said for name in commands)
-    page = (prefix / "share/man/man1/pecs-sense.1").read_text()
-    assert r"\fB\-\-warmup\-loops \fRN" in page and r"pecs sense out/stack \-o events.raw" in page
-    assert r"\fB\-\-start \fRTIME[us]" in page and page.startswith('.TH "pecs\\-sense" 1')
-    for shell in ("zsh/site-functions/_pecs", "fish/vendor_completions.d/pecs.fish"):
-        assert "warmup-loops" in (prefix / "share" / shell).read_text()
-
-
 @pytest.fixture(scope="module")
 def example(root, prefix, tmp_path_factory):
     build = tmp_path_factory.mktemp("example")

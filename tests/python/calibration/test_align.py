@@ -103,7 +103,7 @@ def test_two_seconds_of_noise_align_nothing(pecs_program, root, tmp_path):
     pecs.write(tmp_path / "noise.npz", np.sort(events, order="t"), 320, 240)
     for scene in ("board", "rotating_disk"):
         result = pecs_program(
-            "align", "noise.npz", "--scene", root / "scenes" / scene, "--pixel-pitch-um", 19.44, "-o", "a.json",
+            "align", "noise.npz", "--scene", root / "scenes" / scene, "--pixel-pitch", 19.44, "-o", "a.json",
             cwd=tmp_path,
         )  # fmt: skip
         assert result.returncode == 4 and "nothing found" in result.stderr, result.stderr
@@ -115,7 +115,7 @@ def test_a_simulation_of_another_size_is_refused(pecs_program, root, tmp_path):
     pecs.write(tmp_path / "real.npz", events, 320, 240)
     pecs.write(tmp_path / "sim.npz", events, 640, 480)
     result = pecs_program(
-        "align", "real.npz", "--scene", root / "scenes/rotating_disk", "--pixel-pitch-um", 19.44, "--sim", "sim.npz",
+        "align", "real.npz", "--scene", root / "scenes/rotating_disk", "--pixel-pitch", 19.44, "--sim", "sim.npz",
         cwd=tmp_path,
     )  # fmt: skip
     assert result.returncode == 4, result.stderr
@@ -144,7 +144,7 @@ def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_pat
     events = lab.record(board.light(camera), 0.04, 5e-4, *size, seed=1, white_a=1e-11)
     pecs.write(tmp_path / "real.raw", events, *size)
     result = pecs_program(
-        "align", "real.raw", "--scene", root / "scenes/board", "--pixel-pitch-um", 9.72, "--views", 4,
+        "align", "real.raw", "--scene", root / "scenes/board", "--pixel-pitch", 9.72, "--views", 4,
         "-o", "aligned.json", "--picture", "overlay.png", cwd=tmp_path,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr

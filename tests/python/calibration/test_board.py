@@ -14,13 +14,13 @@ def drawn(pecs_program, tmp_path, *args):
     svg, png = tmp_path / "x.svg", tmp_path / "x.png"
     assert pecs_program("board", *args, "-o", svg).returncode == 0
     size = tuple(float(v) for v in re.search(r'width="([\d.]+)mm" height="([\d.]+)mm"', svg.read_text()).groups())
-    result = pecs_program("board", *args, "-o", png, "--width-px", round(size[0] * PX_PER_MM))
+    result = pecs_program("board", *args, "-o", png, "--width", round(size[0] * PX_PER_MM))
     assert result.returncode == 0, result.stderr
     return cv2.imread(str(png), cv2.IMREAD_GRAYSCALE), size
 
 
 def test_a_checkerboard(pecs_program, tmp_path):
-    picture, _ = drawn(pecs_program, tmp_path, "--squares", "9x6", "--square-mm", 25)
+    picture, _ = drawn(pecs_program, tmp_path, "--squares", "9x6", "--square", 25)
     found, corners = cv2.findChessboardCornersSB(picture, (8, 5))
     assert found
     grid = corners.reshape(5, 8, 2) / PX_PER_MM
@@ -31,7 +31,7 @@ def test_a_checkerboard(pecs_program, tmp_path):
 @pytest.mark.parametrize("asymmetric", [False, True])
 def test_circles(pecs_program, tmp_path, asymmetric):
     words = ["--asymmetric"] if asymmetric else []
-    picture, _ = drawn(pecs_program, tmp_path, "--circles", "4x7", "--spacing-mm", 20, *words)
+    picture, _ = drawn(pecs_program, tmp_path, "--circles", "4x7", "--spacing", 20, *words)
     flag = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
     found, centres = cv2.findCirclesGrid(picture, (4, 7), flags=flag)
     assert found
@@ -42,7 +42,7 @@ def test_circles(pecs_program, tmp_path, asymmetric):
 
 
 def test_a_disk(pecs_program, tmp_path):
-    picture, size = drawn(pecs_program, tmp_path, "--disk-mm", 120, "--sectors", 8)
+    picture, size = drawn(pecs_program, tmp_path, "--disk", 120, "--sectors", 8)
     centre = 65 * PX_PER_MM
     angles = np.radians(np.arange(0, 360, 45) + 22.5)  # counter-clockwise, the first is black
     x, y = (centre + 50 * PX_PER_MM * f for f in (np.cos(angles), -np.sin(angles)))
@@ -52,13 +52,13 @@ def test_a_disk(pecs_program, tmp_path):
 
 def test_a_page_has_its_size(pecs_program, tmp_path):
     pdf = tmp_path / "x.pdf"
-    assert pecs_program("board", "--squares", "9x6", "--square-mm", 20, "-o", pdf).returncode == 0
+    assert pecs_program("board", "--squares", "9x6", "--square", 20, "-o", pdf).returncode == 0
     box = re.search(rb"/MediaBox \[ *0 0 ([\d.]+) ([\d.]+)", pdf.read_bytes())
     assert float(box[1]) == pytest.approx(220 / 25.4 * 72, abs=0.1)
 
 
 @pytest.mark.parametrize(
-    "args", [["--squares", "9"], ["--squares", "9x6", "--disk-mm", "3"], [], ["--disk-mm", "100", "--sectors", "3"]]
+    "args", [["--squares", "9"], ["--squares", "9x6", "--disk", "3"], [], ["--disk", "100", "--sectors", "3"]]
 )
 def test_wrong_uses(pecs_program, tmp_path, args):
     assert pecs_program("board", *args, "-o", tmp_path / "x.svg").returncode == 2

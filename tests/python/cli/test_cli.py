@@ -105,20 +105,6 @@ def test_a_wrong_unit_is_one_line(pecs_program, text):
         Quantity("us")(text)
 
 
-@pytest.mark.parametrize(
-    ("now", "before"),
-    [
-        (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], ["lens", "info", "pecs_lab_15mm", "--focus-m", "0.5"]),
-        (["bands", "-n", 3, "--max-wavelength", "0.7um"], ["bands", "-n", 3, "--max-nm", 700]),
-    ],
-    ids=lambda words: words[0] if isinstance(words, list) else "",
-)
-def test_names_of_before_are_taken_and_not_shown(pecs_program, now, before):
-    shown = pecs_program(*now[: 2 if now[0] == "lens" else 1], "--help").stdout
-    assert pecs_program(*now).stdout == pecs_program(*before).stdout != ""
-    assert now[-2] in shown and before[-2] not in shown
-
-
 @pytest.fixture(scope="module")
 def helps(root):
     """Command -> its --help, `pecs` and `pecs_blender` alike."""
@@ -196,7 +182,6 @@ def test_quiet_and_verbose(pecs_program, tmp_path):
         (["bands", "-n", 3], "bands: chip: imx636"),
         (["info", "e.csv"], "info: FILE: e.csv"),
         (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], "lens info: focus: 0.5m"),
-        (["completion", "fish"], "completion: SHELL: fish"),
         (["view", "e.csv", "-o", "e.png"], "view: input: e.csv"),
         (["reconstruct", "e.csv", "-o", "light.mp4", "--size", "64x32"], "reconstruct: cutoff: 1.0"),
     ],

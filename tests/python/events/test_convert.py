@@ -42,7 +42,7 @@ def test_convert_a_part(pecs_program, tmp_path):
     events = STREAMS["bursts"]
     pecs.write(tmp_path / "in.raw", events, WIDTH, HEIGHT)
     out = tmp_path / "out.h5"
-    options = ("--t-start-us", 500, "--t-end-us", 1500, "--rezero", "--decimate", 4, "--json")
+    options = ("--t-start", 500, "--t-end", 1500, "--rezero", "--decimate", 4, "--json")
     result = json.loads(pecs_program("convert", tmp_path / "in.raw", out, *options, check=True).stdout)
 
     keep = (events["t"] >= 500) & (events["t"] < 1500) & (events["x"] % 4 == 2) & (events["y"] % 4 == 2)

@@ -13,7 +13,7 @@ LENS = "dgauss_50mm_tronnier"
 
 
 def test_info_of_the_lab_lens(pecs_program):
-    done = pecs_program("lens", "info", "pecs_lab_15mm", "--stop-diameter-mm", 1, "--focus-m", 1.56, "--json")
+    done = pecs_program("lens", "info", "pecs_lab_15mm", "--stop-diameter", 1, "--focus", 1.56, "--json")
     assert done.returncode == 0, done.stderr
     info = json.loads(done.stdout)
     assert info["efl_mm"] == pytest.approx(15.02, abs=0.005)
@@ -31,7 +31,7 @@ def test_info_in_words(pecs_program):
 
 def test_trace_a_bundle(pecs_program):
     rays = "x,y,z,dx,dy,dz\n0,0,-10,0,0,1\n0.001,0,-10,0,0,1\n14,0,-10,0,0,1\n0,0,60,0.9,0,-0.4\n"
-    done = pecs_program("lens", "trace", LENS, "--lambda-nm", 587.5618, "--to-z-mm", 68, input=rays)
+    done = pecs_program("lens", "trace", LENS, "--wavelength", 587.5618, "--to-z", 68, input=rays)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(io.StringIO(done.stdout)))
     assert [row["status"] for row in rows][:3] == ["ok", "ok", "clipped:0"]
@@ -43,7 +43,7 @@ def test_trace_a_bundle(pecs_program):
 
 @pytest.mark.parametrize("line", ["1,2,3", "1,2,3,4,5,x", "nan,0,0,0,0,1", "0,0,0,0,0,0"])
 def test_trace_refuses_bad_rays(pecs_program, line):
-    done = pecs_program("lens", "trace", LENS, "--to-z-mm", 0, input="0,0,-1,0,0,1\n" + line + "\n")
+    done = pecs_program("lens", "trace", LENS, "--to-z", 0, input="0,0,-1,0,0,1\n" + line + "\n")
     assert done.returncode == 4
     assert "line 2" in done.stderr and done.stderr.count("\n") == 1
 
@@ -51,12 +51,12 @@ def test_trace_refuses_bad_rays(pecs_program, line):
 def test_trace_keeps_the_order_of_many(pecs_program):
     count = 150_000  # more than one batch
     lines = [f"{i * 1e-5!r},0,-10,0,0,1" for i in range(count)]
-    done = pecs_program("lens", "trace", LENS, "--to-z-mm", -5, "--no-clip", input="\n".join(lines))
+    done = pecs_program("lens", "trace", LENS, "--to-z", -5, "--no-clip", input="\n".join(lines))
     assert done.returncode == 0
     x = [float(line.split(",", 1)[0]) for line in done.stdout.splitlines()[1:]]
     assert len(x) == count and all(a < b for a, b in zip(x[:-1], x[1:], strict=True))
     lines[140_000] = lines[149_000] = "bad"
-    done = pecs_program("lens", "trace", LENS, "--to-z-mm", 0, input="\n".join(lines))
+    done = pecs_program("lens", "trace", LENS, "--to-z", 0, input="\n".join(lines))
     assert done.returncode == 4 and "line 140001" in done.stderr
 
 
@@ -73,7 +73,7 @@ def test_draw(pecs_program, tmp_path):
 @pytest.mark.parametrize("what", ["draw", "chart", "pupil"])
 def test_pictures_as_png(what, pecs_program, tmp_path):
     path = tmp_path / "lens.png"
-    done = pecs_program("lens", what, "cmount_8mm_f2p8", "-o", path, "--width-px", 800)
+    done = pecs_program("lens", what, "cmount_8mm_f2p8", "-o", path, "--width", 800)
     assert done.returncode == 0, done.stderr
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
@@ -96,9 +96,9 @@ def test_every_shipped_lens_is_on_the_page_of_charts(root):
     [
         (["info", "no_such_lens"], 3, "dgauss_50mm_tronnier"),
         (["info", LENS, "--fnumber", 1.0], 4, "f-number"),
-        (["info", LENS, "--lambda-nm", 50000], 4, "50000"),
-        (["info", LENS, "--focus-m", 0.01], 4, "focus"),
-        (["info", LENS, "--fnumber", 4, "--stop-diameter-mm", 3], 2, "excludes"),
+        (["info", LENS, "--wavelength", 50000], 4, "50000"),
+        (["info", LENS, "--focus", 0.01], 4, "focus"),
+        (["info", LENS, "--fnumber", 4, "--stop-diameter", 3], 2, "excludes"),
         (["info"], 2, "LENS"),
     ],
 )
@@ -110,7 +110,7 @@ def test_wrong_uses(pecs_program, arguments, code, words):
 
 def test_draw_in_python(pecs_program, tmp_path):
     """The program's drawing, as text."""
-    options = ("--stop-diameter-mm", 1, "--focus-m", 1.56, "--film-half-diagonal-mm", 2.5)
+    options = ("--stop-diameter", 1, "--focus", 1.56, "--film-half-diagonal", 2.5)
     pecs_program("lens", "draw", LENS, *options, "-o", tmp_path / "x.svg")
     drawn = pecs.Lens(LENS).draw(stop_diameter_mm=1, focus_m=1.56, film_width_mm=4, film_height_mm=3)
     assert drawn == (tmp_path / "x.svg").read_text()

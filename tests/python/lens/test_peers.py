@@ -27,7 +27,7 @@ def pytest_generate_tests(metafunc):
 def lens(lens_path, pecs_program):
     """The prescription, the index behind each surface at LAMBDA_NM, and first-order data."""
     data = json.loads(lens_path.read_text())
-    done = pecs_program("lens", "info", lens_path, "--lambda-nm", LAMBDA_NM, "--json")
+    done = pecs_program("lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--json")
     assert done.returncode == 0, done.stderr
     info = json.loads(done.stdout)
     index = {g["surface"]: g["n"] for g in info["glasses"]}
@@ -49,7 +49,7 @@ def bundle(surfaces, info, count=300):
 
 def ours(pecs_program, lens_path, start, direction, z):
     lines = "\n".join(",".join(map(repr, map(float, row))) for row in np.hstack([start, direction]))
-    done = pecs_program("lens", "trace", lens_path, "--lambda-nm", LAMBDA_NM, "--to-z-mm", repr(z), input=lines)
+    done = pecs_program("lens", "trace", lens_path, "--wavelength", LAMBDA_NM, "--to-z", repr(z), input=lines)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(io.StringIO(done.stdout)))
     return (
@@ -136,8 +136,8 @@ def rayoptics_trace(surfaces, n, last_thickness, start_z):
 
 def field_of(pecs_program, lens_path):
     """Our info over the largest of two films that the lens lights."""
-    for film in (("--film-width-mm", 36, "--film-height-mm", 24), ()):
-        done = pecs_program("lens", "info", lens_path, "--lambda-nm", LAMBDA_NM, "--field-rows", 3, "--json", *film)
+    for film in (("--film-width", 36, "--film-height", 24), ()):
+        done = pecs_program("lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--field-rows", 3, "--json", *film)
         assert done.returncode == 0, done.stderr
         info = json.loads(done.stdout)
         if info["field"][-1]["relative_illumination"] > 0.02:

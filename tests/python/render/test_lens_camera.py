@@ -65,7 +65,7 @@ def film_points(cam, x, y):
 def traced(pecs_program, name, rays, *more, to_z_mm=0.0):
     """Rows of `pecs lens trace` at 550 nm: points and directions, and which got through."""
     text = "\n".join(",".join(map(repr, map(float, row))) for row in rays)
-    done = pecs_program("lens", "trace", name, "--lambda-nm", 550, "--to-z-mm", to_z_mm, *more, input=text)
+    done = pecs_program("lens", "trace", name, "--wavelength", 550, "--to-z", to_z_mm, *more, input=text)
     assert done.returncode == 0, done.stderr
     rows = list(csv.reader(io.StringIO(done.stdout)))[1:]
     return np.array([row[:6] for row in rows], float), np.array([row[6] == "ok" for row in rows])
@@ -140,7 +140,7 @@ def check_ray_by_ray(setting, render, pecs_program):
     assert np.abs(film - centre)[passed].max() < 1e-3 * cam.film_width_mm / width
     aim[:, 2] = pecs.Lens(setting["name"]).pupil(lambda_nm=550)["plane_z_mm"]
     rays = np.hstack([film, aim - film])[passed]
-    truth, ok = traced(pecs_program, setting["name"], rays, "--stop-diameter-mm", cam.stop_diameter_mm)
+    truth, ok = traced(pecs_program, setting["name"], rays, "--stop-diameter", cam.stop_diameter_mm)
     assert ok.mean() > 0.999  # float32 may pass a ray that grazes the rim
     film, position, direction = film[passed][ok], position[passed][ok], direction[passed][ok]
     # Camera space looks along +Z, the lens frame along -z.

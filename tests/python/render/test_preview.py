@@ -90,14 +90,14 @@ def test_exposure_is_in_stops(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s")
     scales = []
     for ev in (0, -2):
-        args = ("-o", tmp_path / "x.png", "--exposure-ev", ev, "--json")
+        args = ("-o", tmp_path / "x.png", "--exposure", ev, "--json")
         scales.append(json.loads(pecs_program("render-preview", tmp_path / "s", *args).stdout)["scale"])
     assert scales[0] / scales[1] == pytest.approx(4)
 
 
 def test_a_band_in_false_colour(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s", bands=6)
-    args = ("-o", tmp_path / "x.png", "--band-nm", 650, "--json")
+    args = ("-o", tmp_path / "x.png", "--band", 650, "--json")
     result = json.loads(pecs_program("render-preview", tmp_path / "s", *args).stdout)
     assert abs(result["band_nm"] - 650) < 40
     assert cv2.imread(str(tmp_path / "x.png")).shape == (HEIGHT, WIDTH, 3)
@@ -122,7 +122,7 @@ def test_views_of_a_config(root, pecs_program, tmp_path):
     (tmp_path / "config.ocio").write_text(CONFIG)
     shown = {}
     for view in ("Plain", "Half"):
-        args = ("-o", tmp_path / "x.png", "--ocio", tmp_path / "config.ocio", "--view", view, "--exposure-ev", -0.5)
+        args = ("-o", tmp_path / "x.png", "--ocio", tmp_path / "config.ocio", "--view", view, "--exposure", -0.5)
         result = pecs_program("render-preview", tmp_path / "s", *args)
         assert result.returncode == 0, result.stderr
         shown[view] = cv2.imread(str(tmp_path / "x.png")).astype(int)

@@ -142,7 +142,7 @@ def test_pictures(tmp_path, pecs_program, ending):
     folder = write_pictures(tmp_path / "p", ending)
     times = tmp_path / "times.txt"
     times.write_text("# us\n" + "".join(f"{1000 * i}\n" for i in range(N)))
-    args = ["--chip", "ideal", "--times-us", times]
+    args = ["--chip", "ideal", "--times", times]
     sense(pecs_program, folder, "-o", tmp_path / "o.csv", *args)
     frames = np.stack([picture(i) for i in range(N)]).astype(np.float32)
     import pecs
@@ -179,7 +179,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
         "--source",
         "video",
         "--view",
-        "--picture-us",
+        "--window",
         4000,
     ]
     for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
@@ -211,7 +211,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
-        (["--source", "camera:97", "--view", "--seconds", 1], 3, "camera 97: cannot be opened: no such camera"),
+        (["--source", "camera:97", "--view", "--run-time", 1], 3, "camera 97: cannot be opened: no such camera"),
         (["--source", "camera"], 2, "--source camera: got no --view"),
         (["x.avi", "--source", "camera", "--view"], 2, "x.avi: got an input beside --source camera"),
         (["--source", "video", "--view"], 2, "input: got nothing"),

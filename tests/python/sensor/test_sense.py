@@ -64,14 +64,14 @@ def test_loops_are_the_unrolled_stack(tmp_path, pecs_program):
     turn = N * 1000
     write(tmp_path / "loop", period_ns=turn * 1000, level=1e-5)
     write(tmp_path / "unrolled", frames=4 * N, level=1e-5, change=unroll)
-    window = ["--duration-us", turn]
+    window = ["--duration", turn]
     sense(pecs_program, tmp_path / "loop", "-o", tmp_path / "a.csv", "--warmup-loops", 2, *window)
-    sense(pecs_program, tmp_path / "unrolled", "-o", tmp_path / "b.csv", "--start-us", 2 * turn, *window)
+    sense(pecs_program, tmp_path / "unrolled", "-o", tmp_path / "b.csv", "--start", 2 * turn, *window)
     looped, unrolled = read_csv(tmp_path / "a.csv"), read_csv(tmp_path / "b.csv")
     assert len(looped) > 1000
     np.testing.assert_array_equal(looped, unrolled)
     # A window of the loops is the loops, cut.
-    sense(pecs_program, tmp_path / "loop", "-o", tmp_path / "c.csv", "--warmup-loops", 2, "--start-us", 7000, *window)
+    sense(pecs_program, tmp_path / "loop", "-o", tmp_path / "c.csv", "--warmup-loops", 2, "--start", 7000, *window)
     cut = looped[looped[:, 0] >= 7000] - [7000, 0, 0, 0]
     later = read_csv(tmp_path / "c.csv")
     np.testing.assert_array_equal(later[later[:, 0] < turn - 7000], cut)
@@ -81,7 +81,7 @@ def test_loops_are_the_unrolled_stack(tmp_path, pecs_program):
 def test_window_of_a_plain_stack(tmp_path, pecs_program):
     write(tmp_path / "s", level=1e-3)
     sense(pecs_program, tmp_path / "s", "-o", tmp_path / "a.csv")
-    sense(pecs_program, tmp_path / "s", "-o", tmp_path / "b.csv", "--start-us", 5000, "--duration-us", 10000)
+    sense(pecs_program, tmp_path / "s", "-o", tmp_path / "b.csv", "--start", 5000, "--duration", 10000)
     whole, window = read_csv(tmp_path / "a.csv"), read_csv(tmp_path / "b.csv")
     whole = whole[(whole[:, 0] >= 5000) & (whole[:, 0] < 15000)]
     whole[:, 0] -= 5000

@@ -28,11 +28,11 @@ def test_the_program_gives_the_same(tmp_path, pecs_program):
             {"noise": False, "readout": "ideal", "format": "dsec"},
         ),
         (
-            ["--model", "esim", "--param", "log_eps=0.01", "--white-a", 1e-13],
+            ["--model", "esim", "--param", "log_eps=0.01", "--white", 1e-13],
             {"model": "esim", "parameters": {"log_eps": 0.01}, "white_a": 1e-13},
         ),
         (
-            ["--warmup-loops", 1, "--start-us", 2000, "--duration-us", 40000, "--labels", tmp_path / "a.npy"],
+            ["--warmup-loops", 1, "--start", 2000, "--duration", 40000, "--labels", tmp_path / "a.npy"],
             {"warmup_loops": 1, "start_us": 2000, "duration_us": 40000, "labels": tmp_path / "b.npy"},
         ),
         (["--bands", "mc:3", "--gain", 1e-9], {"bands": "mc:3", "gain": 1e-9}),

@@ -99,9 +99,9 @@ def test_loops_are_as_if_unrolled(tmp_path, pecs_program, size):
     times = [i * 1_000_000 for i in range(9)]
     write_stack(tmp_path / "loop", planes, times[:4], [motion] * 4, period_ns=4_000_000)
     write_stack(tmp_path / "film", (planes * 3)[:9], times, [motion] * 8)
-    window = ["--duration-us", "1500", "--readout", "ideal"]
+    window = ["--duration", "1500", "--readout", "ideal"]
     looped = events_of(pecs_program, tmp_path / "loop", tmp_path / "a.csv", "--warmup-loops", "1", *window)
-    film = events_of(pecs_program, tmp_path / "film", tmp_path / "b.csv", "--start-us", "4000", *window)
+    film = events_of(pecs_program, tmp_path / "film", tmp_path / "b.csv", "--start", "4000", *window)
     assert len(film) > 500 and np.array_equal(looped, film)
     record = json.loads((tmp_path / "a.csv.run.json").read_text())
     assert record["results"]["dense_steps"] > 5 * 30

@@ -96,8 +96,8 @@ def test_options_that_exclude_each_other(args, plain, pecs_program):
 def test_loops_of_every_model_are_the_unrolled_stack(model, tmp_path, pecs_program):
     """A window of a loop, against the same light pushed frame by frame; threads and labels change nothing."""
     write(tmp_path / "s", level=1e-3, period_ns=N * 1_000_000)
-    args = ["--model", model, "--readout", "ideal", "--white-a", "4e-12"][: 6 if model != "pecs" else 4]
-    args += ["--warmup-loops", "2", "--start-us", "700", "--duration-us", "31000"]
+    args = ["--model", model, "--readout", "ideal", "--white", "4e-12"][: 6 if model != "pecs" else 4]
+    args += ["--warmup-loops", "2", "--start", "700", "--duration", "31000"]
     for threads in (1, 3):
         out = tmp_path / f"{threads}.npz"
         done = pecs_program("sense", tmp_path / "s", "-o", out, "--quiet", "--threads", threads, *args)
@@ -129,8 +129,8 @@ def test_live_is_the_file_for_every_model(model, tmp_path, pecs_program):
         bar = 60 + 180 * (np.abs(np.arange(2 * W) - 3 * i) < 9)
         video.write(np.broadcast_to(bar[None, :, None], (2 * H, 2 * W, 3)).astype(np.uint8))
     video.release()
-    white = [] if model == "pecs" else ["--white-a", "1e-12"]
-    args = ["--model", model, *white, "--start-us", "2000", "--bands", "mc:2", "--quiet"]
+    white = [] if model == "pecs" else ["--white", "1e-12"]
+    args = ["--model", model, *white, "--start", "2000", "--bands", "mc:2", "--quiet"]
     for name, live in (("file", []), ("live", ["--view", "--source", "video"])):
         done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / f"{name}.npz", *args, *live)
         assert done.returncode == 0, done.stderr
