@@ -1,4 +1,4 @@
-// pecs align: what stands before the camera, measured in a recording.
+// pecs align: measures targets and camera in recordings.
 #include "pecs/calibration/align.h"
 
 #include <fmt/format.h>
@@ -9,15 +9,15 @@
 #include <set>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/calibration/board.h"
-#include "pecs/calibration/clock.h"
 #include "pecs/calibration/disk.h"
 #include "pecs/calibration/intrinsics.h"
+#include "pecs/calibration/timestamp_wrap.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -25,14 +25,14 @@ namespace {
 
 using namespace calibration;
 
-events::Recording read_recording(const std::string& path, const Talk& talk) {
+events::Recording read_recording(const std::string& path, const Console& console) {
   std::string note;
-  auto stream = with_steady_clock(events::read_all(path), path, note);
-  if (!note.empty()) talk.warn(path + ": " + note);
+  auto stream = unwrap_timestamps(events::read_all(path), path, note);
+  if (!note.empty()) console.warn(path + ": " + note);
   return events::recording_of(std::move(stream), path, 0, INT64_MAX);
 }
 
-// ---- what a board looks like ----------------------------------------------------------------------------------------
+// ---- boards ---------------------------------------------------------------------------------------------------------
 
 struct BoardArguments {
   std::string target = "checkerboard";
@@ -45,15 +45,15 @@ void add_board_options(CLI::App& command, BoardArguments& a) {
   command.add_option("--columns", a.columns, "inner corners, or circles, in a row of the board")
       ->check(CLI::Range(2, 99));
   command.add_option("--rows", a.rows, "inner corners, or circles, in a column")->check(CLI::Range(2, 99));
-  command.add_option("--views", a.views, "instants to look at, spread evenly over a recording")
+  command.add_option("--views", a.views, "times at which to search, spread evenly over a recording")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command.add_flag("--blinking", a.blinking, "the board stands still and blinks");
+  command.add_flag("--blinking", a.blinking, "the board is static and blinks");
 }
 
 BoardShape shape_of(const BoardArguments& a) {
   if (a.columns == 0 || a.rows == 0)
-    throw Error(ExitCode::usage, "a board: got no --columns and --rows, wanted its inner corners or circles");
+    throw Error(ExitCode::usage, "a board requires --columns and --rows: its inner corners or circles");
   const Pattern pattern = pattern_from(a.target);
   if (pattern == Pattern::checkerboard && (a.columns < 3 || a.rows < 3))
     throw Error(ExitCode::usage, fmt::format("--columns {} --rows {}: a checkerboard needs 3 x 3 inner corners or more",
@@ -75,7 +75,7 @@ struct DetectArguments {
   bool json = false;
 };
 
-void say(const Disk& disk) {
+void print(const DetectedDisk& disk) {
   const auto line = [](const char* name, const Measured& m, const char* unit) {
     fmt::print("{:<12}{:10.3f} ± {:.3f} {}\n", name, m.value, m.deviation, unit);
   };
@@ -90,27 +90,27 @@ void say(const Disk& disk) {
                disk.rim.size.width, disk.rim.size.height, disk.rim.center.x, disk.rim.center.y, disk.rim_rms_px);
 }
 
-void say(const BoardSearch& search, const BoardShape& shape) {
-  fmt::print("{} in {} of {} looks\n", shape.text(), search.views.size(), search.views.size() + search.missed.size());
+void print(const BoardSearch& search, const BoardShape& shape) {
+  fmt::print("{} at {} of {} times\n", shape.text(), search.views.size(), search.views.size() + search.missed.size());
   for (const auto& v : search.views)
     fmt::print("t = {:9.0f} us  first point ({:8.3f}, {:8.3f})  ± {:.3f} px  {} {:.0f} px/s\n", v.t_us, v.points[0].x,
                v.points[0].y, v.deviation_px, v.motion, v.speed_px_s);
 }
 
-void detect(const DetectArguments& a, Talk& talk) {
+void detect(const DetectArguments& a, Console& console) {
   const bool is_disk = a.board.target == "disk";
   if (is_disk && (a.board.columns || a.board.rows || a.board.blinking))
-    throw Error(ExitCode::usage, "--target disk: takes no --columns, --rows and --blinking");
-  if (!is_disk) shape_of(a.board);  // wrong usage before long reading
-  const events::Recording recording = read_recording(a.events, talk);
+    throw Error(ExitCode::usage, "--columns, --rows and --blinking are valid only for a board, not for --target disk");
+  if (!is_disk) shape_of(a.board);  // usage errors before the recording is read
+  const events::Recording recording = read_recording(a.events, console);
   Json json;
   cv::Mat picture;
   if (is_disk) {
-    const Disk disk = find_disk(recording, a.events);
+    const DetectedDisk disk = find_disk(recording, a.events);
     json = to_json(disk);
     picture = disk_picture(recording, disk, view::kLight);
-    for (const auto& warning : disk.warnings) talk.warn(warning);
-    if (!a.json) say(disk);
+    for (const auto& warning : disk.warnings) console.warn(warning);
+    if (!a.json) print(disk);
   } else {
     const BoardShape shape = shape_of(a.board);
     Blinking blinking;
@@ -118,13 +118,13 @@ void detect(const DetectArguments& a, Talk& talk) {
     json = to_json(search, shape);
     if (a.board.blinking) json["frequency_hz"] = blinking.frequency_hz;
     picture = board_picture(search, shape);
-    for (const auto& line : search.missed) talk.warn("no board at " + line);
-    if (!a.json) say(search, shape);
+    for (const auto& line : search.missed) console.warn("no board at " + line);
+    if (!a.json) print(search, shape);
     if (!a.json && a.board.blinking) fmt::print("blinks at {:.2f} Hz\n", blinking.frequency_hz);
   }
   if (!a.output.empty()) {
     write_png(a.output, picture);
-    talk.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
+    console.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
   }
   if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
@@ -145,25 +145,25 @@ bool is_picture(const std::string& path) {
   return extensions.contains(std::filesystem::path(path).extension().string());
 }
 
-// The views of a board in recordings and pictures of one camera.
+// Views of a board in recordings and pictures of one camera.
 struct Gathered {
   std::vector<std::vector<cv::Point2d>> views;
   cv::Size size;
   std::vector<std::string> missed;
 };
 
-Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Talk& talk) {
+Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Console& console) {
   Gathered g;
   const auto one_size = [&](cv::Size size, const std::string& file) {
     if (!g.size.empty() && g.size != size)
       throw bad_input(file, "size", fmt::format("{} x {} pixels", size.width, size.height),
-                      fmt::format("{} x {}, as the inputs before", g.size.width, g.size.height));
+                      fmt::format("{} x {}, as in the previous inputs", g.size.width, g.size.height));
     g.size = size;
   };
   for (const auto& input : a.inputs) {
     if (is_picture(input)) {
       const cv::Mat picture = cv::imread(input, cv::IMREAD_GRAYSCALE);
-      if (picture.empty()) throw not_found(input, "no picture that can be read");
+      if (picture.empty()) throw not_found(input, "not a readable picture");
       one_size(picture.size(), input);
       std::string why;
       auto points = board_points(picture, shape, why);
@@ -173,7 +173,7 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Tal
         g.views.push_back(std::move(points));
       continue;
     }
-    const events::Recording recording = read_recording(input, talk);
+    const events::Recording recording = read_recording(input, console);
     one_size({recording.width, recording.height}, input);
     Blinking blinking;
     try {
@@ -188,14 +188,14 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Tal
   return g;
 }
 
-void intrinsics(IntrinsicsArguments& a, Talk& talk) {
+void intrinsics(IntrinsicsArguments& a, Console& console) {
   const BoardShape shape = shape_of(a.board);
   a.options.fisheye = a.model == "fisheye";
-  const Gathered g = gather(a, shape, talk);
-  for (const auto& line : g.missed) talk.warn("no board in " + line);
+  const Gathered g = gather(a, shape, console);
+  for (const auto& line : g.missed) console.warn("no board in " + line);
   const std::string file = a.inputs.size() == 1 ? a.inputs[0] : fmt::format("{} inputs", a.inputs.size());
   const Intrinsics in = intrinsics_of(g.views, shape, g.size, a.options, file);
-  for (const auto& line : in.warnings) talk.warn(line);
+  for (const auto& line : in.warnings) console.warn(line);
   Json json = to_json(in);
   std::vector<CurveRow> curve;
   if (!a.lens.lens.empty()) {
@@ -221,7 +221,7 @@ void intrinsics(IntrinsicsArguments& a, Talk& talk) {
     AtomicFile out(a.output);
     out.write(text_of(json, 2) + "\n");
     out.commit();
-    talk.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
+    console.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(json, 2));
@@ -261,7 +261,7 @@ Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size)
     const CameraModel camera = camera_from(JsonObject(json, a.camera).object("camera"));
     if (camera.size != size)
       throw bad_input(a.real, "size", fmt::format("{} x {} pixels", size.width, size.height),
-                      fmt::format("{} x {}, as {}", camera.size.width, camera.size.height, a.camera));
+                      fmt::format("{} x {}, as in {}", camera.size.width, camera.size.height, a.camera));
     return optics_of(camera);
   }
   LensSetting lens = scene.lens;
@@ -269,39 +269,39 @@ Optics optics_for(const AlignArguments& a, const LabScene& scene, cv::Size size)
     lens.pixel_pitch_um = *a.pixel_pitch_um;
   else if (size != cv::Size(1280, 720))
     throw bad_input(a.real, "size", fmt::format("{} x {} pixels", size.width, size.height),
-                    "1280 x 720 of 4.86 um, or --pixel-pitch-um, or --camera");
+                    "1280 x 720 of 4.86 um, or --pixel-pitch, or --camera");
   return optics_of(lens, size);
 }
 
-void align_recording(const AlignArguments& a, Talk& talk) {
+void align_recording(const AlignArguments& a, Console& console) {
   if (a.real.empty() || a.scene.empty())
-    throw Error(ExitCode::usage,
-                "align: got no REAL and --scene, wanted a recording and a scene folder, or a subcommand");
-  if (a.sim.empty() && !a.sim_of.empty())
-    throw Error(ExitCode::usage, "--sim-of: got no --sim, whose parameters it holds");
+    throw Error(ExitCode::usage, "align: requires a recording and --scene, or a subcommand");
+  if (a.sim.empty() && !a.sim_of.empty()) throw Error(ExitCode::usage, "--sim-of: valid only with --sim");
   const LabScene original = load_lab_scene(a.scene);
   LabScene scene = original;
   if (!a.sim_of.empty()) apply_aligned(scene, a.sim_of);
-  const events::Recording real = read_recording(a.real, talk);
+  const events::Recording real = read_recording(a.real, console);
   const Optics optics = optics_for(a, scene, {real.width, real.height});
   const TargetEstimate found = find_in_recording(real, scene, optics, a.search, a.real);
-  const Clock clock = a.clock == "file" ? Clock::file : a.clock == "offset" ? Clock::offset : Clock::offset_and_rate;
+  const ClockModel clock = a.clock == "file"     ? ClockModel::file
+                           : a.clock == "offset" ? ClockModel::offset
+                                                 : ClockModel::offset_and_rate;
   std::optional<events::Recording> sim;
   Aligned aligned;
   if (a.sim.empty()) {
     aligned = align_scene(scene, found, clock);
   } else {
-    sim = read_recording(a.sim, talk);
+    sim = read_recording(a.sim, console);
     if (sim->width != real.width || sim->height != real.height)
       throw bad_input(a.sim, "size", fmt::format("{} x {} pixels", sim->width, sim->height),
-                      fmt::format("{} x {}, as {}", real.width, real.height, a.real));
+                      fmt::format("{} x {}, as in {}", real.width, real.height, a.real));
     const TargetEstimate in_sim = find_in_recording(*sim, scene, optics, a.search, a.sim);
     aligned = align_scene(scene, found, in_sim, clock);
-    const cv::Vec3d apart = found.place_mm - in_sim.place_mm;
+    const cv::Vec3d apart = found.position_mm - in_sim.position_mm;
     aligned.json["simulation"] = {
         {"right_mm", apart[0]}, {"up_mm", apart[1]}, {"distance_mm", apart[2]}, {"residual", in_sim.residual}};
   }
-  for (const auto& line : aligned.json["warnings"]) talk.warn(line.get<std::string>());
+  for (const auto& line : aligned.json["warnings"]) console.warn(line.get<std::string>());
   if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
   if (!a.output.empty()) {
     AtomicFile out(a.output);
@@ -309,7 +309,7 @@ void align_recording(const AlignArguments& a, Talk& talk) {
     out.commit();
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
-    talk.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
+    console.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(aligned.json, 2));
@@ -326,8 +326,9 @@ void align_recording(const AlignArguments& a, Talk& talk) {
 
 }  // namespace
 
-void add_align(CLI::App& app, Talk& talk) {
-  auto* align = app.add_subcommand("align", "measure the scene in a recording (docs/reference/align.md)");
+void add_align(CLI::App& app, Console& console) {
+  auto* align =
+      app.add_subcommand("align", "estimate the parameters of a scene from a recording (docs/reference/align.md)");
   align->require_subcommand(0, 1);
 
   auto a = std::make_shared<AlignArguments>();
@@ -335,44 +336,45 @@ void add_align(CLI::App& app, Talk& talk) {
   align->add_option("--scene", a->scene, "folder of the scene: scenes/board, scenes/rotating_disk");
   add_output(*align, "-o,--output", a->output, "aligned.json, for `pecs_blender render --set @aligned.json`");
   add_output(*align, "--picture", a->picture, "overlay of the recording before and after (PNG)");
-  align->add_option("--sim", a->sim, "events simulated of the scene, to correct the result by");
-  align->add_option("--sim-of", a->sim_of,
-                    "aligned.json that the simulation was made with (default: the scene's own values)");
-  align->add_option("--camera", a->camera, "camera of `pecs align intrinsics` instead of the scene's lens");
-  align->add_option("--pixel-pitch", a->pixel_pitch_um, "pixel pitch of the sensor, if it is not 1280 x 720 of 4.86um")
+  align->add_option("--sim", a->sim, "events simulated from the scene, which correct the result");
+  align->add_option("--sim-of", a->sim_of, "aligned.json of the simulation (default: the scene's values)");
+  align->add_option("--camera", a->camera, "camera from `pecs align intrinsics` instead of the scene's lens");
+  align->add_option("--pixel-pitch", a->pixel_pitch_um, "pixel pitch of a sensor other than 1280 x 720 of 4.86um")
       ->transform(quantity("um"));
-  align->add_option("--views", a->search.views, "instants at which a board is looked for")
+  align->add_option("--views", a->search.views, "times at which to search a board")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
-  align->add_flag("--hold-camera", a->search.hold_camera, "the camera is turned as the scene (or --sim-of) says");
+  align->add_flag("--hold-camera", a->search.hold_camera, "keep the camera rotation of the scene (or of --sim-of)");
   align
-      ->add_option("--clock", a->clock,
-                   "file: the file's clock is the scene's; offset: find it instead of the start (phase); both: and its "
-                   "rate instead of the speed")
+      ->add_option(
+          "--clock", a->clock,
+          "file: the file's clock is the scene's; offset: estimate its offset instead of the start (phase); both: "
+          "also its rate instead of the speed")
       ->check(CLI::IsMember({"file", "offset", "both"}))
       ->capture_default_str();
   align->add_flag("--json", a->json, "machine-readable output");
   add_examples(*align, {"pecs align recording.raw --scene scenes/rotating_disk -o aligned.json --picture aligned.png",
                         "pecs align detect recording.raw"});
-  align->callback([align, a, &talk] {
-    if (align->get_subcommands().empty()) align_recording(*a, talk);
+  align->callback([align, a, &console] {
+    if (align->get_subcommands().empty()) align_recording(*a, console);
   });
 
   auto d = std::make_shared<DetectArguments>();
   auto* command = align->add_subcommand(
-      "detect", "find a turning disk (centre, rim, speed, phase, sectors) or the points of a moving or blinking board");
+      "detect",
+      "detect a rotating disk (centre, rim, speed, phase, sectors) or the points of a moving or blinking board");
   command->add_option("EVENTS", d->events, "recording, any event format")->required();
   command->add_option("--target", d->board.target, "disk, checkerboard, circles or asymmetric-circles")
       ->capture_default_str();
   add_board_options(*command, d->board);
-  add_output(*command, "-o,--output", d->output, "picture of what was found (PNG)");
+  add_output(*command, "-o,--output", d->output, "picture of the detection (PNG)");
   command->add_flag("--json", d->json, "machine-readable output");
   add_examples(*command, {"pecs align detect recording.raw -o found.png",
                           "pecs align detect recording.raw --target checkerboard --columns 8 --rows 5"});
-  command->callback([d, &talk] { detect(*d, talk); });
+  command->callback([d, &console] { detect(*d, console); });
 
   auto i = std::make_shared<IntrinsicsArguments>();
-  command = align->add_subcommand("intrinsics", "the camera, from views of a board in recordings or pictures");
+  command = align->add_subcommand("intrinsics", "calibrate a camera from views of a board in recordings or pictures");
   command->add_option("INPUT", i->inputs, "recordings (any event format) and pictures of one camera")->required();
   command->add_option("--target", i->board.target, "checkerboard, circles or asymmetric-circles")
       ->capture_default_str();
@@ -383,21 +385,21 @@ void add_align(CLI::App& app, Talk& talk) {
   command->add_option("--radial", i->options.radial, "radial coefficients of a pinhole")
       ->check(CLI::Range(0, 3))
       ->capture_default_str();
-  command->add_flag("--tangential", i->options.tangential, "tangential distortion too");
-  command->add_option("--lens", i->lens.lens, "prescription of a lens (name or file) to compare the distortion with");
-  command->add_option("--focus", i->lens.focus_m, "the lens's object distance (default: infinity)")
+  command->add_flag("--tangential", i->options.tangential, "also tangential distortion");
+  command->add_option("--lens", i->lens.lens, "lens prescription (name or file) to compare the distortion with");
+  command->add_option("--focus", i->lens.focus_m, "object distance of the lens (default: infinity)")
       ->transform(quantity("m"));
-  command->add_option("--stop-diameter", i->lens.stop_diameter_mm, "the lens's (default: wide open)")
+  command->add_option("--stop-diameter", i->lens.stop_diameter_mm, "stop diameter of the lens (default: wide open)")
       ->transform(quantity("mm"));
-  command->add_option("--pixel-pitch", i->lens.pixel_pitch_um, "of the sensor")
+  command->add_option("--pixel-pitch", i->lens.pixel_pitch_um, "pixel pitch of the sensor")
       ->transform(quantity("um"))
       ->capture_default_str();
-  add_output(*command, "-o,--output", i->output, "the camera, a JSON file");
+  add_output(*command, "-o,--output", i->output, "camera (JSON file)");
   add_output(*command, "--picture", i->picture, "coverage map (PNG)");
   command->add_flag("--json", i->json, "machine-readable output");
   add_examples(*command, {"pecs align intrinsics recording.raw --columns 8 --rows 5 -o camera.json",
                           "pecs align intrinsics *.png --columns 8 --rows 5 --lens pecs_lab_15mm --focus 0.5m"});
-  command->callback([i, &talk] { intrinsics(*i, talk); });
+  command->callback([i, &console] { intrinsics(*i, console); });
 }
 
 }  // namespace pecs::app

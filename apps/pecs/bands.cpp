@@ -1,4 +1,4 @@
-// pecs bands: wavelengths to render for a chip, and their weights.
+// pecs bands: chooses wavelengths to render for a chip, and their weights.
 #include <fmt/format.h>
 
 #include "commands.h"
@@ -7,7 +7,7 @@
 #include "units.h"
 
 namespace pecs::app {
-void add_bands(CLI::App& app, Talk&) {
+void add_bands(CLI::App& app, Console&) {
   struct Options {
     std::string chip = "imx636", placement = "gauss", illuminant;
     int n = 6;
@@ -20,11 +20,12 @@ void add_bands(CLI::App& app, Talk&) {
   sub->add_option("-n", o->n, "number of bands")->capture_default_str();
   sub->add_option("--placement", o->placement, "gauss, strata (of equal light, at their medians) or uniform")
       ->capture_default_str();
-  sub->add_option("--illuminant", o->illuminant,
-                  "the lamp: a name of lens_data/spectra, a CSV (wavelength in nm, power), blackbody:T or daylight:T");
-  sub->add_option("--min-wavelength", o->min_nm, "the shortest one (default: where QE and lamp begin)")
+  sub->add_option(
+      "--illuminant", o->illuminant,
+      "lamp: a name from lens_data/spectra, a CSV file (wavelength in nm, power), blackbody:T or daylight:T");
+  sub->add_option("--min-wavelength", o->min_nm, "shortest wavelength (default: where QE and lamp begin)")
       ->transform(quantity("nm"));
-  sub->add_option("--max-wavelength", o->max_nm, "the longest one (default: where QE and lamp end)")
+  sub->add_option("--max-wavelength", o->max_nm, "longest wavelength (default: where QE and lamp end)")
       ->transform(quantity("nm"));
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,

@@ -1,15 +1,15 @@
-// pecs board: targets to print: a checkerboard, a grid of circles, a disk of black and white sectors.
+// pecs board: draws targets to print: a checkerboard, a grid of circles, a disk of black and white sectors.
 #include <fmt/format.h>
 
 #include <charconv>
 #include <memory>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/calibration/board_drawing.h"
 #include "pecs/error.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -32,7 +32,7 @@ Grid parse_grid(const std::string& option, const std::string& text) {
 
 }  // namespace
 
-void add_board(CLI::App& app, Talk& talk) {
+void add_board(CLI::App& app, Console& console) {
   struct Options {
     std::string squares, circles, output;
     double square_mm = 25, spacing_mm = 25, diameter_mm = 0;
@@ -50,15 +50,15 @@ void add_board(CLI::App& app, Talk& talk) {
       ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  sub->add_option("--spacing", o->spacing_mm, "between circles of a row")
+  sub->add_option("--spacing", o->spacing_mm, "distance of the circles in a row")
       ->transform(quantity("mm"))
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
   sub->add_flag("--asymmetric", o->asymmetric, "every other row of circles half a spacing to the right");
-  sub->add_option("--sectors", o->sectors, "sectors of the disk, black and white ones in all; even")
+  sub->add_option("--sectors", o->sectors, "number of sectors of the disk, black and white together; even")
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
-  add_output(*sub, "-o,--output", o->output, "the picture: .svg, .pdf or .png")->required();
+  add_output(*sub, "-o,--output", o->output, "picture: .svg, .pdf or .png")->required();
   sub->add_option("--width", o->width_px, "width of a .png")
       ->transform(quantity("px"))
       ->check(CLI::Range(16, 16384))
@@ -66,9 +66,9 @@ void add_board(CLI::App& app, Talk& talk) {
   add_examples(*sub, {"pecs board --squares 9x6 --square 25mm -o board.pdf",
                       "pecs board --circles 11x4 --asymmetric -o circles.svg",
                       "pecs board --disk 80mm --sectors 4 -o disk.svg"});
-  sub->callback([o, &talk] {
+  sub->callback([o, &console] {
     if (!o->squares.empty() + !o->circles.empty() + (o->diameter_mm > 0) != 1)
-      throw Error(ExitCode::usage, "board: wanted one of --squares, --circles and --disk");
+      throw Error(ExitCode::usage, "board: requires one of --squares, --circles and --disk");
     if (o->sectors % 2)
       throw Error(ExitCode::usage, fmt::format("--sectors: got {}, wanted an even number", o->sectors));
     const auto squares = [&] {
@@ -83,18 +83,18 @@ void add_board(CLI::App& app, Talk& talk) {
                             : !o->circles.empty() ? circles()
                                                   : calibration::draw_disk(o->sectors, o->diameter_mm);
     write_picture(o->output, svg, o->width_px);
-    talk.record(o->output, {.command = "board",
-                            .arguments = arguments(),
-                            .config = {{"squares", o->squares},
-                                       {"square_mm", o->square_mm},
-                                       {"circles", o->circles},
-                                       {"spacing_mm", o->spacing_mm},
-                                       {"asymmetric", o->asymmetric},
-                                       {"disk_mm", o->diameter_mm},
-                                       {"sectors", o->sectors}},
-                            .inputs = {},
-                            .results = Json::object()});
-    fmt::print("{}: print it at 100 %, and measure the line\n", o->output);
+    console.record(o->output, {.command = "board",
+                               .arguments = arguments(),
+                               .config = {{"squares", o->squares},
+                                          {"square_mm", o->square_mm},
+                                          {"circles", o->circles},
+                                          {"spacing_mm", o->spacing_mm},
+                                          {"asymmetric", o->asymmetric},
+                                          {"disk_mm", o->diameter_mm},
+                                          {"sectors", o->sectors}},
+                               .inputs = {},
+                               .results = Json::object()});
+    fmt::print("{}: print it at 100 % and measure the ruler\n", o->output);
   });
 }
 

@@ -7,12 +7,12 @@
 #include <memory>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/calibration/disk.h"
 #include "pecs/events/format.h"
 #include "pecs/view/compare_plot.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -76,7 +76,7 @@ void print_table(const metrics::Comparison& c, const Arguments& a) {
   row("sd of ON + next OFF", or_none(e.real.pair_sd_deg), or_none(e.sim.pair_sd_deg), "");
 }
 
-// "find", or a file that holds what `pecs align detect --json` printed.
+// `from`: "find", or a file with the output of `pecs align detect --json`.
 metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real, const std::string& file) {
   const Json detected =
       from == "find"
@@ -85,23 +85,23 @@ metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real
   return metrics::turning_disk_from({detected, from == "find" ? file : from});
 }
 
-void run(const Arguments& a, Talk& talk) {
+void run(const Arguments& a, Console& console) {
   metrics::CompareOptions options;
   options.normalisation = metrics::normalisation_from(a.normalisation);
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
-  const auto read = [&](const std::string& file, bool whole) {  // no more than is looked at
+  const auto read = [&](const std::string& file, bool whole) {  // reads only the events that are compared
     return whole || !options.window_us ? events::read_all(file)
                                        : events::read_part(file, 0, *options.window_us, options.common_origin);
   };
   events::Stream real = read(a.real, !a.disk.empty()), sim = read(a.sim, false);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);
   const auto comparison = metrics::compare(std::move(real), a.real, std::move(sim), a.sim, options);
-  for (const auto& warning : comparison.warnings) talk.warn(warning);
+  for (const auto& warning : comparison.warnings) console.warn(warning);
   if (!a.picture.empty()) {
     write_picture(a.picture, view::compare_picture(comparison), 1520);
-    talk.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
+    console.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
     fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
@@ -111,34 +111,35 @@ void run(const Arguments& a, Talk& talk) {
 
 }  // namespace
 
-void add_compare(CLI::App& app, Talk& talk) {
+void add_compare(CLI::App& app, Console& console) {
   auto a = std::make_shared<Arguments>();
   auto* command =
       app.add_subcommand("compare", "score a simulation against a real recording (docs/reference/metrics.md)");
   command->add_option("REAL", a->real, "recording, any event format")->required();
   command->add_option("SIM", a->sim, "simulation, same sensor size")->required();
-  command->add_option("--window", a->window_us, "only this much from the origin, e.g. 100ms (default: all)")
+  command->add_option("--window", a->window_us, "duration to compare, from the origin, e.g. 100ms (default: all)")
       ->transform(quantity("us"))
       ->check(positive());
-  command->add_option("--origin", a->origin, "where time starts: each stream's first event, or t = 0 of both")
+  command->add_option("--origin", a->origin, "origin of time: each stream's first event, or t = 0 of both")
       ->check(CLI::IsMember({"first-event", "zero"}))
       ->capture_default_str();
   command
-      ->add_option("--normalisation", a->normalisation,
-                   "shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic "
-                   "behind its tables, integer overflow included)")
+      ->add_option(
+          "--normalisation", a->normalisation,
+          "shared (sensor size and window), eq16 (the paper's equation), paper (the arithmetic of its tables, with "
+          "integer overflow)")
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();
   command->add_option("--seed", a->seed, "seed of the split-half floor")->capture_default_str();
   command->add_option("--disk", a->disk,
-                      "compare the delays behind a turning disk's edges: find (in REAL), or the file that `pecs align "
-                      "detect REAL --json` was written to");
-  add_output(*command, "-o,--picture", a->picture, "rates and delays drawn (SVG, PNG or PDF)");
+                      "compare the delays behind a rotating disk's edges: find (in REAL), or a file with the output of "
+                      "`pecs align detect REAL --json`");
+  add_output(*command, "-o,--picture", a->picture, "picture of rates and delays (SVG, PNG or PDF)");
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs compare recording.raw events.raw",
                           "pecs compare recording.raw events.raw --window 100ms -o scores.svg",
                           "pecs compare recording.raw events.raw --disk find --json"});
-  command->callback([a, &talk] { run(*a, talk); });
+  command->callback([a, &console] { run(*a, console); });
 }
 
 }  // namespace pecs::app

@@ -2,13 +2,13 @@
 #include <fmt/format.h>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/events/select.h"
 #include "pecs/events/summary.h"
 #include "pecs/progress.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -22,7 +22,7 @@ struct Options {
   bool json = false;
 };
 
-// A file may not say its size before it is read: then it is read once for that.
+// Some files state no size: then all events are read to measure it.
 events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
   auto reader = codec.open_reader(o.in);
   events::StreamInfo info = reader->info();
@@ -40,7 +40,7 @@ events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
 
 Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
 
-void convert(const Options& o, Talk& talk) {
+void convert(const Options& o, Console& console) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
   events::Selector selector(o.selection);
@@ -49,7 +49,7 @@ void convert(const Options& o, Talk& talk) {
   const auto writer = to.open_writer(o.out, info);
 
   events::Summary read, written;
-  Progress progress("events", 0, talk.quiet());
+  Progress progress("events", 0, console.quiet());
   std::vector<events::Event> block;
   for (;;) {
     block.resize(1 << 16);
@@ -71,16 +71,16 @@ void convert(const Options& o, Talk& talk) {
   results["height"] = info.height;
   results["format"] = to.name;
   const events::Selection& s = o.selection;
-  talk.record(o.out, {.command = "convert",
-                      .arguments = arguments(),
-                      .config = {{"input_format", from.name},
-                                 {"format", to.name},
-                                 {"t_start_us", optional_json(s.t_start_us)},
-                                 {"t_end_us", optional_json(s.t_end_us)},
-                                 {"rezero", s.rezero},
-                                 {"decimate", s.decimate}},
-                      .inputs = {o.in},
-                      .results = results});
+  console.record(o.out, {.command = "convert",
+                         .arguments = arguments(),
+                         .config = {{"input_format", from.name},
+                                    {"format", to.name},
+                                    {"t_start_us", optional_json(s.t_start_us)},
+                                    {"t_end_us", optional_json(s.t_end_us)},
+                                    {"rezero", s.rezero},
+                                    {"decimate", s.decimate}},
+                         .inputs = {o.in},
+                         .results = results});
   if (o.json)
     fmt::print("{}\n", text_of(results));
   else
@@ -90,16 +90,16 @@ void convert(const Options& o, Talk& talk) {
 
 }  // namespace
 
-void add_convert(CLI::App& app, Talk& talk) {
+void add_convert(CLI::App& app, Console& console) {
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("convert", "an event file in another format, whole or in part");
+  CLI::App* sub = app.add_subcommand("convert", "convert an event file to another format, whole or in part");
   sub->add_option("IN", o->in, "event file")->required();
-  add_output(*sub, "OUT", o->out, "event file to write; its extension says the format")->required();
+  add_output(*sub, "OUT", o->out, "event file to write; its extension selects the format")->required();
   std::string names;
   for (const events::Codec& c : events::codecs())
     if (c.open_writer) names += fmt::format("\n{} ({}): {}", c.name, c.extensions.front(), c.description);
   sub->add_option("--format", o->format, "format of OUT, one of:" + names);
-  sub->add_option("--input-format", o->input_format, "format of IN, when its content does not say");
+  sub->add_option("--input-format", o->input_format, "format of IN, if it cannot be detected");
   sub->add_option("--t-start", o->selection.t_start_us, "keep events from this time of IN on")
       ->transform(quantity("us"));
   sub->add_option("--t-end", o->selection.t_end_us, "keep events before this time of IN")->transform(quantity("us"));
@@ -108,14 +108,14 @@ void add_convert(CLI::App& app, Talk& talk) {
                   "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "
                   "coarser grid")
       ->check(CLI::Range(1, 1024));
-  sub->add_option("--size", o->size, "width and height of IN in pixels, when it does not say (else measured)")
+  sub->add_option("--size", o->size, "width and height of IN in pixels, if it states none (default: measured)")
       ->expected(2)
       ->check(CLI::Range(1, 65536));
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,
                {"pecs convert events.raw events.h5", "pecs convert events.raw part.csv --t-start 20ms --t-end 40ms",
                 "pecs convert events.txt events.npz --input-format e2vid"});
-  sub->callback([o, &talk] { convert(*o, talk); });
+  sub->callback([o, &console] { convert(*o, console); });
 }
 
 }  // namespace pecs::app

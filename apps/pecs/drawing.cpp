@@ -26,7 +26,7 @@ struct Drawing {
     gboolean has_box = FALSE;
     if (handle) rsvg_handle_get_intrinsic_dimensions(handle.get(), nullptr, nullptr, nullptr, nullptr, &has_box, &box);
     g_clear_error(&error);
-    if (!handle || !has_box) throw Error(ExitCode::internal, "a drawing that librsvg cannot read");
+    if (!handle || !has_box) throw Error(ExitCode::internal, "librsvg cannot read the drawing");
   }
 };
 
@@ -50,7 +50,7 @@ std::string drawn_as_pdf(const std::string& svg) {
                           &cairo_surface_destroy);
     const Cairo cairo(cairo_create(surface.get()), &cairo_destroy);
     if (!rsvg_handle_render_document(drawing.handle.get(), cairo.get(), &page, nullptr))
-      throw Error(ExitCode::internal, "no drawing of a page");
+      throw Error(ExitCode::internal, "librsvg cannot draw the page");
     cairo_show_page(cairo.get());
     cairo_surface_finish(surface.get());
   }
@@ -67,7 +67,7 @@ std::string drawn_as_png(const std::string& svg, int width_px) {
   std::string png;
   if (!rsvg_handle_render_document(drawing.handle.get(), cairo.get(), &viewport, nullptr) ||
       cairo_surface_write_to_png_stream(surface.get(), append, &png) != CAIRO_STATUS_SUCCESS)
-    throw Error(ExitCode::internal, fmt::format("no drawing of {} x {} pixels", width_px, height_px));
+    throw Error(ExitCode::internal, fmt::format("librsvg cannot draw {} x {} pixels", width_px, height_px));
   return png;
 }
 

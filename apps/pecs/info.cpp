@@ -1,4 +1,4 @@
-// pecs info: what an event file or an EXR stack holds.
+// pecs info: prints the properties of an event file or an EXR stack.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -29,7 +29,7 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
   return out;
 }
 
-// Bands with the range of their values in the first frame, times, and what stack.json says about the render.
+// Bands with the range of their values in the first frame, times, and the render's description in stack.json.
 Json stack_info(const std::string& path, std::optional<double> fps) {
   const sensor::StackReader stack(path, {fps, {}});
   const sensor::StackInfo& info = stack.info();
@@ -41,7 +41,7 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
     double sum = 0, low = *first, high = *first;
     for (auto v = first; v != first + plane; ++v) {
       sum += *v;
-      low = std::fmin(low, *v);  // NaN counts for neither
+      low = std::fmin(low, *v);  // ignores NaN
       high = std::fmax(high, *v);
     }
     bands.push_back({{"lambda_nm", info.bands[b].lambda_nm},
@@ -74,7 +74,7 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
   return out;
 }
 
-// What the renderer was asked for: of a .blend on the median surface in view, of a scene folder on its target.
+// Illuminance of the render: of a .blend on the median visible surface, of a scene folder on its target.
 std::optional<double> lux_of(const Json& stack) {
   for (const char* place : {"/render/lux", "/scene/parameters/illuminance_lux"})
     if (const Json::json_pointer key(place); stack.contains(key) && stack[key].is_number()) return stack[key];
@@ -118,12 +118,12 @@ void print(const std::string& path, const Json& info) {
     fmt::print("mean rate    {:.4g} events/s\n", info["event_rate_hz"].get<double>());
   if (!info["event_rate_per_pixel_hz"].is_null())
     fmt::print("             {:.4g} events/s per pixel\n", info["event_rate_per_pixel_hz"].get<double>());
-  if (const auto n = info["time_reversals"].get<std::uint64_t>(); n > 0) fmt::print("time goes back {} times\n", n);
+  if (const auto n = info["time_reversals"].get<std::uint64_t>(); n > 0) fmt::print("decreasing timestamps: {}\n", n);
 }
 
 }  // namespace
 
-void add_info(CLI::App& app, Talk&) {
+void add_info(CLI::App& app, Console&) {
   struct Options {
     std::string path;
     std::optional<std::string> format;
@@ -131,9 +131,9 @@ void add_info(CLI::App& app, Talk&) {
     bool json = false;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("info", "what an event file or an EXR stack holds");
+  CLI::App* sub = app.add_subcommand("info", "print the properties of an event file or an EXR stack");
   sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
-  sub->add_option("--format", o->format, "format of FILE, when its content does not say");
+  sub->add_option("--format", o->format, "format of FILE, if it cannot be detected");
   sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")
       ->transform(quantity("Hz"))
       ->check(positive());

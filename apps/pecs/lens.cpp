@@ -1,4 +1,4 @@
-// pecs lens info|trace|draw: the lens room's answers on the command line.
+// pecs lens: properties, ray tracing, conversion and drawings of lens prescriptions.
 #include <fmt/format.h>
 
 #include <cstdio>
@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -15,13 +16,12 @@
 #include "pecs/lens/report.h"
 #include "pecs/lens/trace_csv.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
 namespace {
 
-// What every lens command asks for.
+// Options of all lens commands.
 struct LensArguments {
   std::string lens;
   std::optional<double> focus_m;
@@ -36,8 +36,7 @@ struct LensArguments {
         ->check(CLI::Range(16, 16384));
   }
   void add_to(CLI::App& command) {
-    command.add_option("LENS", lens, "a prescription (lens_data/SCHEMA.md), or the name of one of lens_data/lenses")
-        ->required();
+    command.add_option("LENS", lens, "prescription (lens_data/SCHEMA.md), or a name from lens_data/lenses")->required();
   }
   void add_state_to(CLI::App& command) {
     command.add_option("--focus", focus_m, "object distance from the entrance pupil (default: infinity)")
@@ -112,7 +111,7 @@ void add_lens_info(CLI::App& parent) {
     lens::InfoOptions info;
   };
   const auto o = std::make_shared<Options>();
-  CLI::App* command = parent.add_subcommand("info", "focal lengths, f-number, pupils, field of view");
+  CLI::App* command = parent.add_subcommand("info", "print focal lengths, f-number, pupils, field of view");
   o->add_to(*command);
   o->add_state_to(*command);
   add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
@@ -139,14 +138,14 @@ void add_lens_info(CLI::App& parent) {
   });
 }
 
-void add_lens_pupil(CLI::App& parent, Talk& talk) {
+void add_lens_pupil(CLI::App& parent, Console& console) {
   struct Options : LensArguments {
     lens::InfoOptions info;
     std::string output;
   };
   const auto o = std::make_shared<Options>();
   CLI::App* command =
-      parent.add_subcommand("pupil", "the pupil over the film radius: covering ellipse, exact area, irradiance");
+      parent.add_subcommand("pupil", "print the pupil over the film radius: covering ellipse, exact area, irradiance");
   o->add_to(*command);
   o->add_state_to(*command);
   add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
@@ -156,7 +155,7 @@ void add_lens_pupil(CLI::App& parent, Talk& talk) {
   o->add_width_to(*command);
   command->add_flag("--json", o->json, "machine-readable output");
   add_examples(*command, {"pecs lens pupil pecs_lab_15mm --fnumber 4 -o pupils.svg"});
-  command->callback([o, &talk] {
+  command->callback([o, &console] {
     o->info.focus_m = o->focus_m;
     o->info.stop = o->stop;
     const lens::Prescription prescription = lens::load_prescription(o->lens);
@@ -168,11 +167,11 @@ void add_lens_pupil(CLI::App& parent, Talk& talk) {
                     o->width_px);
       Json results = report;
       results.erase("pupil");
-      talk.record(o->output, {.command = "lens pupil",
-                              .arguments = arguments(),
-                              .config = results,
-                              .inputs = {prescription.file},
-                              .results = Json::object()});
+      console.record(o->output, {.command = "lens pupil",
+                                 .arguments = arguments(),
+                                 .config = results,
+                                 .inputs = {prescription.file},
+                                 .results = Json::object()});
     }
     if (o->json) {
       fmt::print("{}\n", text_of(report, 2));
@@ -191,23 +190,23 @@ void add_lens_pupil(CLI::App& parent, Talk& talk) {
   });
 }
 
-void add_lens_convert(CLI::App& parent, Talk& talk) {
+void add_lens_convert(CLI::App& parent, Console& console) {
   struct Options : LensArguments {
     std::string output;
     double lambda_nm = lens::kLambdaD;
   };
   const auto o = std::make_shared<Options>();
   CLI::App* command =
-      parent.add_subcommand("convert", "Zemax .zmx or pbrt .dat to our JSON, or any lens to pbrt's .dat");
+      parent.add_subcommand("convert", "convert Zemax .zmx or pbrt .dat to JSON, or any lens to pbrt's .dat");
   o->add_to(*command);
-  add_output(*command, "-o,--output", o->output, "the new file: .json, or .dat for pbrt")->required();
+  add_output(*command, "-o,--output", o->output, "file to write: .json, or .dat for pbrt")->required();
   add_wavelength(*command, o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
   command->add_option("--focus", o->focus_m, "focus of pbrt's film distance (default: infinity)")
       ->transform(quantity("m"));
   add_examples(*command, {"pecs lens convert lens.zmx -o lens.json",
                           "pecs lens convert pecs_lab_15mm -o lens.dat --wavelength 550nm"});
-  command->callback([o, &talk] {
-    const lens::Prescription prescription = lens::load_prescription(o->lens);  // what we cannot use, we do not convert
+  command->callback([o, &console] {
+    const lens::Prescription prescription = lens::load_prescription(o->lens);  // validates the lens
     std::string text;
     if (o->output.ends_with(".json")) {
       text = text_of(lens::load_lens_json(o->lens), 1) + "\n";
@@ -215,16 +214,16 @@ void add_lens_convert(CLI::App& parent, Talk& talk) {
       const double bands[] = {o->lambda_nm};
       text = lens::export_pbrt(prescription, o->lambda_nm, lens::best_focus(prescription, bands, o->focus_m).film_z_mm);
     } else {
-      throw Error(ExitCode::usage, o->output + ": got another ending, wanted .json or .dat");
+      throw Error(ExitCode::usage, o->output + ": unknown extension; use .json or .dat");
     }
     AtomicFile file(o->output);
     file.write(text);
     file.commit();
-    talk.record(o->output, {.command = "lens convert",
-                            .arguments = arguments(),
-                            .config = {{"lambda_nm", o->lambda_nm}},
-                            .inputs = {prescription.file},
-                            .results = Json::object()});
+    console.record(o->output, {.command = "lens convert",
+                               .arguments = arguments(),
+                               .config = {{"lambda_nm", o->lambda_nm}},
+                               .inputs = {prescription.file},
+                               .results = Json::object()});
   });
 }
 
@@ -236,11 +235,11 @@ void add_lens_trace(CLI::App& parent) {
   };
   const auto o = std::make_shared<Options>();
   CLI::App* command = parent.add_subcommand(
-      "trace", "rays from stdin through the lens: x,y,z,dx,dy,dz in mm, first vertex z = 0, +z from object to film");
+      "trace", "trace rays from stdin: x,y,z,dx,dy,dz in mm, first vertex z = 0, +z from object to film");
   o->add_to(*command);
   o->add_stop_to(*command);
   add_wavelength(*command, o->lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--to-z", o->to_z_mm, "plane on which the traced rays are given")
+  command->add_option("--to-z", o->to_z_mm, "plane in which the traced rays are printed")
       ->transform(quantity("mm"))
       ->required();
   command->add_flag("--no-clip", o->no_clip, "ignore stop and housing");
@@ -255,8 +254,8 @@ void add_lens_trace(CLI::App& parent) {
   });
 }
 
-// draw: the section alone; chart: a sheet with all curves.
-void add_lens_picture(CLI::App& parent, Talk& talk, const std::string& name, const std::string& help,
+// draw: a section of the lens; chart: a sheet with all curves.
+void add_lens_picture(CLI::App& parent, Console& console, const std::string& name, const std::string& help,
                       std::string (*picture)(const lens::Prescription&, const lens::DrawOptions&)) {
   struct Options : LensArguments {
     lens::DrawOptions draw;
@@ -266,13 +265,13 @@ void add_lens_picture(CLI::App& parent, Talk& talk, const std::string& name, con
   CLI::App* command = parent.add_subcommand(name, help);
   o->add_to(*command);
   o->add_state_to(*command);
-  add_output(*command, "-o,--output", o->output, "the picture, .svg or .png")->required();
+  add_output(*command, "-o,--output", o->output, "picture: .svg or .png")->required();
   o->add_width_to(*command);
   add_wavelength(*command, o->draw.bands_nm, "wavelengths, separated by commas")->delimiter(',')->capture_default_str();
-  command->add_option("--film-half-diagonal", o->draw.film_half_diagonal_mm, "of the film")
+  command->add_option("--film-half-diagonal", o->draw.film_half_diagonal_mm, "half diagonal of the film")
       ->transform(quantity("mm"))
       ->capture_default_str();
-  command->add_option("--fields", o->draw.fields, "film points, parts of the half diagonal")
+  command->add_option("--fields", o->draw.fields, "film points, as fractions of the half diagonal")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--rays", o->draw.rays_per_fan, "rays per field and wavelength")
@@ -282,37 +281,37 @@ void add_lens_picture(CLI::App& parent, Talk& talk, const std::string& name, con
   const std::string other =
       fmt::format("pecs lens {0} pecs_lab_15mm -o {0}.png --width 1200px --fnumber 5.6 --wavelength 450nm,550nm", name);
   add_examples(*command, {example.c_str(), other.c_str()});
-  command->callback([o, &talk, name, picture] {
+  command->callback([o, &console, name, picture] {
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
     write_picture(o->output, picture(prescription, o->draw), o->width_px);
-    talk.record(o->output, {.command = "lens " + name,
-                            .arguments = arguments(),
-                            .config = {{"lambda_nm", o->draw.bands_nm},
-                                       {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
-                                       {"stop_diameter_mm", o->draw.stop_diameter_mm},
-                                       {"fields", o->draw.fields},
-                                       {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
-                                       {"rays", o->draw.rays_per_fan}},
-                            .inputs = {prescription.file},
-                            .results = Json::object()});
+    console.record(o->output, {.command = "lens " + name,
+                               .arguments = arguments(),
+                               .config = {{"lambda_nm", o->draw.bands_nm},
+                                          {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
+                                          {"stop_diameter_mm", o->draw.stop_diameter_mm},
+                                          {"fields", o->draw.fields},
+                                          {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
+                                          {"rays", o->draw.rays_per_fan}},
+                               .inputs = {prescription.file},
+                               .results = Json::object()});
   });
 }
 
 }  // namespace
 
-void add_lens(CLI::App& app, Talk& talk) {
-  CLI::App* command = app.add_subcommand("lens", "prescriptions: first-order data, ray tracing, drawings");
+void add_lens(CLI::App& app, Console& console) {
+  CLI::App* command = app.add_subcommand("lens", "lens prescriptions: first-order data, ray tracing, drawings");
   command->require_subcommand(1);
   add_examples(*command, {"pecs lens info pecs_lab_15mm", "pecs lens draw pecs_lab_15mm -o lens.svg"});
   add_lens_info(*command);
   add_lens_trace(*command);
-  add_lens_pupil(*command, talk);
-  add_lens_convert(*command, talk);
-  add_lens_picture(*command, talk, "draw", "the lens in section with its rays, as SVG or PNG", lens::draw_svg);
-  add_lens_picture(*command, talk, "chart",
-                   "section, spots, illumination, distortion, lateral colour and MTF on one sheet, SVG or PNG",
+  add_lens_pupil(*command, console);
+  add_lens_convert(*command, console);
+  add_lens_picture(*command, console, "draw", "draw a section of the lens with rays, as SVG or PNG", lens::draw_svg);
+  add_lens_picture(*command, console, "chart",
+                   "draw section, spots, illumination, distortion, lateral colour and MTF on one sheet, SVG or PNG",
                    lens::chart_svg);
 }
 

@@ -1,10 +1,10 @@
 #include <fmt/format.h>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/program.h"
-#include "talk.h"
 #include "usage.h"
 
 namespace pecs::app {
@@ -24,17 +24,17 @@ int run(int argc, char** argv) {
                      "pecs view events.raw -o events.png           # and a picture of them",
                      "pecs --version --verbose                     # for a bug report"});
   add_version(app);
-  Talk talk;
-#define PECS_ADD(name) add_##name(app, talk);
+  Console console;
+#define PECS_ADD(name) add_##name(app, console);
   PECS_COMMANDS(PECS_ADD)
 #undef PECS_ADD
-  talk.add_to(app);
+  console.add_to(app);
   check_options(app);
   format_help(app);
   try {
     check_commands(app, argc, argv);
     app.parse(argc, argv);
-    talk.end(app);
+    console.end(app);
   } catch (const CLI::Success& e) {  // --help, --version
     return app.exit(e);
   } catch (const CLI::ParseError& e) {

@@ -1,4 +1,4 @@
-// What a build without librsvg has in place of drawing.cpp.
+// Replaces drawing.cpp in a build without librsvg.
 #include "drawing.h"
 #include "pecs/error.h"
 
@@ -7,7 +7,7 @@ namespace {
 
 [[noreturn]] void refuse() {
   throw Error(ExitCode::usage,
-              "-o: this build writes drawings as .svg only (it lacks librsvg); a browser shows and prints them");
+              "-o: this build has no librsvg and writes drawings as .svg only; a browser displays and prints them");
 }
 
 }  // namespace

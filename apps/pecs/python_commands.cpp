@@ -8,8 +8,8 @@
 #include <filesystem>
 
 #include "commands.h"
+#include "console.h"
 #include "pecs/error.h"
-#include "talk.h"
 
 namespace pecs::app {
 namespace {
@@ -45,15 +45,16 @@ std::string python(const char* variable, const std::filesystem::path& program) {
 }
 
 // Replaces this process. The module finds this program by PECS_PROGRAM.
-[[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments, const Talk& talk) {
+[[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments,
+                          const Console& console) {
   std::error_code error;
   const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
   if (!error) setenv("PECS_PROGRAM", self.c_str(), 0);
   const std::string program = python(command.variable, self);
   std::vector<std::string> words = {program, "-m"};
   words.insert(words.end(), command.words.begin(), command.words.end());
-  if (talk.quiet()) words.emplace_back("--quiet");
-  if (talk.verbose()) words.emplace_back("--verbose");
+  if (console.quiet()) words.emplace_back("--quiet");
+  if (console.verbose()) words.emplace_back("--verbose");
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> pointers;
   pointers.reserve(words.size() + 1);
@@ -66,12 +67,12 @@ std::string python(const char* variable, const std::filesystem::path& program) {
 
 }  // namespace
 
-void add_python(CLI::App& app, Talk& talk) {
+void add_python(CLI::App& app, Console& console) {
   for (const PythonCommand& command : kCommands) {
     CLI::App* sub = app.add_subcommand(command.name, command.help);
     sub->prefix_command();
     sub->set_help_flag();  // Python's
-    sub->callback([sub, &talk, &command] { execute(command, sub->remaining(), talk); });
+    sub->callback([sub, &console, &command] { execute(command, sub->remaining(), console); });
   }
 }
 

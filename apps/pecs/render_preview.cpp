@@ -1,4 +1,4 @@
-// pecs render-preview STACK -o FILE: a rendered stack as the eye would see it, or one band in false colour.
+// pecs render-preview STACK -o FILE: a rendered stack in the colours of human vision, or one band in false colour.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -11,6 +11,7 @@
 #include <span>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -20,7 +21,6 @@
 #include "pecs/sensor/stack.h"
 #include "pecs/view/band_colours.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -37,7 +37,7 @@ struct Arguments {
 
 using Triple = std::array<double, 3>;
 
-// That of the lamps: asked for, or what stack.json says of the scene, or d65.
+// The illuminant of the options, of the scene in stack.json, or d65.
 std::string illuminant_of(const Arguments& a) {
   if (!a.illuminant.empty()) return a.illuminant;
   const auto file = std::filesystem::path(a.stack) / "stack.json";
@@ -62,7 +62,7 @@ std::vector<float> pixels_of(const sensor::StackReader& stack, std::int64_t inde
   return values;
 }
 
-// What is shown of a frame: three planes (colour) or one (a band), linear.
+// A frame in linear light: three planes (colour) or one (a band).
 cv::Mat linear_picture(const sensor::StackReader& stack, std::int64_t index, const std::vector<Triple>& rgb,
                        std::optional<std::size_t> band) {
   const sensor::StackInfo& info = stack.info();
@@ -77,7 +77,7 @@ cv::Mat linear_picture(const sensor::StackReader& stack, std::int64_t index, con
   return picture;
 }
 
-// The 99th percentile of the brightest channel: a lamp in view does not darken the rest.
+// The 99th percentile of the brightest channel, so that a visible lamp does not darken the rest.
 double white_level(const cv::Mat& picture) {
   std::vector<float> top;
   const int channels = picture.channels();
@@ -108,7 +108,7 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
 
-void run(const Arguments& a, Talk& talk) {
+void run(const Arguments& a, Console& console) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4")
@@ -140,7 +140,7 @@ void run(const Arguments& a, Talk& talk) {
     write_png(a.output, to_display(picture, scale, encode));
   } else {
     PartialFile partial(output);
-    // OpenCV takes the container from the extension, so the unfinished file keeps it. H.264 wants even sizes.
+    // OpenCV derives the container from the extension, so the partial file has the same one. H.264 requires even sizes.
     const std::filesystem::path unfinished = output.parent_path() / ("." + output.stem().string() + ".partial.mp4");
     const cv::Rect even(0, 0, picture.cols / 2 * 2, picture.rows / 2 * 2);
     cv::VideoWriter video;
@@ -150,7 +150,7 @@ void run(const Arguments& a, Talk& talk) {
                  a.fps, even.size());
     }
     if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (disk, FFmpeg?)");
-    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || talk.quiet());
+    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || console.quiet());
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
       video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
       progress.at(static_cast<std::uint64_t>(i + 1));
@@ -167,11 +167,11 @@ void run(const Arguments& a, Talk& talk) {
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
                        {"display", text_or_null(a.display.display)},
                        {"view", text_or_null(a.display.view)}};
-  talk.record(output, {.command = "render-preview",
-                       .arguments = arguments(),
-                       .config = config,
-                       .inputs = {a.stack},
-                       .results = result});
+  console.record(output, {.command = "render-preview",
+                          .arguments = arguments(),
+                          .config = config,
+                          .inputs = {a.stack},
+                          .results = result});
   if (a.json)
     fmt::print("{}\n", text_of(result, 2));
   else
@@ -180,26 +180,28 @@ void run(const Arguments& a, Talk& talk) {
 
 }  // namespace
 
-void add_render_preview(CLI::App& app, Talk& talk) {
+void add_render_preview(CLI::App& app, Console& console) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("render-preview", "a rendered stack as a picture (.png) or video (.mp4)");
+  auto* command = app.add_subcommand("render-preview", "convert a rendered stack to a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
-  add_output(*command, "-o,--output", a->output, "what to write; the ending chooses")->required();
-  command->add_option("--frame", a->frame, "png: which frame")
+  add_output(*command, "-o,--output", a->output, "file to write: .png or .mp4")->required();
+  command->add_option("--frame", a->frame, "png: frame to show")
       ->check(CLI::Range(0, 100'000'000))
       ->capture_default_str();
-  command->add_option("--exposure", a->exposure_ev, "how much brighter than with 1 % of the first frame white")
+  command->add_option("--exposure", a->exposure_ev, "exposure, relative to one that saturates 1 % of the first frame")
       ->transform(quantity("EV"))
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
-  command->add_option("--illuminant", a->illuminant,
-                      "under which white is neutral: a name of lens_data/spectra, a CSV, blackbody:T or daylight:T "
-                      "(default: the scene's, as stack.json says, or d65)");
+  command->add_option(
+      "--illuminant", a->illuminant,
+      "illuminant of the white point: a name from lens_data/spectra, a CSV file, blackbody:T or daylight:T "
+      "(default: that of the scene in stack.json, or d65)");
   auto* view =
       command->add_option("--view", a->display.view, "view transform of an OpenColorIO config (default: sRGB)");
-  auto* display = command->add_option("--display", a->display.display, "display of that config (default: its own)");
+  auto* display =
+      command->add_option("--display", a->display.display, "display of that config (default: that of the config)");
   auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
-  command->add_option("--band", a->band_nm, "the nearest band alone, in false colour (default: colour)")
+  command->add_option("--band", a->band_nm, "show only the nearest band, in false colour (default: colour)")
       ->transform(quantity("nm"))
       ->check(CLI::Range(100.0, 10000.0))
       ->excludes(view)
@@ -213,7 +215,7 @@ void add_render_preview(CLI::App& app, Talk& talk) {
   add_examples(*command, {"pecs render-preview out/stack -o first.png --exposure 1EV",
                           "pecs render-preview out/stack -o stack.mp4 --fps 24",
                           "pecs render-preview out/stack -o blue.png --band 450nm"});
-  command->callback([a, &talk] { run(*a, talk); });
+  command->callback([a, &console] { run(*a, console); });
 }
 
 }  // namespace pecs::app

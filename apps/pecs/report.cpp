@@ -1,13 +1,12 @@
-// pecs report: one page about a simulation, its render and its recording.
-#include "pecs/view/report.h"
-
+// pecs report: a page about a simulation, its render and its recording.
 #include <fmt/format.h>
 
 #include <memory>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
-#include "talk.h"
+#include "pecs/view/report_page.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -19,7 +18,7 @@ struct Arguments {
   bool json = false;
 };
 
-void run(const Arguments& a, Talk& talk) {
+void run(const Arguments& a, Console& console) {
   view::ReportInputs inputs;
   std::vector<std::filesystem::path> files;
   const auto take = [&](const std::string& text, std::optional<std::filesystem::path>& into) {
@@ -33,9 +32,9 @@ void run(const Arguments& a, Talk& talk) {
   take(a.lens_svg, inputs.lens_svg);
   if (a.window_us > 0) inputs.compare.window_us = std::llround(a.window_us);
 
-  const Json summary = view::write_report(inputs, a.output);
+  const Json summary = view::write_report_page(inputs, a.output);
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
-  talk.record(a.output, {"report", arguments(), config, files, summary});
+  console.record(a.output, {"report", arguments(), config, files, summary});
   if (a.json)
     fmt::print("{}\n", text_of(summary, 2));
   else
@@ -44,21 +43,22 @@ void run(const Arguments& a, Talk& talk) {
 
 }  // namespace
 
-void add_report(CLI::App& app, Talk& talk) {
+void add_report(CLI::App& app, Console& console) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("report", "one HTML page: render, lens, events beside a recording, scores");
+  auto* command =
+      app.add_subcommand("report", "write an HTML page: render, lens, simulated and recorded events, scores");
   command->add_option("--real", a->real, "recording");
-  command->add_option("--sim", a->sim, "simulated events (their .run.json is read too)");
-  command->add_option("--stack", a->stack, "folder of the EXR stack they were made from");
-  command->add_option("--lens-svg", a->lens_svg, "drawing of the lens, from `pecs lens draw`");
-  command->add_option("--window", a->window_us, "score only this much from each stream's first event, e.g. 100ms")
+  command->add_option("--sim", a->sim, "simulated events, with their .run.json");
+  command->add_option("--stack", a->stack, "EXR stack of the simulation");
+  command->add_option("--lens-svg", a->lens_svg, "drawing of the lens by `pecs lens draw`");
+  command->add_option("--window", a->window_us, "duration to score, from each stream's first event, e.g. 100ms")
       ->transform(quantity("us"))
       ->check(positive());
   add_output(*command, "-o,--output", a->output, "HTML file to write")->required();
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs report --sim events.raw --stack out/stack -o report.html",
                           "pecs report --real recording.raw --sim events.raw --window 100ms -o report.html"});
-  command->callback([a, &talk] { run(*a, talk); });
+  command->callback([a, &console] { run(*a, console); });
 }
 
 }  // namespace pecs::app

@@ -7,11 +7,11 @@
 #include <charconv>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/input/live.h"
 #include "pecs/sensor/sense_options.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -37,28 +37,28 @@ struct Options : sensor::SenseOptions {
   input::LiveOptions live;
   std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
-  const CLI::Option *seconds = nullptr, *shown = nullptr;  // have no meaning but with --view
+  const CLI::Option *seconds = nullptr, *shown = nullptr;  // valid only with --view
 };
 
 bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
 
 void add_frames(CLI::App* sub, Options* o) {
-  sub->add_option("--fps", o->times.fps, "frames per second, for frames without times of their own")
+  sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
       ->transform(quantity("Hz"))
       ->check(positive());
-  sub->add_option("--times", o->times.file_us, "text file of the frames' times, one in us a line");
-  sub->add_option(
-      "--colorspace", o->colour_space,
-      "colours of pictures and video: srgb (default of integers), linear (of floats), or a space of the OCIO config");
+  sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line in us");
+  sub->add_option("--colorspace", o->colour_space,
+                  "colour space of pictures and video: srgb (default for integers), linear (for floats), or one of the "
+                  "OCIO config");
   sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
   sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
       ->transform(quantity("A"))
       ->check(positive());
-  sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share in the light (Eq. 8-11)")
+  sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share of the light (Eq. 8-11)")
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
-  sub->add_flag("!--no-motion", o->motion, "frames alone, without the stack's layer motion between them");
+  sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
   sub->add_option("--fnumber", o->light.fnumber, "f-number of the lens, for a stack of radiance")->check(positive());
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
@@ -67,17 +67,18 @@ void add_frames(CLI::App* sub, Options* o) {
 
 void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
-  sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (repeatable)")
+  sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (once per key)")
       ->allow_extra_args(false);
-  sub->add_flag("--no-noise", o->no_noise, "without photon noise, leak, background events and mismatch");
+  sub->add_flag("--no-noise", o->no_noise, "disable photon noise, leak, background events and mismatch");
   sub->add_option("--seed", o->seed, "seed of all random numbers")->capture_default_str();
-  sub->add_option("--threads", o->threads, "0: all; the events do not depend on it")
+  sub->add_option("--threads", o->threads, "number of threads, 0: all; the events do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   sub->add_option("--model", o->model.name,
-                  fmt::format("pixel: {}; all but pecs are other simulators'", fmt::join(sensor::model_names(), ", ")))
+                  fmt::format("pixel model: {}; all but pecs are models of other simulators",
+                              fmt::join(sensor::model_names(), ", ")))
       ->capture_default_str();
-  sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the other simulator's model (repeatable)")
+  sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of another simulator's model (once per key)")
       ->allow_extra_args(false);
   sub->add_option("--white", o->white_a, "photocurrent of white, for the other models (default: first frame's 99.5 %)")
       ->transform(quantity("A"))
@@ -85,16 +86,17 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
-  add_output(*sub, "--labels", o->labels, "NPY file for each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
+  add_output(*sub, "--labels", o->labels, "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
 }
 
 void add_window(CLI::App* sub, Options* o) {
-  sub->add_option("--warmup-loops", o->window.warmup_loops, "loops of a periodic stack before the output begins")
+  sub->add_option("--warmup-loops", o->window.warmup_loops,
+                  "loops of a periodic stack to simulate before the output starts")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--start", o->window.start_us, "output begins this long after the start (or the warm-up)")
+  sub->add_option("--start", o->window.start_us, "start of the output, from the first frame or the end of the warm-up")
       ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
-  sub->add_option("--duration", o->window.duration_us, "length of the output; a periodic stack is looped for it")
+  sub->add_option("--duration", o->window.duration_us, "duration of the output; a periodic stack is looped")
       ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
@@ -109,18 +111,19 @@ void add_live(CLI::App* sub, Options* o) {
           },
           "camera[:N]|video"));
   sub->add_flag("--view", o->view,
-                "live: frame by frame from a video or camera, events on screen, or without display to OUTPUT.mp4");
-  o->seconds =
-      sub->add_option("--run-time", o->live.seconds, "end of a live run")->transform(quantity("s"))->check(positive());
-  o->shown = sub->add_option("--window", o->live.picture_us, "time of the events shown together")
+                "live simulation of a video or camera, with events on screen or, without a display, in OUTPUT.mp4");
+  o->seconds = sub->add_option("--run-time", o->live.seconds, "duration of a live run")
+                   ->transform(quantity("s"))
+                   ->check(positive());
+  o->shown = sub->add_option("--window", o->live.picture_us, "duration of the events in one picture")
                  ->transform(quantity("us"))
                  ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
                  ->capture_default_str();
 }
 
-// What the words say, in numbers; throws usage for those that do not go together.
-void resolve(Options& o, const Talk& talk) {
-  o.quiet = talk.quiet();
+// Converts option texts to values; throws usage for conflicting options.
+void resolve(Options& o, const Console& console) {
+  o.quiet = console.quiet();
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
   for (const std::string& text : o.parameters) {
@@ -129,13 +132,15 @@ void resolve(Options& o, const Talk& talk) {
   }
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
-  if (o.live_source && !o.view) throw Error(ExitCode::usage, fmt::format("--source {}: got no --view", *o.live_source));
+  if (o.live_source && !o.view)
+    throw Error(ExitCode::usage, fmt::format("--source {}: valid only with --view", *o.live_source));
   for (const CLI::Option* live : {o.seconds, o.shown})
-    if (live->count() && !o.view) throw Error(ExitCode::usage, fmt::format("{}: got no --view", live->get_name()));
+    if (live->count() && !o.view)
+      throw Error(ExitCode::usage, fmt::format("{}: valid only with --view", live->get_name()));
   if (camera != o.stack.empty())
-    throw Error(ExitCode::usage, camera ? fmt::format("{}: got an input beside --source {}, wanted one of them",
+    throw Error(ExitCode::usage, camera ? fmt::format("{}: an input file and --source {} exclude each other",
                                                       o.stack.string(), *o.live_source)
-                                        : "input: got nothing, wanted a stack, pictures or a video");
+                                        : "the input is missing; give a stack, pictures or a video");
 }
 
 sensor::SenseReport run(Options& o) {
@@ -150,7 +155,7 @@ sensor::SenseReport run(Options& o) {
   return input::sense_live(o.live, o, pictures);
 }
 
-void say(const Options& o, const sensor::SenseReport& report, const Talk& talk) {
+void print(const Options& o, const sensor::SenseReport& report, const Console& console) {
   const Json& r = report.results;
   if (o.json) {
     fmt::print("{}\n", text_of(r));
@@ -159,24 +164,25 @@ void say(const Options& o, const sensor::SenseReport& report, const Talk& talk) 
   fmt::print("{}: {} events, {}x{}\n", o.output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
              r["height"].get<int>());
   if (const auto dropped = r["dropped"].get<std::int64_t>())
-    talk.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
-  for (const auto& warning : r["warnings"]) talk.warn(warning.get<std::string>());
+    console.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
+  for (const auto& warning : r["warnings"]) console.warn(warning.get<std::string>());
   if (o.view) {
     if (const auto video = report.config["view"].get<std::string>(); video != "window")
-      talk.warn("no display: the events are shown in " + video);
+      console.warn("no display: the events are in " + video);
   }
   const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
-  if (bad) talk.warn(fmt::format("{}: {} negative or not finite pixel values", o.stack.string(), bad));
+  if (bad) console.warn(fmt::format("{}: {} pixel values are negative or not finite", o.stack.string(), bad));
 }
 
 }  // namespace
 
-void add_sense(CLI::App& app, Talk& talk) {
+void add_sense(CLI::App& app, Console& console) {
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("sense", "turn frames into events: an EXR stack, EXR files, pictures or video");
-  sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, a video; nothing for a camera");
-  add_output(*sub, "-o,--output", o->output, "event file; its name says the format")->required();
-  sub->add_option("--format", o->format, "format of the output, whatever its name");
+  CLI::App* sub =
+      app.add_subcommand("sense", "simulate events from frames: an EXR stack, EXR files, pictures or video");
+  sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, or video; none for a camera");
+  add_output(*sub, "-o,--output", o->output, "event file; its extension selects the format")->required();
+  sub->add_option("--format", o->format, "format of the output, whatever its extension");
   add_pixels(sub, o.get());
   add_frames(sub, o.get());
   add_window(sub, o.get());
@@ -186,13 +192,13 @@ void add_sense(CLI::App& app, Talk& talk) {
                       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
                       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
                       "pecs sense --source camera --view -o events.raw --run-time 10s"});
-  sub->callback([o, &talk] {
-    resolve(*o, talk);
+  sub->callback([o, &console] {
+    resolve(*o, console);
     const sensor::SenseReport report = run(*o);
     std::vector<std::filesystem::path> inputs;
     if (!is_camera(*o)) inputs.push_back(o->stack);
-    talk.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
-    say(*o, report, talk);
+    console.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
+    print(*o, report, console);
   });
 }
 

@@ -1,4 +1,4 @@
-// pecs --version --verbose: what an error report should say.
+// pecs --version --verbose: details for bug reports.
 #include "pecs/version.h"
 
 #include <fmt/format.h>
@@ -15,8 +15,8 @@
 namespace pecs::app {
 namespace {
 
-// The set of instructions that Highway's kernels choose here: the best one that is compiled in and that this machine
-// has; the lowest bit is the best.
+// The instruction set of Highway's kernels: the best of those that are compiled in and that this machine has (the
+// lowest bit).
 std::string instruction_set() {
   const std::int64_t usable = hwy::SupportedTargets() & HWY_TARGETS;
   return hwy::TargetName(usable & -usable);
@@ -47,7 +47,7 @@ void add_version(CLI::App& app) {
     return out;
   };
   app.set_version_flag("--version", text,
-                       "show the version and exit; with --verbose also build, libraries, set of instructions");
+                       "show the version and exit; with --verbose also build, libraries and instruction set");
 }
 
 }  // namespace pecs::app

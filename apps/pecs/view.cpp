@@ -1,4 +1,4 @@
-// pecs view EVENTS -o FILE: events as a picture (.png), a slow-motion video (.mp4) or a page to turn (.html).
+// pecs view EVENTS -o FILE: events as a picture (.png), a slow-motion video (.mp4) or an interactive page (.html).
 #include <fmt/format.h>
 
 #include <cmath>
@@ -6,11 +6,11 @@
 #include <memory>
 
 #include "commands.h"
+#include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/view/event_pictures.h"
 #include "picture_file.h"
-#include "talk.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -25,7 +25,7 @@ struct Arguments {
   bool json = false;
 };
 
-// A slow motion that makes a video of about ten seconds: 1, 2, 5, 10, ….
+// The slow-motion factor (1, 2, 5, 10, …) of a video of about ten seconds.
 double readable_slow_motion(std::int64_t span_us) {
   const double wanted = 10e6 / static_cast<double>(span_us);
   if (wanted <= 1) return 1;
@@ -33,7 +33,7 @@ double readable_slow_motion(std::int64_t span_us) {
   return wanted >= 5 * power ? 5 * power : wanted >= 2 * power ? 2 * power : power;
 }
 
-void run(const Arguments& a, Talk& talk) {
+void run(const Arguments& a, Console& console) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4" && extension != ".html")
@@ -69,8 +69,8 @@ void run(const Arguments& a, Talk& talk) {
   const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
                        {"theme", a.theme},     {"count", a.count},
                        {"fps", a.fps},         {"limit", a.limit}};
-  talk.record(output,
-              {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
+  console.record(
+      output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
     fmt::print("{}\n", text_of(result, 2));
@@ -87,25 +87,23 @@ void run(const Arguments& a, Talk& talk) {
 
 }  // namespace
 
-void add_view(CLI::App& app, Talk& talk) {
+void add_view(CLI::App& app, Console& console) {
   auto a = std::make_shared<Arguments>();
-  auto* command = app.add_subcommand("view", "events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
+  auto* command = app.add_subcommand("view", "show events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
-  add_output(*command, "-o,--output", a->output, "what to write; the ending chooses")->required();
-  command->add_option("--from", a->from_us, "start, counted from the first event")->transform(quantity("us"));
-  command->add_option("--to", a->to_us, "end, counted from the first event (default: all)")->transform(quantity("us"));
-  command->add_option("--window", a->window_us, "time of the events in one picture (default: readable)")
+  add_output(*command, "-o,--output", a->output, "file to write: .png, .mp4 or .html")->required();
+  command->add_option("--from", a->from_us, "start, from the first event")->transform(quantity("us"));
+  command->add_option("--to", a->to_us, "end, from the first event (default: all)")->transform(quantity("us"));
+  command->add_option("--window", a->window_us, "duration of the events in one picture (default: readable)")
       ->transform(quantity("us"));
-  command->add_option("--count", a->count, "png: pictures on the sheet")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
-  command->add_option("--slow-motion", a->slow_motion, "mp4: how many times slower (default: about 10 s of video)")
+  command->add_option("--count", a->count, "png: number of pictures")->check(CLI::Range(1, 100))->capture_default_str();
+  command->add_option("--slow-motion", a->slow_motion, "mp4: slow-motion factor (default: about 10 s of video)")
       ->check(CLI::Range(1.0, 1e7));
   command->add_option("--fps", a->fps, "mp4: frames per second")
       ->transform(quantity("Hz"))
       ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
-  command->add_option("--limit", a->limit, "html: at most this many events, drawn at random")
+  command->add_option("--limit", a->limit, "html: maximum number of events, drawn at random")
       ->check(CLI::Range(std::size_t{1}, std::size_t{20'000'000}))
       ->capture_default_str();
   command->add_option("--theme", a->theme, "png, mp4: light or dark")
@@ -115,7 +113,7 @@ void add_view(CLI::App& app, Talk& talk) {
   add_examples(*command,
                {"pecs view events.raw -o sheet.png --window 5ms",
                 "pecs view events.raw -o slow.mp4 --from 20ms --to 40ms", "pecs view events.raw -o turn.html"});
-  command->callback([a, &talk] { run(*a, talk); });
+  command->callback([a, &console] { run(*a, console); });
 }
 
 }  // namespace pecs::app

@@ -14,8 +14,8 @@
 namespace pecs::calibration {
 namespace {
 
-// Measured corner against the board at (right + speed t, up, distance), all turned by the camera. Drift: of the motion
-// off the board's rows, up and forward.
+// Residual of a corner: measured position minus the projection of the board at (right + speed t, up, distance), rotated
+// with the camera. Drift: speed across the board's rows, up and forward.
 struct CornerError {
   const ceres::CubicInterpolator<ceres::Grid1D<double>>& radius;
   const Optics& optics;
@@ -24,11 +24,11 @@ struct CornerError {
   double t_s, deviation_px;
 
   template <class T>
-  bool operator()(const T* turn, const T* place, const T* speed, const T* drift, T* error) const {
-    const T world[3] = {place[0] + speed[0] * t_s + on_board.x, -(place[1] + drift[0] * t_s) + on_board.y,
-                        place[2] + drift[1] * t_s};
+  bool operator()(const T* rotation, const T* position, const T* speed, const T* drift, T* error) const {
+    const T world[3] = {position[0] + speed[0] * t_s + on_board.x, -(position[1] + drift[0] * t_s) + on_board.y,
+                        position[2] + drift[1] * t_s};
     T p[3];
-    ceres::AngleAxisRotatePoint(turn, world, p);
+    ceres::AngleAxisRotatePoint(rotation, world, p);
     const T across = sqrt(p[0] * p[0] + p[1] * p[1] + 1e-12);
     T r;
     radius.Evaluate(atan2(across, p[2]) / optics.step_rad, &r);
@@ -39,8 +39,8 @@ struct CornerError {
 };
 
 struct BoardPose {
-  std::array<double, 3> turn{}, place{};  // place: right, up, distance at time_us [mm]
-  double speed = 0;                       // to the right, mm/s
+  std::array<double, 3> rotation{}, position{};  // position: right, up, distance at time_us [mm]
+  double speed = 0;                              // to the right, mm/s
   std::array<double, 2> drift{};
 };
 
@@ -59,9 +59,9 @@ class BoardFit {
   }
 
   void solve();
-  void judge(const std::string& file, std::vector<std::string>& warnings);  // refuses what does not slide uniformly
+  void judge(const std::string& file, std::vector<std::string>& warnings);  // rejects motion that is not uniform
   std::map<std::string, double> deviations() const;
-  Json residual(std::vector<std::string>& warnings);  // also frees the drift
+  Json residual(std::vector<std::string>& warnings);  // also fits the drift
   const BoardPose& pose() const { return pose_; }
 
  private:
@@ -78,14 +78,14 @@ class BoardFit {
   ceres::Grid1D<double> grid_{optics_.radius_px.data(), 0, static_cast<int>(optics_.radius_px.size())};
   ceres::CubicInterpolator<ceres::Grid1D<double>> radius_{grid_};
   ceres::Problem problem_;
-  std::vector<double> all_, scaled_, view_rms_;  // what is left: px, in standard deviations, by view
+  std::vector<double> all_, scaled_, view_rms_;  // residuals: px; in standard deviations; rms by view
   std::vector<cv::Point2d> predicted_, measured_;
 };
 
-// The pose in the middle view, and where the others are seen from there.
+// Initial guess: the pose in the middle view, and the speed from the others.
 void BoardFit::guess(const LabScene& scene) {
   std::vector<double> t, right;
-  cv::Matx33d turn = matrix_of(turn_from_blender(scene.rotation_deg));
+  cv::Matx33d rotation = matrix_of(rotation_from_blender(scene.rotation_deg));
   for (std::size_t k = 0; k < views_.size(); ++k) {
     const auto& v = views_[(k + views_.size() / 2) % views_.size()];
     std::vector<cv::Point2d> flat;
@@ -93,19 +93,19 @@ void BoardFit::guess(const LabScene& scene) {
     cv::Vec3d r, at;
     cv::solvePnP(board_, flat, cv::Matx33d::eye(), cv::noArray(), r, at, false, cv::SOLVEPNP_IPPE);
     if (k == 0) {
-      if (how_.hold_camera) r = turn_of(turn);
-      turn = matrix_of(r);
-      const cv::Vec3d p = turn.t() * at;
-      pose_.place = {p[0], -p[1], p[2]};
-      std::copy_n(r.val, 3, pose_.turn.begin());
+      if (how_.hold_camera) r = rotation_of(rotation);
+      rotation = matrix_of(r);
+      const cv::Vec3d p = rotation.t() * at;
+      pose_.position = {p[0], -p[1], p[2]};
+      std::copy_n(r.val, 3, pose_.rotation.begin());
     }
-    t.push_back(seconds(v)), right.push_back((turn.t() * at)[0]);
+    t.push_back(seconds(v)), right.push_back((rotation.t() * at)[0]);
   }
   double mean_t = 0, mean_r = 0, tt = 0, tr = 0;
   for (std::size_t k = 0; k < t.size(); ++k) mean_t += t[k] / double(t.size()), mean_r += right[k] / double(t.size());
   for (std::size_t k = 0; k < t.size(); ++k) tt += (t[k] - mean_t) * (t[k] - mean_t), tr += (t[k] - mean_t) * right[k];
   pose_.speed = tr / tt;
-  pose_.place[0] = mean_r - pose_.speed * mean_t;
+  pose_.position[0] = mean_r - pose_.speed * mean_t;
 }
 
 void BoardFit::run() {
@@ -117,24 +117,24 @@ void BoardFit::run() {
   ceres::Solve(options, &problem_, &summary);
 }
 
-// All views together, with a loss that forgives outliers.
+// Fits all views together with a robust loss.
 void BoardFit::solve() {
   for (const auto& v : views_)
     for (std::size_t i = 0; i < board_.size(); ++i)
       problem_.AddResidualBlock(
           new ceres::AutoDiffCostFunction<CornerError, 2, 3, 3, 1, 2>(
               new CornerError{radius_, optics_, board_[i], v.points[i], seconds(v), std::hypot(v.deviation_px, 0.05)}),
-          new ceres::HuberLoss(2), pose_.turn.data(), pose_.place.data(), &pose_.speed, pose_.drift.data());
+          new ceres::HuberLoss(2), pose_.rotation.data(), pose_.position.data(), &pose_.speed, pose_.drift.data());
   problem_.SetParameterBlockConstant(pose_.drift.data());
-  if (how_.hold_camera) problem_.SetParameterBlockConstant(pose_.turn.data());
+  if (how_.hold_camera) problem_.SetParameterBlockConstant(pose_.rotation.data());
   run();
 
-  const cv::Matx33d r = matrix_of(cv::Vec3d(pose_.turn.data()));
+  const cv::Matx33d r = matrix_of(cv::Vec3d(pose_.rotation.data()));
   for (const auto& v : views_) {
     std::vector<double> view;
     for (std::size_t i = 0; i < board_.size(); ++i) {
-      const cv::Point2d p = seen(optics_, r, pose_.place[0] + pose_.speed * seconds(v) + board_[i].x,
-                                 -pose_.place[1] + board_[i].y, pose_.place[2]);
+      const cv::Point2d p = project(optics_, r, pose_.position[0] + pose_.speed * seconds(v) + board_[i].x,
+                                    -pose_.position[1] + board_[i].y, pose_.position[2]);
       const cv::Point2d d = v.points[i] - p;
       predicted_.push_back(p), measured_.push_back(v.points[i]);
       for (const double x : {d.x, d.y})
@@ -163,26 +163,27 @@ std::map<std::string, double> BoardFit::deviations() const {
   ceres::Covariance::Options c;
   c.algorithm_type = ceres::DENSE_SVD;
   ceres::Covariance covariance(c);
-  const std::vector<std::pair<const double*, const double*>> wanted = {
-      {pose_.turn.data(), pose_.turn.data()}, {pose_.place.data(), pose_.place.data()}, {&pose_.speed, &pose_.speed}};
+  const std::vector<std::pair<const double*, const double*>> wanted = {{pose_.rotation.data(), pose_.rotation.data()},
+                                                                       {pose_.position.data(), pose_.position.data()},
+                                                                       {&pose_.speed, &pose_.speed}};
   if (!covariance.Compute(wanted, const_cast<ceres::Problem*>(&problem_))) return deviation;
-  std::array<double, 9> turn_c, place_c;
+  std::array<double, 9> rotation_c, position_c;
   double speed_c = 0;
-  covariance.GetCovarianceBlock(pose_.turn.data(), pose_.turn.data(), turn_c.data());
-  covariance.GetCovarianceBlock(pose_.place.data(), pose_.place.data(), place_c.data());
+  covariance.GetCovarianceBlock(pose_.rotation.data(), pose_.rotation.data(), rotation_c.data());
+  covariance.GetCovarianceBlock(pose_.position.data(), pose_.position.data(), position_c.data());
   covariance.GetCovarianceBlock(&pose_.speed, &pose_.speed, &speed_c);
   const double scale = std::max(1.0, rms(scaled_));
   const char* turns[] = {"turn_x_deg", "turn_y_deg", "turn_z_deg"};
   const char* places[] = {"start_right_mm", "board_up_mm", "board_distance_mm"};
   for (std::size_t i = 0; i < 3; ++i) {
-    deviation[turns[i]] = scale * std::sqrt(turn_c[4 * i]) / kDegree;
-    deviation[places[i]] = scale * std::sqrt(place_c[4 * i]);
+    deviation[turns[i]] = scale * std::sqrt(rotation_c[4 * i]) / kDegree;
+    deviation[places[i]] = scale * std::sqrt(position_c[4 * i]);
   }
   deviation["speed_m_per_s"] = scale * std::sqrt(speed_c) * 1e-3;
   return deviation;
 }
 
-// The motion off the board's rows, and a homography over what is left: reported, not applied.
+// Fits the motion across the board's rows and a homography of the residuals; both are reported, not applied.
 Json BoardFit::residual(std::vector<std::string>& warnings) {
   problem_.SetParameterBlockVariable(pose_.drift.data());
   run();
@@ -197,7 +198,7 @@ Json BoardFit::residual(std::vector<std::string>& warnings) {
     warp = {{"matrix", std::vector<double>(h.begin<double>(), h.end<double>())}, {"rms_px", rms(warped)}};
   }
   if (tilt > 2)
-    warnings.push_back(fmt::format("the board moves {:.1f} deg off its rows; the scene moves it along them", tilt));
+    warnings.push_back(fmt::format("the board moves at {:.1f} deg to its rows; the scene moves it along them", tilt));
   return {{"rms_px", rms(all_)}, {"view_rms_px", view_rms_}, {"motion_off_rows_deg", tilt}, {"homography", warp}};
 }
 
@@ -220,9 +221,9 @@ TargetEstimate find_sliding_board(const events::Recording& recording, const LabS
   fit.judge(file, found.warnings);
   for (const auto& line : search.missed) found.warnings.push_back("no board at " + line);
   found.deviation = fit.deviations();
-  found.turn = cv::Vec3d(fit.pose().turn.data());
-  found.place_mm = cv::Vec3d(fit.pose().place.data());
-  found.motion = BoardMotion{fit.pose().place[0], fit.pose().speed};
+  found.rotation = cv::Vec3d(fit.pose().rotation.data());
+  found.position_mm = cv::Vec3d(fit.pose().position.data());
+  found.motion = BoardMotion{fit.pose().position[0], fit.pose().speed};
   found.residual = fit.residual(found.warnings);
   found.views = std::move(search.views);
   return found;

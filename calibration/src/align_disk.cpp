@@ -13,42 +13,43 @@ namespace pecs::calibration {
 namespace {
 
 struct DiskPose {
-  std::array<double, 5> p{};  // turn about x and y [rad], right, up, distance [mm]
-  cv::Matx33d base;           // the scene's turn, before that one
-  cv::Matx33d turn() const { return matrix_of({p[0], p[1], 0}) * base; }
+  std::array<double, 5> p{};  // rotation about x and y [rad]; right, up, distance [mm]
+  cv::Matx33d base;           // the scene's rotation, applied first
+  cv::Matx33d rotation() const { return matrix_of({p[0], p[1], 0}) * base; }
 };
 
-// The plane of the disk as a camera square to it sees it from the distance `scale_mm` belongs to.
+// The plane of the disk as seen by a camera perpendicular to it, from the distance of `scale_mm`.
 struct Plane {
   const Optics& optics;
   DiskPose pose;
   double px_per_mm;
-  cv::Matx33d turn = pose.turn();
+  cv::Matx33d rotation = pose.rotation();
 
   cv::Point2d of(const cv::Point2d& pixel) const {
     const cv::Point2d n = optics.normalised(pixel);
-    const cv::Vec3d d = turn.t() * cv::Vec3d(n.x, n.y, 1);
+    const cv::Vec3d d = rotation.t() * cv::Vec3d(n.x, n.y, 1);
     return optics.axis_px + cv::Point2d(d[0], d[1]) * (pose.p[4] / d[2] * px_per_mm);
   }
   cv::Point2d pixel(const cv::Point2d& on_plane) const {
     const cv::Point2d mm = (on_plane - optics.axis_px) / px_per_mm;
-    return seen(optics, turn, mm.x, mm.y, pose.p[4]);
+    return project(optics, rotation, mm.x, mm.y, pose.p[4]);
   }
 };
 
-// Rim and centre of the scene's disk under a pose, in the plane of an earlier one, against those measured there.
+// Residuals of rim and centre: of the scene's disk under a pose, projected to the plane of an earlier pose, minus the
+// measured ones.
 struct DiskError {
   const Plane& plane;
-  const Disk& disk;
+  const DetectedDisk& disk;
   double radius_mm;
   static constexpr int kRim = 36;
 
   bool operator()(const double* p, double* error) const {
     DiskPose pose = plane.pose;
     std::copy_n(p, 5, pose.p.begin());
-    const cv::Matx33d turn = pose.turn();
+    const cv::Matx33d rotation = pose.rotation();
     const auto place = [&](double u, double v) {
-      return plane.of(seen(plane.optics, turn, pose.p[2] + u, -pose.p[3] + v, pose.p[4]));
+      return plane.of(project(plane.optics, rotation, pose.p[2] + u, -pose.p[3] + v, pose.p[4]));
     };
     const cv::Point2d centre = place(0, 0);
     error[0] = (centre.x - disk.centre_x.value) / std::hypot(disk.centre_x.deviation, 0.02);
@@ -66,8 +67,8 @@ struct DiskError {
   }
 };
 
-// A first guess from the rim alone, as if the disk stood square to the camera.
-DiskPose guessed(const Plane& plane, const Disk& disk, double radius_mm) {
+// Initial guess from the rim, for a disk perpendicular to the optical axis.
+DiskPose guessed(const Plane& plane, const DetectedDisk& disk, double radius_mm) {
   DiskPose next = plane.pose;
   const double radius = (disk.rim.size.width + disk.rim.size.height) / 4;
   next.p[4] = plane.pose.p[4] * radius_mm * plane.px_per_mm / radius;
@@ -77,8 +78,8 @@ DiskPose guessed(const Plane& plane, const Disk& disk, double radius_mm) {
   return next;
 }
 
-// Moves the pose so that rim and centre come to lie where they were found; standard deviations by parameter.
-std::map<std::string, double> refine(DiskPose& pose, const Plane& plane, const Disk& disk, double radius_mm,
+// Fits the pose to the measured rim and centre; returns the standard deviation of each parameter.
+std::map<std::string, double> refine(DiskPose& pose, const Plane& plane, const DetectedDisk& disk, double radius_mm,
                                      bool hold_camera) {
   ceres::Problem problem;
   problem.AddResidualBlock(new ceres::NumericDiffCostFunction<DiskError, ceres::CENTRAL, DiskError::kRim + 2, 5>(
@@ -104,7 +105,7 @@ std::map<std::string, double> refine(DiskPose& pose, const Plane& plane, const D
   return deviation;
 }
 
-Json residual_of(const Disk& disk, const Plane& plane, double radius_mm) {
+Json residual_of(const DetectedDisk& disk, const Plane& plane, double radius_mm) {
   const cv::Point2d centre = plane.pixel({disk.centre_x.value, disk.centre_y.value});
   return {
       {"centre_px", {centre.x, centre.y}},
@@ -125,25 +126,27 @@ TargetEstimate find_turning_disk(const events::Recording& recording, const LabSc
   TargetEstimate found;
   const std::int64_t middle_us = recording.first_us + recording.span_us / 2;
   found.time_us = static_cast<double>(middle_us);
-  Plane plane{optics, {{0, 0, 0, 0, scene.place_mm()[2]}, matrix_of(turn_from_blender(scene.rotation_deg))}, 0};
+  Plane plane{optics, {{0, 0, 0, 0, scene.position_mm()[2]}, matrix_of(rotation_from_blender(scene.rotation_deg))}, 0};
   plane.px_per_mm = optics.focal_px() / plane.pose.p[4];
-  Disk disk;
+  DetectedDisk disk;
   constexpr int kPasses = 3;
   for (int pass = 0; pass < kPasses; ++pass) {
     disk = find_disk(recording, file, [&](const cv::Point2d& p) { return plane.of(p); });
     if (disk.rim.size.width <= 0)
-      throw bad_input(file, "disk", "a disk whose rim is out of sight", "its rim, which says how far it is");
-    if (pass + 1 == kPasses) break;  // the last look is through the final pose
+      throw bad_input(file, "disk", "a disk whose rim is not in view",
+                      "a visible rim, which the distance is estimated from");
+    if (pass + 1 == kPasses) break;  // the last pass uses the final pose
     DiskPose next = pass == 0 ? guessed(plane, disk, radius_mm) : plane.pose;
     found.deviation = refine(next, plane, disk, radius_mm, how.hold_camera);
-    plane.pose = next, plane.turn = next.turn();
+    plane.pose = next, plane.rotation = next.rotation();
   }
   if (disk.sectors != static_cast<int>(scene.values.at("sectors")))
     throw bad_input(file, "disk", fmt::format("a disk of {} sectors", disk.sectors),
-                    fmt::format("{:.0f}, as the scene has", scene.values.at("sectors")));
-  found.turn = turn_of(plane.pose.turn());
-  found.place_mm = {plane.pose.p[2], plane.pose.p[3], plane.pose.p[4]};
-  // A white sector's edge that leads when the disk turns counter-clockwise; the other way round it trails and darkens.
+                    fmt::format("{:.0f} sectors, as in the scene", scene.values.at("sectors")));
+  found.rotation = rotation_of(plane.pose.rotation());
+  found.position_mm = {plane.pose.p[2], plane.pose.p[3], plane.pose.p[4]};
+  // The phase is that of the white sector's edge that leads in counter-clockwise rotation; clockwise it trails and
+  // darkens.
   found.motion =
       DiskMotion{(disk.speed_deg_s.value > 0 ? disk.on_edge_deg : disk.off_edge_deg).value, disk.speed_deg_s.value};
   found.deviation["phase_deg"] =

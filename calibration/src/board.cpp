@@ -16,7 +16,7 @@
 namespace pecs::calibration {
 namespace {
 
-// Grey, so that the middle 96 % of the values span it.
+// 8-bit grey levels; the 2 % and 98 % quantiles of the values become black and white.
 cv::Mat grey(const cv::Mat& picture, double part = 0.02) {
   std::vector<float> sorted(picture.begin<float>(), picture.end<float>());
   const auto at = [&](double p) {
@@ -30,7 +30,8 @@ cv::Mat grey(const cv::Mat& picture, double part = 0.02) {
   return out;
 }
 
-// Of neighbours, along the rows or along the columns, whichever is less: a tilted board is narrow one way.
+// Mean distance of neighbours along rows or along columns, the smaller one: a tilted board is narrower in one
+// direction.
 double spacing_px(const std::vector<cv::Point2d>& points, int columns) {
   const auto width = static_cast<std::size_t>(columns);
   double along = 0, across = 0;
@@ -42,8 +43,8 @@ double spacing_px(const std::vector<cv::Point2d>& points, int columns) {
   return std::min(along / static_cast<double>(rows * (width - 1)), across / static_cast<double>((rows - 1) * width));
 }
 
-// A grid of found points, row by row from any corner and of either handedness, as it reads upright: rows x columns of
-// the shape, columns to the right and rows down, as nearly as it can. Empty when the counts do not fit.
+// Reorders a grid of points, which starts at any corner and has either handedness, to the reading nearest to upright:
+// columns to the right, rows down. Empty when the counts do not match the shape.
 std::vector<cv::Point2d> upright(const std::vector<cv::Point2d>& found, int columns, int rows,
                                  const BoardShape& shape) {
   std::vector<cv::Point2d> best;
@@ -67,7 +68,7 @@ std::vector<cv::Point2d> upright(const std::vector<cv::Point2d>& found, int colu
   return best;
 }
 
-// How far the points lie from a homography of the flat board, in spacings: lenses bend a little, wrong points a lot.
+// Residual of a homography of the flat board, in spacings: small for lens distortion, large for wrong points.
 double grid_error(const std::vector<cv::Point2d>& points, const BoardShape& shape) {
   std::vector<cv::Point2d> flat, mapped;
   for (const auto& p : shape.points_mm()) flat.emplace_back(p.x, p.y);
@@ -88,7 +89,7 @@ void refine_corners(const cv::Mat& picture, std::vector<cv::Point2d>& points, in
 }
 
 std::vector<cv::Point2d> checkerboard(const cv::Mat& picture, const BoardShape& shape, std::string& why) {
-  // The largest board there is: asked for a size, OpenCV may return a part of a larger board.
+  // Detects the largest board: with a given size, OpenCV may return a part of a larger board.
   constexpr int kFlags = cv::CALIB_CB_LARGER | cv::CALIB_CB_NORMALIZE_IMAGE;
   std::vector<cv::Point2f> p;
   cv::Mat meta;
@@ -123,7 +124,7 @@ std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape
     if (cv::findCirclesGrid(picture, {shape.columns, shape.rows}, p, kind, detector)) {
       std::vector<cv::Point2d> points;
       for (const auto& q : p) points.emplace_back(q.x + 0.5, q.y + 0.5);
-      // An asymmetric grid has one reading, or with an even number of rows two; OpenCV's stands.
+      // An asymmetric grid has one reading, or two if its rows are even in number; OpenCV's is kept.
       return kind == cv::CALIB_CB_SYMMETRIC_GRID ? upright(points, shape.columns, shape.rows, shape) : points;
     }
     std::vector<cv::KeyPoint> blobs;
@@ -134,15 +135,15 @@ std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape
   return {};
 }
 
-// ---- one look at moving things --------------------------------------------------------------------------------------
+// ---- moving boards --------------------------------------------------------------------------------------------------
 
 std::optional<BoardView> moving_board(const events::Recording& recording, const BoardShape& shape, double t_us,
                                       std::string& why) {
   const cv::Size size(recording.width, recording.height);
-  const auto view = moving_view(recording.events, size, t_us, why);
+  const auto view = estimate_flow(recording.events, size, t_us, why);
   if (!view) return {};
   const auto picture_of = [&](int part) {
-    cv::Mat sharp = intensity(*view, compensated(*view, size, part));
+    cv::Mat sharp = log_intensity(*view, image_of_warped_events(*view, size, part));
     cv::GaussianBlur(sharp, sharp, {}, 0.8);
     return grey(sharp);
   };
@@ -151,7 +152,7 @@ std::optional<BoardView> moving_board(const events::Recording& recording, const 
   board.points = board_points(board.picture, shape, why);
   if (board.points.empty()) return {};
 
-  // How sure: the same corners from either half of the events.
+  // Deviation: the difference of the corners found on either half of the events.
   std::array<std::vector<cv::Point2d>, 2> half;
   for (int i = 0; i < 2; ++i) {
     half[i] = board.points;
@@ -185,15 +186,15 @@ std::optional<BoardView> moving_board(const events::Recording& recording, const 
   const auto most = std::max_element(reasons.begin(), reasons.end(),
                                      [](const auto& a, const auto& b) { return a.second < b.second; });
   throw bad_input(file, "board",
-                  fmt::format("nothing found in {} looks (best candidate: {})", search.missed.size(),
+                  fmt::format("nothing found in {} windows (best candidate: {})", search.missed.size(),
                               reasons.empty() ? "none" : most->first),
                   "a " + shape.text() + " in view");
 }
 
 // ---- blinking -------------------------------------------------------------------------------------------------------
 
-// The frequency at which ON and OFF come in turn: the peak of the power of the signed event rate, summed over blocks of
-// the picture, so that squares in turn add up.
+// The frequency at which ON and OFF alternate: the peak of the power spectrum of the signed event rate. Powers are
+// summed over blocks of the picture, so that squares of opposite phase add up.
 double blink_frequency_hz(std::span<const events::Event> events, cv::Size size, double span_s, double& contrast) {
   constexpr std::size_t kBlocks = 12;
   const int bins = static_cast<int>(std::clamp(span_s / 50e-6, 256.0, 65536.0));
@@ -224,7 +225,7 @@ double blink_frequency_hz(std::span<const events::Event> events, cv::Size size, 
   return (static_cast<double>(i) + offset) / (padded * span_s / bins);
 }
 
-// Per pixel the part of its polarities in step with the blinking, signed by the phase that most share.
+// Per pixel the correlation of its polarities with the blinking, signed by the most common phase.
 cv::Mat in_step(std::span<const events::Event> events, cv::Size size, double frequency_hz, int part) {
   cv::Mat_<cv::Vec2d> sums(size, cv::Vec2d(0, 0));
   std::size_t i = 0;
@@ -233,7 +234,7 @@ cv::Mat in_step(std::span<const events::Event> events, cv::Size size, double fre
     const double angle = 2 * std::numbers::pi * frequency_hz * 1e-6 * static_cast<double>(e.t_us - events.front().t_us);
     sums(e.y, e.x) += (e.p ? 1.0 : -1.0) * cv::Vec2d(std::cos(angle), std::sin(angle));
   }
-  cv::Vec2d doubled(0, 0);  // twice the phase, so that opposite squares agree
+  cv::Vec2d doubled(0, 0);  // of the doubled phase, which opposite squares share
   for (const auto& s : sums) doubled += cv::Vec2d(s[0] * s[0] - s[1] * s[1], 2 * s[0] * s[1]);
   const double phase = 0.5 * std::atan2(doubled[1], doubled[0]);
   cv::Mat_<float> picture(size, 0.0F);

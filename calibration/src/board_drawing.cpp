@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kRulerMm = 100, kCaptionMm = 14;
 
-// A page in millimetres: `body` on white, and below it what it is and a ruler to check the printer's scale with.
+// A page in millimetres: `body` on white, below it its name and a ruler that shows the printer's scale.
 std::string page(double width_mm, double height_mm, const std::string& body, const std::string& caption) {
   const double page_width = std::max(width_mm, kRulerMm + 10), page_height = height_mm + kCaptionMm;
   const double y = height_mm + 4;

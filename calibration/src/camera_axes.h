@@ -1,6 +1,6 @@
 #pragma once
-// Turns between the axes of align.h: the world's, Blender's camera's and OpenCV's (optics.h). A turn is an angle-axis
-// vector [rad] of camera axes from those of the unturned camera, which looks along the world's +y.
+// Rotations between the axes of align.h: the world's, Blender's camera's and OpenCV's (optics.h). A rotation is an
+// angle-axis vector [rad], from the axes of the unrotated camera, which looks along the world's +y, to the camera's.
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -15,39 +15,41 @@ inline constexpr double kDegree = CV_PI / 180;
 inline const cv::Matx33d kCameraFromWorld(1, 0, 0, 0, 0, -1, 0, 1, 0);
 inline const cv::Matx33d kBlenderFromCamera(1, 0, 0, 0, -1, 0, 0, 0, -1);
 
-inline cv::Matx33d matrix_of(const cv::Vec3d& turn) {
+inline cv::Matx33d matrix_of(const cv::Vec3d& rotation) {
   cv::Matx33d r;
-  cv::Rodrigues(turn, r);
+  cv::Rodrigues(rotation, r);
   return r;
 }
 
-inline cv::Vec3d turn_of(const cv::Matx33d& r) {
-  cv::Vec3d turn;
-  cv::Rodrigues(r, turn);
-  return turn;
+inline cv::Vec3d rotation_of(const cv::Matx33d& r) {
+  cv::Vec3d rotation;
+  cv::Rodrigues(r, rotation);
+  return rotation;
 }
 
 // Euler XYZ (R = Rz Ry Rx) of Blender's camera object.
-inline cv::Vec3d blender_rotation_deg(const cv::Vec3d& turn) {
-  const cv::Matx33d r = (matrix_of(turn) * kCameraFromWorld).t() * kBlenderFromCamera;  // world from Blender's camera
+inline cv::Vec3d blender_rotation_deg(const cv::Vec3d& rotation) {
+  const cv::Matx33d r =
+      (matrix_of(rotation) * kCameraFromWorld).t() * kBlenderFromCamera;  // world from Blender's camera
   return cv::Vec3d(std::atan2(r(2, 1), r(2, 2)), std::asin(std::clamp(-r(2, 0), -1.0, 1.0)),
                    std::atan2(r(1, 0), r(0, 0))) /
          kDegree;
 }
 
-inline cv::Vec3d turn_from_blender(const cv::Vec3d& rotation_deg) {
+inline cv::Vec3d rotation_from_blender(const cv::Vec3d& rotation_deg) {
   const auto about = [](int axis, double deg) {
     cv::Vec3d v(0, 0, 0);
     v[axis] = deg * kDegree;
     return matrix_of(v);
   };
   const cv::Matx33d r = about(2, rotation_deg[2]) * about(1, rotation_deg[1]) * about(0, rotation_deg[0]);
-  return turn_of((r * kBlenderFromCamera).t() * kCameraFromWorld.t());
+  return rotation_of((r * kBlenderFromCamera).t() * kCameraFromWorld.t());
 }
 
-// A point given to the right, down and forward of the unturned camera.
-inline cv::Point2d seen(const Optics& optics, const cv::Matx33d& turn, double right, double down, double forward) {
-  return optics.project(cv::Point3d(turn * cv::Vec3d(right, down, forward)));
+// A point at (right, down, forward) in the axes of the unrotated camera.
+inline cv::Point2d project(const Optics& optics, const cv::Matx33d& rotation, double right, double down,
+                           double forward) {
+  return optics.project(cv::Point3d(rotation * cv::Vec3d(right, down, forward)));
 }
 
 }  // namespace pecs::calibration

@@ -22,7 +22,7 @@ constexpr std::size_t kMostEvents = 400'000, kCoarseEvents = 30'000, kWideEvents
 constexpr int kMostHarmonics = 8;        // up to 16 sectors
 constexpr double kLeastCoherence = 0.2;  // noise gives about 1 / sqrt(events)
 constexpr int kEighths = 8;
-constexpr std::array kWidths = {0.045, 0.022, 0.011, 0.007};  // of the looks at the steps, parts of the period
+constexpr std::array kWidths = {0.045, 0.022, 0.011, 0.007};  // of the kernels that locate the steps, in periods
 
 // Minimises f from `start`; `steps` spans the first simplex (Nelder and Mead).
 template <std::size_t N>
@@ -41,7 +41,7 @@ std::array<double, N> minimise(const std::function<double(const double*)>& f, st
   return start;  // x is a view of it
 }
 
-// ---- coarse: which harmonic m, centre and speed make polarity · exp(i m phase) add up -------------------------------
+// ---- coarse search: harmonic m, centre and speed that maximise |sum of polarity · exp(i m phase)| -------------------
 
 struct Coherence {
   double value = 0, speed_deg_s = 0;
@@ -67,7 +67,7 @@ Coherence coherence(std::span<const Sample> samples, int m, double x, double y, 
 
 // About kMostEvents of the events, drawn at random, in random order. The engine's numbers are the same with every
 // standard library; those of its distributions and of std::shuffle are not.
-std::vector<Sample> samples_of(const events::Recording& recording, const PlaceOnPlane& place) {
+std::vector<Sample> samples_of(const events::Recording& recording, const PlaneFromPixel& plane_from_pixel) {
   std::mt19937_64 random(1);
   std::vector<Sample> samples;
   const double span_s = static_cast<double>(recording.span_us) * 1e-6;
@@ -75,14 +75,14 @@ std::vector<Sample> samples_of(const events::Recording& recording, const PlaceOn
   for (const auto& e : recording.events)
     if (total <= kMostEvents || random() % total < kMostEvents) {
       cv::Point2d at(e.x + 0.5, e.y + 0.5);
-      if (place) at = place(at);
+      if (plane_from_pixel) at = plane_from_pixel(at);
       samples.push_back({at.x, at.y, static_cast<double>(e.t_us) * 1e-6 - span_s / 2, e.p});
     }
   for (std::size_t left = samples.size(); left > 1; --left) std::swap(samples[left - 1], samples[random() % left]);
   return samples;
 }
 
-// The harmonics that add up best about the median event, each with its best centre.
+// A harmonic with its best centre and speed.
 struct Candidate {
   int harmonic = 0;
   double coherence = 0;
@@ -115,44 +115,46 @@ Candidate best_candidate(std::span<const Sample> few, double span_s, double reac
   return best;
 }
 
-// Ever narrower looks at the steps; returns the last one, and the fit in its candidate.
-struct Look {
+// Locates the steps with ever narrower kernels; returns the last result and updates the candidate's fit.
+struct StepFit {
   std::array<Step, 2> steps;
   std::vector<Sample> near;
   double width_deg = 0;
 };
-Look last_look(std::span<const Sample> samples, Candidate& c, double span_s, const std::string& file) {
+StepFit locate_steps(std::span<const Sample> samples, Candidate& c, double span_s, const std::string& file) {
   const std::string text = c.text();
   const double period_deg = c.period_deg();
-  Look look;
+  StepFit step_fit;
   for (const double part : kWidths) {
-    look.width_deg = part * period_deg;
-    look.steps = steepest(samples, c.fit, period_deg, look.width_deg);
-    c.fit[kOnStep] = look.steps[1].phase_deg, c.fit[kOffStep] = look.steps[0].phase_deg;
-    look.near = near_steps(samples, c.fit, period_deg, look.width_deg);
-    if (look.near.size() < 200 || look.steps[0].contrast < 5 * std::sqrt(static_cast<double>(look.near.size())) / 2)
-      throw bad_input(file, "disk", "nothing found (" + text + ")", "edges that stand out in the turning frame");
+    step_fit.width_deg = part * period_deg;
+    step_fit.steps = steepest(samples, c.fit, period_deg, step_fit.width_deg);
+    c.fit[kOnStep] = step_fit.steps[1].phase_deg, c.fit[kOffStep] = step_fit.steps[0].phase_deg;
+    step_fit.near = near_steps(samples, c.fit, period_deg, step_fit.width_deg);
+    if (step_fit.near.size() < 200 ||
+        step_fit.steps[0].contrast < 5 * std::sqrt(static_cast<double>(step_fit.near.size())) / 2)
+      throw bad_input(file, "disk", "nothing found (" + text + ")", "sharp edges in the rotating frame");
     const bool last = part == kWidths.back();
-    const std::span used(look.near.data(), last ? look.near.size() : std::min(look.near.size(), kWideEvents));
-    c.fit = sharpened(used, c.fit, look.steps, period_deg, look.width_deg, span_s);
+    const std::span used(step_fit.near.data(),
+                         last ? step_fit.near.size() : std::min(step_fit.near.size(), kWideEvents));
+    c.fit = sharpened(used, c.fit, step_fit.steps, period_deg, step_fit.width_deg, span_s);
   }
-  return look;
+  return step_fit;
 }
 
-// How sure: the same fit on random eighths; how steady: on the two halves in time.
+// The same fit on random eighths of the events, for deviations, and on the two halves in time.
 struct Refits {
   Fit deviation{};
   double first_half_deg_s = 0, second_half_deg_s = 0;
 };
-Refits refits_of(const Look& look, const Candidate& c, double span_s) {
+Refits refits_of(const StepFit& step_fit, const Candidate& c, double span_s) {
   std::array<std::vector<Sample>, kEighths + 2> parts;
-  for (std::size_t i = 0; i < look.near.size(); ++i) {
-    parts[i % kEighths].push_back(look.near[i]);
-    parts[look.near[i].t_s > 0 ? kEighths + 1 : kEighths].push_back(look.near[i]);
+  for (std::size_t i = 0; i < step_fit.near.size(); ++i) {
+    parts[i % kEighths].push_back(step_fit.near[i]);
+    parts[step_fit.near[i].t_s > 0 ? kEighths + 1 : kEighths].push_back(step_fit.near[i]);
   }
   std::array<Fit, kEighths + 2> fits;
   tbb::parallel_for(0, kEighths + 2, [&](int i) {
-    fits[i] = sharpened(parts[i], c.fit, look.steps, c.period_deg(), look.width_deg, span_s);
+    fits[i] = sharpened(parts[i], c.fit, step_fit.steps, c.period_deg(), step_fit.width_deg, span_s);
   });
   Refits out{{}, fits[kEighths][kSpeed], fits[kEighths + 1][kSpeed]};
   for (std::size_t k = 0; k < c.fit.size(); ++k) {
@@ -163,7 +165,7 @@ Refits refits_of(const Look& look, const Candidate& c, double span_s) {
   return out;
 }
 
-// Does it turn so throughout: polarities must add up in every quarter of the recording, at the same phase.
+// Warns of a change in the rotation: every quarter of the recording must have a similar coherence at the same phase.
 void check_quarters(std::span<const Sample> samples, const Candidate& c, double span_s,
                     std::vector<std::string>& warnings) {
   std::array<std::complex<double>, 4> sums{};
@@ -186,17 +188,17 @@ void check_quarters(std::span<const Sample> samples, const Candidate& c, double 
   for (std::size_t q = 0; q < 4; ++q)
     if (parts[q] < 0.5 * most || counts[q] < 0.2 * average) {
       warnings.push_back(fmt::format(
-          "the disk does not turn so throughout: by quarters of the recording {:.0f} {:.0f} {:.0f} {:.0f} events, "
+          "the disk does not rotate uniformly: by quarters of the recording {:.0f} {:.0f} {:.0f} {:.0f} events, "
           "coherence {:.2f} {:.2f} {:.2f} {:.2f}",
           counts[0], counts[1], counts[2], counts[3], parts[0], parts[1], parts[2], parts[3]));
       return;
     }
 }
 
-// Where the two edges are. Later events lie at smaller phases (counter-clockwise). Events that begin at their step
-// begin at their own edge; events that end there are ended by the edge of the other polarity.
+// Locates the two edges. In counter-clockwise rotation later events have smaller phases. Events that start at their
+// step start at the edge of their polarity; events that end at it are ended by the edge of the other polarity.
 void place_edges(std::span<const Sample> samples, const Candidate& c, const std::array<Step, 2>& steps,
-                 const Fit& deviation, Disk& disk) {
+                 const Fit& deviation, DetectedDisk& disk) {
   const double direction = c.fit[kSpeed] > 0 ? 1 : -1, period_deg = c.period_deg();
   disk.on_starts_sharply = steps[1].sign * direction < 0;
   disk.off_starts_sharply = steps[0].sign * direction < 0;
@@ -215,12 +217,12 @@ void place_edges(std::span<const Sample> samples, const Candidate& c, const std:
   disk.on_edge_deg = edge(disk.on_starts_sharply ? kOnStep : kOffStep, both_at_off ? period_deg / 2 : 0);
   disk.off_edge_deg = edge(disk.off_starts_sharply ? kOffStep : kOnStep, both_at_on ? period_deg / 2 : 0);
   if (both_at_off || both_at_on)
-    disk.warnings.push_back(fmt::format("only the {} edge is sharp; the other one is taken from equal sectors",
+    disk.warnings.push_back(fmt::format("only the {} edge is sharp; the other one is computed for equal sectors",
                                         both_at_off ? "OFF" : "ON"));
 }
 
-// Outline of what the camera sees, on the disk's plane.
-std::vector<cv::Point2f> outline_of(const events::Recording& recording, const PlaceOnPlane& place) {
+// Outline of the field of view in the disk's plane.
+std::vector<cv::Point2f> outline_of(const events::Recording& recording, const PlaneFromPixel& plane_from_pixel) {
   const auto width = static_cast<double>(recording.width), height = static_cast<double>(recording.height);
   const std::array<cv::Point2d, 5> corners = {{{0, 0}, {width, 0}, {width, height}, {0, height}, {0, 0}}};
   constexpr int kParts = 16;
@@ -228,18 +230,18 @@ std::vector<cv::Point2f> outline_of(const events::Recording& recording, const Pl
   for (std::size_t i = 0; i < 4; ++i)
     for (int k = 0; k < kParts; ++k) {
       const cv::Point2d at = corners[i] + (corners[i + 1] - corners[i]) * k / kParts;
-      outline.emplace_back(place ? place(at) : at);
+      outline.emplace_back(plane_from_pixel ? plane_from_pixel(at) : at);
     }
   return outline;
 }
 
-// What an edge of a polarity made, and what it should have: events behind it, by the edge.
+// Events behind each edge of a polarity: counted, and expected for equal edges.
 struct Shares {
   std::array<std::vector<double>, 2> found, expected;
 };
-Shares shares_of(std::span<const Sample> samples, const Disk& disk, double span_s) {
-  constexpr double kEarly = 0.1;      // parts of a period: blurred edges are answered early
-  constexpr double kMostTurn = 1080;  // [deg]; longer recordings show all edges alike
+Shares shares_of(std::span<const Sample> samples, const DetectedDisk& disk, double span_s) {
+  constexpr double kEarly = 0.1;      // in periods: pixels respond to blurred edges early
+  constexpr double kMostTurn = 1080;  // [deg]; after this rotation all edges are seen equally
   const auto edges = static_cast<std::size_t>(disk.sectors / 2);
   const double period_deg = 720.0 / disk.sectors, speed = disk.speed_deg_s.value;
   // The last edge before a pixel at `angle_deg`, when the edges have turned by `turned_deg`.
@@ -251,7 +253,7 @@ Shares shares_of(std::span<const Sample> samples, const Disk& disk, double span_
   };
   Shares shares;
   for (auto* v : {&shares.found, &shares.expected}) v->fill(std::vector<double>(edges));
-  std::array<double, 360> seen{};  // by the pixel's angle: how much of the disk is in view there
+  std::array<double, 360> seen{};  // events by the pixel's angle: a measure of the visible part of the disk
   for (const Sample& s : samples) {
     const double dx = s.x - disk.centre_x.value, dy = disk.centre_y.value - s.y;
     if (std::hypot(dx, dy) < kLeastRadius_px) continue;
@@ -272,13 +274,13 @@ Shares shares_of(std::span<const Sample> samples, const Disk& disk, double span_
   return shares;
 }
 
-// Are they sectors? Then all edges of a kind make events alike, as far as they are in view, and ON and OFF edges lie
-// half a period apart. All events of a spot on the disk come from one of the edges.
-void check_sectors(std::span<const Sample> samples, const Disk& disk, double span_s, const std::string& file) {
+// Rejects patterns that are not sectors. The edges of sectors generate equal numbers of events, as far as they are in
+// view, and ON and OFF edges are half a period apart. All events of a spot on a disk come from one of the edges.
+void check_sectors(std::span<const Sample> samples, const DetectedDisk& disk, double span_s, const std::string& file) {
   constexpr double kLeastShare = 0.35, kEnough = 50;
   const auto refuse = [&](const std::string& why) {
     throw bad_input(file, "disk",
-                    fmt::format("something that turns at {:.1f} deg/s about ({:.1f}, {:.1f}), but {}",
+                    fmt::format("a pattern that rotates at {:.1f} deg/s about ({:.1f}, {:.1f}), but {}",
                                 disk.speed_deg_s.value, disk.centre_x.value, disk.centre_y.value, why),
                     "a disk of alternating black and white sectors of equal width");
   };
@@ -286,21 +288,22 @@ void check_sectors(std::span<const Sample> samples, const Disk& disk, double spa
   for (const std::size_t p : {1, 0})
     for (std::size_t k = 0; k < shares.found[p].size(); ++k)
       if (shares.expected[p][k] > kEnough && shares.found[p][k] < kLeastShare * shares.expected[p][k])
-        refuse(fmt::format("one of its {} {} edges made {:.0f} events where all alike would make {:.0f}",
+        refuse(fmt::format("one of its {} {} edges has {:.0f} events, where equal edges would have {:.0f}",
                            shares.found[p].size(), p ? "ON" : "OFF", shares.found[p][k], shares.expected[p][k]));
   const double period_deg = 720.0 / disk.sectors;
   const double off = std::remainder(disk.off_edge_deg.value - disk.on_edge_deg.value - period_deg / 2, period_deg);
   if (std::abs(off) > period_deg / 6)
-    refuse(
-        fmt::format("its edges lie {:.0f} and {:.0f} deg apart by turns", period_deg / 2 + off, period_deg / 2 - off));
+    refuse(fmt::format("its edges are {:.0f} and {:.0f} deg apart alternately", period_deg / 2 + off,
+                       period_deg / 2 - off));
 }
 
 Json json_of(const Measured& m) { return {{"value", m.value}, {"deviation", m.deviation}}; }
 
 }  // namespace
 
-Disk find_disk(const events::Recording& recording, const std::string& file, const PlaceOnPlane& place) {
-  const std::vector<Sample> samples = samples_of(recording, place);
+DetectedDisk find_disk(const events::Recording& recording, const std::string& file,
+                       const PlaneFromPixel& plane_from_pixel) {
+  const std::vector<Sample> samples = samples_of(recording, plane_from_pixel);
   const double span_s = static_cast<double>(recording.span_us) * 1e-6;
   if (samples.size() < 2000)
     throw bad_input(file, "disk", fmt::format("nothing found: {} events", samples.size()), "at least 2000 events");
@@ -309,10 +312,10 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
   if (c.coherence < kLeastCoherence)
     throw bad_input(file, "disk", "nothing found (" + c.text() + ")",
                     fmt::format("a coherence of at least {}", kLeastCoherence));
-  const Look look = last_look(samples, c, span_s, file);
-  const Refits refits = refits_of(look, c, span_s);
+  const StepFit step_fit = locate_steps(samples, c, span_s, file);
+  const Refits refits = refits_of(step_fit, c, span_s);
 
-  Disk disk;
+  DetectedDisk disk;
   disk.centre_x = {c.fit[kX], refits.deviation[kX]};
   disk.centre_y = {c.fit[kY], refits.deviation[kY]};
   disk.speed_deg_s = {c.fit[kSpeed], refits.deviation[kSpeed]};
@@ -325,13 +328,13 @@ Disk find_disk(const events::Recording& recording, const std::string& file, cons
     disk.warnings.push_back(fmt::format("the speed changes: {:.1f} deg/s in the first half, {:.1f} deg/s in the second",
                                         refits.first_half_deg_s, refits.second_half_deg_s));
   check_quarters(samples, c, span_s, disk.warnings);
-  place_edges(samples, c, look.steps, refits.deviation, disk);
+  place_edges(samples, c, step_fit.steps, refits.deviation, disk);
   check_sectors(samples, disk, span_s, file);
-  find_rim(samples, outline_of(recording, place), disk);
+  find_rim(samples, outline_of(recording, plane_from_pixel), disk);
   return disk;
 }
 
-Json to_json(const Disk& d) {
+Json to_json(const DetectedDisk& d) {
   const bool rim = d.rim.size.width > 0;
   return {{"centre_x", json_of(d.centre_x)},
           {"centre_y", json_of(d.centre_y)},
@@ -354,8 +357,8 @@ Json to_json(const Disk& d) {
           {"warnings", d.warnings}};
 }
 
-cv::Mat disk_picture(const events::Recording& recording, const Disk& disk, const view::Theme& theme) {
-  // A window in which the disk turns 10 degrees.
+cv::Mat disk_picture(const events::Recording& recording, const DetectedDisk& disk, const view::Theme& theme) {
+  // The window in which the disk rotates by 10 degrees.
   const std::int64_t middle = disk.phase_time_us - recording.first_us;
   const auto window = static_cast<std::int64_t>(10 / std::abs(disk.speed_deg_s.value) * 1e6) + 1;
   const int times = std::max(1, 1280 / recording.width);

@@ -49,8 +49,8 @@ std::vector<Sample> near_steps(std::span<const Sample> samples, const Fit& fit, 
 
 namespace {
 
-// Minus the sharpness of both steps. Parameters: the fit's, in units of `unit` from `start`, so that all are of one
-// size.
+// Minus the sharpness of both steps. Parameters: those of the fit, as multiples of `unit` from `start`, so that all
+// have the same magnitude.
 class Dullness : public ceres::FirstOrderFunction {
  public:
   Dullness(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
@@ -103,7 +103,7 @@ class Dullness : public ceres::FirstOrderFunction {
 Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
               double width_deg, double span_s) {
   auto* dullness = new Dullness(near, start, steps, period_deg, width_deg, span_s);
-  const ceres::GradientProblem problem(dullness);  // which owns it
+  const ceres::GradientProblem problem(dullness);  // takes ownership
   std::array<double, 5> x{};
   ceres::GradientProblemSolver::Options options;
   options.logging_type = ceres::SILENT;
@@ -117,7 +117,7 @@ Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<S
 
 Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, double period_deg) {
   constexpr std::size_t kRings = 8;
-  constexpr double kBegin = 0.05;  // part of a burst: early, yet no stray event
+  constexpr double kBegin = 0.05;  // fraction of a burst's events before its onset: early, but above noise
   const double direction = fit[kSpeed] > 0 ? 1 : -1;
   std::vector<std::pair<double, double>> events;  // radius, delay
   for (const Sample& s : samples) {
@@ -128,7 +128,7 @@ Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, do
   }
   if (events.size() < 100 * kRings) return {};
   std::sort(events.begin(), events.end());
-  // A line through the rings' 1 / radius and beginnings; the innermost ring is too blurred.
+  // Fits a line to the onsets over 1 / radius; the innermost ring is excluded as too blurred.
   std::array<double, kRings> inverse{}, begin{};
   double mean = 0, mean_begin = 0, squares = 0, slope = 0, left = 0;
   for (std::size_t k = 1; k < kRings; ++k) {

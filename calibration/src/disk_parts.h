@@ -11,7 +11,7 @@
 namespace pecs::calibration::disk {
 
 inline constexpr double kDegree = std::numbers::pi / 180;
-inline constexpr double kLeastRadius_px = 10;  // nearer to the centre an angle means nothing
+inline constexpr double kLeastRadius_px = 10;  // angles closer to the centre are too uncertain
 
 struct Sample {
   double x, y, t_s;  // pixel centre; time from the middle of the recording
@@ -38,17 +38,17 @@ struct Step {
 };
 std::array<Step, 2> steepest(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg);
 std::vector<Sample> near_steps(std::span<const Sample> samples, const Fit& fit, double period_deg, double width_deg);
-// Moves all five parameters to where the two steps are steepest.
+// Fits all five parameters so that the two steps are steepest.
 Fit sharpened(std::span<const Sample> near, const Fit& start, const std::array<Step, 2>& steps, double period_deg,
               double width_deg, double span_s);
-// Fast pixels answer an edge with a short burst that begins as soon as the blurred edge touches them: ahead of its
-// middle by a number of pixels, so by an angle that falls as 1 / radius. Returns where bursts would begin far out,
-// degrees behind the step, and its deviation.
+// Fast pixels respond to an edge with a short burst that begins when the blurred edge reaches them: a constant number
+// of pixels before its middle, i.e. an angle proportional to 1 / radius. Returns the onset extrapolated to infinite
+// radius, in degrees behind the step, and its deviation.
 Measured burst_begins(std::span<const Sample> samples, const Fit& fit, int p, double period_deg);
 
 // ---- disk_rim.cpp
 
-// Puts the outer edge into `disk`. `picture`: outline of what the camera sees; events that stop there end no disk.
-void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, Disk& disk);
+// Sets the rim of `disk`. `picture`: outline of the field of view; events that end there are not the rim.
+void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, DetectedDisk& disk);
 
 }  // namespace pecs::calibration::disk

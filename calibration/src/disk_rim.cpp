@@ -5,16 +5,16 @@
 
 namespace pecs::calibration::disk {
 
-void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, Disk& disk) {
-  constexpr int kWedges = 90, kPerPixel = 4, kReach = 6 * kPerPixel;  // compares 6 px inside with 6 px outside
-  constexpr double kLeastContrast = 4.5;                              // standard deviations; chance reaches about 4
+void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& picture, DetectedDisk& disk) {
+  constexpr int kWedges = 90, kPerPixel = 4, kReach = 6 * kPerPixel;  // compares the densities 6 px inside and outside
+  constexpr double kLeastContrast = 4.5;                              // standard deviations; noise reaches about 4
   const auto farthest = std::max_element(samples.begin(), samples.end(), [&](const Sample& a, const Sample& b) {
     const double cx = disk.centre_x.value, cy = disk.centre_y.value;
     return std::hypot(a.x - cx, a.y - cy) < std::hypot(b.x - cx, b.y - cy);
   });
   const double far = std::hypot(farthest->x - disk.centre_x.value, farthest->y - disk.centre_y.value);
   const int bins = static_cast<int>(far * kPerPixel) + kReach + 2;
-  std::vector<std::vector<double>> events(kWedges, std::vector<double>(bins));  // by radius, then summed up to it
+  std::vector<std::vector<double>> events(kWedges, std::vector<double>(bins));  // per radius, then cumulative
   for (const Sample& s : samples) {
     const double dx = s.x - disk.centre_x.value, dy = s.y - disk.centre_y.value;
     const int wedge =
@@ -22,7 +22,7 @@ void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& p
     events[wedge][static_cast<int>(std::hypot(dx, dy) * kPerPixel)] += 1;
   }
 
-  // In each wedge the outermost radius where events stop: the step that stands out most against chance.
+  // In each wedge the outermost radius where the event density drops: the step of the highest significance.
   std::vector<cv::Point2f> points;
   for (int w = 0; w < kWedges; ++w) {
     auto& sum = events[w];
@@ -45,7 +45,7 @@ void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& p
     if (rim > 0) points.push_back(place(static_cast<double>(rim) / kPerPixel));
   }
 
-  // An ellipse through them, again and again without outliers.
+  // Fits an ellipse repeatedly, each time without the outliers.
   const auto distance = [&](const cv::Point2f& p) {
     const double a = disk.rim.angle * kDegree, dx = p.x - disk.rim.center.x, dy = p.y - disk.rim.center.y;
     const double u = (dx * std::cos(a) + dy * std::sin(a)) / (disk.rim.size.width / 2);

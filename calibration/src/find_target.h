@@ -1,5 +1,5 @@
 #pragma once
-// find_in_recording, for one kind of target each.
+// find_in_recording for each kind of target.
 #include "pecs/calibration/align.h"
 
 namespace pecs::calibration {

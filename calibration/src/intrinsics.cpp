@@ -103,7 +103,7 @@ Intrinsics intrinsics_of(const Views& views, const BoardShape& shape, cv::Size s
   Fit best;
   try {
     best = fit(views, use, board, size, options);
-    // Views that do not fit the others, once.
+    // Discards views that do not fit the others, once.
     std::vector<double> sorted = best.rms;
     std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
     const double limit = std::max(0.5, 3 * sorted[sorted.size() / 2]);
@@ -119,7 +119,7 @@ Intrinsics intrinsics_of(const Views& views, const BoardShape& shape, cv::Size s
                       fmt::format("{} or more", kLeastViews));
     if (kept.size() < use.size()) use = kept, best = fit(views, use, board, size, options);
 
-    // How sure: the jackknife over groups of views.
+    // Deviations by the jackknife over groups of views.
     const std::size_t folds = std::min(kMostFolds, use.size());
     std::vector<CameraModel> without;
     for (std::size_t fold = 0; fold < folds; ++fold) {
@@ -219,7 +219,7 @@ cv::Mat coverage_picture(const Views& views, const Intrinsics& in, const BoardSh
       10, 20, ink);
   if (curve.empty()) return picture;
 
-  // Both distortions against a perfect r = k tan(angle), per cent.
+  // Both distortions relative to r = k tan(angle), in per cent.
   const auto percent = [&](double angle_deg, double r, double first) {
     return 100 * (r / std::tan(angle_deg * CV_PI / 180) / first - 1);
   };

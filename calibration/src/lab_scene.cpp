@@ -9,7 +9,7 @@
 
 namespace pecs::calibration {
 
-cv::Vec3d LabScene::place_mm() const {
+cv::Vec3d LabScene::position_mm() const {
   if (is_board()) return {values.at("start_right_mm"), values.at("board_up_mm"), values.at("board_distance_mm")};
   return {values.at("disk_right_mm"), values.at("disk_up_mm"), values.at("disk_distance_mm")};
 }

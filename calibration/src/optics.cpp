@@ -14,14 +14,14 @@ namespace {
 
 constexpr int kSteps = 400;
 
-// radius(angle) at even angles from rows of rising (angle, radius).
+// Resamples radius(angle) at equal angle steps from rows of increasing (angle, radius).
 Optics resampled(const std::vector<double>& angle, const std::vector<double>& radius, cv::Point2d axis) {
   Optics o{axis, angle.back() / kSteps, {}};
   std::size_t k = 1;
   for (int i = 0; i <= kSteps; ++i) {
     const double a = i * o.step_rad;
     while (k + 1 < angle.size() && angle[k] < a) ++k;
-    // The ratio radius / tan(angle) is nearly constant, so it is what is interpolated.
+    // Interpolates the ratio radius / tan(angle), which is nearly constant.
     const auto ratio = [&](std::size_t j) {
       return j == 0 ? radius[1] / std::tan(angle[1]) : radius[j] / std::tan(angle[j]);
     };
@@ -68,7 +68,7 @@ Optics optics_of(const LensSetting& s, cv::Size size) {
   const cv::Point2d middle(size.width / 2.0, size.height / 2.0);
   const double corner_px = cv::norm(middle);
   std::vector<double> angle = {0}, radius = {0};
-  // A little beyond the corner, so that what is half out of view still has a place.
+  // Extends the table beyond the corner, for targets that are partly out of view.
   for (int i = 1; i <= kSteps; ++i) {
     const double r = 1.099 * corner_px * i / kSteps;
     const auto d = map.direction_from_pixel({middle.x + r, middle.y});
@@ -90,7 +90,7 @@ Optics optics_of(const CameraModel& c) {
     const double x = c.fisheye ? a : std::tan(a);
     double sum = x, power = x;
     for (const double k : c.radial) power *= x * x, sum += k * power;
-    if (c.focal_px * sum <= radius.back()) break;  // the polynomial turns back
+    if (c.focal_px * sum <= radius.back()) break;  // the polynomial is no longer monotonic
     angle.push_back(a), radius.push_back(c.focal_px * sum);
     if (radius.back() > corner) break;
   }

@@ -13,11 +13,11 @@ namespace {
 constexpr int kRows = 3, kWidth = 800;
 const cv::Scalar kBlue(178, 114, 0), kOrange(0, 94, 213), kInk(31, 31, 27);
 
-using Line = std::vector<cv::Point3d>;  // right, down and forward of the unturned camera [mm]
+using Line = std::vector<cv::Point3d>;  // right, down, forward in the axes of the unrotated camera [mm]
 
 std::vector<Line> board_outline(const LabScene& s, double right_mm) {
-  const double n = s.values.at("squares"), side = s.values.at("square_mm"), down = -s.place_mm()[1],
-               z = s.place_mm()[2];
+  const double n = s.values.at("squares"), side = s.values.at("square_mm"), down = -s.position_mm()[1],
+               z = s.position_mm()[2];
   std::vector<Line> lines;
   for (int i = 0; i <= static_cast<int>(n); ++i) {
     const double o = (i - n / 2) * side, half = n / 2 * side;
@@ -32,7 +32,8 @@ std::vector<Line> board_outline(const LabScene& s, double right_mm) {
 }
 
 std::vector<Line> disk_outline(const LabScene& s, double edge_deg) {
-  const double r = s.values.at("disk_radius_mm"), x = s.place_mm()[0], y = -s.place_mm()[1], z = s.place_mm()[2];
+  const double r = s.values.at("disk_radius_mm"), x = s.position_mm()[0], y = -s.position_mm()[1],
+               z = s.position_mm()[2];
   std::vector<Line> lines(1);
   for (int k = 0; k <= 72; ++k)
     lines[0].emplace_back(x + r * std::cos(k * 5 * kDegree), y + r * std::sin(k * 5 * kDegree), z);
@@ -45,13 +46,13 @@ std::vector<Line> disk_outline(const LabScene& s, double edge_deg) {
 }
 
 void draw_outline(cv::Mat& panel, const LabScene& s, double scene_us, const Optics& optics, double times) {
-  const cv::Matx33d turn = matrix_of(turn_from_blender(s.rotation_deg));
+  const cv::Matx33d rotation = matrix_of(rotation_from_blender(s.rotation_deg));
   const double t_s = scene_us * 1e-6;
   const auto lines = s.is_board() ? board_outline(s, s.board().later(t_s).at) : disk_outline(s, s.disk().later(t_s).at);
   for (const Line& line : lines) {
     std::vector<cv::Point> p;
     for (const auto& q : line) {
-      const cv::Point2d at = seen(optics, turn, q.x, q.y, q.z) * times;
+      const cv::Point2d at = project(optics, rotation, q.x, q.y, q.z) * times;
       p.emplace_back(cvRound(at.x * 16), cvRound(at.y * 16));
     }
     cv::polylines(panel, p, false, kOrange, 1, cv::LINE_AA, 4);

@@ -28,12 +28,12 @@ fs::path data_dir(const std::string& room) {
     if (fs::path dir = fs::path(set) / room; fs::is_directory(dir)) return dir;
     throw not_found((fs::path(set) / room).string(), "no such folder (PECS_DATA is set)");
   }
-  // build/<preset>/bin/pecs lies four levels below the checkout's root, bin/pecs two below the prefix.
+  // build/<preset>/bin/pecs is four levels below the checkout's root, bin/pecs two below the prefix.
   fs::path above = own_binary().parent_path();
   for (int level = 0; level < 5 && above.has_relative_path(); ++level, above = above.parent_path())
     for (const fs::path& dir : {above / "share" / "pecs" / room, above / room})
       if (fs::is_directory(dir)) return dir;
-  throw not_found(room, "no such data folder near the program; set PECS_DATA to the folder that holds it");
+  throw not_found(room, "no such data folder near the program; set PECS_DATA to the folder that contains it");
 }
 
 fs::path find_data(const std::string& room, const std::string& name_or_path) {

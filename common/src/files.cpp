@@ -51,7 +51,7 @@ std::string lower(std::string text) {
   return text;
 }
 
-// Also of two that do not exist yet.
+// Also for paths that do not exist yet.
 bool is_same_file(const fs::path& a, const fs::path& b) {
   std::error_code ec;
   if (fs::equivalent(a, b, ec)) return true;
@@ -59,44 +59,47 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
   return !ec && a_path == b_path;
 }
 
-// The file that an output's name stands for. Throws bad_output when it is neither a file nor nothing yet.
+// Resolves links in an output's path. Throws bad_output for an existing path that is not a file or a stream.
 fs::path file_behind(const fs::path& path) {
   struct stat found{};
-  if (path.empty()) throw bad_output("output", "it has no name");
+  if (path.empty()) throw bad_output("output", "the path is empty");
   if (::stat(path.c_str(), &found) != 0) {
     if (errno != ENOENT) throw bad_output(path.string(), last_error());
     std::error_code ec;
-    if (fs::is_symlink(path, ec)) throw bad_output(path.string(), "it is a link to nothing");
+    if (fs::is_symlink(path, ec)) throw bad_output(path.string(), "dangling symbolic link");
     return path;
   }
-  if (S_ISDIR(found.st_mode)) throw bad_output(path.string(), "it is a folder");
-  if (S_ISBLK(found.st_mode) || S_ISSOCK(found.st_mode)) throw bad_output(path.string(), "it is a disk or a socket");
+  if (S_ISDIR(found.st_mode)) throw bad_output(path.string(), "it is a directory");
+  if (S_ISBLK(found.st_mode) || S_ISSOCK(found.st_mode))
+    throw bad_output(path.string(), "it is a block device or a socket");
   if (!S_ISREG(found.st_mode))
-    throw bad_output(path.string(), "it is a pipe or a device, and this format goes back while it writes");
+    throw bad_output(path.string(), "it is a pipe or a device; this format needs a seekable file");
   return fs::is_symlink(path) ? fs::canonical(path) : path;
 }
 
-// Opens the .partial, locks it and empties it, in that order, so that a file that another process writes stays whole.
+// Opens, locks and truncates the .partial, in this order, so that a file that another process writes stays intact.
 int claimed(const fs::path& partial, const fs::path& path) {
   const auto refuse = [&](int fd, const std::string& why) {
     if (fd >= 0) ::close(fd);
     return bad_output(path.string(), why);
   };
   for (;;) {
-    // O_NONBLOCK: a pipe in the way does not hold us.
+    // O_NONBLOCK: opening a pipe does not block.
     const int fd = ::open(partial.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NOCTTY | O_NONBLOCK | O_CLOEXEC, 0666);
     struct stat opened{}, named{};
     if (fd < 0) {
       const bool is_link = errno == ELOOP && ::lstat(partial.c_str(), &named) == 0 && S_ISLNK(named.st_mode);
       throw refuse(fd, is_link ? partial.string() + " is a symbolic link" : last_error());
     }
-    if (::fstat(fd, &opened) != 0 || !S_ISREG(opened.st_mode)) throw refuse(fd, partial.string() + " is no file");
-    // A lock of the open file, not of the process: HDF5's own locks and other files closed here leave it alone.
+    if (::fstat(fd, &opened) != 0 || !S_ISREG(opened.st_mode))
+      throw refuse(fd, partial.string() + " is not a regular file");
+    // A lock of the open file description, not of the process: closing another descriptor of the file does not release
+    // it.
     struct flock lock{};
     lock.l_type = F_WRLCK;
     if (::fcntl(fd, F_OFD_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES))
-      throw refuse(fd, "another process or writer is writing it");
-    // Renamed by another process between open and lock: it is a finished output now.
+      throw refuse(fd, "another process is writing it");
+    // Another process renamed it between open and lock: it is a finished output now.
     if (::stat(partial.c_str(), &named) != 0 || named.st_ino != opened.st_ino || named.st_dev != opened.st_dev) {
       ::close(fd);
       continue;
@@ -107,7 +110,7 @@ int claimed(const fs::path& partial, const fs::path& path) {
 }
 
 FilePtr open_to_read(const fs::path& path) {
-  if (fs::is_directory(path)) throw not_found(path.string(), "is a folder");
+  if (fs::is_directory(path)) throw not_found(path.string(), "it is a directory");
   FilePtr f(std::fopen(path.c_str(), "rb"));
   if (!f) throw not_found(path.string(), last_error());
   return f;
@@ -199,7 +202,7 @@ void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::pa
 
 namespace {
 
-// visit(bytes) for a whole file, part by part.
+// Calls visit(bytes) for each part of a file.
 template <class Visit>
 void read_file(const fs::path& path, const Visit& visit) {
   const FilePtr f = open_to_read(path);

@@ -40,7 +40,7 @@ void take_signals() {
   ::signal(SIGXFSZ, SIG_IGN);
 }
 
-int said(const char* name, const Error& e) {
+int print_error(const char* name, const Error& e) {
   std::fprintf(stderr, "%s: %s\n", name, e.what());
   return static_cast<int>(e.code());
 }
@@ -50,7 +50,7 @@ int said(const char* name, const Error& e) {
 int run_program(const char* name, const std::function<int()>& body) noexcept {
   fill_descriptors();
   take_signals();
-  // OpenCV says there what it could not read, in lines beside ours.
+  // OpenCV would print messages of its own on stderr.
   std::cerr.setstate(std::ios::failbit);
   int code = 0;
   try {
@@ -58,8 +58,8 @@ int run_program(const char* name, const std::function<int()>& body) noexcept {
     std::cout.flush();
     if (std::fflush(stdout) != 0 || std::ferror(stdout)) throw bad_output("standard output", std::strerror(errno));
   } catch (const std::exception& e) {
-    if (std::ferror(stdout)) return said(name, bad_output("standard output", std::strerror(errno)));
-    return said(name, as_error(e));
+    if (std::ferror(stdout)) return print_error(name, bad_output("standard output", std::strerror(errno)));
+    return print_error(name, as_error(e));
   }
   return code;
 }

@@ -24,8 +24,8 @@ std::string range_text(Range range) {
   return fmt::format("a number in [{}, {}]", range.min, range.max);
 }
 
-// Builds the value, and refuses what makes a file say other things to other readers, or nothing that can be used: keys
-// that come twice, numbers that no double holds, nesting without end.
+// Builds the value. Rejects content that readers interpret differently or that is unusable: duplicate keys, numbers
+// that no double represents, unlimited nesting.
 class StrictBuilder : public nlohmann::json_sax<Json> {
  public:
   StrictBuilder(const std::string& text, const std::string& file) : text_(text), file_(file) {}
@@ -44,7 +44,7 @@ class StrictBuilder : public nlohmann::json_sax<Json> {
   bool end_array() override { return close(); }
   bool key(string_t& value) override {
     key_ = std::move(value);
-    if (open_.back().json->contains(key_)) throw bad_input(file_, place(), "this key twice", "once");
+    if (open_.back().json->contains(key_)) throw bad_input(file_, place(), "a duplicate key", "each key once");
     return true;
   }
 

@@ -17,7 +17,7 @@ namespace {
 const std::string kScenes = std::string(PECS_SOURCE_DIR) + "/scenes/";
 constexpr double kDegree = CV_PI / 180;
 
-// A camera turned from Blender's (90, 0, 0); its rotation as align_scene writes it is checked against this.
+// A camera rotated from Blender's (90, 0, 0): the reference for the rotation that align_scene writes.
 struct Turned {
   cv::Vec3d rotation_deg;
   cv::Matx33d camera_from_world() const {
@@ -34,7 +34,7 @@ struct Turned {
   }
 };
 
-// Events of the disk of scenes/rotating_disk before a turned camera, drawn from its geometry: they follow their edge.
+// Events of the disk of scenes/rotating_disk in front of a rotated camera, drawn from its geometry behind their edge.
 events::Recording disk_recording(const Optics& optics, const Turned& camera, const std::map<std::string, double>& p,
                                  cv::Size size) {
   std::mt19937 random(3);
@@ -59,7 +59,7 @@ events::Recording disk_recording(const Optics& optics, const Turned& camera, con
   return events::recording_of({{size.width, size.height, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
 }
 
-TEST(Align, ADiskBeforeATurnedCamera) {
+TEST(Align, DiskAndRotatedCamera) {
   const LabScene scene = load_lab_scene(kScenes + "rotating_disk");
   const cv::Size size(1280, 720);
   const Optics optics = optics_of(scene.lens, size);
@@ -69,12 +69,12 @@ TEST(Align, ADiskBeforeATurnedCamera) {
   truth["rpm"] = 355;
   const TargetEstimate found =
       find_in_recording(disk_recording(optics, camera, truth, size), scene, optics, {}, "x.raw");
-  const Aligned aligned = align_scene(scene, found, Clock::file);
+  const Aligned aligned = align_scene(scene, found, ClockModel::file);
   const auto& v = aligned.scene.values;
   EXPECT_NEAR(v.at("rpm"), 355, 0.4);
-  EXPECT_LT(std::abs(std::remainder(v.at("phase_deg") - 40, 180)), 0.7);  // the search's own lag
+  EXPECT_LT(std::abs(std::remainder(v.at("phase_deg") - 40, 180)), 0.7);  // bias of the search
   EXPECT_NEAR(v.at("disk_distance_mm"), 1500, 8);
-  // Where the disk lies in the picture is what matters, and is known far better than the camera's turn.
+  // The position of the disk in the picture is far more certain than the camera's rotation.
   const auto centre = [&](const cv::Vec3d& rotation, const std::map<std::string, double>& p) {
     return optics.project(cv::Point3d(Turned{rotation}.camera_from_world() *
                                       cv::Vec3d(p.at("disk_right_mm"), p.at("disk_distance_mm"), p.at("disk_up_mm"))));
@@ -83,8 +83,8 @@ TEST(Align, ADiskBeforeATurnedCamera) {
   EXPECT_NEAR(aligned.scene.rotation_deg[0], 91.5, 1);
   EXPECT_NEAR(aligned.scene.rotation_deg[2], 3, 1);
 
-  // The clock instead of phase and speed: the scene at its own speed shows the same angles at the same file times.
-  const Aligned by_clock = align_scene(scene, found, Clock::offset_and_rate);
+  // Estimating the clock instead of phase and speed gives the same angles at the same file times.
+  const Aligned by_clock = align_scene(scene, found, ClockModel::offset_and_rate);
   EXPECT_EQ(by_clock.scene.values.at("rpm"), scene.values.at("rpm"));
   for (const double file_us : {0.0, 50'000.0}) {
     const double t_s = by_clock.clock_rate * (file_us - by_clock.clock_offset_us) * 1e-6;
@@ -93,8 +93,8 @@ TEST(Align, ADiskBeforeATurnedCamera) {
   }
 }
 
-// A board simulated by the sensor, seen square on: then all its points move by one displacement.
-TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
+// A simulated board, perpendicular to the optical axis, so that all its points have the same displacement.
+TEST(Align, BoardAndCorrectionByASimulation) {
   LabScene scene = load_lab_scene(kScenes + "board");
   const cv::Size size(320, 180);
   scene.lens.pixel_pitch_um = 19.44;
@@ -104,7 +104,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
     sensor::Sensor sensor(sensor::load_chip("imx636"), 320, 180, 1, 10'000, {}, {.readout = true});  // 10 pA
     sensor::LabelledEvents out;
     std::vector<float> frame(std::size_t{320} * 180);
-    std::vector<cv::Point2d> mm;  // on the plane of the board, of each pixel
+    std::vector<cv::Point2d> mm;  // of each pixel in the plane of the board
     for (int y = 0; y < 180; ++y)
       for (int x = 0; x < 320; ++x) mm.push_back(optics.normalised({x + 0.5, y + 0.5}) * distance_mm);
     const double square = 41.7, soft = 0.8 * distance_mm / optics.focal_px();
@@ -126,19 +126,19 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   };
   const events::Recording recording = recorded(60, 0.8, 12, 1500);
   const TargetEstimate real = find_in_recording(recording, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
-  const Aligned first = align_scene(scene, real, Clock::file);
+  const Aligned first = align_scene(scene, real, ClockModel::file);
   const auto& a = first.scene.values;
   EXPECT_NEAR(a.at("speed_m_per_s"), 0.8, 0.004);
   EXPECT_NEAR(a.at("start_right_mm"), 60, 1.5);
   EXPECT_NEAR(a.at("board_distance_mm"), 1500, 10);
   EXPECT_LT(real.residual["rms_px"], 0.3);
 
-  // Never a silent wrong answer: another distance (or square) is warned of, other counts and turning back are refused.
+  // A wrong distance (or square) gives a warning; a wrong count and a reversal are errors.
   LabScene nearer = scene;
   nearer.values["board_distance_mm"] = 1300;
-  const Json warnings = align_scene(nearer, real, Clock::file).json["warnings"];
+  const Json warnings = align_scene(nearer, real, ClockModel::file).json["warnings"];
   ASSERT_FALSE(warnings.empty());
-  EXPECT_NE(warnings.back().get<std::string>().find("a wrong square_mm (36.1"), std::string::npos) << warnings;
+  EXPECT_NE(warnings.back().get<std::string>().find("check square_mm (36.1"), std::string::npos) << warnings;
   LabScene more = scene;
   more.values["squares"] = 6;
   EXPECT_THROW(find_in_recording(recording, more, optics, {.views = 3}, "x.raw"), Error);
@@ -149,7 +149,7 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
     EXPECT_NE(std::string(e.what()).find("does not slide uniformly"), std::string::npos) << e.what();
   }
 
-  // One that stops, and one that is partly out of view at first: measured where it can be, and the rest named.
+  // A board that stops, and one that is partly out of view at first, are measured where possible, with warnings.
   for (const events::Recording& part : {recorded(60, 0.8, 12, 1500, 100), recorded(300, 0.8, 12, 1500)}) {
     const TargetEstimate found = find_in_recording(part, scene, optics, {.views = 6, .hold_camera = true}, "x.raw");
     EXPECT_NEAR(std::get<BoardMotion>(found.motion).per_s, -800, 8);
@@ -158,19 +158,19 @@ TEST(Align, ABoardItsSpeedAndTheSimulationThatCorrectsIt) {
   }
   EXPECT_THROW(find_in_recording(recorded(430, 0.8, 12, 1500), scene, optics, {.views = 6}, "x.raw"), Error);
 
-  // The simulation of another start, its errors included, gives the start again.
+  // The simulation of another start, with its errors, gives the true start.
   LabScene other = scene;
   other.values["start_right_mm"] = 70, other.values["speed_m_per_s"] = 0.8, other.values["board_up_mm"] = 8;
   other.values["board_distance_mm"] = 1520;
   const TargetEstimate sim =
       find_in_recording(recorded(70, 0.8, 8, 1520), other, optics, {.views = 6, .hold_camera = true}, "x.raw");
-  const Aligned second = align_scene(other, real, sim, Clock::offset);
+  const Aligned second = align_scene(other, real, sim, ClockModel::offset);
   EXPECT_NEAR(second.scene.values.at("speed_m_per_s"), 0.8, 0.004);
   // 60 - 800 t = 70 - 800 (t - offset)
   EXPECT_NEAR(second.clock_offset_us, (70.0 - 60.0) / -0.8 * 1000, 300);
 }
 
-TEST(Align, AWrongSceneFileIsRefusedByPlace) {
+TEST(Align, ErrorsOfASceneFileNameThePlace) {
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "pecs_wrong_scene";
   std::filesystem::create_directories(folder);
   const auto line = [&](const std::string& parameters) {
@@ -190,7 +190,7 @@ TEST(Align, AWrongSceneFileIsRefusedByPlace) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(Align, WhatIsNotALabSceneIsRefusedByName) {
+TEST(Align, AnUnknownSceneIsUnsupported) {
   EXPECT_THROW(load_lab_scene(kScenes + "room"), Error);
   LabScene board = load_lab_scene(kScenes + "board");
   const auto path = std::filesystem::temp_directory_path() / "pecs_align_test.json";

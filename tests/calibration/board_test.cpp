@@ -6,7 +6,7 @@
 #include <functional>
 #include <numbers>
 
-#include "pecs/calibration/clock.h"
+#include "pecs/calibration/timestamp_wrap.h"
 #include "pecs/error.h"
 #include "pecs/sensor/sensor.h"
 #include "random_events.h"
@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kWidth = 320, kHeight = 200;
 
-// A board in the picture's plane: turned by angle_deg about its middle at `at`, `pitch` px a square (or dot).
+// A board in the picture's plane: rotated by angle_deg about its centre `at`, with `pitch` px per square (or circle).
 struct Scene {
   BoardShape shape{Pattern::checkerboard, 4, 3, 1};
   double pitch = 24;
@@ -108,7 +108,7 @@ TEST(Board, CornersOfAMovingCheckerboard) {
   }
 }
 
-TEST(Board, CornersOfATurningCheckerboard) {
+TEST(Board, CornersOfARotatingCheckerboard) {
   Scene scene;
   scene.at = [](double t_s) { return cv::Point2d(150.3 + 500 * t_s, 100.6); };
   scene.angle_deg = [](double t_s) { return 500 * t_s - 10; };
@@ -137,14 +137,13 @@ TEST(Board, ABlinkingBoardAndItsFrequency) {
   EXPECT_NEAR(blinking.frequency_hz, 125, 2);
 }
 
-// Never a silent wrong answer.
-TEST(Board, WhatCannotBeFoundIsSaid) {
+TEST(Board, ABoardThatIsNotFoundIsAnError) {
   const Scene scene;
   const events::Recording recording = scene.recorded();
   const std::string wrong = refusal([&] { find_boards(recording, {Pattern::checkerboard, 5, 3, 1}, 3, "x.raw"); });
   EXPECT_NE(wrong.find("best candidate: a checkerboard of 4 x 3 inner corners"), std::string::npos) << wrong;
 
-  Scene outside;  // its right squares leave the picture
+  Scene outside;  // its right squares are out of view
   outside.at = [](double t_s) { return cv::Point2d(290 + 900 * t_s, 100); };
   EXPECT_NE(refusal([&] { find_boards(outside.recorded(), scene.shape, 1, "x.raw"); }).find("nothing found"),
             std::string::npos);
@@ -157,7 +156,7 @@ TEST(Board, WhatCannotBeFoundIsSaid) {
             std::string::npos);
 }
 
-TEST(Board, ATargetThatTurnsBackIsFoundWhereItMoves) {
+TEST(Board, AReversingBoardIsFoundWhereItMoves) {
   Scene scene;
   scene.seconds = 0.05;
   scene.at = [](double t_s) { return cv::Point2d(130 + 900 * (t_s < 0.025 ? t_s : 0.05 - t_s), 100.6); };
@@ -166,21 +165,21 @@ TEST(Board, ATargetThatTurnsBackIsFoundWhereItMoves) {
   for (const auto& view : search.views) EXPECT_LT(scene.rms_px(view), 1.0) << "at " << view.t_us;
 }
 
-TEST(Clock, ACounterThatStartsAgainIsContinuedAndOtherDisorderRefused) {
+TEST(UnwrapTimestamps, UnwrapsACounterAndRejectsOtherDecreases) {
   const auto times = [](const std::vector<std::int64_t>& t) {
     events::Stream s{{4, 4, ""}, {}};
     for (const auto v : t) s.events.push_back({v, 1, 1, 1});
     return s;
   };
   std::string note;
-  const auto s = with_steady_clock(times({16'777'000, 16'777'200, 3, 700}), "x.raw", note);
+  const auto s = unwrap_timestamps(times({16'777'000, 16'777'200, 3, 700}), "x.raw", note);
   EXPECT_EQ(s.events[2].t_us, 16'777'219);
   EXPECT_EQ(s.events[3].t_us, 16'777'916);
   EXPECT_NE(note.find("16777216 us"), std::string::npos);
   note.clear();
-  EXPECT_EQ(with_steady_clock(times({10, 8, 12}), "x.raw", note).events[1].t_us, 8);
+  EXPECT_EQ(unwrap_timestamps(times({10, 8, 12}), "x.raw", note).events[1].t_us, 8);
   EXPECT_TRUE(note.empty());
-  EXPECT_NE(refusal([&] { with_steady_clock(times({5'000'000, 1'234'567}), "x.raw", note); }).find("goes back"),
+  EXPECT_NE(refusal([&] { unwrap_timestamps(times({5'000'000, 1'234'567}), "x.raw", note); }).find("goes back"),
             std::string::npos);
 }
 

@@ -16,7 +16,7 @@ struct Truth {
   double x = 171.3, y = 118.6, radius = 95, speed_deg_s = 2100,
          on_edge_deg = 33;  // edge: at the middle of the recording
   int sectors = 4;
-  bool slow = true;  // events begin slowly and end at the next edge; else they begin at their own edge
+  bool slow = true;  // events start slowly and end at the next edge; otherwise they start at their own edge
   int count = 60'000, background = 2000;
 };
 
@@ -24,7 +24,7 @@ constexpr std::int64_t kSpan_us = 50'000, kMiddle_us = kSpan_us / 2;
 
 double difference(double a, double b, double period) { return std::abs(std::remainder(a - b, period)); }
 
-// Events of a turning disk, drawn from its geometry alone.
+// Events of a rotating disk, drawn from its geometry.
 events::Recording recording(const Truth& truth, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> unit(0, 1);
@@ -40,7 +40,7 @@ events::Recording recording(const Truth& truth, unsigned seed) {
     const double r = truth.radius * std::sqrt(unit(random));
     const double x = truth.x + r * std::cos(angle), y = truth.y - r * std::sin(angle);
     if (x < 0 || y < 0 || x >= 320 || y >= 240) continue;
-    // Counter-clockwise, edges of one kind follow each other at growing angles; so do they clockwise.
+    // In both directions the edges of one polarity follow each other at increasing angles.
     events.push_back({t_us, static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), edge % 2 == 0});
   }
   for (const auto& e : tests::random_events(static_cast<std::size_t>(truth.background), seed + 1, 320, 240, kSpan_us))
@@ -49,7 +49,7 @@ events::Recording recording(const Truth& truth, unsigned seed) {
   return events::recording_of({{320, 240, ""}, std::move(events)}, "x.raw", 0, INT64_MAX);
 }
 
-void expect_found(const Truth& truth, const Disk& disk) {
+void expect_found(const Truth& truth, const DetectedDisk& disk) {
   EXPECT_EQ(disk.sectors, truth.sectors);
   EXPECT_TRUE(disk.warnings.empty()) << disk.warnings[0];
   EXPECT_NEAR(disk.centre_x.value, truth.x, 0.5);
@@ -66,7 +66,7 @@ void expect_found(const Truth& truth, const Disk& disk) {
   EXPECT_EQ(disk.phase_time_us, kMiddle_us);
 }
 
-TEST(Disk, FindsSlowAndFastPixelsBothWaysAndManySectors) {
+TEST(Disk, SlowAndFastPixelsBothDirectionsAndManySectors) {
   for (const Truth& truth :
        {Truth{}, Truth{.speed_deg_s = -1500, .on_edge_deg = 77}, Truth{.slow = false},
         Truth{.speed_deg_s = -3000, .slow = false}, Truth{.x = 140, .sectors = 6}, Truth{.y = 130, .sectors = 2}}) {
@@ -76,11 +76,11 @@ TEST(Disk, FindsSlowAndFastPixelsBothWaysAndManySectors) {
   }
 }
 
-TEST(Disk, TheStatedDeviationsHold) {
+TEST(Disk, ErrorsAreWithinTheDeviations) {
   int within = 0;
   for (unsigned seed = 0; seed < 4; ++seed) {
     const Truth truth;
-    const Disk d = find_disk(recording(truth, 10 + seed), "x.raw");
+    const DetectedDisk d = find_disk(recording(truth, 10 + seed), "x.raw");
     within += std::abs(d.speed_deg_s.value - truth.speed_deg_s) < 4 * d.speed_deg_s.deviation;
     within += std::abs(d.centre_x.value - truth.x) < 4 * d.centre_x.deviation;
     within += std::abs(d.centre_y.value - truth.y) < 4 * d.centre_y.deviation;
@@ -88,7 +88,7 @@ TEST(Disk, TheStatedDeviationsHold) {
   EXPECT_GE(within, 10);  // of 12
 }
 
-TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
+TEST(Disk, NoiseIsAnErrorWithTheBestCandidate) {
   for (const auto& events : {tests::random_events(30'000, 1, 320, 240), tests::random_events(500, 1, 320, 240)}) {
     try {
       find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
@@ -100,8 +100,8 @@ TEST(Disk, NothingFoundIsSaidWithTheBestCandidate) {
   }
 }
 
-// Dark spots on a bright disk, or a rotor of few blades: they turn, but are no sectors.
-TEST(Disk, WhatTurnsButHasNoSectorsIsSaid) {
+// Dark spots on a bright disk, or a rotor of few blades.
+TEST(Disk, ARotatingPatternWithoutSectorsIsAnError) {
   for (const int spots : {1, 3})
     for (const double width_deg : {12.0, 24.0}) {
       std::mt19937 random(2);
@@ -109,7 +109,7 @@ TEST(Disk, WhatTurnsButHasNoSectorsIsSaid) {
       std::vector<events::Event> events;
       while (events.size() < 40'000) {
         const auto t_us = static_cast<std::int64_t>(unit(random) * static_cast<double>(kSpan_us) * 4);
-        const bool on = unit(random) < 0.5;  // behind the spot it grows bright again
+        const bool on = unit(random) < 0.5;  // the pixel brightens behind the spot
         const double behind_deg = -3 * std::log(1 - unit(random)) + (on ? width_deg : 0);
         const int spot = static_cast<int>(unit(random) * spots);  // 0, 40 and 80 degrees on
         const double angle = (40 * spot - behind_deg + 2100 * 1e-6 * static_cast<double>(t_us)) * M_PI / 180;
@@ -118,18 +118,18 @@ TEST(Disk, WhatTurnsButHasNoSectorsIsSaid) {
                           static_cast<std::uint16_t>(120 - r * std::sin(angle)), on});
       }
       try {
-        const Disk d = find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
+        const DetectedDisk d =
+            find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
         FAIL() << spots << " spots of " << width_deg << " deg: found a disk of " << d.sectors << " sectors";
       } catch (const Error& e) {
         EXPECT_EQ(e.code(), ExitCode::bad_input);
-        const bool said = std::string(e.what()).find("of equal width") != std::string::npos;
-        EXPECT_TRUE(said || spots > 1) << e.what();  // several may lack the coherence
+        const bool named = std::string(e.what()).find("of equal width") != std::string::npos;
+        EXPECT_TRUE(named || spots > 1) << e.what();  // several spots may lack the coherence
       }
     }
 }
 
-// Half way it stops, or turns back: then that is said, in whatever way.
-TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
+TEST(Disk, StoppingOrReversingGivesAWarningOrAnError) {
   const events::Recording turning = recording({}, 5);
   for (const bool back : {false, true}) {
     events::Stream stream{{320, 240, ""}, {}};
@@ -140,7 +140,7 @@ TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
       }
     for (const auto& e : tests::random_events(2000, 9, 320, 240, kSpan_us)) stream.events.push_back(e);
     try {
-      const Disk d = find_disk(events::recording_of(std::move(stream), "x.raw", 0, INT64_MAX), "x.raw");
+      const DetectedDisk d = find_disk(events::recording_of(std::move(stream), "x.raw", 0, INT64_MAX), "x.raw");
       EXPECT_FALSE(d.warnings.empty()) << (back ? "turns back " : "stops ") << d.speed_deg_s.value;
     } catch (const Error& e) {
       EXPECT_NE(std::string(e.what()).find("nothing found"), std::string::npos);
@@ -151,7 +151,7 @@ TEST(Disk, OneThatStopsOrTurnsBackIsNoSilentAnswer) {
 // facts.md: 2098 deg/s, centre (956.8, 360.9), ON edge 28.6 deg and OFF edge 119.2 deg at t = 32000 us.
 TEST(Disk, TheRealRecording) {
   PECS_NEEDS_SHARED("data/real/R_360_L.hdf5");
-  const Disk d = find_disk(
+  const DetectedDisk d = find_disk(
       events::recording_of(events::read_all(tests::shared_dir() / "data/real/R_360_L.hdf5"), "R_360_L", 0, INT64_MAX),
       "R_360_L");
   EXPECT_EQ(d.sectors, 4);

@@ -14,7 +14,7 @@ namespace {
 const BoardShape kBoard{Pattern::checkerboard, 8, 6, 30};
 const cv::Size kSize(640, 360);
 
-// Views of the board by an Optics, with noise on the points.
+// Views of the board through an Optics, with noise on the points.
 std::vector<std::vector<cv::Point2d>> views_of(const Optics& optics, int count, double noise_px) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -39,7 +39,7 @@ std::vector<std::vector<cv::Point2d>> views_of(const Optics& optics, int count, 
   return views;
 }
 
-TEST(Intrinsics, APinholeWithDistortionIsFoundWithinItsDeviations) {
+TEST(Intrinsics, APinholeWithDistortionWithinItsDeviations) {
   const CameraModel truth{false, kSize, 700, {326.4, 174.2}, {-0.12, 0.05, 0}, {}};
   const auto views = views_of(optics_of(truth), 15, 0.1);
   const Intrinsics in = intrinsics_of(views, kBoard, kSize, {}, "x");
@@ -51,14 +51,14 @@ TEST(Intrinsics, APinholeWithDistortionIsFoundWithinItsDeviations) {
     EXPECT_LT(std::abs(row.shape_difference_px), 0.3) << row.angle_deg;
 }
 
-TEST(Intrinsics, AFisheyeIsFound) {
+TEST(Intrinsics, AFisheye) {
   const CameraModel truth{true, kSize, 230, {322, 178}, {0.02, -0.01, 0, 0}, {}};
   const Intrinsics in = intrinsics_of(views_of(optics_of(truth), 20, 0.05), kBoard, kSize, {.fisheye = true}, "x");
   EXPECT_NEAR(in.camera.focal_px, truth.focal_px, 0.003 * truth.focal_px);
   EXPECT_LT(cv::norm(in.camera.principal_px - truth.principal_px), 1);
 }
 
-TEST(Intrinsics, AViewThatDoesNotFitIsLeftOutAndTooFewAreRefused) {
+TEST(Intrinsics, AnOutlierViewIsDiscardedAndTooFewAreAnError) {
   const CameraModel truth{false, kSize, 700, {320, 180}, {0, 0, 0}, {}};
   auto views = views_of(optics_of(truth), 12, 0.1);
   std::mt19937 random(1);
@@ -72,8 +72,8 @@ TEST(Intrinsics, AViewThatDoesNotFitIsLeftOutAndTooFewAreRefused) {
   EXPECT_THROW(intrinsics_of(views, kBoard, kSize, {}, "x"), Error);
 }
 
-// A prescription's picture of distant points is that of its focal length near the axis, and can be turned round.
-TEST(Optics, ALensPrescriptionPlacesDirections) {
+// Near the axis the projection of distant points follows the focal length, and it is invertible.
+TEST(Optics, ProjectsThroughALensPrescription) {
   const Optics o = optics_of({.lens = "pecs_lab_15mm", .focus_m = 1.56, .stop_diameter_mm = 1.0}, {1280, 720});
   EXPECT_NEAR(o.focal_px() * 4.86e-3, 15.02 * (1 + 15.02 / 1545), 0.1);  // mm; extended to focus at 1.56 m
   for (const cv::Point2d p : {cv::Point2d(640.4, 359), {3, 4}, {1200, 700}}) {
@@ -85,7 +85,7 @@ TEST(Optics, ALensPrescriptionPlacesDirections) {
   EXPECT_THROW(optics_of(far, {12800, 7200}), Error);
 }
 
-TEST(Optics, ACameraSurvivesItsFile) {
+TEST(Optics, ACameraRoundTripsThroughJson) {
   const CameraModel c{false, kSize, 700.5, {326.4, 174.2}, {-0.12, 0.05, 0.01}, {1e-4, -2e-4}};
   const CameraModel d = camera_from(JsonObject(to_json(c), "x"));
   EXPECT_EQ(to_json(c), to_json(d));

@@ -29,12 +29,12 @@ class DataDir : public testing::Test {
 
 TEST_F(DataDir, FindsByName) { EXPECT_EQ(find_data("room/things", "one"), dir_ / "room/things/one.json"); }
 
-TEST_F(DataDir, TakesAPathAsItIs) {
+TEST_F(DataDir, KeepsAPath) {
   EXPECT_EQ(find_data("room/things", "./two.json"), "./two.json");
   EXPECT_EQ(find_data("room/things", "two.json"), "two.json");
 }
 
-TEST_F(DataDir, UnknownNameListsWhatThereIs) {
+TEST_F(DataDir, UnknownNameListsTheAvailable) {
   try {
     find_data("room/things", "two");
     FAIL();

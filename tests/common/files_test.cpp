@@ -13,7 +13,7 @@ class Files : public testing::Test {
   fs::path dir_ = fs::temp_directory_path() / ("pecs_files_" + std::to_string(::getpid()));
 };
 
-TEST_F(Files, AppearWholeOrAsPartial) {
+TEST_F(Files, AreCompleteOrPartial) {
   const fs::path path = dir_ / "a.txt";
   {
     pecs::AtomicFile file(path);
@@ -81,7 +81,7 @@ TEST_F(Files, OneWriterAtATime) {
   EXPECT_EQ(fs::file_size(path), 0u);
 }
 
-TEST_F(Files, WhatIsNoFileIsRefused) {
+TEST_F(Files, SpecialFilesAreErrors) {
   fs::create_directory(dir_ / "folder");
   fs::create_symlink("nothing", dir_ / "dangling");
   fs::create_symlink("loop", dir_ / "loop");
@@ -93,7 +93,7 @@ TEST_F(Files, WhatIsNoFileIsRefused) {
   EXPECT_NE(refusal([&] { pecs::AtomicFile file(""); }), "");
 }
 
-TEST_F(Files, OutputsAreNeitherInputsNorTwice) {
+TEST_F(Files, OutputsAreNeitherInputsNorDuplicates) {
   const auto write = [&](const std::string& name) {
     pecs::AtomicFile file(dir_ / name);
     file.commit();

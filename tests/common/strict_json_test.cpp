@@ -20,7 +20,7 @@ std::string error_of(const std::string& text, const std::function<void(pecs::Jso
 
 }  // namespace
 
-TEST(StrictJson, SaysFilePlaceGotWanted) {
+TEST(StrictJson, ErrorsHaveFilePlaceGotAndWanted) {
   EXPECT_EQ(error_of(R"({"a": 1})", [](auto& o) { o.number("a"); }), "");
   EXPECT_EQ(error_of(R"({"a": 7})", [](auto& o) { o.number("a", {0, 1}); }),
             "f.json: a: got 7, wanted a number in [0, 1]");
@@ -30,7 +30,7 @@ TEST(StrictJson, SaysFilePlaceGotWanted) {
             "f.json: s[0].r: got nothing, wanted a value");
 }
 
-TEST(StrictJson, RefusesUnknownKeysButNotComments) {
+TEST(StrictJson, RejectsUnknownKeysButNotComments) {
   EXPECT_EQ(error_of(R"({"a": 1, "_why": 2})", [](auto& o) { o.number("a"); }), "");
   EXPECT_EQ(error_of(R"({"a": 1, "b": 2})", [](auto& o) { o.number("a"); }),
             "f.json: b: got an unknown key, wanted one of a");
@@ -47,10 +47,10 @@ TEST(StrictJson, IntegersDoNotOverflow) {
   EXPECT_NE(error_of(R"({"a": 1.5})", [](auto& o) { o.integer("a", 0, 10); }), "");
 }
 
-TEST(StrictJson, RefusesWhatReadersReadDifferently) {
+TEST(StrictJson, RejectsAmbiguousContent) {
   const auto line = [](const std::string& text) { return error_of(text, [](auto&) {}); };
   EXPECT_EQ(line(R"({"a": 1, "b": {"c": [1, {"d": 1, "d": 2}]}})"),
-            "f.json: b.c[1].d: got this key twice, wanted once");
+            "f.json: b.c[1].d: got a duplicate key, wanted each key once");
   EXPECT_EQ(line("{\n\"a\": 1e999}"), "f.json: line 2 column 10: got 1e999, wanted a number of at most 1.8e308");
   EXPECT_EQ(line("\xef\xbb\xbf{}"),
             "f.json: byte 0: got a byte order mark, wanted UTF-8 without one (\"UTF-8\", not \"UTF-8 with BOM\")");

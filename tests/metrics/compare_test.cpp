@@ -69,8 +69,8 @@ TEST(Compare, SummariesOfAKnownStream) {
   EXPECT_NEAR(*c.on_correlation, -1, 1e-4);
 }
 
-TEST(Compare, FloorIsLowForLikeAndTheSimulationOfNoiseIsAboveIt) {
-  // Events on a moving line, against another draw of it, and against noise.
+TEST(Compare, ASimilarStreamIsBelowTheFloorAndNoiseIsAboveIt) {
+  // Compares events on a moving line with another sample of it and with noise.
   const auto line = [](unsigned seed) {
     auto events = random_events(6000, seed);
     for (auto& e : events) e.x = static_cast<std::uint16_t>(e.t_us * 63 / 10'000);
@@ -84,7 +84,7 @@ TEST(Compare, FloorIsLowForLikeAndTheSimulationOfNoiseIsAboveIt) {
   EXPECT_GT(noise.distance.chamfer(), 2 * like.floor->chamfer());
 }
 
-TEST(Compare, TheFloorFollowsTheSeedAndNothingElse) {
+TEST(Compare, TheFloorDependsOnTheSeedOnly) {
   const auto a = stream_of(random_events(3000, 1)), b = stream_of(random_events(3000, 2));
   const auto first = compare(a, "r", b, "s", {.seed = 1}), again = compare(a, "r", b, "s", {.seed = 1});
   const auto other = compare(a, "r", b, "s", {.seed = 2});
@@ -93,7 +93,7 @@ TEST(Compare, TheFloorFollowsTheSeedAndNothingElse) {
   EXPECT_EQ(first.distance.chamfer(), other.distance.chamfer());
 }
 
-TEST(Compare, RefusesEmptyStreamsAndOtherSensorsAndWarnsOfOneSidedOnes) {
+TEST(Compare, RejectsEmptyStreamsAndOtherSensorsAndWarnsOfOnePolarity) {
   const auto a = stream_of(random_events(300, 1));
   EXPECT_EQ(error_of(a, stream_of({})), "sim.raw: got 0 events, wanted at least 1");
   EXPECT_NE(error_of(a, stream_of(random_events(300, 1), 32, 24)).find("sim.raw: sensor size: got 32x24, wanted 64x48"),
@@ -104,7 +104,7 @@ TEST(Compare, RefusesEmptyStreamsAndOtherSensorsAndWarnsOfOneSidedOnes) {
   EXPECT_TRUE(to_json(c)["off_rate_correlation"].is_null());
 }
 
-TEST(Compare, IntervalsHoldTheScoreAndNarrowWithLikeParts) {
+TEST(Compare, IntervalsContainTheScoreAndAreNarrowForUniformStreams) {
   const auto even = compare(stream_of(random_events(8000, 1)), "r", stream_of(random_events(8000, 2)), "s", {});
   EXPECT_LT(even.chamfer_interval.low, even.distance.chamfer());
   EXPECT_GT(even.chamfer_interval.high, even.distance.chamfer());
@@ -118,7 +118,7 @@ TEST(Compare, IntervalsHoldTheScoreAndNarrowWithLikeParts) {
   EXPECT_EQ(same.chamfer_interval.high, 0);
 }
 
-TEST(Compare, MapsSeePositionAndIntervalsSeeTempo) {
+TEST(Compare, MapsDependOnPositionAndIntervalsOnSpeed) {
   auto left = random_events(20'000, 1);
   for (auto& e : left) e.x = static_cast<std::uint16_t>(e.x / 2);
   auto right = left;
@@ -137,8 +137,8 @@ TEST(Compare, MapsSeePositionAndIntervalsSeeTempo) {
   EXPECT_FALSE(compare(stream_of({{5, 1, 1, 1}}), "r", stream_of(left), "s", {}).interval_distance_decades);
 }
 
-// A disk of four sectors, 2000 deg/s, one ON event and half an OFF event per pixel and edge, each `late_deg` and up to
-// 20 deg more behind its edge; the OFF event as much early as the ON event before it was late.
+// A disk of four sectors at 2000 deg/s with one ON event and half an OFF event per pixel and edge. Delays are
+// `late_deg` plus up to 20 deg; an OFF event is early by the excess delay of the previous ON event.
 Stream disk_events(double speed_deg_s, double late_deg, std::int64_t start_us = 0) {
   constexpr double kSpan_us = 120'000, kDegree = 3.14159265358979 / 180;
   std::mt19937 random(7);
@@ -148,7 +148,7 @@ Stream disk_events(double speed_deg_s, double late_deg, std::int64_t start_us = 
     for (int x = 0; x < 120; ++x) {
       const double dx = x + 0.5 - 60, dy = 60 - (y + 0.5);
       if (std::hypot(dx, dy) > 50) continue;
-      // The ON edge stands at 30 deg at t = 0 and passes here every 180 deg.
+      // The ON edge is at 30 deg at t = 0 and passes here every 180 deg.
       double first = (std::atan2(dy, dx) / kDegree - 30) * (speed_deg_s < 0 ? -1 : 1);
       first -= 180 * std::floor(first / 180) + 180;
       for (double edge = first; edge < 400; edge += 180) {
@@ -181,12 +181,12 @@ TEST(Compare, DelaysBehindADisksEdges) {
       EXPECT_NEAR((*d.sim.quantiles_deg[p])[2], 35, 0.5);
       EXPECT_NEAR(d.real.per_edge[p], p ? 1 : 0.5, 0.03);
     }
-    EXPECT_LT(*d.real.pair_sd_deg, 0.1);  // what one is late the next is early
+    EXPECT_LT(*d.real.pair_sd_deg, 0.1);  // the delays of a pair compensate each other
     const DelayComparison same = *compare(real, "r", real, "s", options).delays;
     EXPECT_EQ(*same.earth_mover_deg[0], 0);
     EXPECT_NEAR(*same.overlap[1], 1, 1e-12);
   }
-  // One polarity alone: nothing is made up for the other.
+  // With one polarity only, the values of the other are empty.
   Stream on = disk_events(2000, 10);
   std::erase_if(on.events, [](const Event& e) { return !e.p; });
   CompareOptions options;
@@ -195,7 +195,7 @@ TEST(Compare, DelaysBehindADisksEdges) {
   EXPECT_FALSE(c.delays->overlap[0]);
   EXPECT_FALSE(c.delays->sim.pair_sd_deg);
   EXPECT_TRUE(to_json(c)["delays"]["off"]["earth_mover_deg"].is_null());
-  EXPECT_NEAR(*c.delays->overlap[1], 1, 0.01);  // the first event is another
+  EXPECT_NEAR(*c.delays->overlap[1], 1, 0.01);  // the first event differs
   EXPECT_NE(error_of(disk_events(2000, 10), stream_of(random_events(10, 1)),
                      {.normalisation = Normalisation::eq16, .disk = options.disk})
                 .find("sensor size"),

@@ -19,7 +19,7 @@ MetricOptions options_for(Normalisation normalisation) {
   return {.normalisation = normalisation, .width = 64, .height = 48, .window_us = 10'000};
 }
 
-// Eq. 12-16 read aloud: every pair, no tree. Integer columns as numpy would hold them.
+// Direct implementation of Eq. 12-16 over all pairs, with numpy's integer columns.
 struct Plain {
   std::vector<std::array<double, 4>> points;
   Plain(const std::vector<Event>& events, const MetricOptions& o) {
@@ -132,7 +132,7 @@ TEST(Metrics, OrderOfEventsDoesNotMatter) {
   EXPECT_NEAR(before.chamfer(), after.chamfer(), 1e-9);
 }
 
-TEST(Metrics, SharedNormalisationSeesAShiftThatEq16Hides) {
+TEST(Metrics, SharedNormalisationDetectsAShiftThatEq16Hides) {
   const auto a = random_events(2000, 7, 64, 48, 10'000);
   auto shifted = a;
   for (auto& e : shifted) e.t_us += 2000, e.x = static_cast<std::uint16_t>(e.x + 3);
@@ -142,7 +142,7 @@ TEST(Metrics, SharedNormalisationSeesAShiftThatEq16Hides) {
   EXPECT_GT(distances(a, shifted, o).chamfer(), 10);
 }
 
-TEST(Metrics, RefusesWhatHasNoDistance) {
+TEST(Metrics, EmptyStreamsAreErrors) {
   const auto a = random_events(10, 1);
   EXPECT_THROW(distances(a, {}, options_for(Normalisation::shared)), Error);
   EXPECT_THROW(distances({}, a, options_for(Normalisation::eq16)), Error);

@@ -9,7 +9,7 @@
 namespace pecs::metrics {
 namespace {
 
-TEST(EarthMover, OfHistogramsIsHowFarTheyAreMoved) {
+TEST(EarthMover, OfHistogramsIsTheirShift) {
   const std::vector<double> a = {0, 4, 2, 0, 0}, b = {0, 0, 2, 1, 0};  // the same shape, a bin later
   EXPECT_NEAR(earth_mover(a, b, 2.5), 2.5, 1e-12);
   EXPECT_EQ(earth_mover(a, a, 1), 0);

@@ -9,7 +9,7 @@
 namespace pecs::metrics {
 namespace {
 
-// A bar that turns once in 40 ms: ON before it, OFF behind it; `late_us` later than the one at 0.
+// A bar that rotates once in 40 ms with ON events before and OFF events behind it, delayed by `late_us`.
 events::Recording bar(unsigned seed, double late_us, std::int64_t span_us) {
   auto events = tests::random_events(20'000, seed, 64, 48, span_us);
   for (auto& e : events) {
@@ -24,7 +24,7 @@ TEST(TimeShift, FindsAKnownShiftBothWays) {
     const auto shift = time_shift(bar(1, 0, 50'000), bar(2, late_us, 50'000), 15'000);
     ASSERT_TRUE(shift);
     EXPECT_NEAR(shift->shift_us, late_us, 250) << late_us;
-    EXPECT_GE(shift->correlation, shift->correlation_now);
+    EXPECT_GE(shift->correlation, shift->correlation_unshifted);
   }
 }
 
@@ -34,7 +34,7 @@ TEST(TimeShift, StreamsOfDifferentLength) {
   EXPECT_NEAR(shift->shift_us, 3000, 250);
 }
 
-TEST(TimeShift, NoiseAgreesAtNoShift) {
+TEST(TimeShift, NoiseHasNoSignificantShift) {
   const auto noise = [](unsigned seed) {
     return events::recording_of({{64, 48, ""}, tests::random_events(20'000, seed)}, "x", 0, INT64_MAX);
   };

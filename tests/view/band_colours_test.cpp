@@ -48,7 +48,7 @@ TEST(BandColours, TheSrgbPrimariesAreTheirOwnColours) {
   }
 }
 
-TEST(BandColours, BandsThatTellNothingAreGrey) {
+TEST(BandColours, UninformativeBandsAreGrey) {
   const auto rgb = rgb_of_bands(bands_of(3, 850, 950), sensor::named_spectrum("blackbody:2856"));
   for (const Triple& c : rgb) {
     EXPECT_TRUE(std::isfinite(c[0]));

@@ -33,7 +33,7 @@ double contrast(const cv::Vec3b& a, const cv::Vec3b& b) { return cv::norm(cv::Ve
 
 TEST_F(Pictures, FrameShowsTheWindowsEventsAtTheirPixels) {
   const auto s = recording({{100, 3, 4, 1}, {150, 5, 6, 0}, {150, 7, 8, 1}, {150, 7, 8, 1}, {200, 9, 9, 1}});
-  const cv::Mat frame = event_frame(s, 0, 100, kLight);  // times count from the first event; the end is excluded
+  const cv::Mat frame = event_frame(s, 0, 100, kLight);  // times from the first event; the end is excluded
   ASSERT_EQ(frame.size(), cv::Size(64, 48));
   const auto at = [&](int x, int y) { return frame.at<cv::Vec3b>(y, x); };
   const cv::Vec3b paper = bgr(kLight.paper), on = bgr(kLight.on), off = bgr(kLight.off);
@@ -55,7 +55,7 @@ TEST_F(Pictures, BinningKeepsEveryEventOfACell) {
   EXPECT_NE(frame.at<cv::Vec3b>(23, 31), bgr(kDark.paper));
 }
 
-TEST_F(Pictures, PartOfARecordingAndWhatIsNotThere) {
+TEST_F(Pictures, PartOfARecordingAndAnEmptyPart) {
   const events::Stream stream{{64, 48, ""}, tests::random_events(1000, 1)};
   const auto part = events::recording_of(stream, "x.raw", 2000, 4000);
   EXPECT_GE(part.first_us, 2000);
@@ -93,7 +93,7 @@ TEST_F(Pictures, VideoPlays) {
   EXPECT_THROW(write_video(s, folder_ / "missing" / "x.mp4", {}), Error);
 }
 
-// What the page holds, unpacked again.
+// Unpacks the events of a page.
 std::vector<std::array<std::int64_t, 4>> events_of_page(const std::string& page) {
   const std::string open = "id=\"events\">";
   const auto begin = page.find(open) + open.size();
@@ -119,7 +119,7 @@ std::vector<std::array<std::int64_t, 4>> events_of_page(const std::string& page)
   return out;
 }
 
-TEST_F(Pictures, PageHoldsTheEventsAndNeedsNoNetwork) {
+TEST_F(Pictures, PageContainsTheEventsAndNeedsNoNetwork) {
   const auto s = recording(tests::random_events(1001, 1));
   EXPECT_EQ(write_page(s, folder_ / "x.html", 5000), 1001U);
   const std::string page = read_text(folder_ / "x.html", 1 << 20);
@@ -133,7 +133,7 @@ TEST_F(Pictures, PageHoldsTheEventsAndNeedsNoNetwork) {
   EXPECT_EQ(page.find("http"), page.npos);
 }
 
-TEST_F(Pictures, PageAboveItsLimitHoldsAFairSubset) {
+TEST_F(Pictures, PageAboveItsLimitContainsAFairSubset) {
   const auto s = recording(tests::random_events(20'000, 1));
   EXPECT_EQ(write_page(s, folder_ / "x.html", 2000), 2000U);
   const auto events = events_of_page(read_text(folder_ / "x.html", 1 << 20));

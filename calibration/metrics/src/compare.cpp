@@ -21,8 +21,8 @@ struct Extent {
   std::int64_t first_us, last_us;
 };
 
-// Leaves the events of the window, their time counted from its origin, in file order. Returns the file's first and last
-// time.
+// Keeps the events of the window in file order, with times from its origin. Returns the first and last time of the
+// file.
 Extent keep_window(std::vector<Event>& events, const std::string& name, const CompareOptions& options) {
   const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
   if (events.empty()) throw bad_input(name, "", "0 events", "at least 1");
@@ -95,7 +95,7 @@ std::array<std::vector<double>, 2> maps_of(const std::vector<Event>& events, int
   return maps;
 }
 
-// Digit by digit: floats that are not negative are ordered as their bits are.
+// Radix sort: floats that are not negative have the order of their bit patterns.
 void sort_not_negative(std::vector<float>& values) {
   constexpr int kDigit = 11, kDigits = 3;
   std::vector<float> sorted(values.size());
@@ -109,8 +109,7 @@ void sort_not_negative(std::vector<float>& values) {
   }
 }
 
-// log10 of the times between consecutive events of a pixel (at least 1 us), sorted. Events in any order are sorted
-// first.
+// log10 of the times between consecutive events of a pixel (at least 1 us), sorted. Sorts `events` by time first.
 std::vector<float> log_intervals(std::vector<Event>& events, int width, int height) {
   const auto by_time = [](const Event& a, const Event& b) { return a.t_us < b.t_us; };
   if (!std::is_sorted(events.begin(), events.end(), by_time)) std::stable_sort(events.begin(), events.end(), by_time);
@@ -129,7 +128,8 @@ double quantile(const std::vector<float>& sorted, double part) {
   return sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size()))];
 }
 
-// 95 % intervals of Chamfer and Gaussian: the parts of the time drawn with replacement, the same ones both ways.
+// 95 % intervals of the Chamfer and Gaussian distance by bootstrap: time blocks drawn with replacement, the same for
+// both directions.
 std::array<Interval, 2> bootstrap(const Distances& d, std::uint64_t seed) {
   constexpr int kDraws = 1000;
   std::vector<int> parts;
@@ -165,7 +165,7 @@ bool coin(std::uint64_t seed, std::uint64_t index) {
   return (z ^ (z >> 31)) >> 63;
 }
 
-// Between random halves; empty when one of them is.
+// Noise floor: the distances between random halves; empty when a half is empty.
 std::optional<Distances> floor_of(const std::vector<Event>& events, const MetricOptions& metric, std::uint64_t seed) {
   std::array<std::vector<Event>, 2> halves;
   for (std::size_t i = 0; i < events.size(); ++i) halves[coin(seed, i)].push_back(events[i]);
@@ -209,7 +209,7 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   c.curve_us = std::max(extent_us(real.events), extent_us(sim.events));
   c.window_us = options.window_us.value_or(c.curve_us);
 
-  // Distances, and what they would be between recordings that differ by chance only.
+  // Distances and their noise floor, the distances between recordings that differ by chance only.
   const MetricOptions metric{
       .normalisation = options.normalisation, .width = c.width, .height = c.height, .window_us = c.window_us};
   c.distance = distances(real.events, sim.events, metric);
@@ -220,14 +220,14 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   const auto intervals = bootstrap(c.distance, options.seed);
   c.chamfer_interval = intervals[0], c.gaussian_interval = intervals[1];
 
-  // Rates and polarities, which know nothing of where an event lies.
+  // Rates and polarities, over all pixels.
   c.real = summary_of(real.events, real_extent, c.curve_us, options.rate_bins);
   c.sim = summary_of(sim.events, sim_extent, c.curve_us, options.rate_bins);
   c.on_correlation = correlation(c.real.on_hz, c.sim.on_hz);
   c.off_correlation = correlation(c.real.off_hz, c.sim.off_hz);
   c.rate_correlation = correlation(sum(c.real.on_hz, c.real.off_hz), sum(c.sim.on_hz, c.sim.off_hz));
 
-  // Where the events lie, and how they follow each other in a pixel.
+  // Event maps and inter-event intervals.
   const auto real_maps = maps_of(real.events, real.info.width, real.info.height);
   const auto sim_maps = maps_of(sim.events, sim.info.width, sim.info.height);
   if (real.info.width == sim.info.width && real.info.height == sim.info.height) {
@@ -242,14 +242,13 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   if (!real_intervals.empty() && !sim_intervals.empty())
     c.interval_distance_decades = earth_mover_of_sorted(real_intervals, sim_intervals);
 
-  // How the events follow the edges of a disk; both streams are in time order by now.
+  // Delays behind the edges of a disk; log_intervals has sorted both streams by time.
   if (options.disk) {
     TurningDisk disk = *options.disk;
     disk.time_us -= options.common_origin ? 0 : static_cast<double>(real_extent.first_us);
     c.delays = compare_delays(real.events, sim.events, c.width, c.height, c.curve_us, disk);
   }
 
-  // What the reader of these numbers should know.
   for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
     if (s.on_fraction == 0 || s.on_fraction == 1)
       c.warnings.push_back(

@@ -19,18 +19,18 @@ using events::Event;
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kBins = 90, kBefore = 5,
-              kShown = 55;  // of a period; before the edge; of the histogram: later is the next edge's
+              kShown = 55;  // bins of a period; before the edge; of the histogram (later ones belong to the next edge)
 constexpr int kRegions = kRegionsAround * kRegionsAlong;
 constexpr int kFine = 8;  // parts of a bin, for the exposures
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-class Frame {  // that turns with the disk
+class RotatingFrame {  // rotates with the disk
  public:
-  explicit Frame(const TurningDisk& d) : d_(d), period_deg_(720.0 / d.sectors) {}
+  explicit RotatingFrame(const TurningDisk& d) : d_(d), period_deg_(720.0 / d.sectors) {}
   double period_deg() const { return period_deg_; }
   double bin(double delay_deg) const { return std::max(0.0, delay_deg / period_deg_ * kBins + kBefore); }
 
-  // How far the edge of polarity p is past a pixel. Empty outside the ring.
+  // Angle by which the last edge of polarity p has passed a pixel. Empty outside the ring.
   std::optional<double> delay_deg(int x, int y, double t_us, int p) const {
     const double dx = x + 0.5 - d_.centre_x, dy = d_.centre_y - (y + 0.5), r = std::hypot(dx, dy);
     if (r < kInnerRadius * d_.radius_px || r >= kOuterRadius * d_.radius_px) return {};
@@ -53,8 +53,8 @@ class Frame {  // that turns with the disk
 
 using Passes = std::vector<std::vector<double>>;
 
-// [region][bin]: pixels times the part of each bin of delay that an edge of polarity p goes through over them.
-Passes passes_of(const Frame& frame, double turned_deg, int width, int height, int p) {
+// [region][bin]: exposure of each bin of delay, in pixels times passing edges of polarity p.
+Passes passes_of(const RotatingFrame& frame, double turned_deg, int width, int height, int p) {
   constexpr int kSteps = kBins * kFine;
   std::vector<std::vector<double>> start(kRegions, std::vector<double>(kSteps));
   for (int y = 0; y < height; ++y)
@@ -82,7 +82,7 @@ std::vector<double> summed(const Passes& passes) {
   return out;
 }
 
-Delays measure(std::span<const Event> events, const Frame& frame, int width, int height, double bin_deg,
+Delays measure(std::span<const Event> events, const RotatingFrame& frame, int width, int height, double bin_deg,
                const std::array<std::vector<double>, 2>& seen) {
   Delays m;
   for (auto& h : m.histogram) h.resize(kShown);
@@ -146,7 +146,7 @@ DelayComparison compare_delays(std::span<const Event> real, std::span<const Even
                                std::int64_t end_us, const TurningDisk& disk) {
   DelayComparison c;
   c.disk = disk;
-  const Frame frame(disk);
+  const RotatingFrame frame(disk);
   c.bin_deg = frame.period_deg() / kBins;
   c.first_deg = -kBefore * c.bin_deg;
   const double turned_deg = std::abs(disk.speed_deg_s) * 1e-6 * static_cast<double>(end_us);
@@ -169,7 +169,7 @@ MeasuredDelays measure_delays(std::span<const Event> events, int width, int heig
                               const TurningDisk& disk) {
   MeasuredDelays m;
   m.disk = disk;
-  const Frame frame(disk);
+  const RotatingFrame frame(disk);
   m.bin_deg = frame.period_deg() / kBins, m.first_deg = -kBefore * m.bin_deg;
   const double turned_deg = std::abs(disk.speed_deg_s) * 1e-6 * static_cast<double>(end_us);
   std::array<std::vector<double>, 2> seen;

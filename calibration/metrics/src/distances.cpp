@@ -44,7 +44,7 @@ float scaled(std::int64_t value, const Limits& limits, double units) {
   return static_cast<float>(static_cast<double>(value - limits.low) / limits.span() * units);
 }
 
-// Eq. 16 as the authors' program computes it: the product is formed in the column's own integer type.
+// Eq. 16 as in the authors' program: the product is computed in the column's integer type.
 template <class Column>
 float truncated(std::int64_t value, const Limits& limits, int units) {
   const Column product = static_cast<Column>(static_cast<Column>(value - limits.low) * units);
@@ -119,7 +119,7 @@ BlockSums one_way(const Neighbours& from, float polarity, const Cloud& b, double
     }
   });
 
-  // Summed in order: the result does not depend on the threads.
+  // Sum in order, so that the result does not depend on the threads.
   BlockSums sums;
   for (const BlockSums& c : chunks) add(sums, c);
   return sums;
@@ -146,7 +146,7 @@ const char* name_of(Normalisation normalisation) {
 }
 
 Distances distances(std::span<const Event> a, std::span<const Event> b, const MetricOptions& options) {
-  // Refuse what has no distance.
+  // Reject empty streams and incomplete options.
   if (a.empty() || b.empty())
     throw Error(ExitCode::bad_input,
                 fmt::format("distance: got {} and {} events, wanted at least 1 in each stream", a.size(), b.size()));
@@ -154,7 +154,7 @@ Distances distances(std::span<const Event> a, std::span<const Event> b, const Me
       (options.width < 1 || options.height < 1 || options.window_us < 1))
     throw Error(ExitCode::usage, "distance: shared normalisation needs the sensor's size and the window");
 
-  // Clouds and trees: two streams, two polarities.
+  // Build point clouds and trees for two streams and two polarities.
   std::array<Cloud, 2> clouds;
   tbb::parallel_invoke([&] { clouds[0] = cloud_of(a, options); }, [&] { clouds[1] = cloud_of(b, options); });
   tbb::parallel_for(0, 4, [&](int i) { clouds[i / 2].groups[i % 2].build(); });

@@ -14,7 +14,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using F = hn::CappedTag<float, kTogether>;
 using V = hn::Vec<F>;
 
-// Whether the box is nearer to a query than what that has found.
+// Whether the box is nearer to a query than its nearest point so far.
 HWY_INLINE bool may_be_nearer(const Neighbours::Box& box, const PointGroup& queries, const float* d2) {
   const F f;
   for (std::size_t q = 0; q < kTogether; q += hn::Lanes(f)) {
@@ -30,7 +30,7 @@ HWY_INLINE bool may_be_nearer(const Neighbours::Box& box, const PointGroup& quer
   return false;
 }
 
-// The same operations in the same order as for the box: a box is never further away than a point in it.
+// Uses the same operations in the same order as for the box, so that a box is never further away than a point in it.
 HWY_INLINE void look_at(const PointGroup& points, const PointGroup& queries, float* d2) {
   const F f;
   for (std::size_t q = 0; q < kTogether; q += hn::Lanes(f)) {
@@ -59,7 +59,7 @@ void Nearest(std::span<const Neighbours::Node> nodes, std::span<const PointGroup
         look_at(leaves[static_cast<std::size_t>(-1 - node.second)], queries, d2);
         break;
       }
-      // The child that is nearer to the first query goes first.
+      // Visits the child that is nearer to the first query first.
       const float query = queries.at[node.axis][0];
       const std::int32_t children[2] = {at + 1, node.second};
       const Neighbours::Box& lower = nodes[static_cast<std::size_t>(at) + 1].box;
@@ -84,13 +84,13 @@ HWY_AFTER_NAMESPACE();
 namespace pecs::metrics {
 namespace {
 
-constexpr std::size_t kAlone = 512;  // leaves that are not worth a task
+constexpr std::size_t kAlone = 512;  // leaves below which a subtree is built by one task
 
-// A binary tree has two nodes less one per leaf.
+// Number of nodes of a full binary tree.
 std::size_t nodes_of(std::size_t leaves) { return 2 * leaves - 1; }
 
-// Moves the points for which `goes` holds to the front; where they end. Without branches: whether it holds cannot be
-// guessed.
+// Moves the points for which `goes` is true to the front; returns their end. Branchless, because the outcome is not
+// predictable.
 template <class Goes>
 Point* part(Point* begin, Point* end, const Goes& goes) {
   Point* to = begin;
@@ -103,7 +103,7 @@ Point* part(Point* begin, Point* end, const Goes& goes) {
   return to;
 }
 
-// As std::nth_element by one coordinate, in half its time: the pivot is the sample's value of the wanted rank.
+// std::nth_element by one coordinate, in half its time: the pivot is the sample's value of the wanted rank.
 void select(Point* begin, Point* const nth, Point* end, int axis) {
   constexpr std::ptrdiff_t kSample = 64, kFew = 24;
   while (end - begin > kFew) {
@@ -142,7 +142,7 @@ void Neighbours::build() {
   build(0, 0, leaves_.size(), around);
 }
 
-// around: holds the points of these leaves.
+// around: a box that contains the points of these leaves.
 void Neighbours::build(std::size_t node, std::size_t first_leaf, std::size_t end_leaf, Box around) {
   const auto begin = points_.begin() + static_cast<std::ptrdiff_t>(first_leaf * kTogether);
   const auto end = points_.begin() + static_cast<std::ptrdiff_t>(std::min(points_.size(), end_leaf * kTogether));
@@ -158,7 +158,7 @@ void Neighbours::build(std::size_t node, std::size_t first_leaf, std::size_t end
     nodes_[node] = {around, -1 - static_cast<std::int32_t>(first_leaf), 0};
     return;
   }
-  // Halves, across the longest side; full leaves except the last.
+  // Splits the longest side at the median; all leaves but the last are full.
   int axis = 0;
   for (int d = 1; d < 3; ++d)
     if (around.high[d] - around.low[d] > around.high[axis] - around.low[axis]) axis = d;

@@ -1,7 +1,6 @@
 #pragma once
-// The nearest of many points in three dimensions, exactly: a KD-tree with leaves of 16 points, asked for 16
-// neighbouring queries at once. A part of the tree is looked at if its box is nearer to one of them than what that one
-// has found.
+// Exact nearest neighbours in three dimensions: a KD-tree with leaves of 16 points, traversed for 16 neighbouring
+// queries at once. A subtree is visited if its box is nearer to one of them than that query's nearest point so far.
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -14,9 +13,9 @@ using Point = std::array<float, 3>;
 
 inline constexpr std::size_t kTogether = 16;
 
-// Points that lie near each other, by coordinate.
+// Neighbouring points, by coordinate.
 struct alignas(64) PointGroup {
-  float at[3][kTogether];  // behind the last one it is repeated
+  float at[3][kTogether];  // the last point is repeated to fill the group
   std::size_t count;
 };
 
@@ -24,23 +23,23 @@ class Neighbours {
  public:
   void add(const Point& point) { points_.push_back(point); }
   bool empty() const { return points_.empty(); }
-  // After the last point. Points may change places.
+  // Call after the last add(). Reorders the points.
   void build();
 
-  // The points, in no order that is told.
+  // The points, in unspecified order.
   std::span<const PointGroup> groups() const { return leaves_; }
 
-  // d2: squared distances below which a nearer point is sought; become those found. Any thread may call it.
+  // d2: on entry the squared distances below which to search, on return those of the nearest points. Thread-safe.
   void nearest(const PointGroup& queries, std::span<float, kTogether> d2) const;
 
   struct Box {
     float low[3], high[3];
   };
-  // Inner nodes: the second child lies at `second`, the first one behind its parent. Leaves: -1 - index.
+  // Inner nodes: the first child follows its parent, the second one is at `second`. Leaves: -1 - index.
   struct Node {
     Box box;
     std::int32_t second;
-    int axis;  // along which the children part
+    int axis;  // of the split
   };
 
  private:

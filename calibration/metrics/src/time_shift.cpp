@@ -24,7 +24,7 @@ Volume volume_of(const events::Recording& recording, double bin_us) {
   const int size = std::max(1, recording.width / kColumns), columns = (recording.width + size - 1) / size;
   Volume v;
   v.blocks = columns * ((recording.height + size - 1) / size);
-  v.bins = static_cast<int>(static_cast<double>(recording.span_us) / bin_us);  // whole bins only
+  v.bins = static_cast<int>(static_cast<double>(recording.span_us) / bin_us);  // complete bins only
   v.value.resize(static_cast<std::size_t>(v.blocks) * static_cast<std::size_t>(v.bins));
   for (const auto& e : recording.events) {
     const int bin = static_cast<int>(static_cast<double>(e.t_us) / bin_us);
@@ -36,7 +36,7 @@ Volume volume_of(const events::Recording& recording, double bin_us) {
   return v;
 }
 
-// Normalised product over the bins that both have when sim's bin i + shift stands for real's bin i.
+// Correlation over the common bins, with sim's bin i + shift at real's bin i.
 std::optional<double> correlation(const Volume& real, const Volume& sim, int shift) {
   const int first = std::max(0, -shift), last = std::min(real.bins, sim.bins - shift);
   if (last - first < std::min(real.bins, sim.bins) / 4) return {};
@@ -59,14 +59,14 @@ std::optional<TimeShift> time_shift(const events::Recording& real, const events:
   const auto now = correlation(a, b, 0);
   if (!now || real.events.size() < 1000 || sim.events.size() < 1000) return {};
 
-  // The best whole bin.
+  // The best shift in whole bins.
   const int range = static_cast<int>(static_cast<double>(range_us) / bin_us);
   int best = 0;
   double top = *now;
   for (int shift = -range; shift <= range; ++shift)
     if (const auto c = correlation(a, b, shift); c && *c > top) top = *c, best = shift;
 
-  // Then the top of the parabola through the peak: least squares over the bins around it that reach 70 % of it.
+  // The maximum of a parabola, fitted to the bins about the peak that reach 70 % of it.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (const int direction : {-1, 1})

@@ -9,14 +9,14 @@
 namespace pecs::view {
 namespace {
 
-// Three functions of wavelength, linear in between.
+// Three functions of wavelength, linearly interpolated.
 class Table {
  public:
   explicit Table(const char* basis)
       : rows_(sensor::read_table(data_dir("lens_data/spectra") / "basis" / (std::string(basis) + ".csv"), 4)) {}
   double min_nm() const { return rows_.front()[0]; }
   double max_nm() const { return rows_.back()[0]; }
-  Eigen::Vector3d at(double nm) const {  // its end values beyond the table
+  Eigen::Vector3d at(double nm) const {  // clamped to the ends of the table
     nm = std::clamp(nm, min_nm(), max_nm());
     const auto above = std::lower_bound(rows_.begin() + 1, rows_.end() - 1, nm,
                                         [](const std::vector<double>& row, double x) { return row[0] < x; });
@@ -41,7 +41,7 @@ std::vector<std::array<double, 3>> rgb_of_bands(const std::vector<sensor::Band>&
     return nm < observer.min_nm() || nm > observer.max_nm() ? Eigen::Vector3d::Zero() : observer.at(nm);
   };
 
-  // Light of the three primaries in each band, its CIE sum as linear sRGB, and how much the eye has of the band.
+  // Per band: light of the three primaries, CIE sum as linear sRGB, and luminous weight.
   const auto n = static_cast<Eigen::Index>(bands.size());
   Eigen::MatrixXd light(n, 3), sum(3, n);
   Eigen::VectorXd weight(n);
@@ -56,7 +56,7 @@ std::vector<std::array<double, 3>> rgb_of_bands(const std::vector<sensor::Band>&
   for (double nm = observer.min_nm(); nm <= observer.max_nm(); nm += 1)
     white += illuminant.at(nm) * (rgb_from_xyz * observer.at(nm));
 
-  // The mixture; what the bands cannot tell is grey.
+  // The mixture; components that the bands do not determine are grey.
   const Eigen::MatrixXd weighted = weight.asDiagonal() * light;
   Eigen::Matrix3d normal = light.transpose() * weighted;
   const double scale = std::max(normal.trace(), 1e-300);

@@ -32,7 +32,7 @@ std::string with_unit(std::int64_t t_us, std::int64_t scale_us) {
   return fmt::format("{} us", t_us);
 }
 
-// Text whose top left corner lies at `at`; returns its width.
+// Draws text with its top left corner at `at`; returns its width.
 int put_text(cv::Mat& image, const std::string& text, cv::Point at, double size, const cv::Scalar& colour) {
   int below = 0;
   const cv::Size box = cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, size, 1, &below);
@@ -40,7 +40,7 @@ int put_text(cv::Mat& image, const std::string& text, cv::Point at, double size,
   return box.width;
 }
 
-// "[] ON  [] OFF", ending at the right border.
+// Draws "[] ON  [] OFF" at the right border.
 void put_legend(cv::Mat& image, int y, const Theme& theme) {
   int x = image.cols - 150;
   for (const auto& [name, colour] : {std::pair{"ON", theme.on}, {"OFF", theme.off}}) {
@@ -49,7 +49,7 @@ void put_legend(cv::Mat& image, int y, const Theme& theme) {
   }
 }
 
-// A frame about `width` wide, of square dots of at least `dot` image pixels.
+// An event frame about `width` pixels wide, in square dots of at least `dot` pixels.
 cv::Mat panel_of(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
                  int width, int dot) {
   const int binning = std::max(1, recording.width * dot / width);
@@ -126,7 +126,8 @@ cv::Mat contact_sheet(const events::Recording& recording, std::int64_t window_us
 
 VideoInfo write_video(const events::Recording& recording, const std::filesystem::path& path,
                       const VideoOptions& options) {
-  constexpr int kHead = 26, kWidth = 1280, kDot = 2;  // dots of 2 pixels keep their colour, which video halves
+  constexpr int kHead = 26, kWidth = 1280,
+                kDot = 2;  // dots of 2 pixels keep their colour under 4:2:0 chroma subsampling
   const double step_us = 1e6 / (options.fps * options.slow_motion);
   const std::int64_t window_us =
       options.window_us > 0
@@ -134,7 +135,7 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
           : std::max<std::int64_t>(readable_window_us(recording, recording.span_us), std::llround(step_us));
 
   PartialFile partial(path);
-  // OpenCV takes the container from the extension, so the unfinished file keeps it.
+  // OpenCV derives the container from the extension, so the partial file has the same one.
   const std::string unfinished =
       (path.parent_path() / ("." + path.stem().string() + ".partial" + path.extension().string())).string();
   cv::VideoWriter writer;
@@ -144,7 +145,7 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
   for (; info.frames < frames; ++info.frames) {
     const std::int64_t to = std::llround((info.frames + 1) * step_us), from = to - window_us;
     const cv::Mat panel = panel_of(recording, from, to, options.theme, kWidth, kDot);
-    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // H.264 wants even sizes
+    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // H.264 requires even sizes
     canvas.setTo(bgr(options.theme.paper));
     panel.copyTo(canvas(cv::Rect(0, kHead, panel.cols, panel.rows)));
     put_text(canvas,

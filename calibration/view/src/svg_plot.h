@@ -11,7 +11,7 @@ struct Series {
   bool stems = false;  // vertical lines from zero instead of a curve
 };
 
-// y starts at zero. `names` of the series stand above the plot.
+// y starts at zero. The names of the series are above the plot.
 std::string line_plot(const std::vector<Series>& series, const std::string& x_label, const std::string& y_label);
 
 }  // namespace pecs::view

@@ -1,5 +1,5 @@
 #pragma once
-// The pages of calibration/view/web/, compiled in.
+// The pages of web/, embedded.
 #include <string_view>
 
 namespace pecs::view::web {

@@ -80,7 +80,7 @@ def test_a_clock_that_wraps_changes_nothing(pecs_program, tmp_path):
     (tmp_path / "wraps.csv").write_text("t_us,x,y,p\n" + rows)
     wraps = pecs_program("align", "detect", "wraps.csv", "--json", cwd=tmp_path)
     assert wraps.returncode == 0, wraps.stderr
-    assert "the clock starts again after 16777216 us" in wraps.stderr
+    assert "the timestamps wrap after 16777216 us" in wraps.stderr
     found = json.loads(wraps.stdout)
     assert found["speed_deg_s"]["value"] == pytest.approx(plain["speed_deg_s"]["value"], rel=1e-3)
     assert abs(found["speed_deg_s"]["value"] + 2000) < 5

@@ -66,7 +66,7 @@ def test_everything(pecs_program, inputs):
     for wanted in (
         f"{direct['chamfer']:.3f}",
         f"{direct['split_half']['chamfer']:.4f}",
-        "Events at the same instants",
+        "Events at the same times",
         "a lens of the test",
         "347 1/min",
         "450.25",
@@ -160,7 +160,7 @@ def test_events_of_another_stack_are_noted(pecs_program, inputs):
     record = {"config": {"chip": {"name": "imx636"}}, "inputs": [{"path": "x", "sha256": "0" * 64}]}
     (inputs / "sim.raw.run.json").write_text(json.dumps(record))
     pecs_program("report", "--sim", "sim.raw", "--stack", "stack", "-o", "report.html", cwd=inputs)
-    assert "not made from this stack" in text_of(inputs / "report.html")
+    assert "not simulated from this stack" in text_of(inputs / "report.html")
 
 
 @pytest.mark.parametrize(

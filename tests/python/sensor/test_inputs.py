@@ -185,7 +185,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
         done = pecs_program("sense", *live, env=env | display)
         assert done.returncode == 0, done.stderr
-        assert done.stderr.strip() == f"pecs: warning: no display: the events are shown in {tmp_path}/live.csv.mp4"
+        assert done.stderr.strip() == f"pecs: warning: no display: the events are in {tmp_path}/live.csv.mp4"
         assert len(read_csv(tmp_path / "live.csv")) == result["events"]
         shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))
         assert shown.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(N * 2000 / 4000, abs=2)
@@ -212,8 +212,8 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     ("args", "code", "words"),
     [
         (["--source", "camera:97", "--view", "--run-time", 1], 3, "camera 97: cannot be opened: no such camera"),
-        (["--source", "camera"], 2, "--source camera: got no --view"),
-        (["x.avi", "--source", "camera", "--view"], 2, "x.avi: got an input beside --source camera"),
+        (["--source", "camera"], 2, "--source camera: valid only with --view"),
+        (["x.avi", "--source", "camera", "--view"], 2, "x.avi: an input file and --source camera exclude each other"),
         (["--source", "video", "--view"], 2, "input: got nothing"),
         (["no.avi", "--source", "video", "--view"], 3, "no.avi: cannot be opened: no such file"),
         (["no.avi"], 3, "no.avi: cannot be opened: no such file or folder"),

@@ -12,20 +12,20 @@ struct IntrinsicsOptions {
 };
 
 struct Intrinsics {
-  CameraModel camera, deviation;           // deviations: standard, by the jackknife over views
-  double rms_px = 0;                       // of all points, both coordinates together
-  std::vector<double> view_rms_px;         // NaN for a view that was left out
-  std::vector<std::string> warnings;       // views left out and why; what the views do not determine
+  CameraModel camera, deviation;      // deviation: standard deviations by the jackknife over views
+  double rms_px = 0;                  // over all points and both coordinates
+  std::vector<double> view_rms_px;    // NaN for a discarded view
+  std::vector<std::string> warnings;  // discarded views with the reason; parameters that the views do not determine
   std::vector<cv::Vec3d> rotation, at_mm;  // of the board in the camera, per view (Rodrigues)
-  double coverage = 0;                     // part of a grid of 8 x 6 cells of the picture that holds points
+  double coverage = 0;                     // fraction of the picture's 8 x 6 cells that contain points
 };
 
 // Throws bad_input for fewer than 4 views, or when they do not determine a camera.
 Intrinsics intrinsics_of(const std::vector<std::vector<cv::Point2d>>& views, const BoardShape& shape, cv::Size size,
                          const IntrinsicsOptions& options, const std::string& file);
 
-// Distortion as the prescription says and as measured, at even field angles. Radii in px; the last column is their
-// difference once the measured focal length is scaled to the predicted one: what is wrong with the shape alone.
+// Distortion of the prescription and of the measurement at equal steps of the field angle. Radii in px; the last column
+// is their difference after scaling the measured focal length to the predicted one: the error of the shape alone.
 struct CurveRow {
   double angle_deg, predicted_px, measured_px, shape_difference_px;
 };
@@ -33,7 +33,7 @@ std::vector<CurveRow> compare_curves(const Optics& predicted, const Optics& meas
 
 Json to_json(const Intrinsics& intrinsics);
 
-// Where the points lay, with residuals 50 times enlarged; below, with `curve`, both distortions over the field.
+// The points with residuals magnified 50 times; below, with `curve`, both distortions over the field.
 cv::Mat coverage_picture(const std::vector<std::vector<cv::Point2d>>& views, const Intrinsics& intrinsics,
                          const BoardShape& shape, const std::vector<CurveRow>& curve);
 

@@ -1,5 +1,5 @@
 #pragma once
-// A lab scene (scenes/board, scenes/rotating_disk) as its scene.json declares it and as aligned.json changes it
+// A lab scene (scenes/board, scenes/rotating_disk): the values of its scene.json, as changed by an aligned.json
 // (docs/reference/aligned_scene.md).
 //
 // World of the scenes: x right, y away from the camera, z up; the camera's entrance pupil is the origin. Blender's
@@ -11,7 +11,7 @@
 
 namespace pecs::calibration {
 
-// Position over time, at a constant speed; the unit tells which target's.
+// Position over time at a constant speed; the unit distinguishes the targets.
 template <class Unit>
 struct UniformMotion {
   double at = 0, per_s = 0;
@@ -19,27 +19,27 @@ struct UniformMotion {
 };
 struct Millimetres {};
 struct Degrees {};
-using BoardMotion = UniformMotion<Millimetres>;  // of its middle, to the right
+using BoardMotion = UniformMotion<Millimetres>;  // of its centre, to the right
 using DiskMotion = UniformMotion<Degrees>;       // of a white sector's leading edge, counter-clockwise on screen
 
 struct LabScene {
-  std::string name, file;                // of the folder; scene.json
+  std::string name, file;                // name of the folder; path of scene.json
   std::map<std::string, double> values;  // its numbers
   std::map<std::string, Range> ranges;
   LensSetting lens;
   cv::Vec3d rotation_deg{90, 0, 0};
 
   bool is_board() const { return values.contains("board_distance_mm"); }
-  cv::Vec3d place_mm() const;      // right (of a board: at scene time 0), up, distance
+  cv::Vec3d position_mm() const;   // right (of a board: at scene time 0), up, distance
   BoardMotion board() const;       // at scene time 0
   DiskMotion disk() const;         // at scene time 0
   double disk_period_deg() const;  // from a white sector to the next
-  // Puts values in their place; throws bad_input where one lies outside its declared range.
+  // Sets values; throws bad_input for one outside its declared range.
   void set(const std::map<std::string, double>& found);
 };
-// `folder`: holds scene.json. Throws unsupported for a scene that is neither board nor disk.
+// `folder` contains scene.json. Throws unsupported for a scene that is neither board nor disk.
 LabScene load_lab_scene(const std::string& folder);
-// Puts the values of an aligned.json in their place.
+// Sets the values of an aligned.json.
 void apply_aligned(LabScene& scene, const std::string& aligned_file);
 
 }  // namespace pecs::calibration

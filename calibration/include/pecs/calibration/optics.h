@@ -1,5 +1,5 @@
 #pragma once
-// Where a direction lands in the picture: through a lens prescription, or as measured by OpenCV's camera models.
+// Projection of directions to the picture: by a lens prescription, or by OpenCV's camera models.
 //
 // Camera axes as OpenCV's: x right, y down, z forward, origin at the entrance pupil. Picture coordinates: pixel (0, 0)
 // has its centre at (0.5, 0.5).
@@ -12,7 +12,7 @@
 
 namespace pecs::calibration {
 
-// Symmetric about an axis: radius [px] over field angle, at even steps from 0.
+// Rotationally symmetric: radius [px] over the field angle, at equal steps from 0.
 struct Optics {
   cv::Point2d axis_px;
   double step_rad = 0;
@@ -22,7 +22,7 @@ struct Optics {
   double radius_at(double angle_rad) const;  // linear beyond the end
   double angle_at(double radius) const;
   cv::Point2d project(const cv::Point3d& p) const;
-  cv::Point2d normalised(const cv::Point2d& pixel) const;  // (x/z, y/z) of the direction that lands there
+  cv::Point2d normalised(const cv::Point2d& pixel) const;  // (x/z, y/z) of the direction of that pixel
 };
 
 struct LensSetting {
@@ -31,7 +31,7 @@ struct LensSetting {
   double pixel_pitch_um = 4.86;
   double lambda_nm = 550;
 };
-// By chief rays (pecs::lens), the axis in the middle of the picture. Throws bad_input when rays do not reach the
+// From chief rays (pecs::lens), with the axis at the centre of the picture. Throws bad_input when no rays reach the
 // corner.
 Optics optics_of(const LensSetting& setting, cv::Size size);
 

@@ -1,6 +1,6 @@
 #pragma once
-// Two recordings of one scene, set beside each other: distances with their floor, rates, polarity balance. What each
-// measure says and misses: docs/reference/metrics.md.
+// Compares two recordings of one scene: distances with their noise floor, rates, polarity balance. Meaning and limits
+// of each measure: docs/reference/metrics.md.
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -16,12 +16,13 @@ namespace pecs::metrics {
 
 struct CompareOptions {
   Normalisation normalisation = Normalisation::shared;
-  std::optional<std::int64_t> window_us = {};  // events at or after the origin, and less than this after it; empty: all
-  bool common_origin = false;            // false: time counts from each stream's first event; true: from t = 0 of both
-  bool split_half = true;                // score the floor too
-  std::uint64_t seed = 1;                // of the split into halves
-  int rate_bins = 100;                   // of the rate curves
-  std::optional<TurningDisk> disk = {};  // in the real recording, its clock: compare the delays behind its edges too
+  std::optional<std::int64_t> window_us = {};  // events from the origin to this time after it; empty: all
+  bool common_origin = false;                  // the origin is t = 0 of both; otherwise each stream's first event
+  bool split_half = true;                      // compute the noise floor
+  std::uint64_t seed = 1;                      // of the split into halves
+  int rate_bins = 100;                         // of the rate curves
+  std::optional<TurningDisk> disk =
+      {};  // in the real recording, with its clock: also compares the delays behind its edges
 };
 
 struct Interval {
@@ -30,7 +31,7 @@ struct Interval {
 
 struct StreamSummary {
   std::size_t events = 0;
-  std::int64_t t_first_us = 0, t_last_us = 0;  // of what was given, clock of the file
+  std::int64_t t_first_us = 0, t_last_us = 0;  // of the whole stream, clock of the file
   double rate_hz = 0;                          // events per second, from the origin to the last event in the window
   double on_fraction = 0;
   std::optional<double> interval_median_us;  // between consecutive events of a pixel
@@ -41,10 +42,10 @@ struct Comparison {
   CompareOptions options;
   int width = 0, height = 0;   // pixels
   std::int64_t window_us = 0;  // the common window
-  std::int64_t curve_us = 0;   // time that the rate curves cover: to the last event of either stream
+  std::int64_t curve_us = 0;   // length of the rate curves: to the last event of either stream
   Distances distance;          // index 0: real to simulated
   std::optional<Distances>
-      floor;  // between random halves of the real stream; empty for very few events, or when not asked for
+      floor;  // noise floor: between random halves of the real stream; empty for very few events or without split_half
   StreamSummary real, sim;
   std::optional<double> rate_correlation, on_correlation, off_correlation;  // Pearson, over bins; empty for flat curves
   Interval chamfer_interval, gaussian_interval;  // 95 %, bootstrap over 20 equal parts of the time
@@ -54,7 +55,7 @@ struct Comparison {
   std::vector<std::string> warnings;
 };
 
-// `real_name` and `sim_name` stand in errors. Throws bad_input when a stream has no events in the window, or the
+// `real_name` and `sim_name` are for errors. Throws bad_input when a stream has no events in the window, or the
 // sensors differ in size under the shared normalisation or for delays.
 Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
                    const CompareOptions& options);

@@ -1,6 +1,6 @@
 #pragma once
-// Distances between two event streams seen as 4-D point clouds (x, y, p, t): Chamfer distance and Gaussian distance
-// of the PECS paper, Eq. 12-16. Neighbours are exact. What each number means and misses: docs/reference/metrics.md.
+// Distances between two event streams as 4-D point clouds (x, y, p, t): Chamfer distance and Gaussian distance of the
+// PECS paper, Eq. 12-16, with exact nearest neighbours. Meaning and limits: docs/reference/metrics.md.
 #include <array>
 #include <cstdint>
 #include <span>
@@ -10,9 +10,9 @@
 
 namespace pecs::metrics {
 
-// How (x, y, p, t) become coordinates of 0..100, 0..100, 0..100, 0..1000 (Eq. 16).
+// Scaling of (x, y, p, t) to 0..100, 0..100, 0..100, 0..1000 (Eq. 16).
 enum class Normalisation {
-  shared,  // one scale for both streams: the sensor's size and the common window; times are as given
+  shared,  // one scale for both streams: the sensor size and the common window
   eq16,    // Eq. 16 as printed: each stream by its own minimum and maximum, in floating point
   paper,   // the arithmetic behind the published tables: as eq16, but x and y are multiplied by 100 in uint16, which
            // overflows above 655, and every coordinate is truncated to an integer
@@ -27,7 +27,7 @@ struct MetricOptions {
   double sigma = 0.4;          // Eq. 15, used as exp(-d²/sigma): the published numbers do not square it
 };
 
-// The time axis in equal parts: what the distances are made of, for bootstrap intervals.
+// Contributions to the distances by equal parts of the time, for bootstrap intervals.
 inline constexpr int kTimeBlocks = 20;
 struct BlockSums {
   std::array<double, kTimeBlocks> distance{}, kernel{}, count{};  // sums of d and g(d) (Eq. 13, 15), events

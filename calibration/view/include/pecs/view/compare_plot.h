@@ -12,7 +12,7 @@ std::string rate_plot(const metrics::Comparison& comparison);
 std::string rate_plot(const events::Recording& recording);
 std::string delay_plot(const metrics::DelayComparison& delays);
 
-// Both as a drawing of its own.
+// Both as one SVG file.
 std::string compare_picture(const metrics::Comparison& comparison);
 
 }  // namespace pecs::view

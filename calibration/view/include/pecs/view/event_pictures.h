@@ -1,6 +1,6 @@
 #pragma once
-// Events made visible: frames, contact sheets, slow-motion video, and a page to turn in three dimensions. ON is blue
-// and OFF is orange, which colour-blind people can tell apart (Okabe and Ito, 2008); blank pixels saw no event.
+// Visualisation of events: frames, contact sheets, slow-motion video, and an interactive 3-D page. ON is blue and OFF
+// is orange, which colour-blind people can distinguish (Okabe and Ito, 2008); pixels without events are blank.
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -23,33 +23,33 @@ struct Theme {
 inline constexpr Theme kLight{{255, 255, 255}, {27, 31, 36}, {0, 114, 178}, {213, 94, 0}};
 inline constexpr Theme kDark{{20, 23, 27}, {232, 235, 238}, {86, 180, 233}, {240, 140, 40}};
 
-// Events of [from_us, to_us): the hue mixes a cell's polarities, the strength grows with their number. A cell is
+// Events of [from_us, to_us): the hue mixes a cell's polarities, the saturation grows with their number. A cell is
 // `binning` x `binning` pixels. CV_8UC3, BGR, one image pixel per cell.
 cv::Mat event_frame(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
                     int binning = 1);
 
-// The window that puts an event on about one pixel in twenty, at most `limit_us`: busy enough to see, not blurred.
+// The window with one event per twenty pixels, at most `limit_us`: dense enough to see shapes, without motion blur.
 std::int64_t readable_window_us(const events::Recording& recording, std::int64_t limit_us);
 
-// `count` windows spread evenly over the recording, under a line that says what is shown.
+// `count` windows spread evenly over the recording, below a caption.
 cv::Mat contact_sheet(const events::Recording& recording, std::int64_t window_us, int count, const Theme& theme);
 
 struct VideoOptions {
   double fps = 30;
   double slow_motion = 100;    // video seconds per second of the recording
-  std::int64_t window_us = 0;  // events shown in one frame; 0: readable_window_us, but never a gap
+  std::int64_t window_us = 0;  // events shown in one frame; 0: readable_window_us, at least the frame interval
   Theme theme = kLight;
 };
 struct VideoInfo {
   int frames = 0;
   std::string codec;
 };
-// H.264 in MP4 where OpenCV has an encoder, else MPEG-4. The file appears whole or not at all. Throws bad_output.
+// H.264 in MP4 if OpenCV has an encoder, otherwise MPEG-4. Writes the complete file or none. Throws bad_output.
 VideoInfo write_video(const events::Recording& recording, const std::filesystem::path& path,
                       const VideoOptions& options);
 
-// One HTML file that needs nothing else. Above `limit` events it shows that many, drawn at random, and says so.
-// Returns how many it shows.
+// A self-contained HTML file with at most `limit` events, drawn at random; its caption states that. Returns their
+// number.
 std::size_t write_page(const events::Recording& recording, const std::filesystem::path& path, std::size_t limit);
 
 // Replaces every {{key}} of a template. Throws internal for a key without a value.

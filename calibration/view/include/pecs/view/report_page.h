@@ -1,6 +1,6 @@
 #pragma once
-// One HTML page that needs nothing else: what was rendered, through which lens, how the sensor sees it, and the
-// simulated events beside the recorded ones with their scores. A part that was not given is said to be missing.
+// A self-contained HTML page: render, lens, sensor response, and simulated next to recorded events with their scores.
+// Missing parts are listed as missing.
 #include <filesystem>
 #include <optional>
 
@@ -15,7 +15,7 @@ struct ReportInputs {
   metrics::CompareOptions compare;
 };
 
-// Returns what the page says in numbers. Throws pecs::Error; then `output` is not written.
-Json write_report(const ReportInputs& inputs, const std::filesystem::path& output);
+// Returns the numbers of the page. Throws pecs::Error; then `output` is not written.
+Json write_report_page(const ReportInputs& inputs, const std::filesystem::path& output);
 
 }  // namespace pecs::view

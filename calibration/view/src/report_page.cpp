@@ -1,9 +1,10 @@
-#include "pecs/view/report.h"
+#include "pecs/view/report_page.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -25,7 +26,7 @@ namespace pecs::view {
 namespace {
 
 constexpr std::size_t kPlayerEvents = 200'000;  // per stream, in the page
-constexpr double kSeen = 0.2;                   // a correlation below this says nothing about time
+constexpr double kLeastCorrelation = 0.2;       // a lower correlation is not significant
 
 struct EventFile {
   std::filesystem::path path;
@@ -77,7 +78,7 @@ std::string png_source(const cv::Mat& image) {
   return "data:image/png;base64," + base64(png);
 }
 
-// "scenes' number with unit" of stack.json: {"value": …, "unit": …} or a plain value.
+// Table rows for an object of stack.json, whose values are {"value": …, "unit": …} or plain.
 std::string rows_of(const Json& object) {
   std::string rows;
   for (const auto& [key, value] : object.items()) {
@@ -90,7 +91,7 @@ std::string rows_of(const Json& object) {
   return rows;
 }
 
-// The photocurrent that the first frame makes, with display gamma; without a chip, of a flat quantum efficiency.
+// Photocurrent of the first frame, with display gamma; without a chip, for a constant quantum efficiency.
 cv::Mat brightness(const sensor::StackReader& stack, const std::optional<sensor::Chip>& chip) {
   const sensor::StackInfo& info = stack.info();
   sensor::Chip flat;
@@ -116,9 +117,10 @@ std::string scores(const metrics::Comparison& shared, const metrics::Comparison&
         fmt::format("<tr><td>{}</td><td class=\"n\">{:.4f}</td><td class=\"n\">{}</td><td class=\"note\">{}</td></tr>",
                     name, value, floor ? fmt::format("{:.4f}", *floor) : "none", note);
   };
-  for (const auto& [c, note] : {std::pair{&shared, "shared: sensor size and common window"},
-                                {&eq16, "each stream by its own extremes (Eq. 16); hides shifts and stretches"},
-                                {&paper, "as published: Eq. 16 with integer overflow and truncation"}}) {
+  for (const auto& [c, note] :
+       {std::pair{&shared, "shared: sensor size and common window"},
+        {&eq16, "each stream by its own extremes (Eq. 16); hides shifts and different time scales"},
+        {&paper, "as published: Eq. 16 with integer overflow and truncation"}}) {
     line("Chamfer distance", c->distance.chamfer(), c->floor ? std::optional(c->floor->chamfer()) : std::nullopt, note);
     line("Gaussian distance", c->distance.gaussian(), c->floor ? std::optional(c->floor->gaussian()) : std::nullopt,
          note);
@@ -126,20 +128,18 @@ std::string scores(const metrics::Comparison& shared, const metrics::Comparison&
   return html +
          "</table><p>Lower is closer; 0 is identical; the Gaussian distance ends at 2. The <b>floor</b> is the "
          "distance "
-         "between two random halves of the real recording: what mere chance puts between two recordings of one scene, "
-         "at "
-         "half the number of events. No simulation needs to be better than that.</p>";
+         "between two random halves of the real recording: the noise floor of two recordings of one "
+         "scene, at half the number of events. No simulation needs to be better than that.</p>";
 }
 
-// Pictures at the same instants, and a player that runs through all of them.
+// Pictures at the same times, and a player of the whole streams.
 std::string event_pictures(const std::vector<const EventFile*>& streams, const std::vector<std::string>& names) {
   std::int64_t span_us = INT64_MAX;
   for (const EventFile* s : streams) span_us = std::min(span_us, s->recording.span_us);
   const std::int64_t window_us = readable_window_us(streams[0]->recording, span_us / 4 + 1);
   const int binning = std::max(1, streams[0]->recording.width / 640);
-
   std::string html = fmt::format(
-      "<p>Each picture holds the events of {:.2f} ms. <span class=\"legend\" style=\"background: var(--on)\"></span>ON "
+      "<p>Each picture shows the events of {:.2f} ms. <span class=\"legend\" style=\"background: var(--on)\"></span>ON "
       "(brighter)<span class=\"legend\" style=\"background: var(--off)\"></span>OFF (darker). Times count from each "
       "stream's first event.</p><div id=\"player\" data-window=\"{}\" data-span=\"{}\"><div class=\"player\">"
       "<button>play</button><input type=\"range\" min=\"0\" max=\"1000\" value=\"300\" "
@@ -180,13 +180,11 @@ std::string frame_rows(const std::vector<std::int64_t>& times_ns, std::int64_t r
   std::string rows = row("frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
                                                ms(times_ns.front()), ms(times_ns.back())));
   if (times_ns.size() < 2) return rows;
-  std::int64_t shortest = INT64_MAX, longest = 0;
-  for (std::size_t i = 1; i < times_ns.size(); ++i) {
-    shortest = std::min(shortest, times_ns[i] - times_ns[i - 1]);
-    longest = std::max(longest, times_ns[i] - times_ns[i - 1]);
-  }
-  if (longest - shortest > 1)  // more than the rounding of times to 1 ns
-    return rows + row("frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(shortest), ms(longest)));
+  std::vector<std::int64_t> steps_ns(times_ns.size());
+  std::adjacent_difference(times_ns.begin(), times_ns.end(), steps_ns.begin());
+  const auto [shortest, longest] = std::minmax_element(steps_ns.begin() + 1, steps_ns.end());
+  if (*longest - *shortest > 1)  // more than the rounding of times to 1 ns
+    return rows + row("frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(*shortest), ms(*longest)));
   const double mean_ms = ms(times_ns.back() - times_ns.front()) / static_cast<double>(times_ns.size() - 1);
   return rows + row("frame rate", fmt::format("{:.6g} Hz", 1e3 / mean_ms));
 }
@@ -198,7 +196,8 @@ std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip
     html += fmt::format(
         "<figure><img class=\"preview\" src=\"{}\" alt=\"first frame\"><figcaption>First frame: brightness as "
         "the sensor's pixels see it{}, display gamma 2.2</figcaption></figure>",
-        png_source(brightness(stack.reader, chip)), chip ? "" : " (flat quantum efficiency: no chip known)");
+        png_source(brightness(stack.reader, chip)),
+        chip ? "" : " (constant quantum efficiency: the chip is not known)");
   html += "<table>" + frame_rows(info.times_ns, stack.reader.frames()) +
           row("pixels", fmt::format("{} x {}", info.width, info.height));
   if (info.period_ns) html += row("period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6));
@@ -250,7 +249,8 @@ std::string bands_section(const Stack* stack, const std::optional<sensor::Chip>&
   }
   if (!series.empty()) html += line_plot(series, "wavelength (nm)", "relative");
   if (!chip)
-    html += missing("The chip is not known: the simulation has no run record, or its profile is not installed.");
+    html +=
+        missing("The chip is not known: the simulation has no run record, and stack.json names no installed profile.");
   if (!stack) return html + missing("No stack was given, so its bands are unknown.");
   html += "<table><tr><th>band (nm)</th><th>quadrature weight (nm)</th></tr>";
   for (const auto& b : stack->reader.info().bands)
@@ -284,16 +284,16 @@ std::optional<sensor::Chip> chip_of(const EventFile* sim, const Stack* stack) {
   }
 }
 
-// What the page is made from.
-struct Material {
+// Inputs of the page.
+struct Inputs {
   std::optional<EventFile> real, sim;
   std::optional<Stack> stack;
   std::optional<sensor::Chip> chip;
   std::vector<std::string> warnings;
 };
 
-Material read(const ReportInputs& inputs) {
-  Material m;
+Inputs read(const ReportInputs& inputs) {
+  Inputs m;
   if (inputs.real) m.real = read_events(*inputs.real);
   if (inputs.sim) m.sim = read_events(*inputs.sim);
   if (inputs.stack)
@@ -305,7 +305,8 @@ Material read(const ReportInputs& inputs) {
   for (const auto& input : m.sim->run.value("inputs", Json::array()))
     same |= input.value("sha256", "") == m.stack->sha256;
   if (!same)
-    m.warnings.push_back("The simulated events were not made from this stack (their run record names another one).");
+    m.warnings.push_back(
+        "The simulated events were not simulated from this stack (their run record lists another one).");
   return m;
 }
 
@@ -326,22 +327,22 @@ std::string cards_of(const metrics::Comparison& c) {
 }
 
 std::string shift_sentence(const metrics::TimeShift& shift) {
-  const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, against {:.3f} as it is",
-                                     shift.correlation, shift.correlation_now);
-  if (shift.correlation < kSeen) return fmt::format("<p>No shift in time makes the two agree ({}).</p>", at);
+  const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, without shift {:.3f}",
+                                     shift.correlation, shift.correlation_unshifted);
+  if (shift.correlation < kLeastCorrelation) return fmt::format("<p>No time shift aligns the two ({}).</p>", at);
   return fmt::format(
-      "<p>In time the two agree best when the simulation is moved by {:+.2f} ms ({}). Pictures and scores show it as "
-      "it is.</p>",
+      "<p>The two agree best when the simulation is shifted by {:+.2f} ms ({}). Pictures and scores show it without "
+      "that shift.</p>",
       -shift.shift_us * 1e-3, at);
 }
 
-// A simulation beside its recording; empty without both.
+// Scores of the simulation against the recording; empty without both.
 struct Scored {
   std::optional<metrics::Comparison> shared;
   std::string table, cards, shift;
 };
 
-Scored score(Material& m, metrics::CompareOptions options, Json& summary) {
+Scored score(Inputs& m, metrics::CompareOptions options, Json& summary) {
   Scored out;
   if (!m.real || !m.sim) return out;
   const auto compared = [&](metrics::Normalisation normalisation) {
@@ -359,7 +360,7 @@ Scored score(Material& m, metrics::CompareOptions options, Json& summary) {
     out.shift = shift_sentence(*shift);
     summary["time_shift"] = {{"shift_us", shift->shift_us},
                              {"correlation", shift->correlation},
-                             {"correlation_unshifted", shift->correlation_now}};
+                             {"correlation_unshifted", shift->correlation_unshifted}};
   }
   return out;
 }
@@ -379,7 +380,7 @@ std::string counts(const metrics::Comparison& c) {
   return html + "</table>";
 }
 
-std::string configuration(const Material& m) {
+std::string configuration(const Inputs& m) {
   std::string html;
   if (m.sim)
     html += m.sim->run.is_object() ? details("Simulation: " + m.sim->path.filename().string() + ".run.json", m.sim->run)
@@ -388,27 +389,25 @@ std::string configuration(const Material& m) {
     html += details("Recording: " + m.real->path.filename().string() + ".run.json", m.real->run);
   if (m.stack) {
     Json shortened = m.stack->json;
-    shortened["times_ns"] = fmt::format("{} instants", m.stack->reader.info().times_ns.size());
+    shortened["times_ns"] = fmt::format("{} times", m.stack->reader.info().times_ns.size());
     html += details("Render: stack.json", shortened);
   }
   return html;
 }
 
-// Most wanted part first.
-std::string body_of(const Material& m, const Scored& scored, const ReportInputs& inputs) {
-  std::string body = "<h1>";
-  body += m.real && m.sim ? "Simulated events beside a real recording"
-          : m.sim         ? "Simulated events"
-          : m.real        ? "A recording"
-                          : "A render";
-  body += fmt::format("</h1><p class=\"soft\">PECS {}</p>", kVersion) + scored.cards;
+std::string body_of(const Inputs& m, const Scored& scored, const ReportInputs& inputs) {
+  const char* heading = m.real && m.sim ? "Simulated and recorded events"
+                        : m.sim         ? "Simulated events"
+                        : m.real        ? "A recording"
+                                        : "A render";
+  std::string body = fmt::format("<h1>{}</h1><p class=\"soft\">PECS {}</p>", heading, kVersion) + scored.cards;
   for (const auto& w : m.warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
   std::vector<const EventFile*> streams;
   std::vector<std::string> names;
   if (m.real) streams.push_back(&*m.real), names.push_back("real");
   if (m.sim) streams.push_back(&*m.sim), names.push_back("simulated");
   if (!streams.empty()) {
-    body += "<h2>Events at the same instants</h2>" + event_pictures(streams, names) + scored.shift;
+    body += "<h2>Events at the same times</h2>" + event_pictures(streams, names) + scored.shift;
     if (!m.real) body += missing("No real recording was given (--real).");
     if (!m.sim) body += missing("No simulated events were given (--sim).");
   }
@@ -419,7 +418,7 @@ std::string body_of(const Material& m, const Scored& scored, const ReportInputs&
             (scored.shared ? rate_plot(*scored.shared) : rate_plot(streams[0]->recording));
   if (scored.shared) body += counts(*scored.shared);
   const Stack* stack = m.stack ? &*m.stack : nullptr;
-  body += "<h2>What was rendered</h2>" + (stack ? rendered(*stack, m.chip) : missing("No stack was given (--stack)."));
+  body += "<h2>The render</h2>" + (stack ? rendered(*stack, m.chip) : missing("No stack was given (--stack)."));
   body += "<h2>The lens</h2>" + lens_section(inputs, stack);
   body += "<h2>Quantum efficiency and bands</h2>" + bands_section(stack, m.chip);
   return body + "<h2>Configuration and versions</h2>" + configuration(m);
@@ -427,10 +426,10 @@ std::string body_of(const Material& m, const Scored& scored, const ReportInputs&
 
 }  // namespace
 
-Json write_report(const ReportInputs& inputs, const std::filesystem::path& output) {
+Json write_report_page(const ReportInputs& inputs, const std::filesystem::path& output) {
   if (!inputs.real && !inputs.sim && !inputs.stack)
     throw Error(ExitCode::usage, "report: got no input, wanted at least one of --real, --sim, --stack");
-  Material m = read(inputs);
+  Inputs m = read(inputs);
   Json summary = Json::object();
   const Scored scored = score(m, inputs.compare, summary);
   const EventFile* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;

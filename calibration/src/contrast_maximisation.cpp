@@ -1,4 +1,4 @@
-#include "pecs/calibration/motion.h"
+#include "pecs/calibration/contrast_maximisation.h"
 
 #include <ceres/gradient_problem.h>
 #include <ceres/gradient_problem_solver.h>
@@ -13,10 +13,10 @@ namespace {
 
 using events::Event;
 
-constexpr int kBinnedWidth = 480;           // of the pictures that motion is found on
+constexpr int kBinnedWidth = 480;           // of the pictures that flow is estimated on
 constexpr std::size_t kFirstEvents = 3000;  // of the shortest window
 constexpr double kLeastTravel_px = 4, kTravel_px = 16, kMostTurn_rad = 0.05;
-constexpr double kLeastGain = 1.15;         // contrast with motion over that without
+constexpr double kLeastGain = 1.15;         // contrast with flow over that without
 constexpr std::size_t kMostVotes = 40'000;  // events that a contrast is computed from
 
 bool earlier(const Event& e, double t_us) { return static_cast<double>(e.t_us) < t_us; }
@@ -26,7 +26,7 @@ std::span<const Event> within(std::span<const Event> events, double from_us, dou
   return {first, std::lower_bound(first, events.end(), to_us, earlier)};
 }
 
-// Which parameters of Flow each kind of motion has: columns of the basis.
+// Parameters of Flow that each kind of motion has: columns of the basis.
 using Basis = std::vector<std::array<double, 8>>;
 Basis basis_of(const std::string& kind) {
   Basis b = {{1, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 1, 0, 0, 0, 0}};
@@ -36,7 +36,7 @@ Basis basis_of(const std::string& kind) {
   return b;
 }
 
-// Bilinear vote for, or look at, a picture: the four weights about (x, y) and their derivatives by x.
+// Bilinear weights of the four pixels about (x, y) and their derivatives by x, for accumulation and interpolation.
 struct Corner {
   int x, y;
   float fx, fy;
@@ -54,8 +54,8 @@ void vote(cv::Mat_<float>& m, const Corner& c, float value) {
   m(c.y + 1, c.x + 1) += value * c.fx * c.fy;
 }
 
-// Minus the sum of squares of the blurred picture of polarities. Parameters: displacements at the window's ends [px at
-// one scale from the centre], so that all are of one size.
+// Minus the sum of squares of the blurred image of warped events. Parameters: displacements at the window's ends [px at
+// one scale from the centre], so that all have the same magnitude.
 class Contrast : public ceres::FirstOrderFunction {
  public:
   Contrast(std::span<const Event> events, double t_us, double half_s, const Flow& frame, Basis basis, cv::Size size,
@@ -124,8 +124,7 @@ class Contrast : public ceres::FirstOrderFunction {
   std::vector<Vote> votes_;
 };
 
-// Displacement that brings the first picture onto the second, by their cross-correlation, prior to which both are
-// blurred; [px of the pictures].
+// Displacement from the first picture to the second [px of the pictures], by cross-correlation of both after a blur.
 cv::Point2d displacement(const cv::Mat& first, const cv::Mat& second) {
   cv::Mat a, b, product;
   const cv::Size padded(cv::getOptimalDFTSize(first.cols * 2), cv::getOptimalDFTSize(first.rows * 2));
@@ -141,7 +140,7 @@ cv::Point2d displacement(const cv::Mat& first, const cv::Mat& second) {
           double(peak.y > padded.height / 2 ? peak.y - padded.height : peak.y)};
 }
 
-// The frame of Flow: about the events' mean, its scale their spread.
+// Centre and scale of Flow: mean and spread of the events.
 Flow frame_of(std::span<const Event> events, cv::Size size) {
   cv::Point2d sum(0, 0), squares(0, 0);
   for (const Event& e : events) sum += cv::Point2d(e.x + 0.5, e.y + 0.5);
@@ -164,14 +163,15 @@ double travel_px(std::span<const Event> events, const Flow& flow, double span_s)
   return sum / static_cast<double>(n) * span_s;
 }
 
-// The best of a few guesses: the displacement between the window's halves, and rotations.
+// The best of several initial guesses: the displacement between the window's halves, and rotations.
 Flow first_guess(std::span<const Event> events, double t_us, double half_s, const Flow& frame, cv::Size size) {
   const int bin = std::max(1, size.width / kBinnedWidth);
   cv::Mat_<float> halves[2];
   for (auto& h : halves) h = cv::Mat_<float>(size.height / bin + 1, size.width / bin + 1, 0.0F);
   for (const Event& e : events) halves[static_cast<double>(e.t_us) >= t_us](e.y / bin, e.x / bin) += e.p ? 1.0F : -1.0F;
   for (auto& h : halves) cv::GaussianBlur(h, h, {}, 2);
-  const cv::Point2d moved = displacement(halves[0], halves[1]) * bin;  // in half_s: from middle to middle
+  const cv::Point2d moved =
+      displacement(halves[0], halves[1]) * bin;  // within half_s: between the middles of the halves
   std::vector<std::array<double, 4>> guesses = {{0, 0, 0, 0}, {moved.x, moved.y, 0, 0}};
   for (const double turn_px : {-8, -4, -2, 2, 4, 8}) guesses.push_back({0, 0, 0, turn_px});
   const Contrast contrast(events, t_us, half_s, frame, basis_of("similarity"), size, 2);
@@ -192,7 +192,7 @@ cv::Point2d Flow::at(double x, double y) const {
   return {scale * (a[0] + a[1] * nx + a[2] * ny + nx * q), scale * (a[3] + a[4] * nx + a[5] * ny + ny * q)};
 }
 
-std::optional<MovingView> moving_view(std::span<const Event> events, cv::Size size, double t_us, std::string& why) {
+std::optional<FlowWindow> estimate_flow(std::span<const Event> events, cv::Size size, double t_us, std::string& why) {
   if (events.size() < kFirstEvents) {
     why = fmt::format("{} events, fewer than {}", events.size(), kFirstEvents);
     return {};
@@ -202,7 +202,7 @@ std::optional<MovingView> moving_view(std::span<const Event> events, cv::Size si
   const auto from = std::clamp<std::ptrdiff_t>(at - kFirstEvents / 2, 0, count - kFirstEvents);
   const double begin = static_cast<double>(events.front().t_us), end = static_cast<double>(events.back().t_us) + 1;
 
-  // The shortest window in which things move.
+  // Finds the shortest window with motion.
   double half_s = static_cast<double>(events[from + kFirstEvents - 1].t_us - events[from].t_us + 2) * 0.5e-6;
   Flow flow;
   for (;; half_s *= 1.6) {
@@ -216,12 +216,12 @@ std::optional<MovingView> moving_view(std::span<const Event> events, cv::Size si
     if (travel_px(window, flow, 2 * half_s) >= kLeastTravel_px) break;
   }
 
-  // A window of the wanted travel (of little turn, for Flow is linear in time), and the motion in it: translation, then
-  // more, as long as it sharpens the picture.
+  // Chooses a window of the wanted travel (with little rotation, because Flow is linear in time) and fits its flow:
+  // a translation first, then kinds with more parameters as long as they raise the contrast.
   const auto first = within(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
   half_s = std::min({half_s * kTravel_px / travel_px(first, flow, 2 * half_s), (t_us - begin) * 1e-6 + 1e-6,
                      (end - t_us) * 1e-6 + 1e-6, kMostTurn_rad / std::max(1e-9, std::abs(flow.a[2]))});
-  MovingView view;
+  FlowWindow view;
   view.events = within(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
   view.t_us = t_us;
   const Flow frame = frame_of(view.events, size);
@@ -241,7 +241,7 @@ std::optional<MovingView> moving_view(std::span<const Event> events, cv::Size si
     if (kind == "similarity") trial = {x[0], x[1], x[2], x[3]};
     if (kind == "homography") trial = {x[0], x[1], x[2], x[3], -x[3], x[2], 0, 0};
     for (const double sigma : {2.0, 1.0}) {
-      // The problem owns its function.
+      // The problem owns its cost function.
       const ceres::GradientProblem problem(new Contrast(view.events, t_us, half_s, frame, basis_of(kind), size, sigma));
       ceres::GradientProblemSolver::Options options;
       options.logging_type = ceres::SILENT;
@@ -268,11 +268,11 @@ std::optional<MovingView> moving_view(std::span<const Event> events, cv::Size si
   return view;
 }
 
-cv::Mat compensated(const MovingView& view, cv::Size size, int part) {
+cv::Mat image_of_warped_events(const FlowWindow& view, cv::Size size, int part) {
   cv::Mat_<float> picture(size, 0.0F);
   std::size_t on = 0, i = 0;
   for (const Event& e : view.events) on += e.p;
-  // What brightens darkens again: ON and OFF thresholds differ, their sums should not.
+  // Equalises the sums of ON and OFF: a pixel that brightens darkens again, but the thresholds differ.
   const double off = static_cast<double>(view.events.size() - on);
   const double balance = std::clamp(std::sqrt((off + 1) / (static_cast<double>(on) + 1)), 0.6, 1.6);
   Corner c;
@@ -286,7 +286,7 @@ cv::Mat compensated(const MovingView& view, cv::Size size, int part) {
   return picture;
 }
 
-cv::Mat intensity(const MovingView& view, const cv::Mat& polarities) {
+cv::Mat log_intensity(const FlowWindow& view, const cv::Mat& polarities) {
   constexpr float kSmooth = 0.02F;
   constexpr int kLevels = 4;
   const double leak = std::pow(4 * CV_PI / polarities.cols, 2);
@@ -308,13 +308,13 @@ cv::Mat intensity(const MovingView& view, const cv::Mat& polarities) {
     for (int y = 0; y < l.e.rows; ++y)
       for (int x = 0; x < l.e.cols; ++x) {
         const cv::Point2d u = view.flow.at((x + 0.5) * f, (y + 0.5) * f) / norm;
-        const double limit = std::max(1.0, cv::norm(u) / 3);  // far out a fitted motion means little
+        const double limit = std::max(1.0, cv::norm(u) / 3);  // extrapolated flow is unreliable
         l.dx(y, x) = static_cast<float>(u.x / limit), l.dy(y, x) = static_cast<float>(u.y / limit);
         l.e(y, x) /= static_cast<float>(limit);
       }
   }
 
-  // Normal equations by conjugate gradients, from coarse to fine; central differences, so that nothing shifts.
+  // Solves the normal equations by conjugate gradients, coarse to fine; central differences cause no shift.
   cv::Mat_<float> solution(levels.back().e.size(), 0.0F);
   for (int k = kLevels - 1; k >= 0; --k) {
     const Level& l = levels[k];

@@ -1,4 +1,4 @@
-#include "talk.h"
+#include "console.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -8,18 +8,18 @@
 
 namespace pecs::app {
 
-void Talk::add_to(CLI::App& app) {
+void Console::add_to(CLI::App& app) {
   if (app.get_prefix_command()) return;
   CLI::Option* none = app.add_flag("--quiet", quiet_, "nothing but errors and results");
   none->excludes(app.add_flag("--verbose", verbose_, "also what was used, and how long it took"));
   for (CLI::App* command : app.get_subcommands({})) add_to(*command);
 }
 
-void Talk::warn(const std::string& line) const {
+void Console::warn(const std::string& line) const {
   if (!quiet_) fmt::print(stderr, "pecs: warning: {}\n", line);
 }
 
-void Talk::record(const std::filesystem::path& output, const RunRecord& record) {
+void Console::record(const std::filesystem::path& output, const RunRecord& record) {
   write_run_record(output, record);
   recorded_ = true;
   if (!verbose_) return;
@@ -29,7 +29,7 @@ void Talk::record(const std::filesystem::path& output, const RunRecord& record) 
   for (const auto& input : record.inputs) fmt::print(stderr, "{}: input: {}\n", record.command, input.string());
 }
 
-void Talk::end(const CLI::App& app) const {
+void Console::end(const CLI::App& app) const {
   if (!verbose_) return;
   const CLI::App& command = chosen_command(app);
   const std::string name = full_name(command);

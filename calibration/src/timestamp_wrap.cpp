@@ -1,4 +1,4 @@
-#include "pecs/calibration/clock.h"
+#include "pecs/calibration/timestamp_wrap.h"
 
 #include <fmt/format.h>
 
@@ -6,14 +6,14 @@
 
 namespace pecs::calibration {
 
-events::Stream with_steady_clock(events::Stream stream, const std::string& file, std::string& note) {
+events::Stream unwrap_timestamps(events::Stream stream, const std::string& file, std::string& note) {
   constexpr std::int64_t kDisorder_us = 10'000;
   std::int64_t added_us = 0, latest_us = INT64_MIN;
   for (std::size_t i = 0; i < stream.events.size(); ++i) {
     auto& e = stream.events[i];
     e.t_us += added_us;
     if (latest_us != INT64_MIN && e.t_us < latest_us - kDisorder_us) {
-      // After a wrap the clock goes on within a hundredth of the counter's range.
+      // After a wrap the next timestamp is within a hundredth of the counter's range.
       std::int64_t range_us = 0;
       for (int bits = 16; bits <= 40 && range_us == 0; ++bits) {
         const std::int64_t range = std::int64_t{1} << bits, step = e.t_us + range - latest_us;
@@ -21,11 +21,11 @@ events::Stream with_steady_clock(events::Stream stream, const std::string& file,
       }
       if (range_us == 0)
         throw bad_input(file, fmt::format("event {}", i),
-                        fmt::format("time goes back from {} us to {} us", latest_us, e.t_us),
-                        "a clock that goes on, or a counter that starts again");
+                        fmt::format("a decrease from {} us to {} us", latest_us, e.t_us),
+                        "increasing timestamps, or the wrap of a counter of 2^k us");
       e.t_us += range_us;
       added_us += range_us;
-      note = fmt::format("the clock starts again after {} us (event {}); continued", range_us, i);
+      note = fmt::format("the timestamps wrap after {} us (event {}); unwrapped", range_us, i);
     }
     latest_us = std::max(latest_us, e.t_us);
   }

@@ -1,5 +1,5 @@
 #pragma once
-// --quiet and --verbose: one pair for the program, which every command takes and says in the same words.
+// --quiet and --verbose of all commands.
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <filesystem>
@@ -9,22 +9,22 @@
 
 namespace pecs::app {
 
-class Talk {
+class Console {
  public:
-  // To `app` and every command below it; commands that are Python have their own (python/pecs/_arguments.py).
+  // Adds the options to `app` and every command below it; commands in Python have their own
+  // (python/pecs/_arguments.py).
   void add_to(CLI::App& app);
 
   bool quiet() const { return quiet_; }
   bool verbose() const { return verbose_; }
 
-  // Prints a warning on stderr, if not quiet.
+  // Prints a warning on stderr, unless quiet.
   void warn(const std::string& line) const;
 
-  // Writes the run record; verbose: and says on stderr what it holds.
+  // Writes the run record; with --verbose also prints its configuration and inputs on stderr.
   void record(const std::filesystem::path& output, const RunRecord& record);
 
-  // The command below `app` is done. Verbose: says on stderr what it used, where no record said so, and how long it
-  // took.
+  // Call after the command. With --verbose prints the options, unless record() did, and the duration on stderr.
   void end(const CLI::App& app) const;
 
  private:

@@ -66,9 +66,9 @@ std::string html_escaped(std::string_view text) {
 std::vector<std::uint8_t> packed_events(const events::Recording& recording, std::size_t limit) {
   if (recording.span_us > UINT32_MAX)
     throw Error(ExitCode::unsupported,
-                fmt::format("{}: a page shows at most 71 minutes; choose a part", recording.name));
+                fmt::format("{}: a page shows at most 71 minutes; select a part with --from and --to", recording.name));
 
-  // A subset without a rhythm of its own: each event is kept by chance, in order (Knuth's selection sampling).
+  // A random subset in order (Knuth's selection sampling), which adds no periodic pattern.
   const std::size_t total = recording.events.size();
   std::size_t left = std::min(total, limit);
   std::mt19937_64 random(1);
