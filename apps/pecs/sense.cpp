@@ -70,7 +70,9 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (once per key)")
       ->allow_extra_args(false);
   sub->add_flag("--no-noise", o->no_noise, "disable photon noise, leak, background events and mismatch");
-  sub->add_option("--seed", o->seed, "seed of all random numbers")->capture_default_str();
+  sub->add_option("--seed", o->seed, "seed of all random numbers")
+      ->check(CLI::Range(std::uint64_t{0}, sensor::kLargestSeed))
+      ->capture_default_str();
   sub->add_option("--threads", o->threads, "number of threads, 0: all; the events do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();

@@ -45,7 +45,7 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
                          tbb::task_arena(options.threads ? options.threads : tbb::task_arena::automatic)};
 }
 
-// Frames closer than the events' resolution are nobody's: their times are in another unit.
+// Frame intervals below 1 us mean that the times are in another unit.
 void check_unit(const pecs_sensor& sensor, std::span<const double> t_us) {
   const std::int64_t frames = sensor.frames + std::ssize(t_us);
   if (t_us.empty() || frames < 2) return;
@@ -70,20 +70,22 @@ bool all_light(std::span<const float> values) {
   return good;
 }
 
-// Values as `pecs sense` takes them: negative light is 0, what is not finite is NaN.
-std::vector<float> mended(std::span<const float> values, pecs_sensor& count) {
-  std::vector<float> out(values.begin(), values.end());
-  for (float& v : out) {
-    if (!std::isfinite(v)) {
-      v = std::numeric_limits<float>::quiet_NaN();
-      ++count.not_finite;
-    } else if (v < 0) {
-      v = 0;
-      ++count.negative;
+// Frames as `pecs sense` reads them: negative light becomes 0, values that are not finite become NaN.
+struct Sanitized {
+  explicit Sanitized(std::span<const float> frames) : values(frames.begin(), frames.end()) {
+    for (float& v : values) {
+      if (!std::isfinite(v)) {
+        v = std::numeric_limits<float>::quiet_NaN();
+        ++not_finite;
+      } else if (v < 0) {
+        v = 0;
+        ++negative;
+      }
     }
   }
-  return out;
-}
+  std::vector<float> values;
+  std::int64_t not_finite = 0, negative = 0;
+};
 
 // motion: null, or of so many channels a frame.
 std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t_us, const float* motion, int channels,
@@ -94,17 +96,16 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
   s.found.causes.clear();
   s.arena.execute([&] {
     const auto pixels = static_cast<std::size_t>(s.sensor.width()) * static_cast<std::size_t>(s.sensor.height());
-    std::vector<float> copy;
-    if (const std::span values(frames, pixels * t_us.size()); !all_light(values)) {
-      copy = mended(values, s);
-      frames = copy.data();
-    }
+    std::optional<Sanitized> copy;
+    if (const std::span values(frames, pixels * t_us.size()); !all_light(values))
+      frames = copy.emplace(values).values.data();
     std::vector<const float*> planes;
     for (std::size_t i = 0; i < t_us.size(); ++i) planes.push_back(frames + i * pixels);
     if (motion)
       s.sensor.push_moving(planes, t_us, motion, static_cast<std::size_t>(channels), last, s.found);
     else
       s.sensor.push(planes, t_us, last, s.found);
+    if (copy) s.not_finite += copy->not_finite, s.negative += copy->negative;
   });
   if (!s.frames && !t_us.empty()) s.first_us = t_us.front();
   s.frames += std::ssize(t_us);

@@ -118,7 +118,8 @@ int64_t pecs_stack_reader_between(const pecs_stack_reader* stack, int64_t interv
                                   pecs_error* error) {
   return guard(error, [&] {
     const std::vector<std::int64_t> times = given(stack, "stack").reader.between_ns(interval);
-    std::copy_n(times.begin(), std::clamp<int64_t>(capacity, 0, std::ssize(times)), times_ns);
+    if (const auto room = std::clamp<int64_t>(capacity, 0, std::ssize(times)); room > 0)
+      std::copy_n(times.begin(), room, &given(times_ns, "times_ns"));
     return static_cast<int64_t>(std::ssize(times));
   });
 }

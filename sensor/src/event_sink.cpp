@@ -3,8 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-
-#include "pecs/files.h"
+#include <cstdio>
 
 namespace pecs::sensor {
 namespace {
@@ -29,25 +28,34 @@ void trim(LabelledEvents& labelled, std::int64_t from_us, std::int64_t to_us) {
   events.erase(events.begin(), events.begin() + a);
 }
 
-// A NumPy file of bytes.
-void write_npy(const std::filesystem::path& path, std::span<const Cause> causes) {
-  std::string header = fmt::format("{{'descr': '|u1', 'fortran_order': False, 'shape': ({},), }}", causes.size());
-  header.resize((10 + header.size() + 1 + 63) / 64 * 64 - 11, ' ');
-  AtomicFile file(path);
-  file.write(std::string("\x93NUMPY\x01\x00", 8));
-  const auto size = static_cast<std::uint16_t>(header.size() + 1);
-  file.write(std::string{static_cast<char>(size & 0xff), static_cast<char>(size >> 8)});
-  file.write(header + "\n");
-  file.write(std::as_bytes(causes));
-  file.commit();
+}  // namespace
+
+CauseFile::CauseFile(const std::filesystem::path& path) : file_(path, AtomicFile::Order::goes_back) { write_header(); }
+
+void CauseFile::write_header() {
+  constexpr std::size_t kBytes = 128;  // a multiple of 64, as the format requires
+  constexpr char kStart[] = {'\x93', 'N', 'U', 'M', 'P', 'Y', 1, 0, kBytes - 10, 0};
+  const std::string text = fmt::format("{{'descr': '|u1', 'fortran_order': False, 'shape': ({},), }}", count_);
+  file_.write(std::string_view(kStart, sizeof kStart));
+  file_.write(fmt::format("{:<{}}\n", text, kBytes - sizeof kStart - 1));
 }
 
-}  // namespace
+void CauseFile::write(std::span<const Cause> causes) {
+  file_.write(std::as_bytes(causes));
+  count_ += causes.size();
+}
+
+void CauseFile::commit() {
+  std::rewind(file_.stream());
+  write_header();
+  file_.commit();
+}
 
 EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeline& timeline)
     : options_(options), timeline_(timeline) {
   const StackInfo& info = timeline.source().info();
   writer_ = events::open_writer(options.output, {info.width, info.height, chip.name}, options.format);
+  if (options.labels) causes_.emplace(*options.labels);
   if (!options.ideal_readout && !is_ideal_readout(chip)) readout_.emplace(chip, info.width, info.height, options.seed);
 }
 
@@ -74,14 +82,14 @@ bool EventSink::send(LabelledEvents& labelled) {
   last_us_ = out.back().t_us;
   events_ += std::ssize(out);
   on_ += std::ranges::count(out, 1, &events::Event::p);
-  if (options_.labels) causes_.insert(causes_.end(), labelled.causes.begin(), labelled.causes.end());
+  if (causes_) causes_->write(labelled.causes);
   writer_->write(out);
   return !options_.watch || options_.watch(out);
 }
 
 void EventSink::close() {
   writer_->close();
-  if (options_.labels) write_npy(*options_.labels, causes_);
+  if (causes_) causes_->commit();
 }
 
 Json EventSink::report() const {

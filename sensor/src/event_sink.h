@@ -1,14 +1,29 @@
 #pragma once
-// The end of the light path: readout, the output's window, the files.
+// The end of the pipeline: readout, the output's window, the files.
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "pecs/events/format.h"
+#include "pecs/files.h"
 #include "pecs/sensor/readout.h"
 #include "pecs/sensor/sense.h"
 
 namespace pecs::sensor {
+
+// Causes as a NumPy file of bytes, written as they come: its header has room for the length, which is known at the end.
+class CauseFile {
+ public:
+  explicit CauseFile(const std::filesystem::path& path);
+  void write(std::span<const Cause> causes);
+  void commit();
+
+ private:
+  void write_header();
+
+  AtomicFile file_;
+  std::size_t count_ = 0;
+};
 
 class EventSink {
  public:
@@ -27,7 +42,7 @@ class EventSink {
   std::unique_ptr<events::Writer> writer_;
   std::optional<Readout> readout_;
   LabelledEvents sent_;
-  std::vector<Cause> causes_;
+  std::optional<CauseFile> causes_;
   std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;
 };
 

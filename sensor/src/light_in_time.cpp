@@ -252,6 +252,11 @@ std::vector<Cell> LightInTime::Work::cells(const Exposure& exposure, std::int64_
   const double length_us = exposure.exposure_us / static_cast<double>(steps);
   const double per_row = exposure.row_delay_us / length_us, last = per_row * (info().height - 1);
   constexpr double kNothing = 1e-9;  // of a cell
+  if (!(std::abs(last) + static_cast<double>(steps) <= kMostCells))
+    throw bad_input(
+        source.name(), "exposure",
+        fmt::format("{} steps in {} us, rows {} us apart", steps, exposure.exposure_us, exposure.row_delay_us),
+        fmt::format("at most {} steps from the first row's begin to the last row's end", kMostCells));
   const auto begin = static_cast<std::int64_t>(std::floor(std::min(0.0, last) + kNothing));
   const auto end = static_cast<std::int64_t>(std::ceil(std::max(0.0, last) - kNothing)) + steps;
   std::vector<Cell> out;
@@ -261,9 +266,13 @@ std::vector<Cell> LightInTime::Work::cells(const Exposure& exposure, std::int64_
     const auto overlaps = [&](int y) {
       return per_row * y < at + 1 - kNothing && per_row * y + static_cast<double>(steps) > at + kNothing;
     };
-    Region rows{info().height, 0};
-    for (int y = 0; y < info().height; ++y)
-      if (overlaps(y)) rows = {std::min(rows.begin, y), y + 1};
+    const double first_row = per_row == 0  ? 0
+                             : per_row > 0 ? (at + kNothing - static_cast<double>(steps)) / per_row
+                                           : (at + 1 - kNothing) / per_row;
+    int y = static_cast<int>(std::clamp(std::floor(first_row), 0.0, static_cast<double>(info().height)));
+    for (const int latest = std::min(info().height, y + 2); y < latest && !overlaps(y);) ++y;
+    Region rows{y, y};
+    while (rows.end < info().height && overlaps(rows.end)) ++rows.end;
     const double middle_us = exposure.begin_us + (at + 0.5) * length_us;
     if (rows.begin < rows.end) out.push_back({place(std::clamp(middle_us, from_us, to_us)), rows, at});
   }

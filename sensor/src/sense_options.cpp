@@ -42,7 +42,7 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   if (o.has("set")) out.overrides = overrides_from(o.any("set"));
   out.no_noise = o.boolean_or("no_noise", false);
   out.seed = static_cast<std::uint64_t>(
-      o.integer_or("seed", static_cast<std::int64_t>(out.seed), 0, std::numeric_limits<std::int64_t>::max()));
+      o.integer_or("seed", static_cast<std::int64_t>(out.seed), 0, static_cast<std::int64_t>(kLargestSeed)));
   out.threads = static_cast<int>(o.integer_or("threads", 0, 0, 1024));
   out.model.name = o.text_or("model", out.model.name);
   if (o.has("param")) out.model.parameters = numbers_of(o.any("param"), "param");

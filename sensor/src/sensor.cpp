@@ -49,16 +49,20 @@ FrameBatch frame_of(const FrameBatch& batch, std::size_t index) {
 
 }  // namespace
 
+void FrameClock::check(std::span<const double> t_us) const {
+  std::optional<double> before;
+  if (!recent_t_us_.empty()) before = recent_t_us_.back();
+  for (std::size_t i = 0; i < t_us.size(); before = t_us[i++])
+    if ((before && !(t_us[i] > *before)) || !(t_us[i] >= 0) || t_us[i] > kMostTime_us)
+      throw bad_input("frames", fmt::format("time of frame {}", frames_ + static_cast<std::int64_t>(i)),
+                      fmt::format("{} us", t_us[i]),
+                      before ? fmt::format("more than {}", *before) : fmt::format("0 to {}", kMostTime_us));
+}
+
 FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<const double> t_us, bool last) {
+  check(t_us);
   FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
-  for (const double t : t_us) {
-    if (!(batch.t_us.empty() || t > batch.t_us.back()) || !(t >= 0) || t > kMostTime_us)
-      throw bad_input(
-          "frames", fmt::format("time of frame {}", frames_ + std::ssize(batch.t_us) - std::ssize(recent_t_us_)),
-          fmt::format("{} us", t),
-          batch.t_us.empty() ? fmt::format("0 to {}", kMostTime_us) : fmt::format("more than {}", batch.t_us.back()));
-    batch.t_us.push_back(t);
-  }
+  batch.t_us.insert(batch.t_us.end(), t_us.begin(), t_us.end());
   frames_ += std::ssize(planes);
   // Events of the intervals to come round to the end of these at the earliest.
   const std::size_t known = batch.t_us.size();
@@ -105,9 +109,12 @@ void Sensor::push(std::span<const float* const> planes, std::span<const double> 
 
 void Sensor::push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
                          std::size_t channels, bool last, LabelledEvents& events) {
+  // Before anything is simulated: an error in a later frame must not cost events of the frames before it.
+  clock_.check(t_us);
+  check_motion_size(channels * pixels(), width_, height_);
   std::vector<std::vector<float>> between;
   for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
-    if (!last_plane_.empty() && t_us[i] > last_t_us_) {
+    if (!last_plane_.empty()) {
       const Carrier carrier({motion, channels * pixels()}, width_, height_);
       const double length_us = t_us[i] - last_t_us_;
       const std::vector<double> instants = carrier.instants(length_us);

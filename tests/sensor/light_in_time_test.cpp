@@ -135,6 +135,8 @@ TEST(LightInTime, ALoopGoesOn) {
   EXPECT_TRUE(std::isinf(light.end_us()));
   EXPECT_EQ(at(light, {5000, 10'000, 5e9}), at(light, {0, 0, 0}));
   EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
+  // A source with a period has all times, but not all exposures: these would be 2.6e9 cells.
+  EXPECT_THROW(exposed(light, {0, 1, 1000, kMostSteps}), Error);
 }
 
 TEST(LightInTime, WrongTimesAreRefused) {
@@ -143,7 +145,8 @@ TEST(LightInTime, WrongTimesAreRefused) {
   for (const double t_us : {-1.0, 3000.01, std::nan(""), std::numeric_limits<double>::infinity()})
     EXPECT_THROW(at(light, {t_us}), Error) << t_us;
   for (const Exposure& e : {Exposure{2500, 501, 0, 3}, Exposure{0, 100, 80, 3}, Exposure{500, 100, -20, 3},
-                            Exposure{0, 0, 0, 3}, Exposure{0, 10, 0, kMostSteps + 1}, Exposure{0, 10, std::nan(""), 1}})
+                            Exposure{500, 1, 30, kMostSteps}, Exposure{0, 0, 0, 3}, Exposure{0, 10, 0, kMostSteps + 1},
+                            Exposure{0, 10, std::nan(""), 1}})
     EXPECT_THROW(exposed(light, e), Error) << e.begin_us;
   EXPECT_NO_THROW(exposed(light, {2500, 500, 0, 3}));
 }

@@ -12,6 +12,7 @@
 #include <limits>
 #include <vector>
 
+#include "clip.h"
 #include "pecs/error.h"
 
 namespace pecs::sensor {
@@ -328,6 +329,29 @@ TEST(Motion, LabelsAreTheSameOneByOne) {
   std::int32_t one = 0;
   carrier.labels(planes[0].data(), planes[1].data(), {&single, 1}, {&one, 1});
   EXPECT_EQ(one, -5);
+}
+
+TEST(Sensor, AnErrorInALaterFrameLosesNoEvents) {
+  const Clip clip =
+      make_clip(40, 30, 6, 1000, [](int x, int, double t) { return 1 + 0.9 * std::sin(0.3 * x - 2e-3 * t); });
+  const Plane motion(std::size_t{3} * 40 * 30 * 6);
+  std::vector<const float*> planes;
+  for (const auto& frame : clip.frames) planes.push_back(frame.data());
+  const std::span all(planes);
+  const auto events_of = [&](bool with_errors) {
+    Sensor sensor(load_chip("ideal"), clip.width, clip.height, 1, 100.0);
+    LabelledEvents found, lost;
+    sensor.push_moving(all.first(3), std::span(clip.t_us).first(3), motion.data(), 2, false, found);
+    if (with_errors) {
+      const double falling_us[] = {3000, 2500}, rising_us[] = {3000, 4000};
+      EXPECT_THROW(sensor.push_moving(all.subspan(3, 2), falling_us, motion.data(), 2, false, lost), Error);
+      EXPECT_THROW(sensor.push_moving(all.subspan(3, 2), rising_us, motion.data(), 3, false, lost), Error);
+    }
+    sensor.push_moving(all.subspan(3), std::span(clip.t_us).subspan(3), motion.data(), 2, true, found);
+    return found.events;
+  };
+  EXPECT_GT(events_of(false).size(), 1000u);
+  EXPECT_EQ(events_of(true), events_of(false));
 }
 
 }  // namespace

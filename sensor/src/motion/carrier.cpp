@@ -140,9 +140,9 @@ class TileWork {
   bool soiled_[2][kTilePixels] = {};
 };
 
-// Whether points of a block may come over a tile and the pixels around it at any instant.
-bool comes_over(const Tile& block, const Reach& reach, const Tile& tile) {
-  if (!reach.any) return false;
+// Tiles [x0, x1) x [y0, y1), counted in tiles, that a block's points, or the pixels around them, may come over at any
+// instant.
+Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) {
   // |D| of the parabola is at most that of its ends and its top, below 1 of `mid` and 1/8 of `end` beyond them.
   const auto least = [](float mid, float end) {
     return std::min(0.0f, mid) + std::min(0.0f, end) - 0.125f * std::max(0.0f, end);
@@ -150,14 +150,25 @@ bool comes_over(const Tile& block, const Reach& reach, const Tile& tile) {
   const auto most = [](float mid, float end) {
     return std::max(0.0f, mid) + std::max(0.0f, end) - 0.125f * std::min(0.0f, end);
   };
-  const auto overlap = [](int a0, int a1, float low, float high, int b0, int b1) {
-    return static_cast<float>(a0) + low < static_cast<float>(b1) + 4 &&
-           static_cast<float>(a1) + high > static_cast<float>(b0) - 4;
+  constexpr float kMargin_px = 4;
+  const auto reached = [](float low, float high, int tile_size, int size, int tiles) {
+    const auto is_reached = [&](int i) {
+      return low < static_cast<float>(std::min((i + 1) * tile_size, size)) + kMargin_px &&
+             high > static_cast<float>(i * tile_size) - kMargin_px;
+    };
+    int begin = 0;
+    while (begin < tiles && !is_reached(begin)) ++begin;
+    int end = begin;
+    while (end < tiles && is_reached(end)) ++end;
+    return std::pair(begin, end);
   };
-  return overlap(block.x0, block.x1, least(reach.mid_least.x, reach.end_least.x),
-                 most(reach.mid_most.x, reach.end_most.x), tile.x0, tile.x1) &&
-         overlap(block.y0, block.y1, least(reach.mid_least.y, reach.end_least.y),
-                 most(reach.mid_most.y, reach.end_most.y), tile.y0, tile.y1);
+  const auto [x0, x1] = reached(static_cast<float>(block.x0) + least(reach.mid_least.x, reach.end_least.x),
+                                static_cast<float>(block.x1) + most(reach.mid_most.x, reach.end_most.x), kTileWidth,
+                                from.width(), from.tiles_x());
+  const auto [y0, y1] = reached(static_cast<float>(block.y0) + least(reach.mid_least.y, reach.end_least.y),
+                                static_cast<float>(block.y1) + most(reach.mid_most.y, reach.end_most.y), kTileHeight,
+                                from.height(), from.tiles_y());
+  return {x0, y0, x1, y1};
 }
 
 // Channels of the layer, of optical flow; what is not known is NaN.
@@ -175,36 +186,45 @@ std::vector<float> from_flow(std::span<const float> flow, std::size_t channels, 
 
 }  // namespace
 
+// From each block to the tiles that it reaches, so that the work grows with the picture and not with its square.
 void Carrier::Interval::find_near() {
-  const int tiles = first.tiles_x() * first.tiles_y();
+  const int columns = first.tiles_x(), tiles = columns * first.tiles_y();
   near.resize(static_cast<std::size_t>(tiles));
-  tbb::parallel_for(0, tiles, [&](int i) {
-    Near& n = near[static_cast<std::size_t>(i)];
-    const Tile here = first.tile(i);
-    for (int k = 0; k < tiles; ++k) {
-      const Tile block = first.tile(k);
-      const bool border = block.x0 == 0 || block.y0 == 0 || block.x1 == first.width() || block.y1 == first.height();
-      const auto look = [&](const Surfaces& from, std::vector<std::int32_t>& tiles_near) {
-        const Reach& reach = from.reach(k);
-        if (!comes_over(block, reach, here)) return;
-        tiles_near.push_back(k);
-        n.still &= !reach.moves;
-        n.special |= reach.soiled || border;
-      };
-      look(first, n.first);
-      look(second, n.second);
-    }
-    n.still &= !first.reach(i).unknown && !second.reach(i).unknown;
-  });
+  for (int k = 0; k < tiles; ++k) {
+    const Tile block = first.tile(k);
+    const bool border = block.x0 == 0 || block.y0 == 0 || block.x1 == first.width() || block.y1 == first.height();
+    const auto add = [&](const Surfaces& from, std::vector<std::int32_t> Near::* list) {
+      const Reach& reach = from.reach(k);
+      if (!reach.any) return;
+      const Tile reached = tiles_reached(from, block, reach);
+      for (int y = reached.y0; y < reached.y1; ++y)
+        for (int x = reached.x0; x < reached.x1; ++x) {
+          Near& n = near[static_cast<std::size_t>(y * columns + x)];
+          (n.*list).push_back(k);
+          n.still &= !reach.moves;
+          n.special |= reach.soiled || border;
+        }
+    };
+    add(first, &Near::first);
+    add(second, &Near::second);
+  }
+  for (int i = 0; i < tiles; ++i)
+    near[static_cast<std::size_t>(i)].still &= !first.reach(i).unknown && !second.reach(i).unknown;
+}
+
+void check_motion_size(std::size_t values, int width, int height) {
+  const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  const std::size_t channels = pixels ? values / pixels : 0;
+  if (width < 1 || height < 1 || channels * pixels != values ||
+      (channels != 2 && channels != 4 && channels != kMotionChannels))
+    throw bad_input("motion", "size", fmt::format("{} values for {}x{} pixels", values, width, height),
+                    "2, 4 or 12 channels");
 }
 
 Carrier::Carrier(std::span<const float> values, int width, int height) {
+  check_motion_size(values.size(), width, height);
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  const std::size_t channels = pixels ? values.size() / pixels : 0;
-  if (width < 1 || height < 1 || channels * pixels != values.size() ||
-      (channels != 2 && channels != 4 && channels != kMotionChannels))
-    throw bad_input("motion", "size", fmt::format("{} values for {}x{} pixels", values.size(), width, height),
-                    "2, 4 or 12 channels");
+  const std::size_t channels = values.size() / pixels;
   std::vector<float> flow;
   if (channels != kMotionChannels) values = flow = from_flow(values, channels, pixels);
   interval_ = std::make_unique<Interval>(width, height);

@@ -199,3 +199,30 @@ def test_models():
             assert p["min"] <= p["value"] <= p["max"] and p["meaning"] and p["unit"]
     assert models["pecs"]["takes_light"] and models["pecs"]["tells_causes"]
     assert not models["esim"]["takes_light"] and not models["esim"]["tells_causes"]
+
+
+def test_labels_are_written_as_they_come(tmp_path):
+    """Memory does not grow with the number of events: their causes reach the file during the run."""
+    write(tmp_path / "s", frames=200, size=(120, 160))
+    sizes = []
+
+    def watch(done):
+        partial = tmp_path / "l.npy.partial"
+        sizes.append(partial.stat().st_size if partial.exists() else 0)
+
+    report = pecs.sense(tmp_path / "s", tmp_path / "e.npz", labels=tmp_path / "l.npy", progress=watch)
+    labels = np.load(tmp_path / "l.npy")
+    assert labels.dtype == np.uint8 and len(labels) == report["results"]["events"] > 20000
+    assert 10000 < sizes[-1] <= (tmp_path / "l.npy").stat().st_size == 128 + len(labels)
+
+
+def test_the_program_and_python_take_the_same_seeds(tmp_path, pecs_program):
+    write(tmp_path / "s")
+    largest = 2**63 - 1
+    assert pecs_program("sense", tmp_path / "s", "-o", tmp_path / "a.npz", "--seed", largest).returncode == 0
+    pecs.sense(tmp_path / "s", tmp_path / "b.npz", seed=largest)
+    np.testing.assert_array_equal(pecs.read(tmp_path / "a.npz"), pecs.read(tmp_path / "b.npz"))
+    refused = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "c.npz", "--seed", largest + 1)
+    assert refused.returncode == 2 and "--seed" in refused.stderr
+    with pytest.raises(pecs.PecsInputError, match="seed"):
+        pecs.sense(tmp_path / "s", tmp_path / "c.npz", seed=largest + 1)

@@ -1,10 +1,13 @@
 """EXR stacks through Python: round trip, resume, other software's reader, damage."""
 
+import ctypes
 import json
 
 import numpy as np
 import pecs
 import pytest
+from moving_scene import Scene, write_stack
+from pecs import _library
 from pecs.stack import StackReader, StackWriter, read_frame
 
 BANDS = [{"lambda_nm": 486.25, "weight_nm": 120.0}, {"lambda_nm": 550.0, "weight_nm": 80.5}]
@@ -257,3 +260,22 @@ def test_pictures_between_frames(tmp_path):
     with StackWriter(tmp_path / "none", stack_json()) as stack:
         with pytest.raises(pecs.PecsError, match="between"):
             stack.write_between(1, 4, 150_000, part)
+
+
+def test_the_times_of_pictures_between_need_an_array(tmp_path):
+    scene = Scene(24, 16, samples=1)
+    between = [(0, 0, 1_000, scene.frame(0.25)), (0, 1, 3_000, scene.frame(0.75))]
+    motion = [scene.motion()]
+    folder = write_stack(tmp_path / "s", [scene.frame(0), scene.frame(1)], [0, 4_000], motion, between=between)
+    library = ctypes.CDLL(str(_library._find()))
+    library.pecs_stack_reader_open.restype = ctypes.c_void_p
+    library.pecs_stack_reader_open.argtypes = [ctypes.c_char_p, ctypes.c_double, ctypes.c_void_p]
+    stack = ctypes.c_void_p(library.pecs_stack_reader_open(str(folder).encode(), 0, None))
+    times_of = _library.function(
+        "pecs_stack_reader_between", ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
+    )
+    with pytest.raises(pecs.PecsInputError, match="times_ns: got NULL"):
+        times_of(stack, 0, None, 8)
+    times = (ctypes.c_int64 * 2)()
+    assert times_of(stack, 0, None, 0) == 2 == times_of(stack, 0, times, 2) and list(times) == [1_000, 3_000]
+    library.pecs_stack_reader_close(stack)

@@ -20,6 +20,7 @@ struct Exposure {
   std::int64_t steps = 0;   // of an exposure; 0: as many as half a pixel of motion needs
 };
 inline constexpr std::int64_t kMostSteps = 1 << 16;
+inline constexpr std::int64_t kMostCells = 1 << 20;  // of all rows together
 
 // Holds the frames of two intervals, whatever is asked for: cheapest for rising times. Not for two threads at once; in
 // the caller's TBB arena.
@@ -42,7 +43,8 @@ class LightInTime {
 
   // Mean of the light over each row's exposure. An exposure is cut into `steps` cells of equal length (with a row
   // delay, cells of that length from begin_us on, of which the first and the last count in part), in each of which the
-  // light is that of its middle. Throws bad_input for no length, and for times that the source lacks.
+  // light is that of its middle. Throws bad_input for no length, for times that the source lacks, and for more than
+  // kMostCells cells.
   void exposure(const Exposure& exposure, std::span<float> out);
 
  private:

@@ -17,6 +17,9 @@ namespace pecs::sensor {
 // the start, then the same of those seen at the end, back to the start.
 inline constexpr std::size_t kMotionChannels = 12;
 
+// Throws bad_input unless there are 2, 4 or 12 values a pixel, as Carrier takes them.
+void check_motion_size(std::size_t values, int width, int height);
+
 // Both keyframes, or one of them alone.
 enum class CarrySide { both, first, second };
 

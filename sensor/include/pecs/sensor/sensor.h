@@ -17,6 +17,7 @@ class FrameClock {
  public:
   // t_us: one per plane. Throws bad_input for times that do not rise or that leave [0, kMostTime_us].
   FrameBatch batch(std::span<const float* const> planes, std::span<const double> t_us, bool last);
+  void check(std::span<const double> t_us) const;  // throws as batch() does
   // Events before this are complete: an interval's come with the second frame after it, or with `last`.
   std::int64_t final_us() const { return final_us_; }
   std::int64_t frames() const { return frames_; }
