@@ -2,7 +2,7 @@
 #include <tbb/task_arena.h>
 
 #include "guard.h"
-#include "pecs/sensor/light_in_time.h"
+#include "pecs/sensor/light_sampler.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/sense_options.h"
 #include "pecs/sensor/stack.h"
@@ -14,7 +14,7 @@ using namespace pecs::sensor;
 struct pecs_light {
   pecs_light(const char* folder, const FrameTimes& times) : reader(folder, times) {}
   StackReader reader;
-  std::optional<LightInTime> light{};
+  std::optional<LightSampler> light{};
   tbb::task_arena arena{};
 };
 

@@ -24,7 +24,7 @@ import pecs
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
 CHIPS = ("ideal", "imx636", "gen3_vga", "davis346")
-MODELS = ("pecs", "esim", "v2e", "voltmeter", "icns")
+MODELS = {m["name"]: m for m in pecs.models()}
 NOISY = ("background_on_hz=20", "background_off_hz=30", "hot_pixel_fraction=0.01", "leak_rate_hz=5")
 
 

@@ -72,8 +72,7 @@ void event_labels(std::span<const events::Event> events, const StackReader& stac
     if (behind == next) continue;
     first = held == frame ? std::move(second) : read_labels(stack, layer, frame);
     second = read_labels(stack, layer, held = frame + 1);
-    const Carrier carrier(info.file_width(), info.file_height(),
-                          [&](const RowSink& sink) { stack.read_motion(frame, sink); });
+    const Carrier carrier(stack, frame);
     const auto parts = static_cast<double>(carrier.instants(length, info.subpixels).size() + 1);
     std::vector<Carrier::Sight> sights;
     for (const events::Event& e : events.subspan(next, behind - next)) {

@@ -1,52 +1,29 @@
 #pragma once
-// Photocurrent in the order of time, batch by batch.
-#include <tbb/task_group.h>
-
-#include <cstddef>
+// Photocurrent in the order of time, batch by batch. In the caller's TBB arena.
 #include <cstdint>
-#include <optional>
-#include <utility>
+#include <functional>
 #include <vector>
+
+#include "pecs/sensor/photocurrent.h"
+#include "pecs/sensor/timeline.h"
 
 namespace pecs::sensor {
 
-constexpr std::size_t kBatchBytes = std::size_t{32} << 20;  // planes that are held before they are worked on
-
-// Work that is done ahead. What it throws, wait() throws; nobody hears it when it is dropped.
-class Ahead {
- public:
-  Ahead() = default;
-  Ahead(const Ahead&) = delete;
-  Ahead& operator=(const Ahead&) = delete;
-  ~Ahead() noexcept {
-    group_.cancel();
-    try {
-      group_.wait();
-    } catch (...) {
-      return;  // of what nobody asked for
-    }
-  }
-  template <class Work>
-  void run(Work&& work) {
-    group_.run(std::forward<Work>(work));
-  }
-  void wait() { group_.wait(); }
-
- private:
-  tbb::task_group group_;
+struct LightBatch {
+  std::vector<const float*> planes;  // [fA], indexed by the pixel in the whole picture; valid until the sink returns
+  std::vector<double> t_us;
+  std::int64_t steps = 0;  // of the timeline, up to the end of this batch
+  bool last = false;
 };
+using LightSink = std::function<bool(const LightBatch&)>;  // false: no further batches
 
-class Feed {
- public:
-  virtual ~Feed() = default;
-  struct Batch {
-    std::vector<const float*> planes;  // [fA], by the pixel's index in the whole picture; valid until the next batch
-    std::vector<double> t_us;
-    bool last = false;
-  };
-  // Empty after the last one.
-  virtual std::optional<Batch> next() = 0;
-  virtual std::int64_t steps() const = 0;  // of the timeline, given so far
-};
+// Rows of the source's frames. The next batch is decoded while one is worked on; a loop that fits into kLoopBytes is
+// decoded once.
+void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region region, const LightSink& sink);
+
+// Whole pictures at the source's instants and between them, warped along its motion so often that nothing moves more
+// than half a pixel from plane to plane. The next interval is read while one is worked on, unless it has subpixels: two
+// would hold too much memory. A loop whose planes fit into kLoopBytes is computed once.
+void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const LightSink& sink);
 
 }  // namespace pecs::sensor

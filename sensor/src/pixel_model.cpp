@@ -4,17 +4,23 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <string_view>
 
 #include "models/entry.h"
 #include "pecs/error.h"
 #include "pecs/sensor/source.h"
 
 namespace pecs::sensor {
+
+extern const ModelEntry kModel_pecs, kModel_esim, kModel_v2e, kModel_voltmeter, kModel_icns;
+
 namespace {
 
+constexpr const ModelEntry* kModels[] = {&kModel_pecs, &kModel_esim, &kModel_v2e, &kModel_voltmeter, &kModel_icns};
+
 const ModelEntry& entry(const std::string& name) {
-  const auto found = std::ranges::find(all_models(), name, &NamedModel::name);
-  if (found != all_models().end()) return *found->entry;
+  for (const ModelEntry* model : kModels)
+    if (model->name == name) return *model;
   throw Error(ExitCode::usage, fmt::format("--model: got {}, wanted one of {}", name, fmt::join(model_names(), ", ")));
 }
 
@@ -43,7 +49,7 @@ std::map<std::string, double> resolved(const ModelChoice& choice) {
 
 std::vector<std::string> model_names() {
   std::vector<std::string> names;
-  for (const NamedModel& m : all_models()) names.emplace_back(m.name);
+  for (const ModelEntry* model : kModels) names.emplace_back(model->name);
   return names;
 }
 
@@ -58,8 +64,8 @@ std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& ch
     throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
   if (causes && !model.traits.tells_causes) {
     std::vector<std::string> tell;
-    for (const NamedModel& m : all_models())
-      if (m.entry->traits.tells_causes) tell.emplace_back(m.name);
+    for (const ModelEntry* m : kModels)
+      if (m->traits.tells_causes) tell.emplace_back(m->name);
     throw Error(ExitCode::usage, fmt::format("--labels: got model {}, wanted {}", choice.name, fmt::join(tell, ", ")));
   }
   const double grey_per_unit = 255 * unit_fa / (choice.white_fa > 0 ? choice.white_fa : unit_fa);

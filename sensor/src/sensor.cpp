@@ -7,9 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "feed.h"
+#include "moving_light.h"
 #include "pecs/error.h"
-#include "pecs/sensor/motion.h"
 
 namespace pecs::sensor {
 namespace {
@@ -112,25 +111,21 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
   // Before anything is simulated: an error in a later frame must not cost events of the frames before it.
   clock_.check(t_us);
   check_motion_size(channels * pixels(), width_, height_);
-  std::vector<std::vector<float>> between;
+  MovingLight moving(width_, height_);
   for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
     if (!last_plane_.empty()) {
-      const Carrier carrier({motion, channels * pixels()}, width_, height_);
+      const LightInterval interval{.first = {last_plane_.data()},
+                                   .second = {planes[i]},
+                                   .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
       const double length_us = t_us[i] - last_t_us_;
-      const std::vector<double> instants = carrier.instants(length_us);
-      const float* first = last_plane_.data();
-      for (std::size_t k = 0; k < instants.size(); k += between.size()) {
-        between.resize(std::min(instants.size() - k, std::max<std::size_t>(1, kBatchBytes / (4 * pixels()))));
-        std::vector<float*> out;
-        std::vector<double> times_us;
-        for (auto& plane : between) {
-          plane.resize(pixels());
-          times_us.push_back(last_t_us_ + length_us * instants[k + out.size()]);
-          out.push_back(plane.data());
-        }
-        carrier.planes({&first, 1}, {&planes[i], 1}, std::span(instants).subspan(k, out.size()), out);
-        advance(std::vector<const float*>(out.begin(), out.end()), times_us, false, events);
-      }
+      const std::vector<double> instants = interval.carrier->instants(length_us);
+      moving.planes(interval, instants, {0, height_}, [&](std::size_t first, std::span<const float* const> between) {
+        std::vector<double> between_us;
+        for (std::size_t k = 0; k < between.size(); ++k)
+          between_us.push_back(last_t_us_ + length_us * instants[first + k]);
+        advance(between, between_us, false, events);
+        return true;
+      });
     }
     push({&planes[i], 1}, {&t_us[i], 1}, last && i + 1 == planes.size(), events);
   }

@@ -17,7 +17,8 @@ struct ModelSetup {
 };
 
 struct ModelEntry {
-  const char* source;
+  const char* name;
+  const char* source;  // the paper
   std::span<const ModelParameter> parameters;
   ModelTraits traits;
   std::unique_ptr<PixelModel> (*make)(const ModelSetup&);
@@ -27,12 +28,5 @@ template <class Model>
 std::unique_ptr<PixelModel> make_model(const ModelSetup& setup) {
   return std::make_unique<Model>(setup);
 }
-
-// All models, in the order of sensor/CMakeLists.txt.
-struct NamedModel {
-  const char* name;
-  const ModelEntry* entry;
-};
-std::span<const NamedModel> all_models();
 
 }  // namespace pecs::sensor

@@ -1,7 +1,7 @@
 // ESIM: Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", CoRL 2018. The logarithm of the picture
 // runs straight between frames; an event comes wherever it has moved by a threshold since the last one (Sec. 3.1). From
 // the chip: both thresholds, refractory period.
-#include "models/grey_model.h"
+#include "models/frame_by_frame.h"
 
 namespace pecs::sensor {
 namespace {
@@ -23,11 +23,13 @@ class Esim : public PixelModel {
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
     each_frame(
         batch, range, grey_per_unit_,
-        [&](std::uint32_t k, const Picture& picture) {
+        [&](std::uint32_t k, const FramePlane& frame) {
           Pixel& p = pixels_[k];
-          p.log = p.reference = log_of(p.grey = picture.grey(k, 0));
+          p.log = p.reference = log_of(p.grey = frame.grey(k, 0));
         },
-        [&](std::uint32_t k, const Picture& picture, const Interval& t) { step(pixels_[k], k, picture, t, events); });
+        [&](std::uint32_t k, const FramePlane& frame, const FrameInterval& t) {
+          step(pixels_[k], k, frame, t, events);
+        });
   }
 
  private:
@@ -38,13 +40,13 @@ class Esim : public PixelModel {
 
   float log_of(float grey) const { return std::log(grey / 255 + log_eps_); }
 
-  void step(Pixel& p, std::uint32_t pixel, const Picture& picture, const Interval& t, EventSlots& events) {
-    const float grey = picture.grey(pixel, p.grey);
+  void step(Pixel& p, std::uint32_t pixel, const FramePlane& frame, const FrameInterval& t, EventSlots& events) {
+    const float grey = frame.grey(pixel, p.grey);
     if (grey == p.grey) return;
     const float log = log_of(grey);
     const bool on = log > p.log;
     for (float next = p.reference + (on ? on_ : -off_); on ? next <= log : next >= log; next += on ? on_ : -off_) {
-      const double t_us = t.t0_us + (t.t1_us - t.t0_us) * static_cast<double>(next - p.log) / (log - p.log);
+      const double t_us = t.begin_us + (t.end_us - t.begin_us) * static_cast<double>(next - p.log) / (log - p.log);
       if (t_us - p.last_us >= refractory_us_) {
         events.add(event_key(std::llround(t_us), pixel, on));
         p.last_us = t_us;
@@ -64,6 +66,6 @@ class Esim : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_esim{
-    "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {.is_random = false}, make_model<Esim>};
+    "esim", "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {.is_random = false}, make_model<Esim>};
 
 }  // namespace pecs::sensor

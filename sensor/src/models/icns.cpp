@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "models/grey_model.h"
+#include "models/frame_by_frame.h"
 #include "pecs/sensor/random.h"
 
 namespace pecs::sensor {
@@ -48,13 +48,13 @@ class Icns : public PixelModel {
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
     each_frame(
         batch, range, lux_per_unit_,
-        [&](std::uint32_t k, const Picture& picture) {
+        [&](std::uint32_t k, const FramePlane& frame) {
           Pixel& p = pixels_[k];
-          p.v = p.reference = std::log(1.0 + (p.lux = picture.grey(k, 0)));
+          p.v = p.reference = std::log(1.0 + (p.lux = frame.grey(k, 0)));
         },
-        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
+        [&](std::uint32_t k, const FramePlane& frame, const FrameInterval& t) {
           Pixel& p = pixels_[k];
-          p.lux = picture.grey(k, p.lux);
+          p.lux = frame.grey(k, p.lux);
           step(p, k, t, events);
         });
   }
@@ -68,12 +68,12 @@ class Icns : public PixelModel {
     double noise_on_us = kNever, noise_off_us = kNever;
   };
 
-  void step(Pixel& p, std::uint32_t pixel, const Interval& t, EventSlots& events) {
+  void step(Pixel& p, std::uint32_t pixel, const FrameInterval& t, EventSlots& events) {
     const double light = std::log(1.0 + p.lux), tau = tau_us_ * 1e3 / (p.lux + 1);
-    double from_us = t.t0_us;
+    double from_us = t.begin_us;
     // A refractory period that ends within the frame: the reference is the voltage then.
     const auto see_again = [&] {
-      if (!(p.blind_until_us < t.t1_us)) return false;
+      if (!(p.blind_until_us < t.end_us)) return false;
       p.v = relaxed(p.v, light, p.blind_until_us - from_us, tau);
       from_us = p.blind_until_us;
       p.reference = p.v;
@@ -83,7 +83,7 @@ class Icns : public PixelModel {
     see_again();
     for (const bool on : {true, false}) {
       double& next = on ? p.noise_on_us : p.noise_off_us;
-      if (!(next < t.t1_us)) continue;
+      if (!(next < t.end_us)) continue;
       events.add(event_key(static_cast<std::int64_t>(next), pixel, on));
       from_us = next;
       next += on ? period_on_us_ : period_off_us_;
@@ -91,11 +91,11 @@ class Icns : public PixelModel {
     }
 
     for (std::int64_t draw = 0; p.blind_until_us == kNever; ++draw) {
-      const double change = relaxed(p.v, light, t.t1_us - from_us, tau) - p.reference;
+      const double change = relaxed(p.v, light, t.end_us - from_us, tau) - p.reference;
       const bool on = change > p.on;
       if (!on && !(change < -p.off)) break;
       const double level = p.reference + (on ? p.on : -p.off);
-      const Random4 r = random4(seed_, pixel, t.step << 20 | draw, Purpose::model);
+      const Random4 r = random4(seed_, pixel, t.index << 20 | draw, Purpose::model);
       double delay_us = latency_us_ - tau * std::log1p(-(level - p.v) / (light - p.v));
       const double threshold_noise_us = mismatch_ * (on ? on_ : off_) * tau / (light - p.v);
       delay_us += std::hypot(jitter_us_, threshold_noise_us) * gaussian(r[0]);
@@ -106,7 +106,7 @@ class Icns : public PixelModel {
       p.blind_until_us = from_us + std::max(delay_us + refractory_us_, 1.0);
       if (!see_again()) break;
     }
-    p.v = relaxed(p.v, light, t.t1_us - from_us, tau);
+    p.v = relaxed(p.v, light, t.end_us - from_us, tau);
   }
 
   static double relaxed(double v, double target, double dt_us, double tau_us) {
@@ -122,6 +122,6 @@ class Icns : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_icns{
-    "Joubert et al., Frontiers in Neuroscience 2021", kParameters, {}, make_model<Icns>};
+    "icns", "Joubert et al., Frontiers in Neuroscience 2021", kParameters, {}, make_model<Icns>};
 
 }  // namespace pecs::sensor

@@ -7,7 +7,7 @@
 #include <atomic>
 #include <numbers>
 
-#include "models/grey_model.h"
+#include "models/frame_by_frame.h"
 #include "pecs/sensor/random.h"
 
 namespace pecs::sensor {
@@ -56,12 +56,12 @@ class V2e : public PixelModel {
     int busiest = 0;
     each_frame(
         batch, range, s_.grey_per_unit,
-        [&](std::uint32_t k, const Picture& picture) {
+        [&](std::uint32_t k, const FramePlane& frame) {
           Pixel& p = pixels_[k];
-          p.v = p.memory = lin_log(p.grey = picture.grey(k, 0));
+          p.v = p.memory = lin_log(p.grey = frame.grey(k, 0));
         },
-        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
-          busiest = std::max(busiest, count(k, picture, (t.t1_us - t.t0_us) * 1e-6, t.step));
+        [&](std::uint32_t k, const FramePlane& frame, const FrameInterval& t) {
+          busiest = std::max(busiest, count(k, frame, (t.end_us - t.begin_us) * 1e-6, t.index));
         });
     std::atomic<int>& most = most_[batch.first_frame & 1];
     for (int seen = most; busiest > seen && !most.compare_exchange_weak(seen, busiest);) {
@@ -72,7 +72,7 @@ class V2e : public PixelModel {
     const int steps = std::max(1, most_[batch.first_frame & 1].load());
     most_[~batch.first_frame & 1] = 0;  // of the frame to come
     if (batch.first_frame == 0 || batch.planes.empty()) return;
-    const Interval t = interval_before(batch, 0);
+    const FrameInterval t = interval_before(batch, 0);
     for (std::uint32_t k = range.first; k < range.end; ++k) emit(k, t, steps, events);
   }
 
@@ -106,9 +106,9 @@ class V2e : public PixelModel {
     return static_cast<int>(std::round((x - std::fmod(x, y)) / y));
   }
 
-  int count(std::uint32_t pixel, const Picture& picture, double dt_s, std::int64_t step) {
+  int count(std::uint32_t pixel, const FramePlane& frame, double dt_s, std::int64_t step) {
     Pixel& p = pixels_[pixel];
-    p.grey = picture.grey(pixel, p.grey);
+    p.grey = frame.grey(pixel, p.grey);
     const double log = lin_log(p.grey);
     if (s_.cutoff_hz > 0) {
       const double eps = std::min(1.0, (p.grey + 20.0) / 275.0 * dt_s * 2 * std::numbers::pi * s_.cutoff_hz);
@@ -126,13 +126,13 @@ class V2e : public PixelModel {
     return std::abs(p.events);
   }
 
-  void emit(std::uint32_t pixel, const Interval& t, int steps, EventSlots& events) {
+  void emit(std::uint32_t pixel, const FrameInterval& t, int steps, EventSlots& events) {
     Pixel& p = pixels_[pixel];
     const bool on = p.events > 0;
-    const double spacing_us = (t.t1_us - t.t0_us) / steps;
+    const double spacing_us = (t.end_us - t.begin_us) / steps;
     int fired = 0;
     for (int i = 1; i <= std::abs(p.events); ++i) {
-      const double t_us = t.t0_us + i * spacing_us;
+      const double t_us = t.begin_us + i * spacing_us;
       if (s_.refractory_s > spacing_us * 1e-6) {
         if (t_us * 1e-6 - p.last_s <= s_.refractory_s) continue;
         p.last_s = t_us * 1e-6;
@@ -145,11 +145,11 @@ class V2e : public PixelModel {
     if (s_.shot_hz > 0) {
       const double white = (p.grey + 20.0) / 275.0;
       const double half =
-          s_.shot_hz / 2 * (t.t1_us - t.t0_us) * 1e-6 * ((s_.dark_factor - 1) * white + 1);  // of one polarity
-      const double u = uniform(random4(s_.seed, pixel, t.step, Purpose::model)[1]);
+          s_.shot_hz / 2 * (t.end_us - t.begin_us) * 1e-6 * ((s_.dark_factor - 1) * white + 1);  // of one polarity
+      const double u = uniform(random4(s_.seed, pixel, t.index, Purpose::model)[1]);
       const bool noise_on = u > 1 - half * s_.on / p.on, noise_off = u < half * s_.off / p.off;
       if (noise_on || noise_off) {
-        events.add(event_key(std::llround(t.t1_us), pixel, noise_on));
+        events.add(event_key(std::llround(t.end_us), pixel, noise_on));
         p.memory = p.v;
       }
     }
@@ -163,6 +163,6 @@ class V2e : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_v2e{
-    "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters, {.pixels_are_independent = false}, make_model<V2e>};
+    "v2e", "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters, {.pixels_are_independent = false}, make_model<V2e>};
 
 }  // namespace pecs::sensor

@@ -2,7 +2,7 @@
 // Sensors", ECCV 2022. Between two frames the pixel's voltage is a Brownian motion with drift mu and scale sigma (Eq.
 // 10, 11); which threshold it reaches first, and when, is drawn event by event (Algorithm 1). Thresholds are 1: k1 to
 // k6 hold the camera's sensitivity. From the chip: nothing.
-#include "models/grey_model.h"
+#include "models/frame_by_frame.h"
 #include "pecs/sensor/random.h"
 
 namespace pecs::sensor {
@@ -12,10 +12,10 @@ namespace {
 constexpr ModelParameter kParameters[] = {
     {"k1", "1", 5.265, 0, 1e3, "threshold units per relative change of light (Eq. 10)"},
     {"k2", "grey", 20, 1e-3, 1e3, "dark light"},
-    {"k3", "grey^.5/us^.5", 1e-4, 0, 1, "photon noise"},
-    {"k4", "1/us", 1e-7, -1e-3, 1e-3, "leak"},
-    {"k5", "1/(us grey)", 5e-9, -1e-3, 1e-3, "leak by light"},
-    {"k6", "1/us^.5", 1e-5, 1e-12, 1, "leak noise"},
+    {"k3", "grey^.5/us^.5", 1e-4, 0, 1, "photon noise", true},
+    {"k4", "1/us", 1e-7, -1e-3, 1e-3, "leak", true},
+    {"k5", "1/(us grey)", 5e-9, -1e-3, 1e-3, "leak by light", true},
+    {"k6", "1/us^.5", 1e-5, 1e-12, 1, "leak noise", true},
 };
 
 class Voltmeter : public PixelModel {
@@ -34,29 +34,29 @@ class Voltmeter : public PixelModel {
 
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
     each_frame(
-        batch, range, grey_per_unit_, [&](std::uint32_t k, const Picture& picture) { grey_[k] = picture.grey(k, 0); },
-        [&](std::uint32_t k, const Picture& picture, const Interval& t) {
-          const float grey = picture.grey(k, grey_[k]);
+        batch, range, grey_per_unit_, [&](std::uint32_t k, const FramePlane& frame) { grey_[k] = frame.grey(k, 0); },
+        [&](std::uint32_t k, const FramePlane& frame, const FrameInterval& t) {
+          const float grey = frame.grey(k, grey_[k]);
           step(k, grey, t, events);
           grey_[k] = grey;
         });
   }
 
  private:
-  void step(std::uint32_t pixel, float grey, const Interval& t, EventSlots& events) {
+  void step(std::uint32_t pixel, float grey, const FrameInterval& t, EventSlots& events) {
     const double mean = (static_cast<double>(grey) + grey_[pixel]) / 2,
                  change = static_cast<double>(grey) - grey_[pixel];
-    const double mu = k1_ * change / (t.t1_us - t.t0_us) / (mean + k2_) + k4_ + k5_ * mean;  // Eq. 10
-    const double sigma = k3_ * std::sqrt(mean) / (mean + k2_) + k6_;                         // Eq. 11
-    double at_us = t.t0_us, residual = residual_[pixel];
+    const double mu = k1_ * change / (t.end_us - t.begin_us) / (mean + k2_) + k4_ + k5_ * mean;  // Eq. 10
+    const double sigma = k3_ * std::sqrt(mean) / (mean + k2_) + k6_;                             // Eq. 11
+    double at_us = t.begin_us, residual = residual_[pixel];
     for (std::int64_t draw = 0;; ++draw) {
-      const Random4 r = random4(seed_, pixel, t.step << 20 | draw, Purpose::model);
+      const Random4 r = random4(seed_, pixel, t.index << 20 | draw, Purpose::model);
       const double up = 1 - residual, down = 1 + residual;
       const bool on = uniform(r[0]) <= first_is_on(mu, sigma, up, down);
       const double distance = on ? up : down;
       const double dt_us = hitting_time(distance, std::abs(mu), sigma, gaussian(r[1]), uniform(r[2]));
-      if (!(at_us + dt_us < t.t1_us)) {
-        residual += (on ? distance : -distance) * (t.t1_us - at_us) / dt_us;
+      if (!(at_us + dt_us < t.end_us)) {
+        residual += (on ? distance : -distance) * (t.end_us - at_us) / dt_us;
         break;
       }
       at_us += dt_us;
@@ -93,6 +93,7 @@ class Voltmeter : public PixelModel {
 
 }  // namespace
 
-extern const ModelEntry kModel_voltmeter{"Lin, Ma, Guo, Wen, ECCV 2022", kParameters, {}, make_model<Voltmeter>};
+extern const ModelEntry kModel_voltmeter{
+    "voltmeter", "Lin, Ma, Guo, Wen, ECCV 2022", kParameters, {}, make_model<Voltmeter>};
 
 }  // namespace pecs::sensor

@@ -232,9 +232,10 @@ Carrier::Carrier(std::span<const float> values, int width, int height) {
   interval_->close();
 }
 
-Carrier::Carrier(int width, int height, const std::function<void(const RowSink&)>& read)
-    : interval_(std::make_unique<Interval>(width, height)) {
-  read([&](int y, int rows, std::span<const float> values) { interval_->put(y, rows, values.data()); });
+Carrier::Carrier(const FrameSource& source, std::int64_t frame)
+    : interval_(std::make_unique<Interval>(source.info().file_width(), source.info().file_height())) {
+  source.read_motion(frame,
+                     [&](int y, int rows, std::span<const float> values) { interval_->put(y, rows, values.data()); });
   interval_->close();
 }
 

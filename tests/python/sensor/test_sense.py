@@ -4,6 +4,7 @@ import json
 import math
 
 import numpy as np
+import pecs
 import pytest
 from pecs.stack import StackWriter
 from support.small_stacks import BAND, H, N, W, read_csv, sense, unroll, write
@@ -157,12 +158,12 @@ def test_foreign_stack_needs_only_fps(tmp_path, pecs_program):
 def test_models_labels_readout_and_gain(tmp_path, pecs_program):
     write(tmp_path / "s", level=1e-3)
     counts = {}
-    for model in ("pecs", "esim", "v2e", "voltmeter", "icns"):
+    for model, takes_light in ((m["name"], m["takes_light"]) for m in pecs.models()):
         out = tmp_path / f"{model}.csv"
         sense(pecs_program, tmp_path / "s", "-o", out, "--model", model, "--chip", "davis346")
         counts[model] = len(read_csv(out))
         config = json.loads((tmp_path / f"{model}.csv.run.json").read_text())["config"]
-        assert config["model"]["name"] == model and (model == "pecs") != ("white_a" in config["model"])
+        assert config["model"]["name"] == model and takes_light != ("white_a" in config["model"])
     assert min(counts.values()) > 1000
     args = ["--set", "hot_pixel_fraction=0.1", "--set", "hot_pixel_hz=500", "--labels", tmp_path / "l.npy"]
     sense(pecs_program, tmp_path / "s", "-o", tmp_path / "l.csv", *args)

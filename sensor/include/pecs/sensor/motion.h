@@ -4,7 +4,6 @@
 // the keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -31,8 +30,8 @@ class Carrier {
   // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
   // infinite). Throws bad_input for another size. In the caller's TBB arena.
   Carrier(std::span<const float> motion, int width, int height);
-  // The same of the layer's 12 channels, as they are read row by row.
-  Carrier(int width, int height, const std::function<void(const RowSink&)>& read);
+  // Of the interval that begins at a frame of a source with motion.
+  Carrier(const FrameSource& source, std::int64_t frame);
   ~Carrier();
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;

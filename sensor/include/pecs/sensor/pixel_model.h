@@ -5,7 +5,8 @@
 // To add one:
 //   1. src/models/NAME.cpp: a PixelModel and its `extern const ModelEntry kModel_NAME` (src/models/entry.h), with its
 //      parameters (unit, default, range, place in the paper) and traits.
-//   2. NAME in the list MODELS of sensor/CMakeLists.txt.
+//      A model that works frame by frame takes its loop from src/models/frame_by_frame.h.
+//   2. The file in the list MODELS of sensor/CMakeLists.txt, the entry in kModels of src/pixel_model.cpp.
 //   3. A section in docs/reference/models.md.
 // The property suite (tests/sensor/model_test.cpp) runs over all of them.
 #include <cstdint>
@@ -55,6 +56,7 @@ struct ModelParameter {
   const char* unit;
   double value, min, max;
   const char* meaning;
+  bool is_noise = false;  // 0, or the nearest value in its range, turns noise of the model's own off
 };
 
 struct ModelTraits {

@@ -197,6 +197,6 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
 }
 
 extern const ModelEntry kModel_pecs{
-    "docs/reference/sensor.md", {}, {.takes_light = true, .tells_causes = true}, make_model<PecsPixels>};
+    "pecs", "docs/reference/sensor.md", {}, {.takes_light = true, .tells_causes = true}, make_model<PecsPixels>};
 
 }  // namespace pecs::sensor

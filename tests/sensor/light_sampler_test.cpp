@@ -1,5 +1,5 @@
 // The light of a source at any time; tests/python/sensor/test_light.py has stacks on disk.
-#include "pecs/sensor/light_in_time.h"
+#include "pecs/sensor/light_sampler.h"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -65,21 +65,21 @@ class Moving : public FrameSource {
 // Amperes so that chip 0 sees the texture, chip 1 both bands.
 const std::vector<std::vector<double>> kChips = {{1e-12, 0}, {2e-12, 1e-12}};
 
-Plane at(LightInTime& light, std::vector<double> t_us) {
+Plane at(LightSampler& light, std::vector<double> t_us) {
   Plane out(t_us.size() * light.values());
   light.at(t_us, out);
   return out;
 }
 
-Plane exposed(LightInTime& light, const Exposure& exposure) {
+Plane exposed(LightSampler& light, const Exposure& exposure) {
   Plane out(light.values());
   light.exposure(exposure, out);
   return out;
 }
 
-TEST(LightInTime, IsThatOfTheSceneThen) {
+TEST(LightSampler, IsThatOfTheSceneThen) {
   const Moving source;
-  LightInTime light(source, kChips);
+  LightSampler light(source, kChips);
   ASSERT_EQ(light.values(), 2 * Moving::kPixels);
   EXPECT_EQ(light.end_us(), 3000);
   const Plane found = at(light, {0, 300, 2000, 3000});
@@ -96,13 +96,13 @@ TEST(LightInTime, IsThatOfTheSceneThen) {
   }
 }
 
-TEST(LightInTime, ThreadsAndOrderChangeNothing) {
+TEST(LightSampler, ThreadsAndOrderChangeNothing) {
   const Moving source;
   std::vector<Plane> planes;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 4);
   for (const int threads : {1, 4})
     tbb::task_arena(threads).execute([&] {
-      LightInTime light(source, kChips);
+      LightSampler light(source, kChips);
       Plane all = at(light, {2900, 100, 1500, 900});
       const Plane others = exposed(light, {200, 2000, 10, 16});
       all.insert(all.end(), others.begin(), others.end());
@@ -114,9 +114,9 @@ TEST(LightInTime, ThreadsAndOrderChangeNothing) {
   EXPECT_EQ(planes[0], planes[1]);
 }
 
-TEST(LightInTime, AnExposureIsTheMean) {
+TEST(LightSampler, AnExposureIsTheMean) {
   const Moving source;
-  LightInTime light(source, kChips);
+  LightSampler light(source, kChips);
   const Plane mean = exposed(light, {600, 800, 0, 4}), planes = at(light, {700, 900, 1100, 1300});
   for (std::size_t i = 0; i < light.values(); ++i) {
     double sum = 0;
@@ -128,10 +128,10 @@ TEST(LightInTime, AnExposureIsTheMean) {
   EXPECT_EQ(exposed(light, {1100, 800, 0, 0}), exposed(light, {1100, 800, 0, 5}));
 }
 
-TEST(LightInTime, ALoopGoesOn) {
+TEST(LightSampler, ALoopGoesOn) {
   Moving source;
   source.info_.period_ns = 5'000'000;
-  LightInTime light(source, kChips);
+  LightSampler light(source, kChips);
   EXPECT_TRUE(std::isinf(light.end_us()));
   EXPECT_EQ(at(light, {5000, 10'000, 5e9}), at(light, {0, 0, 0}));
   EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
@@ -139,9 +139,9 @@ TEST(LightInTime, ALoopGoesOn) {
   EXPECT_THROW(exposed(light, {0, 1, 1000, kMostSteps}), Error);
 }
 
-TEST(LightInTime, WrongTimesAreRefused) {
+TEST(LightSampler, WrongTimesAreRefused) {
   const Moving source;
-  LightInTime light(source, kChips);
+  LightSampler light(source, kChips);
   for (const double t_us : {-1.0, 3000.01, std::nan(""), std::numeric_limits<double>::infinity()})
     EXPECT_THROW(at(light, {t_us}), Error) << t_us;
   for (const Exposure& e : {Exposure{2500, 501, 0, 3}, Exposure{0, 100, 80, 3}, Exposure{500, 100, -20, 3},

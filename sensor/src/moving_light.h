@@ -1,0 +1,112 @@
+#pragma once
+// Light between the frames of a source: for the sensor's feed, for exposures and for frames that are pushed.
+// Conventions: a plane is photocurrent [fA], row by row; a fraction s of an interval counts from its first frame (0) to
+// its second (1). Keyframes have the source's subpixels; planes that are given to a caller are means over them.
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "pecs/sensor/motion.h"
+#include "pecs/sensor/photocurrent.h"
+
+namespace pecs::sensor {
+
+using Plane = std::vector<float>;
+
+// Corrections of warped light from pictures that were rendered between two keyframes (docs/reference/exr_stack.md,
+// Pictures between instants).
+class Residuals {
+ public:
+  // At the fraction s of the interval, rising from call to call: r = ln(rendered / warped) of the pixels that were
+  // rendered. 0 <= s <= 1; planes of one size.
+  void add(double s, std::span<const float> rendered, std::span<const float> warped);
+  // After the last add.
+  void close();
+  // Multiplies pixels [begin, end) of a warped plane by exp(r) at s: r is linear between the pictures in which the
+  // pixel was rendered, and 0 at the keyframes. In the caller's TBB arena.
+  void apply(double s, float* warped, std::size_t begin, std::size_t end) const;
+
+ private:
+  struct Residual {
+    float s, r;
+  };
+  struct Entry {
+    std::uint32_t pixel;
+    Residual residual;
+  };
+  std::vector<Entry> entries_;         // until close()
+  std::vector<std::uint32_t> pixels_;  // with residuals, rising
+  std::vector<std::uint32_t> first_;   // residual of each pixel, and the end
+  std::vector<Residual> residuals_;    // by pixel, then s
+};
+
+// A frame's light on each chip.
+struct Keyframe {
+  std::int64_t frame = 0;
+  std::vector<Plane> planes;
+};
+
+// Light from one frame to the next.
+struct LightInterval {
+  std::int64_t frame = 0;
+  std::vector<const float*> first{}, second{};  // keyframes on each chip; no second: the first alone
+  std::optional<Carrier> carrier{};             // none: blended at the pixel
+  std::vector<double> pictures{};               // fractions of the pictures rendered between
+  std::vector<Residuals> residuals{};           // on each chip, or none
+  // Fractions at which a sensor takes planes: 0, then so many that nothing moves more than half a pixel from one to the
+  // next, and those of the pictures between in place of fractions close to them.
+  std::vector<double> instants{0.0};
+  std::shared_ptr<const Keyframe> owners[2] = {};  // of first and second, unless the caller holds them
+};
+
+// Computes planes of intervals, in memory that is used again. In the caller's TBB arena.
+class MovingLight {
+ public:
+  MovingLight(int width, int height, int subpixels = 1, std::size_t chips = 1);
+
+  // sink(k, planes) gets planes [fraction][chip] of the fractions from the k-th on, a batch of at most kBatchBytes at a
+  // time (but at least one fraction). They are valid until sink returns; rows outside `rows` are unspecified. Ends
+  // early with false when sink returns false.
+  using Sink = std::function<bool(std::size_t, std::span<const float* const>)>;
+  bool planes(const LightInterval& interval, std::span<const double> fractions, Region rows, const Sink& sink);
+  static constexpr std::size_t kBatchBytes = std::size_t{32} << 20;
+
+ private:
+  // Planes of the part's fractions into planes_, pointers to them into `out`.
+  void batch(const LightInterval& interval, std::span<const double> part, Region rows, std::vector<const float*>& out);
+  void warp(const LightInterval& interval, std::span<const double> fractions, Region rows, std::span<Plane> out) const;
+  void average(const float* fine, Region rows, Plane& mean) const;
+
+  std::size_t width_, pixels_, side_, chips_;
+  std::vector<Plane> planes_, fine_;
+};
+
+// Reads the intervals of a source. Keeps three keyframes and `kept` intervals, the newest. Not for two threads at once;
+// in the caller's TBB arena.
+class IntervalReader {
+ public:
+  // Light as each of the readers (of one source) computes it, along the source's motion or blended at the pixel.
+  IntervalReader(std::vector<PhotocurrentReader*> chips, bool along_motion, std::size_t kept);
+  // From a frame to the next one; with a period, from the last one to the first.
+  std::shared_ptr<const LightInterval> interval(std::int64_t frame);
+  // A frame alone.
+  std::shared_ptr<const LightInterval> frame(std::int64_t frame);
+
+ private:
+  std::shared_ptr<const Keyframe> keyframe(std::int64_t frame);
+  void add_motion(LightInterval& interval) const;
+  double t_us(std::int64_t frame) const;
+  const FrameSource& source() const { return chips_[0]->source(); }
+
+  std::vector<PhotocurrentReader*> chips_;
+  bool along_motion_;
+  std::size_t kept_;
+  std::deque<std::shared_ptr<const Keyframe>> keyframes_;
+  std::deque<std::shared_ptr<const LightInterval>> intervals_;
+};
+
+}  // namespace pecs::sensor
