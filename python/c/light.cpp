@@ -1,4 +1,4 @@
-// The light of a stack at any time.
+// The light of a stack at any time (pecs_light_*).
 #include <tbb/task_arena.h>
 
 #include "guard.h"

@@ -1,4 +1,4 @@
-// Light and labels carried along motion.
+// Light and labels warped along motion.
 #include "pecs/sensor/motion.h"
 
 #include <tbb/task_arena.h>

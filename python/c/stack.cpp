@@ -17,7 +17,7 @@ struct pecs_stack_writer {
 
 namespace {
 
-// NULL is the light.
+// NULL means the light.
 std::string_view layer_name(const char* layer) { return layer ? layer : pecs::sensor::kLight; }
 
 std::size_t frame_values(const pecs::sensor::StackInfo& info, const char* layer, const std::filesystem::path& folder) {

@@ -103,8 +103,9 @@ class Light(Handle):
         from `begin_us + y * row_delay_us` on (rolling shutter; negative: the last row comes first).
 
         The exposure is cut into `steps` equal cells, each with the light of its middle; None: so many that nothing
-        moves more than half a pixel from one to the next (without motion: four an interval). With a row delay the
-        cells begin at `begin_us` and those at the ends of a row's exposure count in part. No planes are kept.
+        moves more than half a pixel from one to the next, and more than the pictures between two frames (without
+        motion: four per interval). With a row delay the cells begin at `begin_us` and those at the ends of a row's
+        exposure count in part; all rows together may have 2^20 cells. No planes are kept.
         """
         if steps is not None and steps < 1:
             raise ValueError(f"steps: got {steps}, wanted 1 or more")

@@ -19,7 +19,7 @@
 #include <string>
 #include <vector>
 
-#include "huge_pages.h"
+#include "pixels/huge_pages.h"
 #include "measure.h"
 #include "pecs/sensor/sensor.h"
 

@@ -88,7 +88,7 @@ def cases():
         yield f"pictures {model}", ["pictures", "--fps", "4000", "--model", model]
         yield f"video {model}", ["video.avi", "--model", model]
         yield f"live {model}", ["video.avi", "--source", "video", "--view", "--model", model]
-        if model != "pecs":  # which sees light, not pictures
+        if not MODELS[model]["takes_light"]:
             yield f"white {model}", ["film", "--model", model, "--white", "3e-13"]
     yield "live noisy", ["video.avi", "--source", "video", "--view", "--fps", "700", *noisy]
 

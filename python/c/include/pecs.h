@@ -219,8 +219,9 @@ PECS_API int64_t pecs_light_at(pecs_light* light, const double* t_us, int64_t co
                                pecs_error* error);
 /* Its mean over an exposure: out_a[chips][height][width]. Row y is exposed from begin_us + y * row_delay_us on (0: a
  * global shutter). The exposure is cut into `steps` equal cells, each with the light of its middle; 0: so many that
- * nothing moves more than half a pixel from one to the next (four an interval without motion). With a row delay the
- * cells begin at begin_us, and those at the ends of a row's exposure count in part. Returns how many values. */
+ * nothing moves more than half a pixel from one to the next, and more than the pictures between two frames (without
+ * motion: four per interval). With a row delay the cells begin at begin_us, and those at the ends of a row's exposure
+ * count in part; all rows together may have 2^20 cells. Returns how many values. */
 PECS_API int64_t pecs_light_exposure(pecs_light* light, double begin_us, double exposure_us, double row_delay_us,
                                      int64_t steps, float* out_a, int64_t capacity, pecs_error* error);
 PECS_API void pecs_light_close(pecs_light* light);

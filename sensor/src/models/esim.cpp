@@ -1,6 +1,6 @@
 // ESIM: Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", CoRL 2018. The logarithm of the picture
-// runs straight between frames; an event comes wherever it has moved by a threshold since the last one (Sec. 3.1). From
-// the chip: both thresholds, refractory period.
+// is linear between frames; an event fires wherever it has changed by a threshold since the last one (Sec. 3.1). Uses
+// the chip's thresholds and refractory period.
 #include "models/frame_by_frame.h"
 
 namespace pecs::sensor {

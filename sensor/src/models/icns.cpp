@@ -1,7 +1,8 @@
 // ICNS: Joubert, Marcireau, Ralph, Jolley, van Schaik, Cohen, "Event Camera Simulator Improvements via Characterized
 // Parameters", Frontiers in Neuroscience 2021 (with its constant-frequency background noise). A frame is a step of
-// light at its interval's start; the pixel relaxes to its logarithm exponentially, with a time constant that falls with
-// light. From the chip: thresholds, mismatch (redrawn after each event), refractory period, background rates.
+// light at its interval's start; the pixel's voltage relaxes to its logarithm exponentially, with a time constant that
+// decreases with light. Uses the chip's thresholds, mismatch (redrawn after each event), refractory period and
+// background rates.
 #include <algorithm>
 #include <limits>
 
@@ -62,7 +63,7 @@ class Icns : public PixelModel {
  private:
   struct Pixel {
     float lux = 0;
-    double v = 0, reference = 0;  // voltage, and where it was at the end of the last event
+    double v = 0, reference = 0;  // voltage, and its value at the last reset
     double on = 0, off = 0;
     double blind_until_us = kNever;  // end of a running refractory period
     double noise_on_us = kNever, noise_off_us = kNever;
@@ -71,7 +72,7 @@ class Icns : public PixelModel {
   void step(Pixel& p, std::uint32_t pixel, const FrameInterval& t, EventSlots& events) {
     const double light = std::log(1.0 + p.lux), tau = tau_us_ * 1e3 / (p.lux + 1);
     double from_us = t.begin_us;
-    // A refractory period that ends within the frame: the reference is the voltage then.
+    // If the refractory period ends within the interval, the reference becomes the voltage at its end.
     const auto see_again = [&] {
       if (!(p.blind_until_us < t.end_us)) return false;
       p.v = relaxed(p.v, light, p.blind_until_us - from_us, tau);

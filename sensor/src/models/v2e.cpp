@@ -1,7 +1,8 @@
 // v2e: Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPR Workshops 2021 (without its frame
 // interpolation and photoreceptor-noise option). A frame's events lie on a grid of as many times as the busiest pixel
-// has events; the last one is the frame's own time.
-// From the chip: thresholds, mismatch, refractory period, leak rate; background_on + background_off is the shot noise.
+// has events; the last one is the frame's time.
+// Uses the chip's thresholds, mismatch, refractory period and leak rate; background_on + background_off is the shot
+// noise.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -70,7 +71,7 @@ class V2e : public PixelModel {
 
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override {
     const int steps = std::max(1, most_[batch.first_frame & 1].load());
-    most_[~batch.first_frame & 1] = 0;  // of the frame to come
+    most_[~batch.first_frame & 1] = 0;  // of the next frame
     if (batch.first_frame == 0 || batch.planes.empty()) return;
     const FrameInterval t = interval_before(batch, 0);
     for (std::uint32_t k = range.first; k < range.end; ++k) emit(k, t, steps, events);
@@ -86,11 +87,11 @@ class V2e : public PixelModel {
     double on = 0, off = 0;
     double v = 0, memory = 0;  // photoreceptor's output, memorised at the last event
     double last_s = 0;
-    int events = 0;  // of this frame, by the thresholds; below 0: OFF
+    int events = 0;  // threshold crossings of this frame; negative: OFF
   };
 
-  // The simulator's precision decides ties, and 8-bit pictures that go back and forth are full of them: without its
-  // low-pass it computes in single precision.
+  // v2e computes in single precision, except in its low-pass filter. The precision decides ties, which are frequent in
+  // 8-bit pictures that alternate.
   double rounded(double v) const { return s_.cutoff_hz > 0 ? v : static_cast<float>(v); }
 
   double lin_log(float grey) const {
@@ -99,7 +100,7 @@ class V2e : public PixelModel {
     return static_cast<float>(std::round(v * 1e8) / 1e8);
   }
 
-  // floor(a / b), exact about whole numbers.
+  // floor(a / b), exact near integers.
   int whole(double a, double b) const {
     if (s_.cutoff_hz > 0) return static_cast<int>(std::round((a - std::fmod(a, b)) / b));
     const auto x = static_cast<float>(a), y = static_cast<float>(b);

@@ -1,7 +1,7 @@
 // DVS-Voltmeter: Lin, Ma, Guo, Wen, "DVS-Voltmeter: Stochastic Process-Based Event Simulator for Dynamic Vision
 // Sensors", ECCV 2022. Between two frames the pixel's voltage is a Brownian motion with drift mu and scale sigma (Eq.
-// 10, 11); which threshold it reaches first, and when, is drawn event by event (Algorithm 1). Thresholds are 1: k1 to
-// k6 hold the camera's sensitivity. From the chip: nothing.
+// 10, 11); the threshold that it reaches first, and the time, are drawn event by event (Algorithm 1). Thresholds are
+// 1: k1 to k6 contain the camera's sensitivity. Uses no values of the chip.
 #include "models/frame_by_frame.h"
 #include "pecs/sensor/random.h"
 

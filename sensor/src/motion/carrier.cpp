@@ -7,9 +7,9 @@
 #include <limits>
 #include <vector>
 
-#include "motion/interval.h"
 #include "motion/kernel.h"
-#include "motion/light.h"
+#include "motion/keyframe_interval.h"
+#include "motion/sampling.h"
 #include "motion/view.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
@@ -20,20 +20,20 @@ using namespace motion;
 
 namespace {
 
-// Planes of both keyframes; without coefficients where nothing moves.
-struct Job {
+// Planes of both keyframes; without spline coefficients if nothing moves.
+struct CarryJob {
   std::span<const float* const> first, second;
   CarrySide side;
-  std::vector<Picture> pictures[2];
+  std::vector<SplinePlane> spline_planes[2];
 };
 
-// One tile of the picture, instant by instant.
+// Warps one tile of the picture, instant by instant.
 class TileWork {
  public:
-  TileWork(const Job& job, const Tile& tile, int width)
+  TileWork(const CarryJob& job, const Tile& tile, int width)
       : job_(job), tile_(tile), width_(static_cast<std::size_t>(width)) {}
 
-  // Where nothing moves. out: a plane for each of the keyframes'.
+  // A tile that nothing moves over. out: one plane per plane of the keyframes.
   void still(float s, std::span<float* const> out) {
     for (std::size_t k = 0; k < out.size(); ++k) {
       load(job_.first[k], light_[0]);
@@ -46,13 +46,13 @@ class TileWork {
 
   void carried(View* first, View* second, bool special, float s, std::span<float* const> out) {
     View* const views[2] = {first, second};
-    std::vector<Rim> rims;
-    if (special) rims = rims_of(tile_, first, second);
+    std::vector<BoundaryPixel> boundaries;
+    if (special) boundaries = boundaries_of(tile_, first, second);
     if (first && second) drop_hidden(first->landing.points, second->landing.points);
     for (std::size_t k = 0; k < out.size(); ++k) {
       const float* const planes[2] = {job_.first[k], job_.second[k]};
       for (int v = 0; v < 2; ++v)
-        if (views[v]) sample(*views[v], job_.pictures[v][k], special, light_[v], soiled_[v]);
+        if (views[v]) sample(*views[v], job_.spline_planes[v][k], special, light_[v], mixed_[v]);
       if (first && second) {
         if (special) prefer_clean();
         blend_run(light_[0], light_[1], s, kTilePixels, out_);
@@ -60,7 +60,7 @@ class TileWork {
       } else {
         take_alone(first ? 0 : 1, special);
       }
-      for (const Rim& rim : rims) add_rim(rim, views, k, s);
+      for (const BoundaryPixel& boundary : boundaries) add_boundary(boundary, views, k, s);
       store(out_, out[k]);
     }
   }
@@ -78,28 +78,28 @@ class TileWork {
     for (std::size_t row = 0; row < rows(); ++row) std::copy_n(light + row * kTileWidth, columns(), plane + pixel(row));
   }
 
-  void sample(const View& view, const Picture& picture, bool special, float* light, bool* soiled) const {
+  void sample(const View& view, const SplinePlane& spline, bool special, float* light, bool* mixed) const {
     const Landing::Layer& points = view.landing.points;
     const Surfaces& from = view.from;
     for (std::size_t row = 0; row < rows(); ++row) {
       const std::size_t slot = Landing::slot(0, static_cast<int>(row));
       float* out = light + row * kTileWidth;
       if (from.width() > 3 && from.height() > 3)
-        cubic_run(picture.plane(), picture.coefficients(), from.width(), from.height(), points.u + slot,
-                  points.v + slot, kTileWidth, out);
+        cubic_run(spline.plane(), spline.coefficients(), from.width(), from.height(), points.u + slot, points.v + slot,
+                  kTileWidth, out);
       for (std::size_t i = 0; i < columns(); ++i) out[i] = points.index[slot + i] == kNone ? kDark : out[i];
       if (!special) continue;
       for (std::size_t i = 0; i < columns(); ++i) {
-        const Seen seen = points.seen(slot + i);
-        soiled[row * kTileWidth + i] = false;
+        const VisiblePoint seen = points.seen(slot + i);
+        mixed[row * kTileWidth + i] = false;
         if (!seen.is()) continue;
-        if (from.flags(seen.index) & kMixed) {
-          const Light own = own_light(from, picture.plane(), seen);
+        if (from.flags(seen.index) & kNearMixed) {
+          const SampledLight own = own_light(from, spline.plane(), seen);
           out[i] = own.value;
-          soiled[row * kTileWidth + i] = own.soiled;
+          mixed[row * kTileWidth + i] = own.mixed;
         } else if (!(seen.u >= 1 && seen.v >= 1 && seen.u < static_cast<float>(from.width() - 2) &&
                      seen.v < static_cast<float>(from.height() - 2))) {
-          out[i] = picture.at(seen.u, seen.v);
+          out[i] = spline.at(seen.u, seen.v);
         }
       }
     }
@@ -107,11 +107,11 @@ class TileWork {
 
   void prefer_clean() {
     for (std::size_t i = 0; i < kTilePixels; ++i)
-      if (soiled_[0][i] != soiled_[1][i] && std::isfinite(light_[0][i]) && std::isfinite(light_[1][i]))
-        light_[soiled_[0][i] ? 0 : 1][i] = kDark;
+      if (mixed_[0][i] != mixed_[1][i] && std::isfinite(light_[0][i]) && std::isfinite(light_[1][i]))
+        light_[mixed_[0][i] ? 0 : 1][i] = kDark;
   }
 
-  // What no keyframe shows is blended where it is.
+  // Pixels that neither keyframe shows are blended in place.
   void fill_unseen(const float* const (&planes)[2], float s) {
     for (std::size_t row = 0; row < rows(); ++row)
       for (std::size_t i = 0; i < columns(); ++i) {
@@ -121,27 +121,27 @@ class TileWork {
   }
 
   void take_alone(int side, bool special) {
-    for (std::size_t i = 0; i < kTilePixels; ++i) out_[i] = special && soiled_[side][i] ? kDark : light_[side][i];
+    for (std::size_t i = 0; i < kTilePixels; ++i) out_[i] = special && mixed_[side][i] ? kDark : light_[side][i];
   }
 
-  void add_rim(const Rim& rim, View* const (&views)[2], std::size_t k, float s) {
-    float& out = out_[static_cast<std::size_t>(rim.row * kTileWidth + rim.column)];
+  void add_boundary(const BoundaryPixel& boundary, View* const (&views)[2], std::size_t k, float s) {
+    float& out = out_[static_cast<std::size_t>(boundary.row * kTileWidth + boundary.column)];
     float light[2] = {kDark, kDark};
     for (int v = 0; v < 2; ++v)
-      if (rim.seen[v].is()) light[v] = rim_light(views[v]->from, job_.pictures[v][k], rim.seen[v], out);
+      if (boundary.seen[v].is())
+        light[v] = boundary_light(views[v]->from, job_.spline_planes[v][k], boundary.seen[v], out);
     const float found = blend(light[0], light[1], s);
     if (std::isfinite(found)) out = found;
   }
 
-  const Job& job_;
+  const CarryJob& job_;
   const Tile& tile_;
   std::size_t width_;
   float light_[2][kTilePixels + kSpare] = {}, out_[kTilePixels + kSpare] = {};
-  bool soiled_[2][kTilePixels] = {};
+  bool mixed_[2][kTilePixels] = {};
 };
 
-// Tiles [x0, x1) x [y0, y1), counted in tiles, that a block's points, or the pixels around them, may come over at any
-// instant.
+// Tiles [x0, x1) x [y0, y1), counted in tiles, that a block's points and their neighbours may reach at any instant.
 Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) {
   // |D| of the parabola is at most that of its ends and its top, below 1 of `mid` and 1/8 of `end` beyond them.
   const auto least = [](float mid, float end) {
@@ -171,7 +171,7 @@ Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) 
   return {x0, y0, x1, y1};
 }
 
-// Channels of the layer, of optical flow; what is not known is NaN.
+// The layer's channels from optical flow; unknown values are NaN.
 std::vector<float> from_flow(std::span<const float> flow, std::size_t channels, std::size_t pixels) {
   std::vector<float> out(kMotionChannels * pixels, kDark);
   for (std::size_t side = 0; side < channels / 2; ++side)
@@ -186,8 +186,9 @@ std::vector<float> from_flow(std::span<const float> flow, std::size_t channels, 
 
 }  // namespace
 
-// From each block to the tiles that it reaches, so that the work grows with the picture and not with its square.
-void Carrier::Interval::find_near() {
+// Lists each block at the tiles that it reaches: the work is linear in the number of tiles, unless everything moves
+// far.
+void Carrier::KeyframeInterval::find_near() {
   const int columns = first.tiles_x(), tiles = columns * first.tiles_y();
   near.resize(static_cast<std::size_t>(tiles));
   for (int k = 0; k < tiles; ++k) {
@@ -202,7 +203,7 @@ void Carrier::Interval::find_near() {
           Near& n = near[static_cast<std::size_t>(y * columns + x)];
           (n.*list).push_back(k);
           n.still &= !reach.moves;
-          n.special |= reach.soiled || border;
+          n.special |= reach.mixed || border;
         }
     };
     add(first, &Near::first);
@@ -227,13 +228,13 @@ Carrier::Carrier(std::span<const float> values, int width, int height) {
   const std::size_t channels = values.size() / pixels;
   std::vector<float> flow;
   if (channels != kMotionChannels) values = flow = from_flow(values, channels, pixels);
-  interval_ = std::make_unique<Interval>(width, height);
+  interval_ = std::make_unique<KeyframeInterval>(width, height);
   interval_->put(0, height, values.data());
   interval_->close();
 }
 
 Carrier::Carrier(const FrameSource& source, std::int64_t frame)
-    : interval_(std::make_unique<Interval>(source.info().file_width(), source.info().file_height())) {
+    : interval_(std::make_unique<KeyframeInterval>(source.info().file_width(), source.info().file_height())) {
   source.read_motion(frame,
                      [&](int y, int rows, std::span<const float> values) { interval_->put(y, rows, values.data()); });
   interval_->close();
@@ -258,7 +259,7 @@ std::vector<double> Carrier::instants(double length_us, int subpixels) const {
 void Carrier::planes(std::span<const float* const> first, std::span<const float* const> second,
                      std::span<const double> fractions, std::span<float* const> out, CarrySide side,
                      Region rows) const {
-  const Interval& in = *interval_;
+  const KeyframeInterval& in = *interval_;
   const std::size_t count = first.size();
   const auto is_keyframe = [&](double s) {
     return (s <= 0 && side != CarrySide::second) || (s >= 1 && side != CarrySide::first);
@@ -267,14 +268,14 @@ void Carrier::planes(std::span<const float* const> first, std::span<const float*
     if (const double s = fractions[k / count]; is_keyframe(s))
       std::copy_n((s <= 0 ? first : second)[k % count],
                   static_cast<std::size_t>(in.first.width()) * static_cast<std::size_t>(in.first.height()), out[k]);
-  Job job{first, second, side, {}};
-  if (!std::ranges::all_of(in.near, &Interval::Near::still) && !std::ranges::all_of(fractions, is_keyframe))
+  CarryJob job{first, second, side, {}};
+  if (!std::ranges::all_of(in.near, &KeyframeInterval::Near::still) && !std::ranges::all_of(fractions, is_keyframe))
     for (std::size_t k = 0; k < count; ++k) {
-      job.pictures[0].emplace_back(first[k], in.first.width(), in.first.height());
-      job.pictures[1].emplace_back(second[k], in.first.width(), in.first.height());
+      job.spline_planes[0].emplace_back(first[k], in.first.width(), in.first.height());
+      job.spline_planes[1].emplace_back(second[k], in.first.width(), in.first.height());
     }
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t i) {
-    const Interval::Near& near = in.near[i];
+    const KeyframeInterval::Near& near = in.near[i];
     const Tile tile = in.first.tile(static_cast<int>(i));
     if (tile.y1 <= rows.begin || tile.y0 >= rows.end) return;
     TileWork work(job, tile, in.first.width());

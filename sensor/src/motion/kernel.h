@@ -1,6 +1,6 @@
 #pragma once
-// The inner loops of carrying light, compiled for each instruction set (kernel.cpp). Arrays are read and written up to
-// kSpare values beyond their end.
+// The inner loops of Carrier, compiled for each instruction set (kernel.cpp). They read and write arrays up to kSpare
+// values beyond their end.
 #include <cstddef>
 #include <cstdint>
 
@@ -8,7 +8,7 @@ namespace pecs::sensor::motion {
 
 constexpr std::size_t kSpare = 16;
 
-// Displacements and depths of a run of points at an instant: weights as of Weights.
+// Computes displacements and depths of a run of points at an instant, with the weights of `Weights`.
 struct PathArguments {
   const float* channels;  // of the run's first point
   std::size_t stride;     // from channel to channel
@@ -18,37 +18,39 @@ struct PathArguments {
 };
 void paths(const PathArguments& arguments);
 
-// Which pixel each of a run of points lands on, and what the surface around it shows there: the position in the
-// keyframe and the depth, linear around the point. Neighbours that are not of its surface do not count.
+// Finds the pixel on which each point of a run lands, and for that pixel the position in the keyframe and the depth,
+// extrapolated linearly over the point's surface. Neighbours on other surfaces are not used.
 struct LandingArguments {
-  const float *x, *y, *z;  // displacements and depths of the run; rows above and below, points left and right are there
+  const float *x, *y, *z;  // displacements and depths of the run; neighbours in all four directions exist
   std::ptrdiff_t stride;   // of a row
   const std::uint16_t* flags;
   float first_x, row_y;  // of the run's first point
   std::size_t count;
-  std::int32_t *column, *row;  // far outside for points whose motion is not known
+  std::int32_t *column, *row;  // far outside for points of unknown motion
   float *u, *v, *depth;
 };
 void land_run(const LandingArguments& arguments);
 
-// For a run of pixels whether it needs a closer look: nothing landed, or something nearer landed beside it. depths: of
-// the first pixel; rows are `stride` apart. One byte a pixel.
+// Marks the pixels of a run on which nothing landed, or next to which something nearer landed: one byte per pixel.
+// depths: of the first pixel; rows are `stride` apart.
 void contested(const float* depths, std::ptrdiff_t stride, float none, std::size_t count, std::uint8_t* out);
 
-// One pass, along rows or columns, from values to the coefficients of the cubic spline through them: kSplineTaps values
-// around each, the middle one its own.
+// One pass, along rows or columns, from values to the coefficients of the interpolating cubic spline. The middle one of
+// the kSplineTaps values is the pixel's own.
 constexpr int kSplineTaps = 15;
 void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, float* out);
 
-// The spline (by its coefficients) at positions, within the range of the four pixels around (of `plane`) and a part of
-// it beyond; a pixel's own value at its centre; NaN where one of the four is not finite. Planes have more than three
-// rows and columns. Nearer to the border than two pixels the result is of other positions.
+// Evaluates the spline (by its coefficients) at positions. The result is clamped to the range of the four nearest
+// pixels of `plane`, widened by kBeyond; at a pixel's centre it is the pixel's value; it is NaN where one of the four
+// is not finite. Planes have more than three rows and columns. Positions within two pixels of the border give wrong
+// values.
 void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
                std::size_t count, float* out);
-// How far beyond the range of the four: of that range, and below at most this part of the least.
+// How far a value may leave the range of the four pixels: by this part of the range, and downwards by no more than this
+// part of the least.
 constexpr float kBeyond = 0.25f;
 
-// out = a^(1-s) b^s; linear where one is not positive; a where they are equal; the other where one is not finite.
+// out = a^(1-s) b^s. Linear where one is not positive; exactly a where both are equal; the finite one where one is not.
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out);
 
 }  // namespace pecs::sensor::motion

@@ -1,10 +1,10 @@
-// Numbers of what is seen between two keyframes.
+// Labels of the points visible between two keyframes.
 #include <tbb/parallel_for.h>
 
 #include <numeric>
 #include <vector>
 
-#include "motion/interval.h"
+#include "motion/keyframe_interval.h"
 #include "motion/view.h"
 #include "pecs/sensor/motion.h"
 
@@ -20,7 +20,7 @@ struct Planes {
   std::int32_t unseen(std::int32_t pixel) const { return first[pixel] == second[pixel] ? first[pixel] : 0; }
 };
 
-// Of a tile's pixel, when both keyframes are looked at.
+// Label of a tile's pixel from both keyframes.
 std::int32_t label(const Planes& planes, const View& a, const View& b, std::size_t slot, std::int32_t pixel, double s) {
   const std::int32_t i = a.landing.points.index[slot], k = b.landing.points.index[slot];
   if (i == kNone && k == kNone) return planes.unseen(pixel);
@@ -32,11 +32,11 @@ std::int32_t label(const Planes& planes, const View& a, const View& b, std::size
 
 void Carrier::labels(const std::int32_t* first, const std::int32_t* second, std::span<const Sight> sights,
                      std::span<std::int32_t> out) const {
-  const Interval& in = *interval_;
+  const KeyframeInterval& in = *interval_;
   const int width = in.first.width(), tiles_x = in.first.tiles_x();
   const Planes planes{first, second};
 
-  // Sights by tile, in their order.
+  // Groups the sights by tile and keeps their order.
   const auto tile_of = [&](const Sight& sight) {
     const auto row = static_cast<std::size_t>(sight.pixel / width / kTileHeight);
     return row * static_cast<std::size_t>(tiles_x) + static_cast<std::size_t>(sight.pixel % width / kTileWidth);
@@ -49,7 +49,7 @@ void Carrier::labels(const std::int32_t* first, const std::int32_t* second, std:
 
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t t) {
     if (begin[t] == begin[t + 1]) return;
-    const Interval::Near& near = in.near[t];
+    const KeyframeInterval::Near& near = in.near[t];
     const Tile tile = in.first.tile(static_cast<int>(t));
     View a(in.first), b(in.second);
     double seen = -1;  // fraction that the views are of

@@ -5,13 +5,13 @@
 namespace pecs::sensor::motion {
 namespace {
 
-// How displacement and depth change from pixel to pixel of a point's surface.
+// Slopes of displacement and depth along a point's surface, per pixel.
 struct Slopes {
   Vec2 by_x, by_y;
   float z_by_x = 0, z_by_y = 0;
 };
 
-// Central differences where both neighbours belong to the surface. at: of the point, as Surfaces::where.
+// Central differences where both neighbours share the surface, else one-sided. at: the point, as Surfaces::where.
 Slopes slopes_of(const Weights& w, const float* at, std::uint16_t flags) {
   Slopes out;
   const auto along = [&](std::uint16_t ahead, std::uint16_t behind, int step, Vec2& slope, float& z_slope) {
@@ -28,8 +28,8 @@ Slopes slopes_of(const Weights& w, const float* at, std::uint16_t flags) {
   return out;
 }
 
-// The point `of`, seen from the pixel (dx, dy) beside it.
-Seen place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
+// The point visible at (x, y) on the surface of pixel `of`, relative to that pixel's neighbour (dx, dy).
+VisiblePoint place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
   const float* at = from.where(of);
   const Slopes s = slopes_of(w, at, from.flags(of));
   const Point p = Surfaces::at(at);
@@ -47,12 +47,12 @@ Seen place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int 
 
 }  // namespace
 
-Seen seen_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
+VisiblePoint visible_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
   return place(from, w, index, 0, 0, x, y);
 }
 
-Seen rim_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
-  const auto [dx, dy] = from.owner(index);
+VisiblePoint boundary_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
+  const auto [dx, dy] = from.occluder(index);
   return place(from, w, index + dy * from.width() + dx, -dx, -dy, x, y);
 }
 
@@ -63,14 +63,14 @@ void Landing::clear(Layer& layer) {
   std::ranges::fill(layer.index, kNone);
 }
 
-// What land_run finds of a row.
+// Results of land_run for a row.
 struct Landing::Run {
   static constexpr std::size_t kMost = kTileWidth + kSpare;
   std::int32_t column[kMost], row[kMost];
   float u[kMost], v[kMost], depth[kMost];
 };
 
-// The part of a tile that may land here.
+// Lands the part of a keyframe's tile that may reach this tile.
 void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const Tile& part) {
   const Tile source = from.tile(tile);
   const auto [x0, y0, x1, y1] = part;
@@ -89,7 +89,7 @@ void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const 
       const auto column = static_cast<unsigned>(run.column[i] - x0_), row = static_cast<unsigned>(run.row[i] - y0_);
       if (column >= kWidth || row >= kHeight) continue;
       const std::size_t k = row * kWidth + column;
-      if (!(run.depth[i] < points.z[k])) continue;  // the first of equals
+      if (!(run.depth[i] < points.z[k])) continue;  // the first of equal depths wins
       points.z[k] = run.depth[i];
       points.u[k] = run.u[i];
       points.v[k] = run.v[i];
@@ -98,42 +98,42 @@ void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const 
   }
 }
 
-void Landing::land_rims(const Surfaces& from, const Weights& w, const Tile& part) {
+void Landing::land_boundaries(const Surfaces& from, const Weights& w, const Tile& part) {
   const auto [x0, y0, x1, y1] = part;
   for (int y = y0; y < y1; ++y)
     for (int x = x0; x < x1; ++x) {
       const std::int32_t index = y * from.width() + x;
-      if (!(from.flags(index) & kSoiled)) continue;
-      const Seen here = rim_at(from, w, index, static_cast<float>(x), static_cast<float>(y));
-      // Where it is, to first order, is the other way round.
+      if (!(from.flags(index) & kMixedPixel)) continue;
+      const VisiblePoint here = boundary_at(from, w, index, static_cast<float>(x), static_cast<float>(y));
+      // To first order, the forward position is the point mirrored at the pixel.
       const float column = std::floor(2 * static_cast<float>(x) - here.u + 0.5f);
       const float row = std::floor(2 * static_cast<float>(y) - here.v + 0.5f);
-      const Seen seen = rim_at(from, w, index, column, row);
+      const VisiblePoint seen = boundary_at(from, w, index, column, row);
       const int cx = static_cast<int>(column) - x0_, cy = static_cast<int>(row) - y0_;
       if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;
-      if (!has_rims) clear(rims);
-      has_rims = true;
+      if (!has_boundaries) clear(boundaries);
+      has_boundaries = true;
       const auto k = static_cast<std::size_t>(cy) * kWidth + cx;
-      if (!(seen.z < rims.z[k])) continue;
-      rims.z[k] = seen.z, rims.u[k] = seen.u, rims.v[k] = seen.v, rims.index[k] = index;
+      if (!(seen.z < boundaries.z[k])) continue;
+      boundaries.z[k] = seen.z, boundaries.u[k] = seen.u, boundaries.v[k] = seen.v, boundaries.index[k] = index;
     }
 }
 
 void Landing::land(const Surfaces& from, const Weights& w, const Tile& tile, std::span<const std::int32_t> tiles) {
   x0_ = tile.x0 - 1, y0_ = tile.y0 - 1;
-  has_rims = false;
+  has_boundaries = false;
   clear(points);
   for (const std::int32_t t : tiles) {
     const Tile source = from.tile(t);
     const Vec2 least = from.reach(t).least(w), most = from.reach(t).most(w);
-    // Pixels that may land here; a rim's motion is its neighbour's and may differ by its slope.
+    // Pixels that may land here. A boundary pixel moves as its neighbour does, up to the slope.
     const auto first = [](int edge, float d) { return static_cast<int>(std::floor(static_cast<float>(edge) - d)) - 2; };
     const auto end = [](int edge, float d) { return static_cast<int>(std::ceil(static_cast<float>(edge) - d)) + 2; };
     const int x0 = std::max(source.x0, first(x0_, most.x)), x1 = std::min(source.x1, end(x0_ + kWidth, least.x));
     const int y0 = std::max(source.y0, first(y0_, most.y)), y1 = std::min(source.y1, end(y0_ + kHeight, least.y));
     if (x0 >= x1 || y0 >= y1) continue;
     land_part(from, w, t, {x0, y0, x1, y1});
-    if (from.reach(t).soiled) land_rims(from, w, {x0, y0, x1, y1});
+    if (from.reach(t).mixed) land_boundaries(from, w, {x0, y0, x1, y1});
   }
 }
 

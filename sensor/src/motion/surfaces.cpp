@@ -7,17 +7,17 @@
 namespace pecs::sensor::motion {
 namespace {
 
-constexpr float kOneSurface_px = 0.5f;  // that neighbours of one surface may part within an interval
-constexpr float kSameSlope = 0.25f;     // or: how much their distance may differ from that of the next neighbours
+constexpr float kOneSurface_px = 0.5f;  // largest change of distance between neighbours of one surface in an interval
+constexpr float kSameSlope = 0.25f;     // or largest relative difference of that change between adjacent pairs
 
-// Of a point in a block: how far it and another one part, at the middle or at the end.
+// Change of the distance between two points of a block, at the middle or at the end.
 float parting(const float* p, const float* q) {
   float most = 0;
   for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(q[c * kBlockPixels] - p[c * kBlockPixels]));
   return most;
 }
 
-// How much that differs from point to point of three in a row.
+// Difference of that change between the pairs of three points in a row.
 float bend(const float* a, const float* b, const float* c) {
   float most = 0;
   for (std::size_t k = 0; k < 4 * kBlockPixels; k += kBlockPixels)
@@ -25,7 +25,7 @@ float bend(const float* a, const float* b, const float* c) {
   return most;
 }
 
-// Displacements beyond this are of nothing that is seen.
+// Larger displacements are treated as unknown.
 constexpr float kMost_px = 32768;
 
 bool is_known(const float* p) {
@@ -38,7 +38,7 @@ bool is_known(const float* p) {
 
 float moved2(const Point& p) { return p.x_end * p.x_end + p.y_end * p.y_end; }
 
-// What is as far and moves more counts as nearer (of coplanar things it is the one that lies on the other).
+// Of two points at one depth, the one that moves more counts as nearer (of coplanar objects it lies on the other).
 bool is_nearer(const Point& a, const Point& b) { return a.z < b.z || (a.z == b.z && moved2(a) > moved2(b)); }
 
 }  // namespace
@@ -84,7 +84,7 @@ void Surfaces::close() {
   tbb::parallel_for(0, tiles, [&](int i) { longest[static_cast<std::size_t>(i)] = link(i); });
   longest_ = std::min<double>(*std::ranges::max_element(longest), std::hypot(width_, height_));
 
-  // In passes, each of which looks at what the one before found of the neighbours.
+  // Passes: each one uses the flags that the one before set at the neighbours.
   std::vector<std::uint16_t> found(flags_.size());
   const auto add = [&](const auto& value) {
     tbb::parallel_for(0, height, [&](int y) {
@@ -97,8 +97,8 @@ void Surfaces::close() {
     const bool left = x > 0 && flags(i - 1) & kRight, up = y > 0 && flags(i - width_) & kDown;
     return static_cast<std::uint16_t>((left ? kLeft : 0) | (up ? kUp : 0));
   });
-  add([&](int x, int y) { return rim_of(x, y); });
   add([&](int x, int y) { return mixed_of(x, y); });
+  add([&](int x, int y) { return near_mixed_of(x, y); });
 
   reach_.resize(static_cast<std::size_t>(tiles));
   tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(i); });
@@ -116,7 +116,7 @@ float Surfaces::link(int index) {
     for (int x = 0; x < count; ++x) {
       const Point point = at(p + x);
       const float dx = point.x_end - point.x_mid, dy = point.y_end - point.y_mid;
-      // At least the squared sum of both halves.
+      // At least the square of the sum of both halves' lengths.
       const float path2 = 2 * (point.x_mid * point.x_mid + point.y_mid * point.y_mid + dx * dx + dy * dy);
       longest2 = row[x] && path2 > longest2 ? path2 : longest2;
     }
@@ -136,7 +136,7 @@ float Surfaces::link(int index) {
   return std::sqrt(longest2);
 }
 
-// `flag` if a pixel and its neighbour there part as much as the next ones beyond them do.
+// `flag` if the distance of a pixel and its neighbour changes as that of the adjacent pairs does.
 std::uint16_t Surfaces::links_of(int x, int y, std::uint16_t flag) const {
   const bool right = flag == kRight;
   const int along = right ? x : y, size = right ? width_ : height_;
@@ -147,17 +147,17 @@ std::uint16_t Surfaces::links_of(int x, int y, std::uint16_t flag) const {
   return bend(a, b, c) <= off && bend(b, c, d) <= off ? flag : std::uint16_t{0};
 }
 
-std::uint16_t Surfaces::mixed_of(int x, int y) const {
+std::uint16_t Surfaces::near_mixed_of(int x, int y) const {
   const std::int32_t here = y * width_ + x;
   std::uint16_t any = flags(here);
   for (int dy = y > 0 ? -1 : 0; dy <= (y + 1 < height_ ? 1 : 0); ++dy)
     for (int dx = x > 0 ? -1 : 0; dx <= (x + 1 < width_ ? 1 : 0); ++dx) any |= flags(here + dy * width_ + dx);
-  if (!(any & kSoiled)) return 0;
-  bool soiled = flags(here) & kSoiled;
+  if (!(any & kMixedPixel)) return 0;
+  bool mixed = flags(here) & kMixedPixel;
   for (int dy = -1; dy <= 1; ++dy)
     for (int dx = -1; dx <= 1; ++dx)
-      if ((dx || dy) && joined(here, dx, dy)) soiled |= (flags(here + dy * width_ + dx) & kSoiled) != 0;
-  return soiled ? kMixed : 0;
+      if ((dx || dy) && joined(here, dx, dy)) mixed |= (flags(here + dy * width_ + dx) & kMixedPixel) != 0;
+  return mixed ? kNearMixed : 0;
 }
 
 bool Surfaces::joined(std::int32_t index, int dx, int dy) const {
@@ -172,9 +172,9 @@ Tile Surfaces::tile(int index) const {
   return {x, y, std::min(x + kTileWidth, width_), std::min(y + kTileHeight, height_)};
 }
 
-// kSoiled and the owner of a pixel beside a nearer surface, else 0: of its neighbours the one that shares a side, then
-// the nearest.
-std::uint16_t Surfaces::rim_of(int x, int y) const {
+// kMixedPixel and the occluder of a pixel at an occlusion boundary, else 0. The occluder is the nearest neighbour that
+// shares a side, if there is one, else the nearest diagonal one.
+std::uint16_t Surfaces::mixed_of(int x, int y) const {
   const std::int32_t here = y * width_ + x;
   if (!(flags(here) & kKnown)) return 0;
   constexpr std::uint16_t kAll = kRight | kLeft | kDown | kUp;
@@ -182,9 +182,9 @@ std::uint16_t Surfaces::rim_of(int x, int y) const {
   if (inside && (flags(here) & kAll) == kAll && (flags(here - 1) & kAll) == kAll && (flags(here + 1) & kAll) == kAll)
     return 0;
   const Point p = at(here);
-  Point owner{};
+  Point occluder{};
   int best = 0;
-  std::uint16_t rim = 0;
+  std::uint16_t boundary = 0;
   for (int dy = -1; dy <= 1; ++dy)
     for (int dx = -1; dx <= 1; ++dx) {
       if ((dx == 0 && dy == 0) || x + dx < 0 || x + dx >= width_ || y + dy < 0 || y + dy >= height_) continue;
@@ -192,15 +192,15 @@ std::uint16_t Surfaces::rim_of(int x, int y) const {
       const Point q = at(there);
       if (!(flags(there) & kKnown) || !is_nearer(q, p) || joined(here, dx, dy)) continue;
       const int rank = dx == 0 || dy == 0 ? 2 : 1;
-      if (rank < best || (rank == best && !is_nearer(q, owner))) continue;
+      if (rank < best || (rank == best && !is_nearer(q, occluder))) continue;
       best = rank;
-      owner = q;
-      rim = static_cast<std::uint16_t>(kSoiled | ((dy + 1) * 3 + dx + 1) << kOwnerShift);
+      occluder = q;
+      boundary = static_cast<std::uint16_t>(kMixedPixel | ((dy + 1) * 3 + dx + 1) << kOccluderShift);
     }
-  return rim;
+  return boundary;
 }
 
-// With the pixels around, whose motion may claim those at the block's rim.
+// With a margin of one pixel, whose motion may be that of boundary pixels of the block.
 Reach Surfaces::reach_of(int index) const {
   const Tile t = tile(index);
   Reach reach;
@@ -208,7 +208,7 @@ Reach Surfaces::reach_of(int index) const {
     const float* row = block(index) + block_place(-t.x0, y - t.y0);
     for (int x = std::max(t.x0 - 1, 0); x < std::min(t.x1 + 1, width_); ++x) {
       const std::uint16_t mine = flags(y * width_ + x);
-      reach.soiled |= (mine & kSoiled) != 0;
+      reach.mixed |= (mine & kMixedPixel) != 0;
       if (mine & kKnown)
         reach.add({row[x], row[x + kBlockPixels], row[x + 2 * kBlockPixels], row[x + 3 * kBlockPixels], 0, 0});
       else

@@ -1,6 +1,6 @@
 #pragma once
-// What one keyframe shows: its points with their paths, which neighbours belong to one surface, and where blocks of
-// them go.
+// The surfaces in one keyframe: points with their paths, which neighbours share a surface, and how far each block of
+// points moves.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -9,27 +9,27 @@
 
 namespace pecs::sensor::motion {
 
-// What is known of a pixel of a keyframe.
-constexpr std::uint16_t kKnown = 1,              // its motion
-    kRight = 2, kLeft = 4, kDown = 8, kUp = 16,  // one surface with the neighbour there
-    kSoiled = 32,  // beside a nearer surface, whose light it may hold in part: kOwnerShift
-    kMixed = 64;   // it or a neighbour of its surface is soiled: no wide kernel
-constexpr int kOwnerShift =
-    8;  // of a soiled one, 4 bits: neighbour that the nearer surface is at, (dy + 1) * 3 + dx + 1
+// Flags of a pixel of a keyframe.
+constexpr std::uint16_t kKnown = 1,              // the motion is known
+    kRight = 2, kLeft = 4, kDown = 8, kUp = 16,  // shares a surface with that neighbour
+    kMixedPixel = 32,  // at an occlusion boundary; may contain light of the occluder (kOccluderShift)
+    kNearMixed = 64;   // it or a neighbour on its surface is mixed: no wide kernel
+constexpr int kOccluderShift =
+    8;  // 4 bits: the neighbour of a mixed pixel that shows the occluder, (dy + 1) * 3 + dx + 1
 
-constexpr float kFar = 1e30f;  // depth of what has none
+constexpr float kFar = 1e30f;  // depth of points without one
 
 struct Vec2 {
   float x = 0, y = 0;
 };
 
-// From keyframe 0 over the middle to the other keyframe.
+// Motion of a point from its keyframe over the middle of the interval to the other keyframe.
 struct Point {
   float x_mid, y_mid, x_end, y_end;  // displacements [px]
   float z, z_end;                    // at most kFar
 };
 
-// Weights of a point's numbers at the fraction f of its path: the parabola through 0, middle and end; depths linear.
+// Weights of a point's values at the fraction f of its path: a parabola through 0, middle and end; depths are linear.
 struct Weights {
   explicit Weights(double f)
       : mid(static_cast<float>(4 * f * (1 - f))),
@@ -44,9 +44,9 @@ struct Weights {
 // Least and largest displacement of a block.
 struct Reach {
   Vec2 mid_least, mid_most, end_least, end_most;
-  bool any = false, moves = false, unknown = false, soiled = false;
+  bool any = false, moves = false, unknown = false, mixed = false;
   void add(const Point& p);
-  // At the fraction of `w`, outwards.
+  // Bounds of the displacement at the fraction of `w`.
   Vec2 least(const Weights& w) const { return at(w, mid_least, w.end >= 0 ? end_least : end_most); }
   Vec2 most(const Weights& w) const { return at(w, mid_most, w.end >= 0 ? end_most : end_least); }
 
@@ -60,10 +60,10 @@ struct Tile {
   int x0, y0, x1, y1;
 };
 
-// A tile's points with those of the pixels around: channel by channel, row by row.
+// A tile's points with a margin of one pixel: channel by channel, row by row.
 constexpr int kBlockWidth = kTileWidth + 2, kBlockHeight = kTileHeight + 2;
 constexpr std::size_t kBlockPixels = std::size_t{kBlockWidth} * kBlockHeight;
-// Where a channel holds the pixel (x, y) of the tile.
+// Index of pixel (x, y) of the tile within a channel.
 constexpr std::ptrdiff_t block_place(int x, int y) { return static_cast<std::ptrdiff_t>(y + 1) * kBlockWidth + x + 1; }
 
 class Surfaces {
@@ -80,7 +80,7 @@ class Surfaces {
     const int x = index % width_, y = index / width_;
     return {static_cast<float>(x), static_cast<float>(y)};
   }
-  // A pixel's values in its tile's block: neighbours lie beside it, those of other tiles too.
+  // A pixel's values in its tile's block, whose margin holds the neighbours in other tiles.
   const float* where(std::int32_t index) const {
     const int x = index % width_, y = index / width_;
     return block(y / kTileHeight * tiles_x() + x / kTileWidth) + block_place(x % kTileWidth, y % kTileHeight);
@@ -93,15 +93,15 @@ class Surfaces {
   std::uint16_t flags(std::int32_t index) const { return flags_[static_cast<std::size_t>(index)]; }
   // [6][kBlockHeight][kBlockWidth] of a tile; 0 beyond the picture.
   const float* block(int tile) const { return blocks_.data() + static_cast<std::size_t>(tile) * 6 * kBlockPixels; }
-  // Of a soiled pixel: the step to the neighbour that the nearer surface is at.
+  // Step from a mixed pixel to the neighbour that shows its occluder.
   struct Step {
     int dx, dy;
   };
-  Step owner(std::int32_t index) const {
-    const int place = flags(index) >> kOwnerShift;
+  Step occluder(std::int32_t index) const {
+    const int place = flags(index) >> kOccluderShift;
     return {place % 3 - 1, place / 3 - 1};
   }
-  // Whether a pixel is of one surface with its neighbour (dx, dy), over a corner too.
+  // Whether a pixel shares a surface with its neighbour (dx, dy), which may be a diagonal one.
   bool joined(std::int32_t index, int dx, int dy) const;
   double longest_path_px() const { return longest_; }
 
@@ -113,8 +113,8 @@ class Surfaces {
  private:
   float link(int tile);
   std::uint16_t links_of(int x, int y, std::uint16_t flag) const;
-  std::uint16_t rim_of(int x, int y) const;
   std::uint16_t mixed_of(int x, int y) const;
+  std::uint16_t near_mixed_of(int x, int y) const;
   Reach reach_of(int index) const;
 
   int width_, height_;

@@ -5,11 +5,11 @@
 namespace pecs::sensor::motion {
 namespace {
 
-constexpr float kSameDepth = 0.05f;  // of points that both keyframes show: relative difference
+constexpr float kSameDepth = 0.05f;  // largest relative difference of the depths of one point in both keyframes
 
-// Whether the surface reaches from the point to that position: half a pixel, or to the neighbour that belongs to it.
-bool covers(const Surfaces& from, const Seen& seen, bool is_rim) {
-  const std::uint16_t flags = is_rim ? 0 : from.flags(seen.index);
+// Whether the surface extends from the pixel to the position: half a pixel, or up to a neighbour on the same surface.
+bool covers(const Surfaces& from, const VisiblePoint& seen, bool is_boundary) {
+  const std::uint16_t flags = is_boundary ? 0 : from.flags(seen.index);
   const auto within = [&](float d, std::uint16_t ahead, std::uint16_t behind) {
     return std::abs(d) <= (flags & (d > 0 ? ahead : behind) ? 1.0f : 0.51f);
   };
@@ -31,7 +31,7 @@ void View::look(const Weights& w, const Tile& tile, std::span<const std::int32_t
   Landing::Layer& points = landing.points;
   struct Found {
     std::size_t slot;
-    Seen seen;
+    VisiblePoint seen;
   };
   std::vector<Found> found;
   std::uint8_t close[kTileWidth + kSpare];
@@ -42,11 +42,11 @@ void View::look(const Weights& w, const Tile& tile, std::span<const std::int32_t
       if (!close[column]) continue;
       const std::size_t slot = first + static_cast<std::size_t>(column);
       const auto x = static_cast<float>(tile.x0 + column), y = static_cast<float>(tile.y0 + row);
-      Seen best = points.seen(slot);
+      VisiblePoint best = points.seen(slot);
       if (!best.is()) best.z = Landing::kNothing;
       around(slot, [&](std::size_t k) {
         if (k == slot || points.z[k] >= best.z) return;  // nothing there, or farther
-        const Seen other = seen_at(from, weights, points.index[k], x, y);
+        const VisiblePoint other = visible_at(from, weights, points.index[k], x, y);
         if (other.z < best.z && covers(from, other, false)) best = other;
       });
       if (best.is()) found.push_back({slot, best});
@@ -56,20 +56,21 @@ void View::look(const Weights& w, const Tile& tile, std::span<const std::int32_t
     points.z[slot] = seen.z, points.u[slot] = seen.u, points.v[slot] = seen.v, points.index[slot] = seen.index;
 }
 
-Seen View::rim(int column, int row, int x, int y) const {
-  Seen best;
+VisiblePoint View::boundary(int column, int row, int x, int y) const {
+  VisiblePoint best;
   around(Landing::slot(column, row), [&](std::size_t k) {
-    if (landing.rims.index[k] == kNone) return;
-    const Seen seen = rim_at(from, weights, landing.rims.index[k], static_cast<float>(x), static_cast<float>(y));
+    if (landing.boundaries.index[k] == kNone) return;
+    const VisiblePoint seen =
+        boundary_at(from, weights, landing.boundaries.index[k], static_cast<float>(x), static_cast<float>(y));
     if (seen.z < best.z && covers(from, seen, true)) best = seen;
   });
   return best;
 }
 
-bool View::is_before(const Seen& rim, const Seen& other) const {
+bool View::is_before(const VisiblePoint& boundary, const VisiblePoint& other) const {
   if (!other.is()) return true;
-  const float behind = weights.depth(from.at(rim.index));
-  return other.z > std::min(0.5f * (rim.z + behind), 1.5f * rim.z);
+  const float behind = weights.depth(from.at(boundary.index));
+  return other.z > std::min(0.5f * (boundary.z + behind), 1.5f * boundary.z);
 }
 
 void drop_hidden(Landing::Layer& a, Landing::Layer& b) {
@@ -81,14 +82,14 @@ void drop_hidden(Landing::Layer& a, Landing::Layer& b) {
   }
 }
 
-std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second) {
+std::vector<BoundaryPixel> boundaries_of(const Tile& tile, const View* first, const View* second) {
   const View* const views[2] = {first, second};
-  std::vector<Rim> rims;
+  std::vector<BoundaryPixel> boundaries;
   std::uint8_t marked[Landing::kSlots] = {};
   for (const View* view : views)
-    if (view && view->landing.has_rims)
+    if (view && view->landing.has_boundaries)
       for (std::size_t k = 0; k < Landing::kSlots; ++k)
-        if (view->landing.rims.index[k] != kNone)
+        if (view->landing.boundaries.index[k] != kNone)
           for (int dy = -1; dy <= 1; ++dy)
             for (int dx = -1; dx <= 1; ++dx)
               if (const std::size_t at = k + static_cast<std::size_t>(dy * Landing::kWidth + dx); at < Landing::kSlots)
@@ -97,18 +98,18 @@ std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second
     for (int column = 0; column < tile.x1 - tile.x0; ++column) {
       const std::size_t slot = Landing::slot(column, row);
       if (!marked[slot]) continue;
-      Rim rim{column, row, {}};
+      BoundaryPixel boundary{column, row, {}};
       for (int k = 0; k < 2; ++k) {
-        if (!views[k] || !views[k]->landing.has_rims) continue;
-        const Seen seen = views[k]->rim(column, row, tile.x0 + column, tile.y0 + row);
+        if (!views[k] || !views[k]->landing.has_boundaries) continue;
+        const VisiblePoint seen = views[k]->boundary(column, row, tile.x0 + column, tile.y0 + row);
         if (!seen.is()) continue;
         bool before = true;
         for (const View* view : views) before &= !view || views[k]->is_before(seen, view->landing.points.seen(slot));
-        if (before) rim.seen[k] = seen;
+        if (before) boundary.seen[k] = seen;
       }
-      if (rim.seen[0].is() || rim.seen[1].is()) rims.push_back(rim);
+      if (boundary.seen[0].is() || boundary.seen[1].is()) boundaries.push_back(boundary);
     }
-  return rims;
+  return boundaries;
 }
 
 }  // namespace pecs::sensor::motion

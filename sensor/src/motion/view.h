@@ -1,5 +1,5 @@
 #pragma once
-// What both keyframes show of a tile at an instant, whatever their light.
+// Visibility of both keyframes' points in a tile at an instant; independent of their light.
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -10,29 +10,30 @@ namespace pecs::sensor::motion {
 
 constexpr std::size_t kTilePixels = std::size_t{kTileWidth} * kTileHeight;
 
-// One keyframe.
+// The points of one keyframe.
 struct View {
   explicit View(const Surfaces& keyframe) : from(keyframe) {}
   const Surfaces& from;
   Weights weights{0};
   Landing landing;
 
-  // From the tiles that may reach this one, at the instant of `w`. Pixels beside what is nearer are looked at closely.
+  // Lands the points of the tiles that may reach this one, at the instant of `w`, and resolves which surface covers
+  // pixels next to a nearer one.
   void look(const Weights& w, const Tile& tile, std::span<const std::int32_t> near);
-  // The rim that covers a pixel (x, y) of the picture, at (column, row) of the tile.
-  Seen rim(int column, int row, int x, int y) const;
-  // Whether a rim is before what the other keyframe shows at its pixel.
-  bool is_before(const Seen& rim, const Seen& other) const;
+  // The boundary pixel that covers pixel (x, y) of the picture, (column, row) of the tile.
+  VisiblePoint boundary(int column, int row, int x, int y) const;
+  // Whether a boundary pixel is in front of the point that the other keyframe shows there.
+  bool is_before(const VisiblePoint& boundary, const VisiblePoint& other) const;
 };
 
-// Of two points at a pixel that are not the same the nearer one counts.
+// Where two different points land on one pixel, removes the farther one.
 void drop_hidden(Landing::Layer& a, Landing::Layer& b);
 
-// Pixels of a tile at which a nearer surface's rim is seen, by one keyframe or both.
-struct Rim {
+// A pixel of a tile at which one keyframe or both show the boundary of a nearer surface.
+struct BoundaryPixel {
   int column, row;
-  Seen seen[2];
+  VisiblePoint seen[2];
 };
-std::vector<Rim> rims_of(const Tile& tile, const View* first, const View* second);
+std::vector<BoundaryPixel> boundaries_of(const Tile& tile, const View* first, const View* second);
 
 }  // namespace pecs::sensor::motion

@@ -213,3 +213,14 @@ def test_wrong_requests_are_one_line(stack, tmp_path):
             light.at(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="closed"):
         light.at(0.0)
+
+
+def test_an_exposure_does_not_miss_a_picture_between(tmp_path):
+    """A lamp that flashes over a scene where nothing moves: the sensor takes a plane at the picture's time too."""
+    still = np.zeros((12, 72, 96), np.float32)
+    frame = SCENE.frame(0)
+    between = [(0, 0, STEP_NS // 4, 3 * frame)]
+    stack = write_stack(tmp_path / "s", [frame, frame], [0, STEP_NS], [still], between=between)
+    with pecs.Light(stack, CHIP) as light:
+        mean, two = light.mean(0, STEP_US), light.mean(0, STEP_US, 2)
+        assert np.array_equal(mean, two) and not np.array_equal(mean, light.mean(0, STEP_US, 1))

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pecs
 import pytest
-from moving_scene import Scene, write_stack
 from pecs import _library
 from pecs.stack import StackReader, StackWriter, read_frame
+from support.moving_scene import Scene, write_stack
 
 BANDS = [{"lambda_nm": 486.25, "weight_nm": 120.0}, {"lambda_nm": 550.0, "weight_nm": 80.5}]
 
@@ -96,7 +96,7 @@ def test_a_damaged_frame_is_not_had(tmp_path):
     [
         ({"times_ns": [0, 5, 5]}, r"times_ns\[2\]: got 5, wanted more than 5"),
         ({"width": 1 << 20}, "width"),
-        ({"bands": BANDS[::-1]}, "rising wavelengths"),
+        ({"bands": BANDS[::-1]}, "increasing wavelengths"),
         ({"colour": 1}, "colour: got an unknown key"),
         ({"period_ns": 100}, "period_ns"),
         ({"pixel_pitch_m": None}, "pixel_pitch_m"),

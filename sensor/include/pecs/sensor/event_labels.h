@@ -1,6 +1,6 @@
 #pragma once
-// What the pixel of an event saw at the event's own time: numbers of a stack's layer (object ids), carried along the
-// stack's motion.
+// Labels of events: the object (id in a layer of a stack) that an event's pixel saw at the event's time, from the layer
+// warped along the stack's motion.
 #include <span>
 #include <string>
 
@@ -9,11 +9,11 @@
 
 namespace pecs::sensor {
 
-// out: a number of each event; 0 before the stack's first instant and after its last one. The layer has one channel of
-// whole numbers, 0 to 65535, per instant (NaN is 0); the stack needs no light. The ids within an interval are those of
-// so many instants that nothing moves more than half a pixel from one to the next (motion.h says which point counts).
-// Events in the order of time; begin_us: their time at the stack's first instant. Throws bad_input for another layer,
-// no motion, events that are not in order, and pixels outside. In the caller's TBB arena.
+// out: a label for each event; 0 before the stack's first frame and after its last one. The layer has one channel of
+// integers, 0 to 65535, per frame (NaN is 0); the stack needs no light. An event gets the label at the nearest of so
+// many instants that nothing moves more than half a pixel from one to the next (motion.h: which point is visible).
+// Events are sorted by time; begin_us: their time at the stack's first frame. Throws bad_input for another kind of
+// layer, a stack without motion, unsorted events, and pixels outside the picture. In the caller's TBB arena.
 void event_labels(std::span<const events::Event> events, const StackReader& stack, const std::string& layer,
                   double begin_us, std::span<std::uint16_t> out);
 

@@ -1,40 +1,56 @@
 #pragma once
-// Event keys on their way to the sorter, by slots of time. A key is written once: a slot is a list of chunks, and all
-// chunks are used again in the next batch.
+// Events on their way from a pixel to the sorter: keys, by slots of time.
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
-#include "pecs/sensor/event_key.h"
-
 namespace pecs::sensor {
 
+// Cause of an event: the largest contribution to the change of V from the reference to the threshold.
+enum class Cause : std::uint8_t { signal, leak, noise, hot };
+
+// An event as a number, ordered as events are: time in us (35 bits, 9 hours), then pixel (y * width + x, 26 bits), then
+// polarity, then cause (`signal` if causes are not reported).
+using EventKey = std::uint64_t;
+inline constexpr double kMostTime_us = 1.7e10;  // half the range: events may be later than the last frame
+inline constexpr int kKeyTimeShift = 29, kKeyPixelShift = 3, kKeyOnShift = 2;
+inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on, Cause cause = Cause::signal) {
+  return static_cast<std::uint64_t>(t_us) << kKeyTimeShift | std::uint64_t{pixel} << kKeyPixelShift |
+         std::uint64_t{on} << kKeyOnShift | static_cast<std::uint64_t>(cause);
+}
+inline std::int64_t key_time_us(EventKey key) { return static_cast<std::int64_t>(key >> kKeyTimeShift); }
+inline std::uint32_t key_pixel(EventKey key) { return static_cast<std::uint32_t>(key >> kKeyPixelShift) & 0x3ffffff; }
+inline bool key_on(EventKey key) { return key >> kKeyOnShift & 1; }
+inline Cause key_cause(EventKey key) { return static_cast<Cause>(key & 3); }
+
+// A key is written once: a slot is a list of chunks, and all chunks are used again in the next batch.
 class EventSlots {
  public:
   static constexpr std::size_t kChunk = 1024;  // keys
 
   EventSlots() { begin({}); }
-  // Empties it. edges: rising; slot i begins at edges[i]. The first slot has what comes before it too.
+  // Empties all slots. Slot i begins at edges[i], increasing; the first one also holds earlier keys.
   void begin(std::span<const EventKey> edges);
   std::size_t size() const { return edges_.size() - 1; }
 
-  // Fast for events that come nearly by time.
+  // Fastest for keys nearly sorted by time.
   void add(EventKey key) {
     Slot& slot = slot_of(key);
     if (slot.next == slot.end) grow(slot);
     *slot.next++ = key;
   }
-  // Where the slot ends in which a key lies.
+  // End of the slot of a key.
   EventKey end_of_slot(EventKey key) {
     slot_of(key);
     return edges_[at_ + 1];
   }
-  // Room for no more than kChunk keys of the slot in which `key` lies; they count at once.
+  // Room for up to kChunk keys in the slot of `key`; they are counted as added.
   EventKey* room(std::size_t count, EventKey key);
 
   std::size_t count(std::size_t slot) const;
-  // Appends where a slot's keys lie, in the order in which they came.
+  // Appends spans of a slot's keys, in the order in which they were added.
   void find(std::size_t slot, std::vector<std::span<const EventKey>>& parts) const;
   void clear(std::size_t slot);
   // Moves the keys from `limit` on to the end of `later`.

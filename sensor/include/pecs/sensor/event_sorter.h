@@ -1,6 +1,6 @@
 #pragma once
-// From the keys that pixels add, in any order, to events in the stream's order: time, then pixel. The order does not
-// depend on how they came.
+// Sorts the keys that pixels add into events, by time, then pixel. The result does not depend on the order in which
+// they were added.
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -13,22 +13,22 @@ namespace pecs::sensor {
 
 class EventSorter {
  public:
-  // `causes`: events leave with their causes. Events before from_us may be left out.
+  // `causes`: events have causes. Events before from_us may be left out.
   explicit EventSorter(int width, bool causes = false, std::int64_t from_us = 0)
       : width_(width), with_causes_(causes), from_us_(from_us) {}
 
-  // Batch by batch. Events to come lie between these times; the better they are spread over them, the faster.
+  // Batch by batch: the next events lie between these times. Sorting is fastest if they are spread evenly over them.
   void begin(std::span<const double> t_us);
   // Appends the events before `until_us` to `out`, sorted; keeps the others.
   void take(std::int64_t until_us, LabelledEvents& out);
 
-  // Or: events of [from_us, to_us) are held, whatever their order, until all are there. What drop_outside() finds
-  // beside them is forgotten. sink(events, last) then gets them, part by part.
+  // Or by window: holds events of [from_us, to_us) until all are added; drop_outside() discards all others. Then
+  // take_window() passes them to sink(events, last), part by part.
   void begin_window(std::int64_t from_us, std::int64_t to_us);
   void drop_outside();
   void take_window(const std::function<void(LabelledEvents&, bool)>& sink);
 
-  // To be filled; call for all before any is filled in parallel. Sorting is fastest when higher indices have higher
+  // A part to fill. Create all parts before filling them in parallel. Sorting is fastest if higher indices hold higher
   // pixels.
   EventSlots& part(std::size_t index);
 

@@ -1,6 +1,6 @@
 #pragma once
-// Light between two keyframes, carried along the motion of the surfaces that are seen (docs/reference/sensor.md,
-// Motion). Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between
+// Light between two keyframes, warped along the motion of the visible surfaces (docs/reference/sensor.md, Motion).
+// Conventions: positions in pixels, x right, y down, pixel (x, y) has its centre at (x, y); an instant between
 // the keyframes is their fraction s in [0, 1]. Start and end of an interval are its two keyframes.
 #include <cstddef>
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace pecs::sensor {
 
-// Channels of the layer `motion` (docs/reference/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points seen at
-// the start, then the same of those seen at the end, back to the start.
+// Channels of the layer `motion` (docs/reference/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points visible
+// at the start, then the same of those visible at the end, back to the start.
 inline constexpr std::size_t kMotionChannels = 12;
 
 // Throws bad_input unless there are 2, 4 or 12 values a pixel, as Carrier takes them.
@@ -22,13 +22,13 @@ void check_motion_size(std::size_t values, int width, int height);
 // Both keyframes, or one of them alone.
 enum class CarrySide { both, first, second };
 
-// The motion of one interval, prepared for any number of instants. May be used by many threads; the result depends on
-// neither their number nor the order of calls.
+// The motion of one interval, prepared for any number of instants. Thread-safe; the result depends on neither the
+// number of threads nor the order of calls.
 class Carrier {
  public:
-  // motion: [12][height][width], of the layer. Or [2]: forward optical flow alone, x and y [px] from the start; or [4]:
-  // forward and backward flow; what moves more then counts as nearer. What is not finite is not known (a depth may be
-  // infinite). Throws bad_input for another size. In the caller's TBB arena.
+  // motion: [12][height][width], of the layer. Or [2]: forward optical flow, x and y [px] from the start; or [4]:
+  // forward and backward flow; with flow, points that move more count as nearer. Values that are not finite are unknown
+  // (a depth may be infinite). Throws bad_input for another size. In the caller's TBB arena.
   Carrier(std::span<const float> motion, int width, int height);
   // Of the interval that begins at a frame of a source with motion.
   Carrier(const FrameSource& source, std::int64_t frame);
@@ -36,18 +36,19 @@ class Carrier {
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;
 
-  // No point's path within the interval is longer [px], as far as the picture is wide and high. 0: nothing moves.
+  // Upper limit of the paths of all points within the interval [px], clamped to the picture's diagonal. 0: nothing
+  // moves.
   double longest_path_px() const;
-  // Fractions in (0, 1), evenly spaced, between which nothing moves more than half a pixel (of so many subpixels), nor
-  // less than a microsecond passes in an interval of this length.
+  // Evenly spaced fractions in (0, 1), so that nothing moves more than half a pixel (of so many subpixels) from one to
+  // the next. In an interval of this length they are at least a microsecond apart.
   std::vector<double> instants(double length_us, int subpixels = 1) const;
 
   // Planes of light at fractions s, [fraction][plane], from those at the start and at the end; each [height * width].
-  // Together they cost less than one by one. s = 0 and s = 1 give the keyframes; equal values that nothing moves over
-  // stay as they are. Where both keyframes show a point they are blended in ln, s being the weight of the second; where
-  // one shows it that one counts; where none does, or the motion is not known, both are blended at the pixel itself.
-  // With one side alone such pixels are NaN. Light that is not finite counts as not seen. Of rows that no one wants
-  // (all but `rows`) the values are any. In the caller's TBB arena.
+  // One call for several costs less than several calls. s = 0 and s = 1 give the keyframes; where nothing moves, equal
+  // values stay bit-identical. A point that both keyframes show is blended in ln, with weight s of the second; a point
+  // that one keyframe shows is taken from it. Pixels whose point neither shows, or whose motion is unknown, are blended
+  // in place; with one side they are NaN. Light that is not finite counts as not visible. Rows outside `rows` are
+  // unspecified. In the caller's TBB arena.
   void planes(std::span<const float* const> first, std::span<const float* const> second,
               std::span<const double> fractions, std::span<float* const> out, CarrySide side = CarrySide::both,
               Region rows = {0, kMaxSide}) const;
@@ -55,10 +56,10 @@ class Carrier {
     planes({&first, 1}, {&second, 1}, {&s, 1}, {&out, 1});
   }
 
-  // Numbers of what is seen (object ids), from planes of them at the start and at the end, [height * width]: for each
-  // sight that of the point which is visible there and then, of the keyframe nearer in time if both show it, never
-  // blended. Where none shows it, or the motion is not known: what both planes have at the pixel, or 0. Sights with one
-  // fraction after the other cost least. In the caller's TBB arena.
+  // Labels (object ids) at pixels and instants, from planes of labels at the start and at the end, [height * width]:
+  // each sight gets the label of the point visible there, from the keyframe nearer in time if both show it. Labels are
+  // never blended. If neither shows the point, or the motion is unknown, it is the label that both planes have at the
+  // pixel, or 0. Sights sorted by fraction cost least. In the caller's TBB arena.
   struct Sight {
     std::int32_t pixel;  // y * width + x
     double fraction;
@@ -67,8 +68,8 @@ class Carrier {
               std::span<std::int32_t> out) const;
 
  private:
-  struct Interval;
-  std::unique_ptr<Interval> interval_;
+  struct KeyframeInterval;
+  std::unique_ptr<KeyframeInterval> interval_;
 };
 
 }  // namespace pecs::sensor

@@ -13,7 +13,7 @@
 namespace pecs::sensor {
 
 struct PhotocurrentOptions {
-  std::optional<double> fnumber;         // of the lens, for radiance: E = pi L / (4 N^2); the stack's own if not given
+  std::optional<double> fnumber;         // of the lens, for radiance: E = pi L / (4 N^2); default: the stack's
   std::optional<double> gain;            // for relative units: amperes = gain * lambda_nm * QE * weight_nm, Eq. 6's C
   std::optional<double> photocurrent_a;  // of relative light 1 in all bands
 };
@@ -21,31 +21,31 @@ inline constexpr double kDefaultWhite_a = 1e-12;
 
 // Amperes in a pixel of the chip per unit of each band's value. The pixel's area is the chip's: a stack of coarser
 // pixels (a quick render) gives each of them the light of one real pixel. Throws bad_input for radiance with neither
-// f-number nor gain, and when the chip sees none of the bands.
+// f-number nor gain, and if the QE is 0 in all bands.
 std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options);
 
-// Monte Carlo instead of the sum over all bands (Eq. 8-11): `n` bands are drawn with the probability of their share in
-// the mean light, `mean_light` of each band, and weighted by its inverse. The same bands for all pixels. Bands that
-// were not drawn get 0.
+// Monte Carlo instead of the sum over all bands (Eq. 8-11): draws `n` bands, each with a probability proportional to
+// its share in the mean light (`mean_light` by band), and weights them by its inverse. All pixels share the drawn
+// bands; the other bands get 0.
 std::vector<double> monte_carlo(const std::vector<double>& amperes, const std::vector<double>& mean_light, int n,
                                 std::uint64_t seed);
-// The same by the light of the source's first frame, with what the draw costs: RMS over its pixels of ln of the ratio
-// to the sum over all bands, the mean ratio taken out.
+// The same with the light of the source's first frame, and the error: RMS over its pixels of ln of the ratio to the sum
+// over all bands, with the mean ratio removed.
 struct DrawnBands {
   std::vector<double> amperes;
   double rms_error_of_ln = 0;
 };
 DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& amperes, int n, std::uint64_t seed);
 
-// Planes of photocurrent [fA], without dark current. May be used by many threads.
+// Reads planes of photocurrent [fA], without dark current. Thread-safe.
 class PhotocurrentReader {
  public:
   // amperes: per unit of each band's value. The source must outlive the reader.
   PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes);
   const FrameSource& source() const { return source_; }
   const StackInfo& info() const { return source_.info(); }
-  // Rows [begin, end) of a frame into plane: [(end - begin) * width]. Not finite stays so (NaN: a pixel holds its last
-  // value); negative light is 0.
+  // Rows [begin, end) of a frame into plane: [(end - begin) * width]. Values that are not finite become NaN (a pixel
+  // keeps its last value there); negative light becomes 0.
   void read(std::int64_t frame, int begin, int end, float* plane);
   // The whole frame with its subpixels: [height * subpixels * width * subpixels].
   void read_fine(std::int64_t frame, float* plane);
@@ -63,7 +63,7 @@ class PhotocurrentReader {
   std::atomic<std::int64_t> not_finite_{0}, negative_{0};
 };
 
-// The photocurrent below which a part of a plane's pixels lies (finite values only; 0 for none). Reorders `values_fa`.
+// Quantile of a plane's finite values; 0 without any. Reorders `values_fa`.
 double quantile_fa(std::vector<float>& values_fa, double part);
 
 }  // namespace pecs::sensor

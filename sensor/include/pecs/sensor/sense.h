@@ -20,26 +20,25 @@ namespace pecs::sensor {
 
 struct SenseOptions {
   std::filesystem::path stack, output;
-  std::optional<std::string> format;  // of the output; else from its name
+  std::optional<std::string> format;  // of the output; default: from its name
   std::string chip = "imx636";
   std::vector<std::string> overrides;  // "key=value"
   bool no_noise = false;               // photon noise, leak, background and mismatch off
   std::uint64_t seed = 1;
   int threads = 0;   // 0: all
-  FrameTimes times;  // for frames without times of their own
+  FrameTimes times;  // of frames that have none
   PhotocurrentOptions light;
-  int monte_carlo_bands = 0;                    // > 0: so many bands, drawn, instead of the sum over all
+  int monte_carlo_bands = 0;                    // > 0: number of drawn bands; 0: the sum over all bands
   std::shared_ptr<FrameSource> source;          // instead of `stack`
-  ModelChoice model;                            // white_fa 0: the brightest 0.5 % of the first frame are white
-  bool ideal_readout = false;                   // else the chip's (readout.h)
+  ModelChoice model;                            // white_fa 0: the 99.5 % quantile of the first frame
+  bool ideal_readout = false;                   // instead of the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
   Window window;                                // of the output
-  bool motion = true;                           // light between frames along the source's motion, if it has any
+  bool motion = true;                           // warp light between frames along the source's motion, if it has any
   bool quiet = false;
-  // Sees the events as they are written, their times from the window's start. False: that is enough, the output ends
-  // here.
+  // Called with the events that are written, their times from the window's start. False ends the output there.
   std::function<bool(std::span<const events::Event>)> watch;
-  // Told the part of the work that is done, 0 to 1 (not of a live source). False: stop; sense() throws interrupted.
+  // Called with the completed share of the work, 0 to 1 (not for a live source). False: sense() throws interrupted.
   std::function<bool(double)> progress;
 };
 
@@ -48,8 +47,8 @@ struct SenseReport {
   Json results;  // counts, rates, light
 };
 
-// Memory does not grow with the length of a stack. Of a loop whose frames do not fit into memory it grows with the
-// number of events. Throws pecs::Error; then the output does not exist.
+// Memory does not grow with the length of a stack. For a loop whose frames do not fit into kLoopBytes it grows with the
+// number of events. Throws pecs::Error; the output does not exist then.
 SenseReport sense(const SenseOptions& options);
 
 }  // namespace pecs::sensor

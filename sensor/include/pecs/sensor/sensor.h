@@ -12,13 +12,13 @@
 
 namespace pecs::sensor {
 
-// Frames as they come to batches as the models want them.
+// Converts frames as they are pushed to the batches of pixel models.
 class FrameClock {
  public:
   // t_us: one per plane. Throws bad_input for times that do not rise or that leave [0, kMostTime_us].
   FrameBatch batch(std::span<const float* const> planes, std::span<const double> t_us, bool last);
   void check(std::span<const double> t_us) const;  // throws as batch() does
-  // Events before this are complete: an interval's come with the second frame after it, or with `last`.
+  // Events before this time are complete: those of an interval are when the second frame after it, or `last`, is known.
   std::int64_t final_us() const { return final_us_; }
   std::int64_t frames() const { return frames_; }
 
@@ -27,7 +27,7 @@ class FrameClock {
   std::vector<double> recent_t_us_;  // of the last two frames
 };
 
-// A pixel model, tile by tile, in parallel in the caller's TBB arena.
+// Runs a pixel model tile by tile, in parallel in the caller's TBB arena.
 class PixelArray {
  public:
   PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa,
@@ -43,8 +43,8 @@ class PixelArray {
 };
 
 struct SensorExtras {
-  bool readout = false;  // the chip's row arbiter and time base; else events leave as they come
-  bool causes = false;   // why they came, of models that tell
+  bool readout = false;  // the chip's row arbiter and time base; else events keep their times
+  bool causes = false;   // report causes (models with tells_causes)
 };
 
 class Sensor {
@@ -55,12 +55,12 @@ class Sensor {
   int width() const { return width_; }
   int height() const { return height_; }
 
-  // planes: [height * width] each, at rising times. Appends the events that are final; `last`: no frame follows, so all
-  // are. Throws bad_input for times that do not rise.
+  // planes: [height * width] each, at increasing times. Appends the events that are final; all of them with `last`: no
+  // frame follows. Throws bad_input for times that do not increase, and then has consumed no frame.
   void push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out);
-  // The same with the motion of the interval before each of them: so many channels a plane, as Carrier takes them; that
-  // of the first plane ever is not looked at. Light between planes is carried along it. Throws bad_input also for
-  // another number of channels.
+  // The same with the motion of the interval before each plane, along which light between planes is warped: 2, 4 or 12
+  // channels a plane, as Carrier takes them. The motion before the very first plane is ignored. Throws bad_input also
+  // for another number of channels.
   void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
                    std::size_t channels, bool last, LabelledEvents& events);
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }

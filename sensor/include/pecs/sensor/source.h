@@ -1,5 +1,5 @@
 #pragma once
-// Where light comes from: EXR stacks (stack.h), and pictures and video (pictures.h, which needs OpenCV).
+// Sources of light: EXR stacks (stack.h), and pictures and video (pictures.h, which needs OpenCV).
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -12,7 +12,7 @@
 
 namespace pecs::sensor {
 
-// Larger pictures are refused before anything is allocated for them.
+// Larger pictures are an error before anything is allocated for them.
 inline constexpr int kMaxSide = 8192;
 
 // W m^-2 nm^-1 on the film, W m^-2 sr^-1 nm^-1 along the ray, or relative: 1 is white.
@@ -20,13 +20,13 @@ enum class Quantity { irradiance, radiance, relative };
 constexpr const char* name_of(Quantity q) {
   return q == Quantity::irradiance ? "irradiance" : q == Quantity::radiance ? "radiance" : "relative";
 }
-// As the OpenEXR layout for spectral images writes them.
+// Units as in the OpenEXR layout for spectral images.
 constexpr const char* unit_of(Quantity q) {
   return q == Quantity::irradiance ? "W.m^-2.nm^-1" : q == Quantity::radiance ? "W.m^-2.sr^-1.nm^-1" : "1";
 }
 
-// What a stack holds beside its times: files of their own, one per instant, or one per interval between neighbouring
-// instants (with a period, one more: from the last instant on).
+// A layer of a stack: files of one kind, one per frame, or one per interval between neighbouring frames (with a period,
+// one more: from the last frame on).
 struct Layer {
   std::string name, prefix;           // files are <prefix>000000.exr, …
   std::vector<std::string> channels;  // in the order of values
@@ -38,15 +38,15 @@ inline constexpr const char *kLight = "light", *kMotion = "motion";
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;
   int width = 0, height = 0;  // pixels
-  int subpixels = 1;          // files of a stack hold so many values a pixel, in x and in y
+  int subpixels = 1;          // values per pixel in a stack's files, along x and along y
   int file_width() const { return width * subpixels; }
   int file_height() const { return height * subpixels; }
-  bool has_between = false;  // pictures between frames may lie in the stack
-  bool has_light = true;     // false: layers alone; a read of the light throws
+  bool has_between = false;  // there may be pictures between frames
+  bool has_light = true;     // false: only other layers; reading the light throws
   std::optional<double> pixel_pitch_m;
-  std::optional<double> fnumber;  // of the camera that radiance was seen by
+  std::optional<double> fnumber;  // of the camera, for radiance
   std::vector<Band> bands;
-  std::vector<std::int64_t> times_ns;  // rising
+  std::vector<std::int64_t> times_ns;  // increasing
   std::optional<std::int64_t> period_ns;
   std::vector<Layer> layers;  // of an EXR stack; the first is the light
 };
@@ -65,38 +65,37 @@ class FrameSource {
   virtual const StackInfo& info() const = 0;
   virtual std::int64_t frames() const = 0;
   virtual std::string name() const = 0;    // for errors
-  virtual std::string layout() const = 0;  // what was found: "EXR stack", "RGB EXR", ...
-  // Rows [begin, end) of a frame (end 0: all) in blocks, in order. May be called from many threads.
+  virtual std::string layout() const = 0;  // kind of source: "EXR stack", "RGB EXR", ...
+  // Rows [begin, end) of a frame (end 0: all) in blocks, in order. Thread-safe.
   virtual void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const = 0;
   // All rows of a frame with its subpixels: width * subpixels columns.
   virtual void read_fine_rows(std::int64_t index, const RowSink& sink) const { read_rows(index, sink); }
-  virtual void will_read(std::int64_t) const {}  // a frame soon
-  // Whether it knows where what is seen moves to (the layer kMotion), and all rows of the motion of the interval that
-  // begins at a frame, in the channels that Carrier takes (motion.h). May be called from many threads.
+  virtual void will_read(std::int64_t) const {}  // hint: the frame is read soon
+  // Whether the source has motion (the layer kMotion), and all rows of the motion of the interval that begins at a
+  // frame, in the channels that Carrier takes (motion.h). Thread-safe.
   virtual bool has_motion() const { return false; }
   virtual void read_motion(std::int64_t, const RowSink&) const {}
-  // Pictures within the interval that begins at a frame: their times, as info().times_ns counts, rising; and all rows
-  // of one of them with its subpixels, NaN where it was not rendered.
+  // Pictures within the interval that begins at a frame: their times, on the clock of info().times_ns, increasing; and
+  // all rows of one of them with its subpixels, NaN where it was not rendered.
   virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }
   virtual void read_between(std::int64_t, std::size_t, const RowSink&) const {}
 
-  // A live source (a camera, a video as it plays) has the newest frame alone, and no end that is known. next_us() waits
-  // for a frame, which read_rows then gives, and returns its time [us]; nothing at the end. Before the first call the
-  // first frame can be read.
+  // A live source (a camera, a video as it plays) holds only its newest frame, and its end is unknown. next_us() waits
+  // for a frame, which read_rows then reads, and returns its time [us], or nothing at the end. The first frame can be
+  // read before the first call.
   virtual bool is_live() const { return false; }
   virtual std::optional<double> next_us() { return {}; }
 };
 
-// Times of frames that do not know their own: by rate, or from a text file with one time in us a line ('#' starts a
-// comment). Throws bad_input for neither, too few lines, or times that do not rise.
+// Times of frames that have none: by frame rate, or from a text file with one time in us per line ('#' starts a
+// comment). Throws bad_input for neither, a wrong number of lines, or times that do not increase.
 struct FrameTimes {
   std::optional<double> fps;
   std::optional<std::filesystem::path> file_us;
   std::vector<std::int64_t> of(std::int64_t frames, const std::string& source) const;  // ns
 };
 
-// Files of a folder with one of these endings (lower case, with the dot), in the order a person would sort them:
-// frame_2 before frame_10.
+// Files of a folder with one of these endings (lower case, with the dot), in natural order: frame_2 before frame_10.
 std::vector<std::filesystem::path> files_in_order(const std::filesystem::path& folder,
                                                   std::span<const std::string> endings);
 

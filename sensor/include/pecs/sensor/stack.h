@@ -1,7 +1,7 @@
 #pragma once
 // The EXR stack (contract 1, docs/reference/exr_stack.md): a folder with stack.json and OpenEXR files, one per instant
-// and layer. Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands of rising
-// wavelength. A layer is meant by its name; the light's is kLight.
+// and layer. Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands by
+// increasing wavelength. A layer is given by its name; the light's is kLight.
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -26,9 +26,9 @@ StackInfo parse_stack_info(const Json& json, const std::string& file);
 
 // Throws bad_input naming `folder` for a layer that the stack lacks.
 const Layer& layer_of(const StackInfo& info, std::string_view name, const std::filesystem::path& folder);
-// How many frames a layer has when the stack is complete.
+// Number of files of a layer in a complete stack.
 std::int64_t planned_frames(const StackInfo& info, const Layer& layer);
-// Begin and end of an interval between neighbouring instants; throws bad_input naming `folder` for one that is none.
+// Begin and end of an interval between neighbouring frames. Throws bad_input naming `folder` for a wrong index.
 std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::int64_t interval,
                                                   const std::filesystem::path& folder);
 // Values of a layer's frame: [channels][rows][columns] of its file.
@@ -36,17 +36,18 @@ std::size_t frame_values(const StackInfo& info, const Layer& layer);
 
 class StackWriter {
  public:
-  // Creates the folder and writes stack.json first, or continues a stack whose stack.json says the same.
-  // Throws bad_output naming the key that differs.
+  // Creates the folder and writes stack.json first, or continues a stack with an equal stack.json. Throws bad_output
+  // naming the key that differs.
   StackWriter(std::filesystem::path folder, const Json& stack_json);
   const StackInfo& info() const { return info_; }
   const std::filesystem::path& folder() const { return folder_; }
-  // True if the frame is whole on disk (its last row can be read and its time is right).
+  // Whether the frame is complete on disk: its last row can be read and its time is right.
   bool has_frame(std::int64_t index, std::string_view layer = kLight) const;
-  // values: [channels][rows][columns]. The file appears whole or not at all. The light keeps 12 bits of its mantissa.
+  // values: [channels][rows][columns]. The file appears complete or not at all. Light is rounded to 12 bits of
+  // mantissa.
   void write_frame(std::int64_t index, std::span<const float> values, std::string_view layer = kLight) const;
-  // Light at an instant within an interval, NaN where it was not rendered; `number` rises with the time. has_between:
-  // whether it is whole on disk.
+  // A picture within an interval, NaN where it was not rendered; `number` increases with the time. has_between: whether
+  // it is complete on disk.
   bool has_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns) const;
   void write_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns,
                      std::span<const float> values) const;
@@ -65,8 +66,8 @@ class StackReader : public FrameSource {
   // Reads stack.json; without one, the header of the first EXR file (of any name, in natural order): spectral channels
   // S0.<wavelength>nm (pbrt-v4, Mitsuba, …), pbrt's Radiance.C01 to C31 (400 to 700 nm), or R, G, B (relative light at
   // 465, 550 and 610 nm), and times from `times`. Throws not_found (folder, no frames), bad_input (a gap, wrong
-  // channels, no times, …). Trailing frames may be missing: frames() counts those of the light that are there; in a
-  // stack without light, the instants.
+  // channels, no times, …). Trailing frames may be missing: frames() counts those of the light on disk; in a stack
+  // without light, the times.
   explicit StackReader(std::filesystem::path folder, const FrameTimes& times = {});
   const StackInfo& info() const override { return info_; }
   const std::filesystem::path& folder() const { return folder_; }
@@ -74,15 +75,15 @@ class StackReader : public FrameSource {
   std::string name() const override { return folder_.string(); }
   std::string layout() const override { return layout_; }
   void will_read(std::int64_t index) const override;
-  // Throw bad_input naming stack.json for a layer of that name that is no motion.
+  // Throw bad_input naming stack.json if the layer of that name is not a motion layer.
   bool has_motion() const override;
   void read_motion(std::int64_t interval, const RowSink& sink) const override;
   std::filesystem::path frame_path(std::int64_t index) const;
 
   // Decodes rows [begin, end) of a frame of the light (end 0: all) in blocks, in order; checks its size, channels and
-  // time. Subpixels are averaged. May be called from many threads.
+  // time. Subpixels are averaged. Thread-safe.
   void read_rows(std::int64_t index, const RowSink& sink, int begin = 0, int end = 0) const override;
-  // All rows of the file as they are.
+  // All rows of the file, with subpixels.
   void read_fine_rows(std::int64_t index, const RowSink& sink) const override;
   std::vector<std::int64_t> between_ns(std::int64_t interval) const override;
   void read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const override;

@@ -1,6 +1,6 @@
 #pragma once
-// Which frame comes when: a source's frames once, a periodic stack's again and again, or a live source's as they come;
-// as far as the output's window needs them.
+// The order and times of frames, as far as the output's window needs them: a source's frames once, those of a periodic
+// stack in loops, or those of a live source as they come.
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -13,32 +13,32 @@ namespace pecs::sensor {
 
 struct Window {
   int warmup_loops = 0;       // of a periodic stack, before the output begins
-  std::int64_t start_us = 0;  // the output begins this long after the warm-up
+  std::int64_t start_us = 0;  // the output begins this long after the warm-up (or the first frame)
   std::optional<std::int64_t> duration_us;
 };
 
-// Photocurrents of a loop that are held in memory: of a region of one that is worked through in regions.
+// Most photocurrents of a loop that are held in memory. A larger loop is simulated band by band of rows.
 inline constexpr std::size_t kLoopBytes = std::size_t{128} << 20;
 
 class Timeline {
  public:
-  // Throws bad_input for a loop of what has no period, and for a window that begins beyond the source's end.
+  // Throws bad_input for loops of a source without a period, and for a window that begins beyond the source's end.
   Timeline(FrameSource& source, const Window& window);
 
   bool loops() const { return period_us_ > 0; }
-  // Frames in the order of time: how many are needed (of a live source nobody knows), which one, when.
+  // Frames in the order of time: how many are needed (unknown for a live source), which one, when.
   std::optional<std::int64_t> steps() const { return steps_; }
   std::int64_t frame(std::int64_t step) const { return step % source_.frames(); }
   double t_us(std::int64_t step) const;
-  // Of the output, on this clock.
+  // The output's window on the same clock.
   std::int64_t from_us() const { return from_us_; }
   std::int64_t to_us() const { return to_us_; }
 
-  // A window that goes on beyond the source's end.
+  // For a window that ends beyond the source's end.
   std::vector<std::string> warnings() const { return warnings_; }
 
   FrameSource& source() const { return source_; }
-  // The whole picture. Or, of a loop with pixels that are independent, bands of rows whose frames fit into memory.
+  // The whole picture; or, for a loop with independent pixels, bands of rows whose frames fit into kLoopBytes.
   std::vector<Region> regions(bool pixels_are_independent) const;
 
  private:

@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "huge_pages.h"
+#include "pixels/huge_pages.h"
 #include "models/entry.h"
 
 namespace pecs::sensor {

@@ -1,0 +1,160 @@
+#include "pecs/sensor/photocurrent.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "light/light_kernel.h"
+#include "pecs/error.h"
+#include "pecs/sensor/random.h"
+
+namespace pecs::sensor {
+
+std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options) {
+  constexpr double kElectron_c = 1.602176634e-19, kPlanck_js = 6.62607015e-34, kLight_m_per_s = 299792458;
+  const bool absolute = stack.quantity != Quantity::relative && !options.gain;
+  double film_per_value = 1;
+  if (stack.quantity == Quantity::radiance && absolute) {
+    const std::optional<double> fnumber = options.fnumber ? options.fnumber : stack.fnumber;
+    if (!fnumber) throw bad_input("stack", "quantity", "radiance without --fnumber", "the lens's f-number, or --gain");
+    film_per_value = std::numbers::pi / (4 * *fnumber * *fnumber);
+  }
+  const double area_m2 = chip.pixel_pitch_m * chip.pixel_pitch_m * chip.fill_factor;
+  std::vector<double> weights;
+  double total = 0;
+  for (const Band& band : stack.bands) {
+    const double relative = band.lambda_nm * chip.relative_qe.at(band.lambda_nm);
+    const double amperes_per_watt =  // Eq. 3 solved for R
+        chip.peak_qe * relative * 1e-9 * kElectron_c / (kPlanck_js * kLight_m_per_s);
+    weights.push_back((absolute ? film_per_value * area_m2 * amperes_per_watt : relative) * band.weight_nm);
+    total += weights.back();
+  }
+  if (!(total > 0)) throw bad_input("stack", "bands", "no band within the chip's spectral range", "at least one");
+  if (!absolute) {
+    const double scale = options.gain ? *options.gain : options.photocurrent_a.value_or(kDefaultWhite_a) / total;
+    for (double& w : weights) w *= scale;
+  }
+  return weights;
+}
+
+std::vector<double> monte_carlo(const std::vector<double>& amperes, const std::vector<double>& mean_light, int n,
+                                std::uint64_t seed) {
+  std::vector<double> share;  // cumulated
+  double total = 0;
+  for (std::size_t b = 0; b < amperes.size(); ++b) share.push_back(total += amperes[b] * std::max(0.0, mean_light[b]));
+  if (!(total > 0)) throw bad_input("stack", "first frame", "no light", "light to draw bands by");
+  std::vector<double> weights(amperes.size());
+  for (int k = 0; k < n; ++k) {
+    const double u = total * uniform(random4(seed, static_cast<std::uint32_t>(k), 0, Purpose::bands)[0]);
+    const auto b = static_cast<std::size_t>(std::ranges::upper_bound(share, u) - share.begin());
+    const double p = amperes[b] * mean_light[b] / total;  // Eq. 10
+    weights[b] += amperes[b] / (n * p);                   // Eq. 11
+  }
+  return weights;
+}
+
+namespace {
+
+// The first frame's spectra: [band][pixel]; 0 for values that are negative or not finite.
+struct FirstFrame {
+  explicit FirstFrame(const FrameSource& source)
+      : pixels(static_cast<std::size_t>(source.info().width) * static_cast<std::size_t>(source.info().height)),
+        mean(source.info().bands.size()) {
+    values.resize(mean.size() * pixels);
+    const auto width = static_cast<std::size_t>(source.info().width);
+    source.read_rows(0, [&](int y, int rows, std::span<const float> block) {
+      const std::size_t n = width * static_cast<std::size_t>(rows);
+      for (std::size_t b = 0; b < mean.size(); ++b)
+        for (std::size_t i = 0; i < n; ++i) {
+          const float v = block[b * n + i];
+          if (std::isfinite(v) && v > 0) mean[b] += values[b * pixels + static_cast<std::size_t>(y) * width + i] = v;
+        }
+    });
+    for (double& m : mean) m /= static_cast<double>(pixels);
+  }
+  // RMS over the pixels of ln of the ratio of two weighted sums, with the mean ratio removed.
+  double log_difference(const std::vector<double>& a, const std::vector<double>& b) const {
+    double n = 0, sum = 0, square = 0;
+    for (std::size_t i = 0; i < pixels; ++i) {
+      double x = 0, y = 0;
+      for (std::size_t k = 0; k < mean.size(); ++k) {
+        x += a[k] * values[k * pixels + i];
+        y += b[k] * values[k * pixels + i];
+      }
+      if (!(x > 0 && y > 0)) continue;
+      const double d = std::log(x / y);
+      n += 1;
+      sum += d;
+      square += d * d;
+    }
+    return n > 0 ? std::sqrt(std::max(0.0, square / n - sum / n * (sum / n))) : 0;
+  }
+  std::size_t pixels;
+  std::vector<double> mean;
+  std::vector<float> values;
+};
+
+}  // namespace
+
+DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& amperes, int n, std::uint64_t seed) {
+  const FirstFrame first(source);
+  const std::vector<double> drawn = monte_carlo(amperes, first.mean, n, seed);
+  return {drawn, first.log_difference(drawn, amperes)};
+}
+
+PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes)
+    : source_(source) {
+  for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
+}
+
+void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* plane) {
+  source_.read_rows(frame, sums(info().width, begin, plane), begin, end);
+}
+
+void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
+  source_.read_fine_rows(frame, sums(info().file_width(), 0, plane));
+}
+
+void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, float* plane) {
+  source_.read_between(frame, which, sums(info().file_width(), 0, plane, true));
+}
+
+// has_holes: values that are not finite were not rendered, and are not counted as bad.
+RowSink PhotocurrentReader::sums(int width, int begin, float* plane, bool has_holes) {
+  return [=, this](int y, int rows, std::span<const float> values) {
+    const auto columns = static_cast<std::size_t>(width);
+    const std::size_t n = columns * static_cast<std::size_t>(rows);
+    float* out = plane + static_cast<std::size_t>(y - begin) * columns;
+    if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out, has_holes);
+  };
+}
+
+void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out, bool has_holes) {
+  for (std::size_t i = 0; i < n; ++i) {
+    bool negative = false, not_finite = false;
+    for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
+      negative |= values[b * n + i] < 0;
+      not_finite |= !std::isfinite(values[b * n + i]);
+    }
+    if (not_finite) {
+      out[i] = std::numeric_limits<float>::quiet_NaN();
+      if (!has_holes) ++not_finite_;
+    } else if (negative) {
+      out[i] = std::max(out[i], 0.0f);
+      ++negative_;
+    }
+  }
+}
+
+double quantile_fa(std::vector<float>& values_fa, double part) {
+  std::erase_if(values_fa, [](float v) { return !std::isfinite(v); });
+  if (values_fa.empty()) return 0;
+  const auto at = values_fa.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values_fa.size() - 1));
+  std::ranges::nth_element(values_fa, at);
+  return *at;
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,121 @@
+#include "pecs/sensor/readout.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "pecs/sensor/random.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr std::size_t kServed = 4096;  // served requests that may stay in the queue
+
+}  // namespace
+
+bool is_ideal_readout(const Chip& chip) {
+  return chip.readout_rate_hz == 0 && chip.readout_row_s == 0 && chip.clock_jitter_s == 0 && chip.timestamp_s <= 1e-6;
+}
+
+Readout::Readout(const Chip& chip, int width, int height, std::uint64_t seed)
+    : row_us_(chip.readout_row_s * 1e6),
+      event_us_(chip.readout_rate_hz > 0 ? 1e6 / chip.readout_rate_hz : 0),
+      step_us_(chip.timestamp_s * 1e6),
+      jitter_us_(chip.clock_jitter_s * 1e6),
+      seed_(seed),
+      width_(static_cast<std::size_t>(width)),
+      rows_(static_cast<std::size_t>(height)),
+      waits_(width_ * static_cast<std::size_t>(height)) {}
+
+void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
+  causes_ |= !in.causes.empty();
+  if (const std::size_t most = out.events.size() + in.events.size(); out.events.capacity() < most)
+    out.events.reserve(std::max(most, 2 * out.events.capacity()));
+  for (std::size_t i = 0; i < in.events.size();) {
+    const std::int64_t t_us = in.events[i].t_us;
+    while (has_request() && starts_us(queue_[first_].t_us) < static_cast<double>(t_us)) serve(out);
+    if (!has_request()) i = serve_at_once(in, i, out);
+    for (; i < in.events.size() && in.events[i].t_us == t_us; ++i)
+      wait(in.events[i], causes_ ? in.causes[i] : Cause::signal);
+  }
+  while (last && has_request()) serve(out);
+}
+
+void Readout::wait(const events::Event& e, Cause cause) {
+  if (std::vector<bool>::reference waits = waits_[e.y * width_ + e.x]; waits) {
+    ++dropped_;
+    return;
+  } else {
+    waits = true;
+  }
+  auto& row = rows_[e.y];
+  if (row.empty()) queue_.push_back({e.y, static_cast<double>(e.t_us)});
+  row.push_back({e.x, e.p, cause});
+}
+
+std::size_t Readout::serve_at_once(const LabelledEvents& in, std::size_t first, LabelledEvents& out) {
+  const auto& events = in.events;
+  const std::int64_t t_us = events[first].t_us;
+  std::size_t end = first;
+  while (end < events.size() && events[end].t_us == t_us) ++end;
+  if (end == events.size()) return first;  // more events of this time may follow
+  const auto next_us = static_cast<double>(events[end].t_us);
+  std::size_t i = first;
+  while (i < end && starts_us(static_cast<double>(t_us)) < next_us) {
+    const std::uint16_t y = events[i].y;
+    const std::size_t begin = i;
+    std::size_t sent = 0;
+    stamp(static_cast<double>(t_us));
+    for (; i < end && events[i].y == y; ++i) {
+      if (i > begin && events[i].x == events[i - 1].x) {
+        ++dropped_;
+        continue;
+      }
+      send(events[i], causes_ ? in.causes[i] : Cause::signal, out);
+      ++sent;
+    }
+    finish(static_cast<double>(t_us), sent);
+  }
+  return i;
+}
+
+void Readout::serve(LabelledEvents& out) {
+  const Request request = queue_[first_++];
+  if (!has_request()) {
+    queue_.clear();
+    first_ = 0;
+  } else if (first_ == kServed) {
+    queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(first_));
+    first_ = 0;
+  }
+  auto& row = rows_[request.row];
+  if (row.size() > 1) std::ranges::sort(row, {}, &Waiting::x);
+  stamp(request.t_us);
+  for (const Waiting& w : row) {
+    send({0, w.x, request.row, w.p}, w.cause, out);
+    waits_[request.row * width_ + w.x] = false;
+  }
+  finish(request.t_us, row.size());
+  row.clear();
+}
+
+void Readout::stamp(double request_us) {
+  double stamp_us = starts_us(request_us);
+  if (jitter_us_ > 0) stamp_us += jitter_us_ * gaussian(random4(seed_, 0, served_, Purpose::readout)[0]);
+  // Rounds down; times before the start become the start.
+  const auto ticks = static_cast<std::int64_t>(step_us_ == 1 ? stamp_us : stamp_us / step_us_);
+  last_us_ =
+      std::max<std::int64_t>(last_us_, step_us_ == 1 ? ticks : std::llround(static_cast<double>(ticks) * step_us_));
+}
+
+void Readout::send(events::Event e, Cause cause, LabelledEvents& out) const {
+  e.t_us = last_us_;
+  out.events.push_back(e);
+  if (causes_) out.causes.push_back(cause);
+}
+
+void Readout::finish(double request_us, std::size_t sent) {
+  free_us_ = starts_us(request_us) + row_us_ + event_us_ * static_cast<double>(sent);
+  ++served_;
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,147 @@
+#include "pecs/sensor/sensor.h"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "light/moving_light.h"
+#include "pecs/error.h"
+
+namespace pecs::sensor {
+namespace {
+
+constexpr std::uint32_t kMostTile = 8192;  // pixels
+constexpr std::size_t kTilesPerThread = 16, kPartsPerThread = 4;
+
+// work(tile, events) for the tiles of a region in parallel; consecutive tiles share a part of the sorter. `whole`: the
+// region is one tile.
+template <class Work>
+void for_tiles(PixelRange region, bool whole, EventSorter& sorter, const Work& work) {
+  if (whole) return work(region, sorter.part(0));
+  constexpr std::uint32_t kBlock = PixelModel::kBlock;
+  const auto threads = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
+  const auto wanted = static_cast<std::uint32_t>(region.size() / (kTilesPerThread * threads));
+  const std::uint32_t tile = std::clamp(wanted / kBlock * kBlock, kBlock, kMostTile);
+  const std::size_t first = region.first / tile, tiles = (region.end + tile - 1) / tile - first;
+  const std::size_t parts = std::min(tiles, kPartsPerThread * threads);
+  sorter.part(parts - 1);
+  tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
+    for (std::size_t i = first + part * tiles / parts; i < first + (part + 1) * tiles / parts; ++i) {
+      const auto begin = static_cast<std::uint32_t>(i) * tile;
+      work({std::max(region.first, begin), std::min(region.end, begin + tile)}, sorter.part(part));
+    }
+  });
+}
+
+// One frame of a batch.
+FrameBatch frame_of(const FrameBatch& batch, std::size_t index) {
+  const std::size_t at = batch.t_us.size() - batch.planes.size() + index;
+  const auto first = batch.t_us.begin() + static_cast<std::ptrdiff_t>(at - std::min<std::size_t>(2, at));
+  return {batch.first_frame + static_cast<std::int64_t>(index),
+          {batch.planes[index]},
+          {first, batch.t_us.begin() + static_cast<std::ptrdiff_t>(at + 1)},
+          batch.last && index + 1 == batch.planes.size()};
+}
+
+}  // namespace
+
+void FrameClock::check(std::span<const double> t_us) const {
+  std::optional<double> before;
+  if (!recent_t_us_.empty()) before = recent_t_us_.back();
+  for (std::size_t i = 0; i < t_us.size(); before = t_us[i++])
+    if ((before && !(t_us[i] > *before)) || !(t_us[i] >= 0) || t_us[i] > kMostTime_us)
+      throw bad_input("frames", fmt::format("time of frame {}", frames_ + static_cast<std::int64_t>(i)),
+                      fmt::format("{} us", t_us[i]),
+                      before ? fmt::format("more than {}", *before) : fmt::format("0 to {}", kMostTime_us));
+}
+
+FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<const double> t_us, bool last) {
+  check(t_us);
+  FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
+  batch.t_us.insert(batch.t_us.end(), t_us.begin(), t_us.end());
+  frames_ += std::ssize(planes);
+  // Later intervals' events are rounded to the end of these intervals at the earliest.
+  const std::size_t known = batch.t_us.size();
+  recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),
+                      batch.t_us.end());
+  final_us_ = last ? std::int64_t{1} << (63 - kKeyTimeShift) : known >= 2 ? std::llround(recent_t_us_.front()) : 0;
+  return batch;
+}
+
+PixelArray::PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed,
+                       double unit_fa, bool causes)
+    : model_(open_model(choice, chip, width, height, seed, unit_fa, causes)),
+      independent_(model_traits(choice.name).pixels_are_independent) {}
+
+void PixelArray::advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter) {
+  const bool whole = model_->prefers_whole_region();
+  const auto advance = [&](const FrameBatch& frames) {
+    for_tiles(region, whole, sorter,
+              [&](PixelRange tile, EventSlots& events) { model_->advance(frames, tile, events); });
+  };
+  if (independent_) return advance(batch);
+  for (std::size_t i = 0; i < batch.planes.size(); ++i) {
+    const FrameBatch frame = frame_of(batch, i);
+    for_tiles(region, whole, sorter, [&](PixelRange tile, EventSlots&) { model_->survey(frame, tile); });
+    advance(frame);
+  }
+}
+
+Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa, const ModelChoice& model,
+               const SensorExtras& extras)
+    : width_(width),
+      height_(height),
+      pixels_(model, chip, width, height, seed, unit_fa, extras.causes),
+      sorter_(width, extras.causes) {
+  if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
+}
+
+void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out) {
+  advance(planes, t_us, last, out);
+  if (planes.empty()) return;
+  last_plane_.assign(planes.back(), planes.back() + pixels());
+  last_t_us_ = t_us.back();
+}
+
+void Sensor::push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
+                         std::size_t channels, bool last, LabelledEvents& events) {
+  // Before anything is simulated: an error in a later frame must not cost events of the frames before it.
+  clock_.check(t_us);
+  if (!planes.empty()) check_motion_size(channels * pixels(), width_, height_);
+  MovingLight moving(width_, height_);
+  for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
+    if (!last_plane_.empty()) {
+      const LightInterval interval{.first = {last_plane_.data()},
+                                   .second = {planes[i]},
+                                   .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
+      const double length_us = t_us[i] - last_t_us_;
+      const std::vector<double> instants = interval.carrier->instants(length_us);
+      moving.planes(interval, instants, {0, height_}, [&](std::size_t first, std::span<const float* const> between) {
+        std::vector<double> between_us;
+        for (std::size_t k = 0; k < between.size(); ++k)
+          between_us.push_back(last_t_us_ + length_us * instants[first + k]);
+        advance(between, between_us, false, events);
+        return true;
+      });
+    }
+    push({&planes[i], 1}, {&t_us[i], 1}, last && i + 1 == planes.size(), events);
+  }
+  if (planes.empty()) push({}, {}, last, events);
+}
+
+void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,
+                     LabelledEvents& out) {
+  const FrameBatch batch = clock_.batch(planes, t_us, last);
+  sorter_.begin(batch.t_us);
+  pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);
+  if (!readout_) return sorter_.take(clock_.final_us(), out);
+  fired_.events.clear();
+  fired_.causes.clear();
+  sorter_.take(clock_.final_us(), fired_);
+  readout_->push(fired_, last, out);
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,49 @@
+#pragma once
+// The end of the pipeline: readout, the output's window, the files.
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "pecs/events/format.h"
+#include "pecs/files.h"
+#include "pecs/sensor/readout.h"
+#include "pecs/sensor/sense.h"
+
+namespace pecs::sensor {
+
+// A NumPy file of causes (bytes) that is written during the run; commit() puts the final length into its header.
+class CauseFile {
+ public:
+  explicit CauseFile(const std::filesystem::path& path);
+  void write(std::span<const Cause> causes);
+  void commit();
+
+ private:
+  void write_header();
+
+  AtomicFile file_;
+  std::size_t count_ = 0;
+};
+
+class EventSink {
+ public:
+  EventSink(const SenseOptions& options, const Chip& chip, const Timeline& timeline);
+  // Takes events, sorted across calls, and empties `fired`. `last`: none follow. False: options.watch ends the output.
+  bool write(LabelledEvents& fired, bool last);
+  // Completes the files.
+  void close();
+  Json report() const;  // counts and rates
+
+ private:
+  bool send(LabelledEvents& labelled);
+
+  const SenseOptions& options_;
+  const Timeline& timeline_;
+  std::unique_ptr<events::Writer> writer_;
+  std::optional<Readout> readout_;
+  LabelledEvents sent_;
+  std::optional<CauseFile> causes_;
+  std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;
+};
+
+}  // namespace pecs::sensor

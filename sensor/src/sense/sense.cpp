@@ -1,0 +1,268 @@
+#include "pecs/sensor/sense.h"
+
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "light/feed.h"
+#include "pecs/error.h"
+#include "pecs/progress.h"
+#include "pecs/sensor/sensor.h"
+#include "pecs/sensor/stack.h"
+#include "sense/event_sink.h"
+
+namespace pecs::sensor {
+namespace {
+
+// Reports progress to the terminal and to `options.progress`.
+class ProgressReporter {
+ public:
+  ProgressReporter(const SenseOptions& options, std::int64_t steps)
+      : options_(options),
+        total_(static_cast<std::uint64_t>(steps)),
+        progress_("sense", total_, options.quiet || total_ == 0) {}
+  void at(std::int64_t step) {
+    if (total_ == 0) return;  // live
+    progress_.at(static_cast<std::uint64_t>(step));
+    if (options_.progress && !options_.progress(static_cast<double>(step) / static_cast<double>(total_)))
+      throw Error(ExitCode::interrupted, "sense: stopped");
+  }
+
+ private:
+  const SenseOptions& options_;
+  std::uint64_t total_;
+  Progress progress_;
+};
+
+Chip chip_of(const SenseOptions& options) {
+  const Chip chip = load_chip(options.chip, options.overrides);
+  return options.no_noise ? without_noise(chip) : chip;
+}
+
+// Rejects options that have no effect on this input.
+void reject_unused(const SenseOptions& options, const FrameSource& source) {
+  const PhotocurrentOptions& light = options.light;
+  const std::string quantity = fmt::format("light in {} units", name_of(source.info().quantity));
+  const auto reject = [](const char* option, const std::string& got, const char* wanted) {
+    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
+  };
+  if (light.gain && light.fnumber) reject("--fnumber", "--gain beside it", "one of them");
+  if (light.gain && light.photocurrent_a) reject("--photocurrent", "--gain beside it", "one of them");
+  if (light.fnumber && source.info().quantity != Quantity::radiance) reject("--fnumber", quantity, "radiance");
+  if (light.photocurrent_a && source.info().quantity != Quantity::relative)
+    reject("--photocurrent", quantity, "relative light, or --gain");
+  if (options.model.white_fa > 0 && model_traits(options.model.name).takes_light)
+    reject("--white", "model " + options.model.name, "a model that takes pictures");
+  if (!options.motion && !source.has_motion()) reject("--no-motion", "no layer motion", "a stack that has one");
+}
+
+// The source of a run, checked with all that was asked for before any work begins.
+std::shared_ptr<FrameSource> checked_source(const SenseOptions& options, const Chip& chip) {
+  std::shared_ptr<FrameSource> source =
+      options.source ? options.source : std::make_shared<StackReader>(options.stack, options.times);
+  const StackInfo& info = source->info();
+  const std::string name = source->name();
+  if (!source->is_live() && source->frames() < std::ssize(info.times_ns))
+    throw bad_input(name, "frames", fmt::format("{} so far", source->frames()),
+                    fmt::format("the {} of times_ns", info.times_ns.size()));
+  if (!source->is_live() && source->frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
+  check_fits(chip, info.width, info.height, name);
+  reject_unused(options, *source);
+  model_to_json(options.model);  // throws for an unknown model or parameter
+  return source;
+}
+
+// White of the models that take pictures: the first frame's 99.5 %.
+double white_fa(const FrameSource& source, const std::vector<double>& amperes) {
+  const StackInfo& info = source.info();
+  std::vector<float> first(static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height));
+  PhotocurrentReader(source, amperes).read(0, 0, info.height, first.data());
+  const double white = quantile_fa(first, 0.995);
+  if (!(white > 0)) throw bad_input(source.name(), "first frame", "no light", "--white");
+  return white;
+}
+
+// One run, from light to events: the verbs of step() in their order are the pipeline.
+class SenseRun {
+ public:
+  explicit SenseRun(const SenseOptions& options);
+  SenseReport run();
+
+ private:
+  std::vector<double> amperes();
+  ModelChoice model() const;
+  void run_streaming();
+  void run_loop_in_bands(std::span<const Region> bands);
+  PixelRange pixels_of(Region rows) const;
+  void note_light(const LightBatch& light, PixelRange range);
+  Json config() const;
+  Json light_report();
+
+  const SenseOptions& options_;
+  Json results_;
+  Chip chip_;
+  std::shared_ptr<FrameSource> source_;
+  Timeline timeline_;
+  std::vector<double> amperes_;
+  ModelChoice model_;
+  bool moves_;  // light between frames is warped along the source's motion
+  PhotocurrentReader light_;
+  PixelArray pixels_;
+  EventSorter sorter_;
+  EventSink sink_;
+  std::vector<float> first_fa_;    // light of the first frame
+  std::int64_t light_planes_ = 0;  // given to the pixels
+};
+
+SenseRun::SenseRun(const SenseOptions& options)
+    : options_(options),
+      chip_(chip_of(options)),
+      source_(checked_source(options, chip_)),
+      timeline_(*source_, options.window),
+      amperes_(amperes()),
+      model_(model()),
+      moves_(options.motion && source_->has_motion()),
+      light_(*source_, amperes_),
+      pixels_(model_, chip_, source_->info().width, source_->info().height, options.seed, 1.0,
+              options.labels.has_value()),
+      // The readout of a loop begins after its warm-up.
+      sorter_(source_->info().width, options.labels.has_value(), timeline_.loops() ? timeline_.from_us() : 0),
+      sink_(options, chip_, timeline_) {}
+
+// Per unit of each band's value: of all bands, or of those drawn.
+std::vector<double> SenseRun::amperes() {
+  std::vector<double> all = amperes_per_unit(chip_, source_->info(), options_.light);
+  if (options_.monte_carlo_bands == 0) return all;
+  DrawnBands drawn = draw_bands(*source_, all, options_.monte_carlo_bands, options_.seed);
+  results_["monte_carlo"] = {{"samples", options_.monte_carlo_bands},
+                             {"bands", std::ranges::count_if(drawn.amperes, [](double a) { return a > 0; })},
+                             {"of", all.size()},
+                             {"rms_error_of_ln_photocurrent", drawn.rms_error_of_ln}};
+  return std::move(drawn.amperes);
+}
+
+ModelChoice SenseRun::model() const {
+  ModelChoice model = options_.model;
+  if (!model_traits(model.name).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, amperes_);
+  return model;
+}
+
+SenseReport SenseRun::run() {
+  std::vector<Region> bands;
+  if (!moves_) bands = timeline_.regions(pixels_.pixels_are_independent());
+  if (bands.size() > 1)
+    run_loop_in_bands(bands);
+  else
+    run_streaming();
+  sink_.close();
+
+  results_.update(light_report());
+  results_.update(sink_.report());
+  results_.update({{"width", source_->info().width},
+                   {"height", source_->info().height},
+                   {"frames", source_->frames()},
+                   {"warnings", timeline_.warnings()},
+                   {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
+  if (moves_) results_["dense_steps"] = light_planes_;
+  return {config(), results_};
+}
+
+void SenseRun::run_streaming() {
+  const Region all{0, source_->info().height};
+  ProgressReporter progress(options_, timeline_.steps().value_or(0));
+  FrameClock clock;
+  LabelledEvents events;
+  const auto step = [&](const LightBatch& light) {
+    note_light(light, pixels_of(all));
+    const FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
+    sorter_.begin(frames.t_us);
+    pixels_.advance(frames, pixels_of(all), sorter_);
+    sorter_.take(clock.final_us(), events);
+    if (!sink_.write(events, frames.last)) return false;
+    progress.at(light.steps);
+    return true;
+  };
+  if (moves_)
+    feed_moving(timeline_, light_, step);
+  else
+    feed_frames(timeline_, light_, all, step);
+}
+
+// A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait
+// for those of the others.
+void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
+  const std::int64_t steps = *timeline_.steps();
+  ProgressReporter progress(options_, steps * std::ssize(bands));
+  sorter_.begin_window(timeline_.from_us(), timeline_.to_us());
+  for (std::size_t k = 0; k < bands.size(); ++k) {
+    FrameClock clock;
+    feed_frames(timeline_, light_, bands[k], [&](const LightBatch& light) {
+      note_light(light, pixels_of(bands[k]));
+      pixels_.advance(clock.batch(light.planes, light.t_us, light.last), pixels_of(bands[k]), sorter_);
+      sorter_.drop_outside();
+      progress.at(static_cast<std::int64_t>(k) * steps + light.steps);
+      return true;
+    });
+  }
+  sorter_.take_window([&](LabelledEvents& events, bool last) { sink_.write(events, last); });
+}
+
+PixelRange SenseRun::pixels_of(Region rows) const {
+  const auto first_of = [&](int row) { return static_cast<std::uint32_t>(row * source_->info().width); };
+  return {first_of(rows.begin), first_of(rows.end)};
+}
+
+// For the run record.
+void SenseRun::note_light(const LightBatch& light, PixelRange range) {
+  const std::size_t pixels = pixels_of({0, source_->info().height}).size();
+  if (!light.planes.empty() && first_fa_.size() < pixels && first_fa_.size() == range.first)
+    first_fa_.insert(first_fa_.end(), light.planes[0] + range.first, light.planes[0] + range.end);
+  light_planes_ += std::ssize(light.planes);
+}
+
+Json SenseRun::light_report() {
+  Json out;
+  for (const auto& [name, part] : {std::pair{"p05", 0.05}, {"median", 0.5}, {"p95", 0.95}}) {
+    const double a = 1e-15 * quantile_fa(first_fa_, part);
+    out["photocurrent_a"][name] = a;
+    out["corner_hz"][name] = chip_.corner_hz_per_a * (a + chip_.dark_current_a);
+  }
+  return out;
+}
+
+Json SenseRun::config() const {
+  const auto optional = [](const auto& value) { return value ? Json(*value) : Json(); };
+  const PhotocurrentOptions& light = options_.light;
+  const bool has_white = source_->info().quantity == Quantity::relative && !light.gain;
+  return {{"chip", chip_to_json(chip_)},
+          {"model", model_to_json(model_)},
+          {"readout", options_.ideal_readout ? "ideal" : "chip"},
+          {"input", source_->layout()},
+          {"bands", options_.monte_carlo_bands ? fmt::format("mc:{}", options_.monte_carlo_bands) : "all"},
+          {"gain", optional(light.gain)},
+          {"white_photocurrent_a", has_white ? Json(light.photocurrent_a.value_or(kDefaultWhite_a)) : Json()},
+          {"seed", options_.seed},
+          {"no_noise", options_.no_noise},
+          {"warmup_loops", options_.window.warmup_loops},
+          {"start_us", options_.window.start_us},
+          {"duration_us", optional(options_.window.duration_us)},
+          {"fnumber", optional(light.gain      ? std::nullopt
+                               : light.fnumber ? light.fnumber
+                                               : source_->info().fnumber)},
+          {"fps", optional(options_.times.fps)},
+          {"motion", moves_}};
+}
+
+}  // namespace
+
+SenseReport sense(const SenseOptions& options) {
+  std::optional<tbb::global_control> limit;
+  if (options.threads > 0)
+    limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
+  tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
+  return arena.execute([&] { return SenseRun(options).run(); });
+}
+
+}  // namespace pecs::sensor

@@ -1,0 +1,313 @@
+#include <ImfChannelList.h>
+#include <ImfInputFile.h>
+#include <ImfStringAttribute.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+
+#include "light/light_kernel.h"
+#include "pecs/error.h"
+#include "pecs/sensor/stack.h"
+#include "stack/exr_block.h"
+#include "stack/exr_frame.h"
+
+namespace pecs::sensor {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Rows per decoding step: a compressed block of the file, so that each is decompressed once.
+int rows_per_block(const Imf::Header& header) {
+  if (header.hasTileDescription()) return static_cast<int>(std::min(header.tileDescription().ySize, 256u));
+  switch (header.compression()) {
+    case Imf::ZIPS_COMPRESSION:
+      return 1;
+    case Imf::DWAB_COMPRESSION:
+      return 256;
+    case Imf::PIZ_COMPRESSION:
+    case Imf::B44_COMPRESSION:
+    case Imf::B44A_COMPRESSION:
+    case Imf::DWAA_COMPRESSION:
+      return 32;
+    default:
+      return 16;
+  }
+}
+
+std::int64_t frame_index(const Layer& layer, const std::string& name) {
+  std::int64_t index = -1;
+  if (!name.starts_with(layer.prefix) || !name.ends_with(".exr")) return -1;
+  const char* end = name.data() + name.size() - 4;
+  const auto [stop, ec] = std::from_chars(name.data() + layer.prefix.size(), end, index);
+  return ec == std::errc() && stop == end && name == frame_name(layer, index) ? index : -1;
+}
+
+void check_motion(const Layer& layer, const std::string& file) {
+  static const std::vector<std::string> kChannels = {"x_mid",      "y_mid",      "x_end",      "y_end",
+                                                     "z",          "z_end",      "back_x_mid", "back_y_mid",
+                                                     "back_x_end", "back_y_end", "back_z",     "back_z_end"};
+  if (!layer.per_interval) throw bad_input(file, "layers: motion: at", "instant", "interval");
+  if (layer.channels != kChannels)
+    throw bad_input(file, "layers: motion: channels", fmt::format("{}", fmt::join(layer.channels, " ")),
+                    fmt::format("{}", fmt::join(kChannels, " ")));
+}
+
+std::vector<std::int64_t> frames_in(const fs::path& folder, const Layer& layer) {
+  std::vector<std::int64_t> indices;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (const auto i = frame_index(layer, entry.path().filename().string()); i >= 0) indices.push_back(i);
+  std::sort(indices.begin(), indices.end());
+  return indices;
+}
+
+// Sorted numbers of the pictures within intervals.
+std::map<std::int64_t, std::vector<std::int64_t>> betweens_in(const fs::path& folder) {
+  std::map<std::int64_t, std::vector<std::int64_t>> found;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    long long interval = 0, number = 0;
+    if (std::sscanf(name.c_str(), "between_%lld_%lld.exr", &interval, &number) == 2 &&
+        name == between_name(interval, number))
+      found[interval].push_back(number);
+  }
+  for (auto& [interval, numbers] : found) std::ranges::sort(numbers);
+  return found;
+}
+
+// An EXR sequence of another program.
+struct ForeignStack {
+  StackInfo info;      // without times
+  std::string layout;  // its name
+};
+
+// Weights of bands without any: a band extends halfway to its neighbours, an outer one equally far to both sides, as in
+// the layout of Fichet et al. (pbrt's values are means over such buckets).
+void bucket_weights(std::vector<Band>& bands) {
+  const std::size_t n = bands.size();
+  if (n < 2) return;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t left = i ? i - 1 : 0, right = std::min(i + 1, n - 1);
+    bands[i].weight_nm = (bands[right].lambda_nm - bands[left].lambda_nm) / static_cast<double>(right - left);
+  }
+}
+
+// Found by the names of the channels in a file.
+ForeignStack foreign_stack(const fs::path& path) {
+  return reading(path, [&] {
+    const Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
+    const Imf::Header& header = file.header();
+    ForeignStack f;
+    StackInfo& info = f.info;
+    info.width = width_of(header);
+    info.height = height_of(header);
+    const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
+    info.quantity =
+        units && units->value() == unit_of(Quantity::irradiance) ? Quantity::irradiance : Quantity::radiance;
+    std::vector<std::pair<double, std::string>> found;
+    std::vector<std::string> numbered;
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+      const std::string name = c.name();
+      if (const auto lambda = channel_lambda_nm(name)) found.emplace_back(*lambda, name);
+      if (name.starts_with("Radiance.C")) numbered.push_back(name);  // sorted: C01, C02, …
+    }
+    f.layout = "spectral EXR";
+    if (found.empty() && numbered.size() > 1) {
+      f.layout = "pbrt Radiance.C01…";
+      for (std::size_t i = 0; i < numbered.size(); ++i)
+        found.emplace_back(400 + 300.0 * static_cast<double>(i) / static_cast<double>(numbered.size() - 1),
+                           numbered[i]);
+    }
+    const auto has = [&](const char* name) { return header.channels().findChannel(name) != nullptr; };
+    if (found.empty() && has("R") && has("G") && has("B")) {
+      f.layout = "RGB EXR";
+      info.quantity = Quantity::relative;
+      found = {{465, "B"}, {550, "G"}, {610, "R"}};
+    }
+    if (found.empty() || found.size() > kMaxBands)
+      throw bad_input(path.string(), "channels", fmt::format("{} named S0.<wavelength>nm", found.size()),
+                      fmt::format("1 to {}, or Radiance.C01…, or R, G, B", kMaxBands));
+    std::ranges::sort(found);
+    Layer light{kLight, "", {}, unit_of(info.quantity)};
+    for (const auto& [lambda_nm, name] : found) {
+      info.bands.push_back({lambda_nm, 1});
+      light.channels.push_back(name);
+    }
+    if (f.layout != "RGB EXR") bucket_weights(info.bands);
+    info.layers = {std::move(light)};
+    return f;
+  });
+}
+
+}  // namespace
+
+StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std::move(folder)) {
+  if (!fs::exists(folder_)) throw not_found(folder_.string(), "no such folder");
+  if (!fs::is_directory(folder_)) throw not_found(folder_.string(), "not a folder");
+  const fs::path json_path = folder_ / "stack.json";
+  has_json_ = fs::exists(json_path);
+  if (!has_json_) {
+    static const std::string kExr[] = {".exr"};
+    files_ = files_in_order(folder_, kExr);
+    if (files_.empty()) throw not_found(folder_.string(), "holds no EXR files");
+    frames_ = static_cast<std::int64_t>(files_.size());
+    ForeignStack foreign = foreign_stack(files_[0]);
+    info_ = std::move(foreign.info);
+    layout_ = std::move(foreign.layout);
+    info_.times_ns = times.of(frames_, folder_.string());
+    return;
+  }
+  info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
+  if (info_.has_between) between_ = betweens_in(folder_);
+  const Layer& light = info_.layers[0];
+  if (!info_.has_light) {
+    frames_ = std::ssize(info_.times_ns);
+    return;
+  }
+  const std::vector<std::int64_t> present = frames_in(folder_, light);
+  if (present.empty()) throw not_found(folder_.string(), "holds no frame_000000.exr");
+  for (std::size_t i = 0; i < present.size(); ++i)
+    if (present[i] != static_cast<std::int64_t>(i))
+      throw bad_input(folder_.string(), "frames",
+                      fmt::format("{} missing before {}", frame_name(light, static_cast<std::int64_t>(i)),
+                                  frame_name(light, present[i])),
+                      "no gap");
+  frames_ = static_cast<std::int64_t>(present.size());
+  if (frames_ > static_cast<std::int64_t>(info_.times_ns.size()))
+    throw bad_input(folder_.string(), "frames", std::to_string(frames_),
+                    fmt::format("the {} of times_ns", info_.times_ns.size()));
+}
+
+std::vector<std::int64_t> StackReader::between_ns(std::int64_t interval) const {
+  const auto found = between_.find(interval);
+  if (found == between_.end()) return {};
+  const auto [begin_ns, end_ns] = interval_ns(info_, interval, folder_);
+  std::vector<std::int64_t> times;
+  for (std::size_t k = 0; k < found->second.size(); ++k) {
+    const fs::path path = between_path(interval, k);
+    const std::int64_t last = times.empty() ? begin_ns : times.back();
+    const std::int64_t time = reading(path, [&] { return time_of(Imf::InputFile(path.c_str(), 0).header(), path); });
+    if (time <= last || time >= end_ns)
+      throw bad_input(path.string(), kTimeAttribute, std::to_string(time),
+                      fmt::format("more than {} and less than {}", last, end_ns));
+    times.push_back(time);
+  }
+  return times;
+}
+
+fs::path StackReader::between_path(std::int64_t interval, std::size_t which) const {
+  return folder_ / between_name(interval, between_.at(interval).at(which));
+}
+
+void StackReader::read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const {
+  read_file(between_path(interval, which), info_.layers[0], {}, sink, 0, info_.file_height());
+}
+
+void StackReader::will_read(std::int64_t index) const {
+  const int fd = ::open(frame_path(index).c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return;
+  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
+  ::close(fd);
+}
+
+fs::path StackReader::frame_path(std::int64_t index) const {
+  return has_json_ ? folder_ / frame_name(info_.layers[0], index) : files_.at(static_cast<std::size_t>(index));
+}
+
+bool StackReader::has_motion() const {
+  const auto layer = std::ranges::find(info_.layers, kMotion, &Layer::name);
+  if (layer == info_.layers.end()) return false;
+  check_motion(*layer, (folder_ / "stack.json").string());
+  return true;
+}
+
+void StackReader::read_motion(std::int64_t interval, const RowSink& sink) const {
+  read_rows(interval, layer_of(info_, kMotion, folder_), sink, 0, 0);
+}
+
+void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
+  const int side = info_.subpixels;
+  if (side == 1) return read_rows(index, info_.layers[0], sink, begin, end);
+  std::vector<float> means;
+  const auto average = [&](int y, int rows, std::span<const float> values) {
+    means.resize(values.size() / static_cast<std::size_t>(side * side));
+    average_squares(values, info_.file_width(), side, means);
+    sink(y / side, rows / side, means);
+  };
+  read_rows(index, info_.layers[0], average, begin * side, end * side);
+}
+
+void StackReader::read_fine_rows(std::int64_t index, const RowSink& sink) const {
+  read_rows(index, info_.layers[0], sink, 0, 0);
+}
+
+void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const {
+  if (end == 0) end = info_.file_height();
+  const std::int64_t count = has_json_ ? planned_frames(info_, layer) : frames_;
+  if (index < 0 || index >= count)
+    throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
+  const bool is_light = layer.name == kLight;
+  if (is_light && !info_.has_light) throw bad_input(folder_.string(), "light", "layers alone", "a stack with light");
+  const auto time_ns = has_json_ ? std::optional(info_.times_ns[static_cast<std::size_t>(index)]) : std::nullopt;
+  read_file(is_light ? frame_path(index) : folder_ / frame_name(layer, index), layer, time_ns, sink, begin, end);
+}
+
+void StackReader::read_file(const fs::path& path, const Layer& layer, std::optional<std::int64_t> time_ns,
+                            const RowSink& sink, int begin, int end) const {
+  if (!fs::exists(path)) throw not_found(path.string(), "no such file");
+  reading(path, [&] {
+    Imf::InputFile file(path.c_str(), 0);
+    check_declared_size(file.header(), path);
+    const auto channels = check_header(file.header(), path, info_, layer);
+    if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);
+    const Imath::Box2i box = file.header().dataWindow();
+    const int in_block = rows_per_block(file.header());
+    const bool whole_pixels = in_block % info_.subpixels == 0;
+    const int step = whole_pixels ? in_block : info_.subpixels;
+    const auto zip = whole_pixels ? ZipBlocks::of(file, channels) : nullptr;
+    const auto width = static_cast<std::size_t>(info_.file_width());
+    std::vector<float> values(width * static_cast<std::size_t>(step) * channels.size());
+    for (int y = begin; y < end;) {
+      const int rows = std::min(step - y % step, end - y);  // to the end of the block
+      const auto block = std::span(values).first(width * static_cast<std::size_t>(rows) * channels.size());
+      if (zip) {
+        zip->read(y, rows, block);
+      } else {
+        file.setFrameBuffer(frame_buffer(channels, values.data(), info_.file_width(), rows, box.min.x, box.min.y + y));
+        file.readPixels(box.min.y + y, box.min.y + y + rows - 1);
+      }
+      sink(y, rows, block);
+      y += rows;
+    }
+  });
+}
+
+std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {
+  const Layer& layer = layer_of(info_, name, folder_);
+  return whole(layer, [&](const RowSink& sink) { read_rows(index, layer, sink, 0, 0); });
+}
+
+std::vector<float> StackReader::read_between(std::int64_t interval, std::size_t which) const {
+  return whole(info_.layers[0], [&](const RowSink& sink) { read_between(interval, which, sink); });
+}
+
+std::vector<float> StackReader::whole(const Layer& layer, const std::function<void(const RowSink&)>& read) const {
+  const auto width = static_cast<std::size_t>(info_.file_width());
+  const auto height = static_cast<std::size_t>(info_.file_height());
+  std::vector<float> frame(frame_values(info_, layer));
+  const auto copy = [&](int y, int rows, std::span<const float> values) {
+    const std::size_t block = width * static_cast<std::size_t>(rows);
+    for (std::size_t c = 0; c < layer.channels.size(); ++c)
+      std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(c * block), block,
+                  frame.begin() + static_cast<std::ptrdiff_t>((c * height + static_cast<std::size_t>(y)) * width));
+  };
+  read(copy);
+  return frame;
+}
+
+}  // namespace pecs::sensor
