@@ -177,7 +177,7 @@ class Options:
     light_tree: bool = option(
         False, "reduces noise in scenes with several lamps; if a lamp moves, noise changes in the whole picture"
     )
-    device: str = option("CPU", "Cycles device; a lens requires CPU or OPTIX", choices=DEVICES)
+    device: str = option("CPU", "device of Cycles; a lens requires CPU or OPTIX", choices=DEVICES)
     seed: int = option(1, "random seed", low=0, high=2**31 - 1)
     lens: str | None = option(
         None, "name or file; 'none' for a pinhole or the .blend's camera (radiance); by default the scene's"

@@ -119,7 +119,7 @@ def test_a_simulation_of_another_size_is_refused(pecs_program, root, tmp_path):
         cwd=tmp_path,
     )  # fmt: skip
     assert result.returncode == 4, result.stderr
-    assert "sim.npz: size: got 640 x 480 pixels, wanted 320 x 240, as real.npz" in result.stderr
+    assert "sim.npz: size: got 640 x 480 pixels, wanted 320 x 240, as in real.npz" in result.stderr
 
 
 def test_the_real_recording(pecs_program, shared, tmp_path):

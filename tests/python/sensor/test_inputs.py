@@ -214,7 +214,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
         (["--source", "camera:97", "--view", "--run-time", 1], 3, "camera 97: cannot be opened: no such camera"),
         (["--source", "camera"], 2, "--source camera: valid only with --view"),
         (["x.avi", "--source", "camera", "--view"], 2, "x.avi: an input file and --source camera exclude each other"),
-        (["--source", "video", "--view"], 2, "input: got nothing"),
+        (["--source", "video", "--view"], 2, "the input is missing"),
         (["no.avi", "--source", "video", "--view"], 3, "no.avi: cannot be opened: no such file"),
         (["no.avi"], 3, "no.avi: cannot be opened: no such file or folder"),
     ],
