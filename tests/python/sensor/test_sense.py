@@ -121,7 +121,7 @@ def edit(**change):
 @pytest.mark.parametrize(
     ("damage", "args", "code", "words"),
     [
-        (lambda f: [p.unlink() for p in f.iterdir()] and f.rmdir(), [], 3, "no such folder"),
+        (lambda f: [p.unlink() for p in f.iterdir()] and f.rmdir(), [], 3, "no such file or folder"),
         (lambda f: (f / "frame_000005.exr").unlink(), [], 4, "frame_000005.exr missing"),
         (lambda f: (f / f"frame_{N - 1:06}.exr").unlink(), [], 4, f"got {N - 1} so far, wanted the {N}"),
         (truncate, [], 4, "frame_000007.exr"),
