@@ -179,7 +179,7 @@ TEST(UnwrapTimestamps, UnwrapsACounterAndRejectsOtherDecreases) {
   note.clear();
   EXPECT_EQ(unwrap_timestamps(times({10, 8, 12}), "x.raw", note).events[1].t_us, 8);
   EXPECT_TRUE(note.empty());
-  EXPECT_NE(refusal([&] { unwrap_timestamps(times({5'000'000, 1'234'567}), "x.raw", note); }).find("goes back"),
+  EXPECT_NE(refusal([&] { unwrap_timestamps(times({5'000'000, 1'234'567}), "x.raw", note); }).find("a decrease"),
             std::string::npos);
 }
 
