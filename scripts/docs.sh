@@ -17,7 +17,7 @@ python_packages .venv-docs docs
 
 say "Commands (--help)"
 mkdir -p out/docs
-"$PY" scripts/docs_commands.py -o out/docs/commands.md
+"$PY" scripts/docs/commands.py -o out/docs/commands.md
 say "C header (Doxygen)"
 rm -rf out/docs/c
 (cat scripts/cmake/Doxyfile; echo "PROJECT_NUMBER = $(cat VERSION)") | doxygen - >out/docs/doxygen.log || { cat out/docs/doxygen.log; die "docs.sh: doxygen failed"; }
@@ -29,6 +29,6 @@ fi
 say "Site (out/site)"
 "$DOCS_PY" -m mkdocs build --quiet --strict
 say "Links"
-"$DOCS_PY" scripts/docs_links.py out/site
+"$DOCS_PY" scripts/docs/links.py out/site
 say "done"
 echo "look at: $ROOT/out/site/index.html"

@@ -43,10 +43,10 @@ scripts/check.sh tidy
 scripts/check.sh fuzz 600
 scripts/docs.sh
 scripts/demo.sh
-scripts/wheel_libraries.sh
-"$PY" scripts/make_wheels.py
-scripts/try_wheels.sh  # root
-scripts/make_debian.sh
+scripts/packaging/wheel_libraries.sh
+"$PY" scripts/packaging/make_wheels.py
+scripts/packaging/try_wheels.sh  # root
+scripts/packaging/make_debian.sh
 
 say "ready: what is left for a person"
 cat <<END

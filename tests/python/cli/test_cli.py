@@ -108,7 +108,7 @@ def test_a_wrong_unit_is_one_line(pecs_program, text):
 @pytest.fixture(scope="module")
 def helps(root):
     """Command -> its --help, `pecs` and `pecs_blender` alike."""
-    found = load_script(root / "scripts/docs_commands.py").all_commands()
+    found = load_script(root / "scripts/docs/commands.py").all_commands()
     return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("scripts/tools/")}
 
 

@@ -107,7 +107,7 @@ def test_every_block_that_is_not_run_says_why():
 @cache
 def helps():
     """Command -> its --help."""
-    script = load_script(ROOT / "scripts/docs_commands.py")
+    script = load_script(ROOT / "scripts/docs/commands.py")
     return dict(script.all_commands())
 
 
@@ -242,6 +242,6 @@ def test_numbers_begin_with_a_digit():
 def test_the_link_check_finds_what_is_broken(tmp_path):
     (tmp_path / "a.html").write_text('<h1 id="x"></h1><a href="b.html#y">1</a><a href="c.html">2</a><a href="#x">3</a>')
     (tmp_path / "b.html").write_text('<p id="z"></p><a href="a.html#x">4</a><a href="https://else.example/">5</a>')
-    command = [sys.executable, ROOT / "scripts/docs_links.py", tmp_path]
+    command = [sys.executable, ROOT / "scripts/docs/links.py", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and done.stderr.splitlines() == ["a.html: b.html#y", "a.html: c.html"]

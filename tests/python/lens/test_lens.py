@@ -85,10 +85,10 @@ def test_every_shipped_lens_is_on_the_page_of_charts(root):
     page = (root / "docs/reference/lenses.md").read_text()
     for path in (root / "lens_data/lenses").glob("*.json"):
         assert f"\n## {path.stem}\n" in page and (root / f"docs/reference/lenses/{path.stem}.svg").is_file(), (
-            "run scripts/lens_charts.py"
+            "run scripts/docs/lens_charts.py"
         )
         efl = pecs.Lens(path.stem).info()["efl_mm"]
-        assert f"| [{path.stem}](#{path.stem}) | {efl:.3f} |" in page, "run scripts/lens_charts.py"
+        assert f"| [{path.stem}](#{path.stem}) | {efl:.3f} |" in page, "run scripts/docs/lens_charts.py"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """docs/reference/lenses.md and the charts in docs/reference/lenses/, of every lens in lens_data/lenses.
 
-.venv/bin/python scripts/lens_charts.py    (needs build/release/bin/pecs, or build/dev/bin/pecs)
+.venv/bin/python scripts/docs/lens_charts.py    (needs build/release/bin/pecs, or build/dev/bin/pecs)
 """
 
 import json
@@ -9,12 +9,12 @@ import math
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FILMS = {"36 x 24": (36.0, 24.0), "6.22 x 3.50": (6.2208, 3.4992)}  # the larger where the lens lights its corner
 LEAST_LIGHT = 0.02
 PREFACE = """# The shipped lenses
-Written by `scripts/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and 6.2208 x 3.4992 mm
-(1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal. Distortion,
+Written by `scripts/docs/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and
+6.2208 x 3.4992 mm (1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal. Distortion,
 illumination and spot at 587.6 nm; the spot on the axis and in the corner, RMS. What is estimated in a prescription
 (housing radii, matched glasses) its file says. A C-mount leaves 17.5 mm behind its flange: the choice from 5 to 50 mm
 is the `cmount_*` lenses and `dgauss_50mm_tronnier`.

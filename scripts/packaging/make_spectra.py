@@ -1,5 +1,5 @@
-"""Writes lens_data/spectra from colour-science's data: `.venv/bin/python scripts/make_spectra.py`. (BSD-3-Clause, see
-lens_data/spectra/LICENSE.colour; the numbers of CIE publications are facts.)"""
+"""Writes lens_data/spectra from colour-science's data: `.venv/bin/python scripts/packaging/make_spectra.py`.
+(BSD-3-Clause, see lens_data/spectra/LICENSE.colour; the numbers of CIE publications are facts.)"""
 
 import warnings
 from pathlib import Path
@@ -8,7 +8,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import colour
 
-FOLDER = Path(__file__).resolve().parents[1] / "lens_data" / "spectra"
+FOLDER = Path(__file__).resolve().parents[2] / "lens_data" / "spectra"
 AS_TABULATED = "as tabulated in colour-science 0.4"
 CIE_15 = "CIE 15:2018"
 

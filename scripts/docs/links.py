@@ -1,8 +1,8 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Checks that every link inside a built site leads to a file that is there, and to a place in it that is there. Links
 to other sites are not followed: the check needs no network.
 
-scripts/docs_links.py SITE
+scripts/docs/links.py SITE
 """
 
 import sys
@@ -49,7 +49,7 @@ def main():
     site = Path(sys.argv[1]).resolve()
     pages = len(list(site.rglob("*.html")))
     if not pages:
-        sys.exit(f"docs_links.py: {site}: got no pages, wanted a built site")
+        sys.exit(f"links.py: {site}: got no pages, wanted a built site")
     found = list(broken(site))
     for page, link in found:
         print(f"{page}: {link}", file=sys.stderr)

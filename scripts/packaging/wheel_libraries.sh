@@ -5,8 +5,8 @@
 #   libtiff no JBIG, which is GPL
 #   HDF5    static, files only; Debian's brings curl, LDAP and Kerberos
 #   Ceres   static, dense solvers only; Debian's brings SuiteSparse, which is GPL in part, and LAPACK
-# All from Debian's source packages. scripts/make_wheels.py uses them; docs/reference/wheels.md says more.
-source "$(dirname "$0")/lib.sh"
+# All from Debian's source packages. scripts/packaging/make_wheels.py uses them; docs/reference/wheels.md says more.
+source "$(dirname "$0")/../lib.sh"
 FOLDER="$ROOT/build/wheel-libraries"
 BUILD="$FOLDER/build"
 JOBS=$(nproc)

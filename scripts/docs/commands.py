@@ -1,7 +1,7 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Writes the page of all commands from what they say to --help.
 
-.venv/bin/python scripts/docs_commands.py -o commands.md
+.venv/bin/python scripts/docs/commands.py -o commands.md
 """
 
 import argparse
@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "build/release/bin/pecs"
 TOOLS = sorted(p for p in (ROOT / "scripts/tools").glob("*.py"))
 HEAD = """# Commands
@@ -30,7 +30,7 @@ def help_of(command: list[str]) -> str:
     env = os.environ | {"COLUMNS": "80", "PYTHONPATH": f"{ROOT / 'python'}:{ROOT / 'blender_addon'}"}
     done = subprocess.run([*command, "--help"], capture_output=True, text=True, env=env, cwd=ROOT)
     if done.returncode:
-        sys.exit(f"docs_commands.py: {' '.join(command)} --help: got code {done.returncode}, wanted 0\n{done.stderr}")
+        sys.exit(f"commands.py: {' '.join(command)} --help: got code {done.returncode}, wanted 0\n{done.stderr}")
     return done.stdout.strip()
 
 

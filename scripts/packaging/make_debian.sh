@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Builds the Debian packages of scripts/packaging/debian from what is committed, into dist/debian, and asks lintian about them.
 # Needs the packages of scripts/setup.sh; it takes as long as a build of PECS.
-#   scripts/make_debian.sh
-source "$(dirname "$0")/lib.sh"
+#   scripts/packaging/make_debian.sh
+source "$(dirname "$0")/../lib.sh"
 debian_packages debhelper dh-python dpkg-dev fakeroot lintian
 VERSION=$(cut -d' ' -f1 VERSION)
 OUT="$ROOT/dist/debian"

