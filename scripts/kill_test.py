@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_lab.program import program
+from pecs_lab.scenes import write_stack
 
 ROOT = Path(__file__).resolve().parents[1]
 RENDER = [
@@ -150,19 +151,8 @@ def differing(whole: Path, broken: Path) -> list[str]:
 
 
 def stack(folder: Path) -> Path:
-    size, pi = (180, 320), np.pi
-    bands = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
-    json_ = {
-        "pecs_stack": 1, "quantity": "irradiance", "width": size[1], "height": size[0], "pixel_pitch_m": 4.86e-6,
-        "bands": bands, "times_ns": [i * 1_000_000 for i in range(100)], "period_ns": None, "lens": None, "scene": {},
-        "render": {}, "versions": {},
-    }  # fmt: skip
-    with pecs.StackWriter(folder, json_) as writer:
-        for i in range(100):
-            x = np.arange(size[1]) / size[1] - i / 100
-            light = np.broadcast_to(1e-6 * (2 + np.sin(16 * pi * x)), (1, *size))
-            writer.write_frame(i, light.astype(np.float32))
-    return folder
+    x = np.arange(320) / 320 - np.arange(100)[:, None, None] / 100
+    return write_stack(folder, 1e-6 * (2 + np.sin(16 * np.pi * x)) * np.ones((180, 1)), 1000)
 
 
 def disk_events(count: int) -> np.ndarray:

@@ -99,16 +99,10 @@ def board(index: int, keep: Path) -> dict:
     }
     real, sim = keep / f"board{index}_real.npz", keep / f"board{index}_sim.npz"
     if not (real.exists() and sim.exists()):
-        light = drawn.light(camera)
-        sensors = [pecs.Sensor(*SIZE, seed=10 * index + k, photocurrent_a=WHITE_A) for k in (0, 1)]
-        parts = [[], []]
-        for t in np.arange(0, duration_s, 0.6 / (abs(speed) / px)):
-            frame = light(t)
-            for sensor, out in zip(sensors, parts, strict=True):
-                out.append(sensor.push(frame, t * 1e6))
-        for sensor, out, path, shift in zip(sensors, parts, (real, sim), (clock_us, 0), strict=True):
-            events = np.concatenate([*out, sensor.finish()])
-            events["t"] += shift
+        times_s = np.arange(0, duration_s, 0.6 / (abs(speed) / px))
+        recordings = record(drawn.light(camera), times_s, SIZE, (10 * index, 10 * index + 1), WHITE_A)
+        recordings[0]["t"] += clock_us
+        for path, events in zip((real, sim), recordings, strict=True):
             pecs.write(path, events, *SIZE)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
@@ -158,7 +152,8 @@ def disk(index: int, keep: Path) -> dict:
     truth = Disk(tuple(at), radius, sectors, speed, phase, turn)
 
     def write(drawn, path, seed):
-        pecs.write(path, record(drawn.light(camera), span_s, step_s, *SIZE, seed, white_a), *SIZE)
+        times_s = np.arange(0, span_s + step_s / 2, step_s)
+        pecs.write(path, record(drawn.light(camera), times_s, SIZE, [seed], white_a)[0], *SIZE)
 
     real = keep / f"disk{index}_real.npz"
     if not real.exists():
@@ -223,8 +218,9 @@ def intrinsics(index: int, keep: Path) -> dict:
             board = Board(turn, start, v, columns, rows, square)
             clips.append(keep / f"intrinsics{index}_{view}.npz")
             if not clips[-1].exists():
-                events = record(board.light(camera), 2 * middle_s, step_s, width, height, 100 * index + view, WHITE_A)
-                pecs.write(clips[-1], events, width, height)
+                times_s = np.arange(0, 2 * middle_s + step_s / 2, step_s)
+                (events,) = record(board.light(camera), times_s, SIZE, [100 * index + view], WHITE_A)
+                pecs.write(clips[-1], events, *SIZE)
             if view % 4:
                 continue
             counts = ["--target=checkerboard", "--columns=9", "--rows=7", "--views=1"]
@@ -270,15 +266,9 @@ def real(recording: str) -> dict:
             (p["disk_right_mm"], -p["disk_up_mm"], p["disk_distance_mm"]), 153.0, 4, 6 * p["rpm"], p["phase_deg"],
             turn_of(aligned["camera"]["rotation_deg"]),
         )  # fmt: skip
-        light = disk.light(camera)
-        times = np.concatenate([np.arange(-warm_up_s, 0, 1.5e-3), np.arange(0, span_s, 1.2e-4)])
-        parts = []
-        with pecs.Sensor(*crop, seed=1, photocurrent_a=white_a) as sensor:
-            for t in times:
-                parts.append(sensor.push(light(t), (warm_up_s + t) * 1e6))
-            events = np.concatenate([*parts, sensor.finish()])
-        events["t"] -= round(warm_up_s * 1e6)
-        events = events[(events["t"] >= 0) & (events["t"] < span_s * 1e6)]
+        times_s = np.concatenate([np.arange(-warm_up_s, 0, 1.5e-3), np.arange(0, span_s, 1.2e-4)])
+        (events,) = record(disk.light(camera), times_s, crop, [1], white_a)
+        events = events[events["t"] < span_s * 1e6]
         events["x"] += 640
         pecs.write(path, events, 1280, 720)
         return len(events)

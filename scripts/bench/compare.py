@@ -9,11 +9,10 @@ import argparse
 import json
 import os
 import resource
-import statistics
-import time
 
 import numpy as np
 import pecs
+from pecs_lab.measure import median_s
 from scipy.spatial import cKDTree
 
 WIDTH, HEIGHT = 1280, 720
@@ -42,15 +41,6 @@ def scipy_chamfer(a: np.ndarray, b: np.ndarray) -> float:
     return cKDTree(b).query(a, workers=-1)[0].mean() + cKDTree(a).query(b, workers=-1)[0].mean()
 
 
-def timed(function, passes: int) -> tuple[float, float]:
-    seconds, value = [], 0.0
-    for _ in range(passes):
-        start = time.perf_counter()
-        value = function()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds), value
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--events", type=int, default=350_000)
@@ -63,11 +53,11 @@ def main() -> None:
     def ours() -> float:
         return pecs.compare(a, b, width=WIDTH, height=HEIGHT, normalisation="eq16", split_half=False)["chamfer"]
 
-    seconds, value = timed(ours, args.passes)
+    seconds, value = median_s(ours, args.passes)
     result = {"cores": os.cpu_count(), "events": [len(a), len(b)], "pecs_s": seconds, "chamfer": value}
     result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     if not args.no_scipy:
-        result["scipy_s"], reference = timed(lambda: scipy_chamfer(a, b), args.passes)
+        result["scipy_s"], reference = median_s(lambda: scipy_chamfer(a, b), args.passes)
         result["speedup"] = result["scipy_s"] / seconds
         assert abs(value - reference) < 1e-3 * reference, (value, reference)
     print(json.dumps(result, indent=2))

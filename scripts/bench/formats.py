@@ -6,14 +6,13 @@
 import argparse
 import importlib.util
 import json
-import statistics
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs_lab.measure import median_s
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 720
@@ -39,12 +38,7 @@ def edge_stream(count):
 
 
 def rate(work, count, passes):
-    times = []
-    for _ in range(passes):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return round(count / statistics.median(times) / 1e6, 2)
+    return round(count / median_s(work, passes)[0] / 1e6, 2)
 
 
 def main():

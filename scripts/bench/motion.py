@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs_lab.measure import measured
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR = {"corner_hz_per_a": 1e18, "contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
@@ -56,12 +57,11 @@ def render(scene: Scene, folder: Path, scenes: Path, fps: float, *options) -> fl
     path = ROOT / "scenes" / scene.name if scene.arguments else scenes / f"{scene.name}.blend"
     command = [sys.executable, "-m", "pecs_blender", "render", path, "-o", folder, "--bands", 3, *scene.arguments]
     command += ["--fps", fps, "--frames", round(scene.seconds * fps) + 1, *options, "--overwrite"]
-    before = os.times()
-    subprocess.run(list(map(str, command)), check=True, stderr=subprocess.DEVNULL)
-    after = os.times()
-    seconds = after.children_user + after.children_system - before.children_user - before.children_system
-    seconds_file.write_text(f"{seconds}")
-    return seconds
+    run = measured(command)
+    if run.exit:
+        sys.exit(run.errors)
+    seconds_file.write_text(f"{run.cpu_s}")
+    return run.cpu_s
 
 
 def events(folder: Path, **options) -> np.ndarray:

@@ -9,17 +9,9 @@ import os
 import statistics
 import subprocess
 import tempfile
-import time
 from pathlib import Path
 
-
-def timed(command: list[str]) -> tuple[float, float]:
-    """Seconds, peak resident MB."""
-    start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    assert status == 0, command
-    return time.perf_counter() - start, usage.ru_maxrss / 1024
+from pecs_lab.measure import measured
 
 
 def main() -> None:
@@ -40,9 +32,10 @@ def main() -> None:
             read = subprocess.run([exr, "read", stack, str(args.threads)], check=True, capture_output=True, text=True)
             alone.append(json.loads(read.stdout)["fps"])
             command = [pecs, "sense", stack, "-o", out, "--quiet", "--threads", str(args.threads), "--chip", args.chip]
-            seconds, peak = timed(command)
-            ours.append(args.frames / seconds)
-            memory.append(peak)
+            run = measured(command)
+            assert run.exit == 0, run.errors
+            ours.append(args.frames / run.seconds)
+            memory.append(run.peak_mb)
         events = json.loads(Path(out + ".run.json").read_text())["results"]["events"]
     report = {
         "size": args.size,

@@ -10,46 +10,36 @@ Prints JSON: per command, events, seconds, peak memory and output size. Each fil
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs_lab.measure import measured
 from pecs_lab.program import program
+from pecs_lab.scenes import write_stack
 
 WIDTH, HEIGHT, FRAMES, FRAME_US = 320, 180, 64, 250
 
 
-def write_stack(folder: Path) -> None:
-    """A disk of sectors that turns once per period, without end."""
-    stack = {
-        "pecs_stack": 1, "quantity": "irradiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * FRAME_US * 1000 for i in range(FRAMES)],
-        "period_ns": FRAMES * FRAME_US * 1000, "lens": None, "scene": {}, "render": {}, "versions": {},
-    }  # fmt: skip
+def turning_disk() -> np.ndarray:
+    """Sectors that turn once in FRAMES frames."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     angle = np.arctan2(y - HEIGHT / 2, x - WIDTH / 2)
-    with pecs.StackWriter(folder, stack) as writer:
-        for i in range(FRAMES):
-            light = 1.1 + np.tanh(5 * np.sin(2 * (angle - 2 * np.pi * i / FRAMES)))
-            writer.write_frame(i, (light[None] * 1e-4).astype(np.float32))
+    turned = 2 * np.pi * np.arange(FRAMES)[:, None, None] / FRAMES
+    return 1e-4 * (1.1 + np.tanh(5 * np.sin(2 * (angle - turned))))
 
 
-def measured(name: str, command: list, events: int, output: Path | None = None) -> dict:
-    start = time.monotonic()
-    child = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    error = child.stderr.read().decode()
-    _, status, usage = os.wait4(child.pid, 0)
-    row = {"command": name, "events": events, "exit": os.waitstatus_to_exitcode(status)}
-    row |= {"seconds": round(time.monotonic() - start, 1), "peak_mb": round(usage.ru_maxrss / 1024)}
+def row_of(name: str, command: list, events: int, output: Path | None = None) -> dict:
+    run = measured(command)
+    row = {"command": name, "events": events, "exit": run.exit}
+    row |= {"seconds": round(run.seconds, 1), "peak_mb": round(run.peak_mb)}
     if output:
         row["mb"] = round(output.stat().st_size / 2**20) if output.exists() else None
-    if row["exit"]:
-        row["error"] = error.strip().splitlines()[-1][:200] if error.strip() else ""
+    if run.exit:
+        row["error"] = run.errors.strip()[-200:]
     print(json.dumps(row), file=sys.stderr, flush=True)
     return row
 
@@ -64,7 +54,7 @@ def main() -> None:
     folder, pecs_program = args.output, program()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    write_stack(folder / "stack")
+    write_stack(folder / "stack", turning_disk(), FRAME_US, periodic=True)
     loop_us = FRAMES * FRAME_US
 
     def sense(duration_us: int, output: Path) -> list:
@@ -76,7 +66,7 @@ def main() -> None:
     per_loop = json.loads((folder / "loop.raw.run.json").read_text())["results"]["events"]
     loops = round(args.events / per_loop)
     events, long = loops * per_loop, folder / "long.raw"
-    rows = [measured("sense", sense(loops * loop_us, long), events, long)]
+    rows = [row_of("sense", sense(loops * loop_us, long), events, long)]
     window = ["--window", f"{loop_us}us"]
     others = {
         "info": [pecs_program, "info", long],
@@ -85,15 +75,15 @@ def main() -> None:
     }
     for name, command in others.items():
         if not wanted or name in wanted:
-            rows.append(measured(name, command, events))
+            rows.append(row_of(name, command, events))
     for file_format in pecs.event_formats():
         name = file_format["name"]
         if not file_format["writes"] or wanted and name not in wanted:
             continue
         output = folder / f"out{file_format['extensions'][0]}"
         command = [pecs_program, "convert", long, output, "--format", name, "--quiet"]
-        rows.append(measured(f"convert to {name}", command, events, output))
-        rows.append(measured(f"info on {name}", [pecs_program, "info", output], events))
+        rows.append(row_of(f"convert to {name}", command, events, output))
+        rows.append(row_of(f"info on {name}", [pecs_program, "info", output], events))
         output.unlink(missing_ok=True)
     shutil.rmtree(folder)
     print(json.dumps(rows, indent=1))

@@ -14,10 +14,10 @@ FILMS = {"36 x 24": (36.0, 24.0), "6.22 x 3.50": (6.2208, 3.4992)}  # the larger
 LEAST_LIGHT = 0.02
 PREFACE = """# The shipped lenses
 Written by `scripts/docs/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and
-6.2208 x 3.4992 mm (1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal. Distortion,
-illumination and spot at 587.6 nm; the spot on the axis and in the corner, RMS. What is estimated in a prescription
-(housing radii, matched glasses) its file says. A C-mount leaves 17.5 mm behind its flange: the choice from 5 to 50 mm
-is the `cmount_*` lenses and `dgauss_50mm_tronnier`.
+6.2208 x 3.4992 mm (1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal.
+Distortion, illumination and spot at 587.6 nm; the spot on the axis and in the corner, RMS. Each prescription lists what
+is estimated in it (housing radii, matched glasses). A C-mount leaves 17.5 mm behind its flange: the choice from 5 to
+50 mm is the `cmount_*` lenses and `dgauss_50mm_tronnier`.
 
 | lens | EFL mm | f-number | BFL mm | film mm | field deg | corner light | distortion % | spot um |
 |---|---|---|---|---|---|---|---|---|

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_blender.render.spectra import load
+from pecs_lab.measure import by_pixel
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)
@@ -43,18 +44,8 @@ def render(folder: Path, args, grey: int) -> np.ndarray:
     """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
     command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
     command += ["--lens", "none", "--focal", 25, "--placement", "uniform", "--bands", 61, "--min-wavelength", LO_NM]
-    command += [
-        "--max-wavelength",
-        HI_NM,
-        "--width",
-        args.width,
-        "--samples",
-        4,
-        "--fps",
-        args.fps,
-        "--frames",
-        args.frames,
-    ]
+    command += ["--max-wavelength", HI_NM, "--width", args.width, "--samples", 4, "--fps", args.fps]
+    command += ["--frames", args.frames]
     command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={args.lamp}"]
     subprocess.run(list(map(str, command)), check=True)
     with pecs.StackReader(folder) as stack:
@@ -102,12 +93,7 @@ def score(reference, light, truth, args) -> dict:
 def delay_us(a, b, width) -> np.ndarray:
     """Time differences of the i-th events of each pixel and polarity, where both streams have as many."""
 
-    def by_pixel(e):
-        key = (e["y"].astype(np.int64) * width + e["x"]) * 2 + e["p"]
-        order = np.lexsort((e["t"], key))
-        return key[order], e["t"][order].astype(float)
-
-    (ka, ta), (kb, tb) = by_pixel(a), by_pixel(b)
+    (ka, ta), (kb, tb) = by_pixel(a, width), by_pixel(b, width)
     count_a, count_b = (np.bincount(k, minlength=max(ka.max(), kb.max()) + 1) for k in (ka, kb))
     same = count_a == count_b
     return tb[same[kb]] - ta[same[ka]]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab import lab_views
+from pecs_lab import disk_fit, lab_views
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -27,18 +27,7 @@ def recordings(seeds: list[int], white_a: float = WHITE_A, black: float = lab_vi
     camera = lab_views.Camera("pecs_lab_15mm", 1.56, *SIZE, PITCH_MM, stop_diameter_mm=1.0)
     drawn = lab_views.Disk(**DISK, black=black).light(camera)
     times = np.concatenate([np.arange(-WARM_UP_S, 0, 1.5e-3), np.arange(0, SPAN_S, 1.2e-4)])
-    sensors = [pecs.Sensor(*SIZE, seed=seed, photocurrent_a=white_a) for seed in seeds]
-    parts = [[] for _ in seeds]
-    for t in times:
-        frame = drawn(t)
-        for sensor, out in zip(sensors, parts, strict=True):
-            out.append(sensor.push(frame, (WARM_UP_S + t) * 1e6))
-    streams = []
-    for sensor, out in zip(sensors, parts, strict=True):
-        events = np.concatenate([*out, sensor.finish()])
-        events["t"] -= round(WARM_UP_S * 1e6)
-        streams.append(events[(events["t"] >= 0) & (events["t"] < SPAN_S * 1e6)])
-    return streams
+    return [e[e["t"] < SPAN_S * 1e6] for e in lab_views.record(drawn, times, SIZE, seeds, white_a)]
 
 
 def detected() -> dict:
@@ -46,10 +35,8 @@ def detected() -> dict:
     camera = lab_views.Camera("pecs_lab_15mm", 1.56, *SIZE, PITCH_MM, stop_diameter_mm=1.0)
     x, y = camera.pixels(np.array(DISK["at_mm"]))
     diameter = 2 * DISK["radius_mm"] / DISK["at_mm"][2] * camera.focal_px
-    known = {"centre_x": x, "centre_y": y, "speed_deg_s": DISK["speed_deg_s"]}
-    known |= {"on_edge_deg": DISK["phase_deg"], "off_edge_deg": DISK["phase_deg"] + 90}
-    rim = {"axis_a_px": diameter, "axis_b_px": diameter}
-    return {k: {"value": float(v)} for k, v in known.items()} | {"sectors": 4, "phase_time_us": 0, "rim": rim}
+    turn = DISK["phase_deg"]
+    return disk_fit.Disk((float(x), float(y)), diameter / 2, 4, DISK["speed_deg_s"], turn, turn + 90).detected
 
 
 def spoiled(events: np.ndarray) -> dict[str, np.ndarray]:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab import sequences
+from pecs_lab import disk_fit, sequences
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 720
@@ -79,11 +79,8 @@ def disk_of(parameters: dict) -> dict | None:
     """The disk as `pecs align detect --json` prints it, by the sequence's parameters."""
     if "rpm" not in parameters:
         return None
-    x, y = DISK_CENTRE_PX
-    values = {"centre_x": x, "centre_y": y, "speed_deg_s": 6 * parameters["rpm"]}
-    values |= {"on_edge_deg": parameters["phase_deg"], "off_edge_deg": parameters["phase_deg"] + 90}
-    rim = {"axis_a_px": 2 * DISK_RADIUS_PX, "axis_b_px": 2 * DISK_RADIUS_PX}
-    return {k: {"value": v} for k, v in values.items()} | {"sectors": 4, "phase_time_us": 0, "rim": rim}
+    turn = parameters["phase_deg"]
+    return disk_fit.Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 4, 6 * parameters["rpm"], turn, turn + 90).detected
 
 
 def scores(sequence, reference, found) -> dict:

@@ -121,12 +121,19 @@ class Board:
         return light
 
 
-def record(light, duration_s: float, step_s: float, width: int, height: int, seed: int, white_a: float = 3e-12):
-    """Events of the imx636 with its noise. `white_a`: photocurrent of light 1."""
-    times = np.arange(0, duration_s + step_s / 2, step_s)
-    with pecs.Sensor(width, height, seed=seed, photocurrent_a=white_a) as sensor:
-        parts = [sensor.push(light(t), t * 1e6) for t in times]
-        return np.concatenate([*parts, sensor.finish()])
+def record(light, times_s, size, seeds, white_a: float = 3e-12) -> list[np.ndarray]:
+    """Events of the imx636 with its noise, one recording for each seed: light(t) at `times_s`; what is before 0 warms
+    up the pixels. `white_a`: photocurrent of light 1."""
+    sensors = [pecs.Sensor(*size, seed=seed, photocurrent_a=white_a) for seed in seeds]
+    parts = [[] for _ in seeds]
+    for t in times_s:
+        frame = light(t)
+        for sensor, out in zip(sensors, parts, strict=True):
+            out.append(sensor.push(frame, (t - times_s[0]) * 1e6))
+    recordings = [np.concatenate([*out, sensor.finish()]) for sensor, out in zip(sensors, parts, strict=True)]
+    for events in recordings:
+        events["t"] += round(times_s[0] * 1e6)
+    return [events[events["t"] >= 0] for events in recordings]
 
 
 @dataclass

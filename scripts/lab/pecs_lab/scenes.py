@@ -5,8 +5,10 @@ board: a checkerboard of contrast 12:1 that slides over a still background.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import pecs
 
 DARK, WHITE = 1 / 12, 1.0
 DISK_SECTORS_PX, DISK_PX = 60, 125
@@ -64,3 +66,19 @@ def frames(name: str, count: int, fps: float = 1000.0) -> tuple[np.ndarray, np.n
     light = SCENES[name]()
     t_us = np.arange(count) * 1e6 / fps
     return np.stack([light(t * 1e-6).astype(np.float32) for t in t_us]), t_us
+
+
+def write_stack(folder: Path, light: np.ndarray, step_us: int, periodic: bool = False) -> Path:
+    """A stack of one band from irradiances [count, height, width]."""
+    count, height, width = light.shape
+    times_ns = [1000 * step_us * i for i in range(count)]
+    stack = {
+        "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns,
+        "period_ns": 1000 * step_us * count if periodic else None, "lens": None, "scene": {}, "render": {},
+        "versions": {},
+    }  # fmt: skip
+    with pecs.StackWriter(folder, stack) as writer:
+        for i, frame in enumerate(light):
+            writer.write_frame(i, frame[None].astype(np.float32))
+    return folder

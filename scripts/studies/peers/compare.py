@@ -100,7 +100,8 @@ class Peers:
         files = [str(self.folder / n) for n in ("frames.npy", "t_us.npy", "out.npy")]
         command = [
             self.args.peer_python,
-            str(HERE / f"run_{case.peer}.py"),
+            HERE / "run_peer.py",
+            case.peer,
             checkout,
             *files,
             json.dumps(case.options | {"seed": seed}),

@@ -141,7 +141,7 @@ def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_pat
     turn = lab.turn_of((92.0, 1.0, 3.0))
     start, velocity = turn @ [20.0, -10.0, 1450.0], turn @ [-900.0, 0.0, 0.0]
     board = lab.Board(turn, tuple(start), tuple(velocity), plate_mm=(419 - 4 * 41.7) / 2)
-    events = lab.record(board.light(camera), 0.04, 5e-4, *size, seed=1, white_a=1e-11)
+    (events,) = lab.record(board.light(camera), np.arange(0, 0.0402, 5e-4), size, [1], 1e-11)
     pecs.write(tmp_path / "real.raw", events, *size)
     result = pecs_program(
         "align", "real.raw", "--scene", root / "scenes/board", "--pixel-pitch", 9.72, "--views", 4,
