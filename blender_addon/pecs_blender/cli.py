@@ -29,13 +29,6 @@ SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
 
 class Parser(_arguments.Parser):
-    """Raises errors as PecsError "COMMAND: …"."""
-
-    def error(self, message: str) -> NoReturn:
-        message = _arguments.said(message)
-        command = self.prog.removeprefix("pecs_blender").strip()
-        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
-
     def _print_message(self, message: str, file: object = None) -> None:
         write_out(message)
 

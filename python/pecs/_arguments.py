@@ -12,7 +12,9 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+
+from ._errors import ExitCode, PecsError
 
 # Kind of quantity -> an example, and its units with their power of ten in SI units. The program reads it too.
 _KINDS: dict[str, Any] = json.loads(Path(__file__).with_name("units.json").read_text("utf-8"))
@@ -105,7 +107,7 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
 class Parser(argparse.ArgumentParser):
     """A parser whose --help ends with examples. Every command has --quiet and --verbose; an unknown option is an error
-    that names the nearest one. Subclasses define `error`."""
+    that names the nearest one. Errors are raised as PecsError "COMMAND: …"."""
 
     def __init__(self, *, examples: Sequence[str] = (), **more: Any):
         more.setdefault("formatter_class", _Help)
@@ -115,6 +117,13 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")  # -0.5mm is a value
         self._positionals.title, self._optionals.title = "arguments", "options"
         self._talks = False
+
+    def error(self, message: str) -> NoReturn:
+        if found := re.match(r"argument ([-\w/]+): ", message):  # argparse's; the long name of an option suffices
+            names = found[1].split("/")
+            message = f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
+        command = self.prog.partition(" ")[2]
+        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
 
     def add_commands(self, **more: Any) -> argparse._SubParsersAction:
         return self.add_subparsers(
@@ -155,15 +164,6 @@ class Parser(argparse.ArgumentParser):
             if words[0] not in commands[0].choices:
                 self.error(f"{words[0]}: no such command; nearest: {nearest(words[0], list(commands[0].choices))}")
         return super().parse_known_args(args, namespace)
-
-
-def said(message: str) -> str:
-    """An error of argparse with the option's long name: "argument -o/--output: …" becomes "--output: …"."""
-    found = re.match(r"argument ([-\w/]+): ", message)
-    if not found:
-        return message
-    names = found[1].split("/")
-    return f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
 
 
 def account(command: str, args: Mapping[str, Any], took_s: float) -> str:

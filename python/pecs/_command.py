@@ -1,4 +1,4 @@
-"""Python commands: parsed, run, and ended with an exit code and an error of one line (docs/reference/exit_codes.md)."""
+"""Python commands: run, and ended with an exit code and an error of one line (docs/reference/exit_codes.md)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,8 @@ import time
 from collections.abc import Callable
 from typing import NoReturn
 
-from . import _arguments
+from ._arguments import Parser, account
 from ._errors import ExitCode, PecsError, one_line
-
-
-class Parser(_arguments.Parser):
-    """Raises errors as PecsError "COMMAND: …"."""
-
-    def error(self, message: str) -> NoReturn:
-        message = _arguments.said(message)
-        command = self.prog.removeprefix("pecs").strip()
-        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
 
 
 def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
@@ -31,7 +22,7 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
         run(args)
         if args.verbose:
             name = getattr(args, "command", parser.prog.removeprefix("pecs "))
-            sys.stderr.write(_arguments.account(name, vars(args), time.monotonic() - begin))
+            sys.stderr.write(account(name, vars(args), time.monotonic() - begin))
     except SystemExit as e:  # --help, SIGTERM
         return int(e.code or 0)
     except KeyboardInterrupt:

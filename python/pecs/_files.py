@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -25,6 +26,14 @@ def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
         return data.decode()
     except UnicodeDecodeError as e:
         raise bad_input(path, f"byte {e.start}", "invalid UTF-8", f"{wanted} in UTF-8") from None
+
+
+def sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from ._c_types import POINTER, TEXT
 from ._errors import PecsError
 from ._library import function, path_bytes, take_json
 from ._options import SenseOptions, library_options
@@ -18,9 +19,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)
-_sense = function(
-    "pecs_sense", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_char_p, _Progress, ctypes.c_void_p
-)
+_sense = function("pecs_sense", POINTER, TEXT, TEXT, TEXT, _Progress, POINTER)
 
 
 class _Watched:

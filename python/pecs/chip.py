@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
@@ -11,26 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._arrays import FLOATS
+from ._c_types import FLOATS, INT64, POINTER, TEXT
 from ._library import Handle, function, json_function, path_bytes, take_json
 from .stack import StackReader
 
-_models = function("pecs_models", ctypes.c_void_p)
+_models = function("pecs_models", POINTER)
 _bands = json_function("pecs_bands")
-_open = function("pecs_chip_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_info = function("pecs_chip_info", ctypes.c_void_p, ctypes.c_void_p)
-_amperes = json_function("pecs_chip_amperes_per_unit", ctypes.c_void_p)
-_photocurrent = function(
-    "pecs_chip_photocurrent",
-    ctypes.c_int64,
-    ctypes.c_void_p,
-    ctypes.c_void_p,
-    ctypes.c_char_p,
-    ctypes.c_int64,
-    FLOATS,
-    ctypes.c_int64,
-)
-_close = function("pecs_chip_close", None, ctypes.c_void_p, error=False)
+_open = function("pecs_chip_open", POINTER, TEXT, TEXT)
+_info = function("pecs_chip_info", POINTER, POINTER)
+_amperes = json_function("pecs_chip_amperes_per_unit", POINTER)
+_photocurrent = function("pecs_chip_photocurrent", INT64, POINTER, POINTER, TEXT, INT64, FLOATS, INT64)
+_close = function("pecs_chip_close", None, POINTER, error=False)
 
 
 def models() -> list[dict[str, Any]]:

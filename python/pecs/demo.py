@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ._command import Parser, answer
+from ._arguments import Parser
+from ._command import answer
 from ._errors import ExitCode, PecsError
 from ._library import version
 from ._program import program

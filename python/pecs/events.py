@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from os import PathLike
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._c_types import INT, INT64, POINTER, TEXT
 from ._library import Handle, function, path_bytes, take_json
 
 EVENT_DTYPE = np.dtype(
@@ -75,15 +75,15 @@ def _plain_fields(value: Any) -> Any:
     return value.view(np.ndarray) if isinstance(value, Events) and value.dtype.names is None else value
 
 
-_formats = function("pecs_event_formats", ctypes.c_void_p)
-_open = function("pecs_event_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_info = function("pecs_event_reader_info", ctypes.c_void_p, ctypes.c_void_p)
-_read = function("pecs_event_reader_read", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_reader_close = function("pecs_event_reader_close", None, ctypes.c_void_p, error=False)
-_create = function("pecs_event_writer_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_write = function("pecs_event_writer_write", ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_finish = function("pecs_event_writer_finish", ctypes.c_int, ctypes.c_void_p)
-_writer_close = function("pecs_event_writer_close", None, ctypes.c_void_p, error=False)
+_formats = function("pecs_event_formats", POINTER)
+_open = function("pecs_event_reader_open", POINTER, TEXT, TEXT)
+_info = function("pecs_event_reader_info", POINTER, POINTER)
+_read = function("pecs_event_reader_read", INT64, POINTER, POINTER, INT64)
+_reader_close = function("pecs_event_reader_close", None, POINTER, error=False)
+_create = function("pecs_event_writer_create", POINTER, TEXT, TEXT)
+_write = function("pecs_event_writer_write", INT, POINTER, POINTER, INT64)
+_finish = function("pecs_event_writer_finish", INT, POINTER)
+_writer_close = function("pecs_event_writer_close", None, POINTER, error=False)
 
 
 def event_formats() -> list[dict[str, Any]]:

@@ -12,32 +12,24 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._c_types import DOUBLE, INT, INT64, POINTER, TEXT
 from ._library import Handle, function, json_function, path_bytes, take_text
 
 if TYPE_CHECKING:
     from typing_extensions import Required, Unpack
 
-_open = function("pecs_lens_open", ctypes.c_void_p, ctypes.c_char_p)
-_close = function("pecs_lens_close", None, ctypes.c_void_p, error=False)
-_info = json_function("pecs_lens_info", ctypes.c_void_p)
-_pupil = json_function("pecs_lens_pupil", ctypes.c_void_p)
-_draw = function("pecs_lens_draw", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
-_camera = json_function("pecs_lens_camera", ctypes.c_void_p)
+_open = function("pecs_lens_open", POINTER, TEXT)
+_close = function("pecs_lens_close", None, POINTER, error=False)
+_info = json_function("pecs_lens_info", POINTER)
+_pupil = json_function("pecs_lens_pupil", POINTER)
+_draw = function("pecs_lens_draw", POINTER, POINTER, TEXT)
+_camera = json_function("pecs_lens_camera", POINTER)
 
 _doubles = ctypes.POINTER(ctypes.c_double)
-_bulk = (ctypes.c_void_p, ctypes.c_char_p, _doubles, ctypes.c_int64, _doubles, ctypes.c_int64)
-_directions = function("pecs_lens_directions", ctypes.c_int64, *_bulk)
-_pixels = function("pecs_lens_pixels", ctypes.c_int64, *_bulk)
-_diffract = function(
-    "pecs_lens_diffract",
-    ctypes.c_int,
-    ctypes.POINTER(ctypes.c_float),
-    ctypes.c_int,
-    ctypes.c_int,
-    ctypes.c_double,
-    ctypes.c_double,
-    ctypes.c_double,
-)
+_bulk = (POINTER, TEXT, _doubles, INT64, _doubles, INT64)
+_directions = function("pecs_lens_directions", INT64, *_bulk)
+_pixels = function("pecs_lens_pixels", INT64, *_bulk)
+_diffract = function("pecs_lens_diffract", INT, ctypes.POINTER(ctypes.c_float), INT, INT, DOUBLE, DOUBLE, DOUBLE)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from collections.abc import Sequence
 from os import PathLike
@@ -11,24 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._arrays import DOUBLES, FLOATS
+from ._c_types import DOUBLE, DOUBLES, FLOATS, INT64, POINTER, TEXT
 from ._library import Handle, function, path_bytes, take_json
 from .chip import Chip, chip_options
 
-_open = function("pecs_light_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_info = function("pecs_light_info", ctypes.c_void_p, ctypes.c_void_p)
-_at = function(
-    "pecs_light_at", ctypes.c_int64, ctypes.c_void_p, DOUBLES, ctypes.c_int64, *(ctypes.c_void_p, ctypes.c_int64)
-)
-_exposure = function(
-    "pecs_light_exposure",
-    ctypes.c_int64,
-    ctypes.c_void_p,
-    *(ctypes.c_double, ctypes.c_double, ctypes.c_double),
-    ctypes.c_int64,
-    *(FLOATS, ctypes.c_int64),
-)
-_close = function("pecs_light_close", None, ctypes.c_void_p, error=False)
+_open = function("pecs_light_open", POINTER, TEXT, TEXT)
+_info = function("pecs_light_info", POINTER, POINTER)
+_at = function("pecs_light_at", INT64, POINTER, DOUBLES, INT64, POINTER, INT64)
+_exposure = function("pecs_light_exposure", INT64, POINTER, DOUBLE, DOUBLE, DOUBLE, INT64, FLOATS, INT64)
+_close = function("pecs_light_close", None, POINTER, error=False)
 
 _Chip = str | PathLike[str] | Chip
 

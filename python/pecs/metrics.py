@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ._c_types import INT64, POINTER
 from ._library import json_function
 from .events import as_events
 
-_compare = json_function("pecs_compare", ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
-_delays = json_function("pecs_delays", ctypes.c_void_p, ctypes.c_int64)
+_compare = json_function("pecs_compare", POINTER, INT64, POINTER, INT64)
+_delays = json_function("pecs_delays", POINTER, INT64)
 
 
 def compare(

@@ -2,44 +2,20 @@
 
 from __future__ import annotations
 
-import ctypes
 from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._arrays import FLOATS, INTEGERS
+from ._c_types import DOUBLE, FLOATS, INT, INT64, INTEGERS, POINTER, TEXT
 from ._library import function
 from .events import as_events
 from .stack import StackReader
 
-_carry = function(
-    "pecs_carry",
-    ctypes.c_int,
-    *(FLOATS, FLOATS, ctypes.c_int),
-    *(FLOATS, ctypes.c_int),
-    *(ctypes.c_int, ctypes.c_int),
-    *(ctypes.c_double, ctypes.c_char_p),
-    *(FLOATS, ctypes.c_int64),
-)
-_carry_labels = function(
-    "pecs_carry_labels",
-    ctypes.c_int,
-    *(INTEGERS, INTEGERS),
-    *(FLOATS, ctypes.c_int),
-    *(ctypes.c_int, ctypes.c_int),
-    ctypes.c_double,
-    *(INTEGERS, ctypes.c_int64),
-)
-_event_labels = function(
-    "pecs_event_labels",
-    ctypes.c_int64,
-    *(ctypes.c_void_p, ctypes.c_int64),
-    *(ctypes.c_void_p, ctypes.c_char_p),
-    ctypes.c_double,
-    *(ctypes.c_void_p, ctypes.c_int64),
-)
+_carry = function("pecs_carry", INT, FLOATS, FLOATS, INT, FLOATS, INT, INT, INT, DOUBLE, TEXT, FLOATS, INT64)
+_carry_labels = function("pecs_carry_labels", INT, INTEGERS, INTEGERS, FLOATS, INT, INT, INT, DOUBLE, INTEGERS, INT64)
+_event_labels = function("pecs_event_labels", INT64, POINTER, INT64, POINTER, TEXT, DOUBLE, POINTER, INT64)
 
 
 def carry(

@@ -10,38 +10,19 @@ not count; None is the first or the last event's time. `out`: an array to fill i
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._arrays import FLOATS
+from ._c_types import DOUBLE, FLOATS, INT, INT64, POINTER
 from ._library import function
 from .events import as_events
 
-_events = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_int)
-_voxel_grid = function(
-    "pecs_voxel_grid",
-    ctypes.c_int,
-    *(*_events, ctypes.c_int),
-    *(ctypes.c_double, ctypes.c_double, ctypes.c_int),
-    *(FLOATS, ctypes.c_int64),
-)
-_time_surface = function(
-    "pecs_time_surface",
-    ctypes.c_int,
-    *_events,
-    *(ctypes.c_double, ctypes.c_double, ctypes.c_double),
-    *(FLOATS, ctypes.c_int64),
-)
-_event_histogram = function(
-    "pecs_event_histogram",
-    ctypes.c_int,
-    *(*_events, ctypes.c_int),
-    *(ctypes.c_double, ctypes.c_double),
-    *(FLOATS, ctypes.c_int64),
-)
+_events = (POINTER, INT64, INT, INT)
+_voxel_grid = function("pecs_voxel_grid", INT, *_events, INT, DOUBLE, DOUBLE, INT, FLOATS, INT64)
+_time_surface = function("pecs_time_surface", INT, *_events, DOUBLE, DOUBLE, DOUBLE, FLOATS, INT64)
+_event_histogram = function("pecs_event_histogram", INT, *_events, INT, DOUBLE, DOUBLE, FLOATS, INT64)
 
 _Planes = NDArray[np.float32]
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._arrays import DOUBLES, FLOATS
+from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
 from ._library import Handle, function
 from ._options import SensorOptions, library_options
 from .chip import Chip
@@ -33,16 +33,16 @@ from .events import EVENT_DTYPE, Events
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-_open = function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
-_frames = (ctypes.c_void_p, FLOATS, DOUBLES, ctypes.c_int64)  # sensor, frames, their times, count
-_push = function("pecs_sensor_push", ctypes.c_int64, *_frames, ctypes.c_int)
-_push_moving = function("pecs_sensor_push_moving", ctypes.c_int64, *_frames, FLOATS, ctypes.c_int, ctypes.c_int)
-_events = function("pecs_sensor_events", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_labels = function("pecs_sensor_labels", ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-_dropped = function("pecs_sensor_dropped", ctypes.c_int64, ctypes.c_void_p)
+_open = function("pecs_sensor_open", POINTER, TEXT)
+_frames = (POINTER, FLOATS, DOUBLES, INT64)  # sensor, frames, their times, count
+_push = function("pecs_sensor_push", INT64, *_frames, INT)
+_push_moving = function("pecs_sensor_push_moving", INT64, *_frames, FLOATS, INT, INT)
+_events = function("pecs_sensor_events", INT64, POINTER, POINTER, INT64)
+_labels = function("pecs_sensor_labels", INT64, POINTER, POINTER, INT64)
+_dropped = function("pecs_sensor_dropped", INT64, POINTER)
 _int64 = ctypes.POINTER(ctypes.c_int64)
-_bad_values = function("pecs_sensor_bad_values", ctypes.c_int, ctypes.c_void_p, _int64, _int64)
-_close = function("pecs_sensor_close", None, ctypes.c_void_p, error=False)
+_bad_values = function("pecs_sensor_bad_values", INT, POINTER, _int64, _int64)
+_close = function("pecs_sensor_close", None, POINTER, error=False)
 
 _CHUNK_BYTES = 64 << 20
 LABELS = ("signal", "leak", "noise", "hot")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._arrays import DOUBLES
+from ._c_types import DOUBLES, INT64, POINTER, TEXT
 from ._library import function, path_bytes, take_json
 
-_spectrum = function("pecs_spectrum", ctypes.c_void_p, ctypes.c_char_p)
-_glass = function("pecs_glass_index", ctypes.c_int64, ctypes.c_char_p, DOUBLES, ctypes.c_int64, DOUBLES, ctypes.c_int64)
+_spectrum = function("pecs_spectrum", POINTER, TEXT)
+_glass = function("pecs_glass_index", INT64, TEXT, DOUBLES, INT64, DOUBLES, INT64)
 
 
 def spectrum(name_or_path: str | PathLike[str], lambda_nm: ArrayLike | None = None) -> NDArray[np.float64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from os import PathLike
 from typing import Any
@@ -10,31 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._arrays import FLOATS
+from ._c_types import DOUBLE, FLOATS, INT, INT64, POINTER, TEXT
 from ._library import Handle, function, path_bytes, take_json
 
 LIGHT = "light"  # the layer of the bands
 
-_frame = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64)  # stack, layer, index
-_create = function("pecs_stack_writer_create", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
-_has_frame = function("pecs_stack_writer_has_frame", ctypes.c_int, *_frame)
-_write_frame = function("pecs_stack_writer_write_frame", ctypes.c_int, *_frame, FLOATS, ctypes.c_int64)
-_between = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # stack, interval, number, time_ns
-_has_between = function("pecs_stack_writer_has_between", ctypes.c_int, *_between)
-_write_between = function("pecs_stack_writer_write_between", ctypes.c_int, *_between, FLOATS, ctypes.c_int64)
-_writer_close = function("pecs_stack_writer_close", None, ctypes.c_void_p, error=False)
-_open = function("pecs_stack_reader_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
-_info = function("pecs_stack_reader_info", ctypes.c_void_p, ctypes.c_void_p)
-_read_frame = function("pecs_stack_reader_read_frame", ctypes.c_int, *_frame, FLOATS, ctypes.c_int64)
-_between_ns = function(
-    "pecs_stack_reader_between", ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
-)
-_read_between = function(
-    "pecs_stack_reader_read_between",
-    ctypes.c_int,
-    *(ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, FLOATS, ctypes.c_int64),
-)
-_reader_close = function("pecs_stack_reader_close", None, ctypes.c_void_p, error=False)
+_frame = (POINTER, TEXT, INT64)  # stack, layer, index
+_create = function("pecs_stack_writer_create", POINTER, TEXT, TEXT)
+_has_frame = function("pecs_stack_writer_has_frame", INT, *_frame)
+_write_frame = function("pecs_stack_writer_write_frame", INT, *_frame, FLOATS, INT64)
+_between = (POINTER, INT64, INT64, INT64)  # stack, interval, number, time_ns
+_has_between = function("pecs_stack_writer_has_between", INT, *_between)
+_write_between = function("pecs_stack_writer_write_between", INT, *_between, FLOATS, INT64)
+_writer_close = function("pecs_stack_writer_close", None, POINTER, error=False)
+_open = function("pecs_stack_reader_open", POINTER, TEXT, DOUBLE)
+_info = function("pecs_stack_reader_info", POINTER, POINTER)
+_read_frame = function("pecs_stack_reader_read_frame", INT, *_frame, FLOATS, INT64)
+_between_ns = function("pecs_stack_reader_between", INT64, POINTER, INT64, POINTER, INT64)
+_read_between = function("pecs_stack_reader_read_between", INT, POINTER, INT64, INT64, FLOATS, INT64)
+_reader_close = function("pecs_stack_reader_close", None, POINTER, error=False)
 
 
 def _shape(info: dict[str, Any]) -> tuple[int, int, int]:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels and operators. A module has CLASSES, and register() and unregister() if it registers more than classes. Only
-field and live_sensor can be imported without Blender."""
+"""Panels and operators. A module's Blender classes are registered in the order of their definition, then its register()
+is called, if it has one. Only field and live_sensor can be imported without Blender."""
 
 from importlib import import_module
 
@@ -27,11 +27,19 @@ def modules() -> list:
     return [import_module(f".{name}", __name__) for name in MODULES]
 
 
+def classes(module) -> list[type]:
+    """Blender classes that a module defines, in their order."""
+    import bpy
+
+    found = (value for value in vars(module).values() if isinstance(value, type))
+    return [c for c in found if issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__]
+
+
 def register() -> None:
     import bpy
 
     for module in modules():
-        for cls in getattr(module, "CLASSES", ()):
+        for cls in classes(module):
             bpy.utils.register_class(cls)
         if hasattr(module, "register"):
             module.register()
@@ -43,5 +51,5 @@ def unregister() -> None:
     for module in reversed(modules()):
         if hasattr(module, "unregister"):
             module.unregister()
-        for cls in reversed(getattr(module, "CLASSES", ())):
+        for cls in reversed(classes(module)):
             bpy.utils.unregister_class(cls)

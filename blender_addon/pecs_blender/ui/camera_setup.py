@@ -13,7 +13,7 @@ from mathutils import Matrix, Vector
 
 from ..render.plan import film_width_mm_of
 from . import field, frustum, library, settings
-from .interface import CONTEXT, say
+from .interface import CONTEXT, Action, say
 
 BEFORE = "pecs_before"  # custom property of the camera with its state before set_up
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -119,7 +119,7 @@ class PecsCamera(bpy.types.PropertyGroup):
     )
 
 
-class _SetUp:
+class _SetUp(Action):
     """Operator with its own lens, chip, f-number and focus; unset ones come from the panel."""
 
     def draw(self, _context) -> None:
@@ -136,21 +136,20 @@ class _SetUp:
             else:
                 setattr(self, mine, getattr(scene.pecs, name))
 
-    def done(self, context, thing):
+    def set_up(self, context, thing) -> str:
+        """Sets the camera object up; returns the message."""
         scene = context.scene
         before = snapshot(scene, thing.data)
         self.take_panel(scene)
         try:
             found = set_up(scene, thing, before)
-        except Exception as e:  # from the library
+        except Exception:
             for name, value in json.loads(before)["pecs"].items():
                 setattr(scene.pecs, name, value)
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
+            raise
         text = "{camera}: {width} x {height} pixels, {lens}" if found else NO_LENS
         size = {"width": scene.render.resolution_x, "height": scene.render.resolution_y}
-        self.report({"INFO"}, say(text, camera=thing.name, **size, lens=found and found.words()))
-        return {"FINISHED"}
+        return say(text, camera=thing.name, **size, lens=found and found.words())
 
 
 _CHOICES = {
@@ -175,12 +174,12 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set(say("The scene has no camera. Add one with Add > Camera > Event Camera"))
-        return _camera(context.scene) is not None
+    def why_not(cls, context) -> str:
+        text = "The scene has no camera. Add one with Add > Camera > Event Camera"
+        return "" if _camera(context.scene) else say(text)
 
-    def execute(self, context):
-        return self.done(context, context.scene.camera)
+    def act(self, context) -> str:
+        return self.set_up(context, context.scene.camera)
 
 
 class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
@@ -190,28 +189,29 @@ class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
     bl_label = "Event Camera"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
+    def act(self, context) -> str:
         scene = context.scene
         thing = bpy.data.objects.new("Event Camera", bpy.data.cameras.new("Event Camera"))
         thing.location = scene.cursor.location
         thing.rotation_euler = (math.pi / 2, 0, 0)
-        answer = self.done(context, thing)
-        if answer == {"CANCELLED"}:
+        try:
+            message = self.set_up(context, thing)
+        except Exception:
             bpy.data.cameras.remove(thing.data)
-            return answer
+            raise
         context.collection.objects.link(thing)
         for other in context.selected_objects:
             other.select_set(False)
         thing.select_set(True)
         context.view_layer.objects.active = thing
-        return answer
+        return message
 
 
-for _cls in (PECS_OT_setup_camera, PECS_OT_add_camera):
-    _cls.__annotations__ = dict(_CHOICES)
+PECS_OT_setup_camera.__annotations__ = dict(_CHOICES)
+PECS_OT_add_camera.__annotations__ = dict(_CHOICES)
 
 
-class PECS_OT_restore_camera(bpy.types.Operator):
+class PECS_OT_restore_camera(Action, bpy.types.Operator):
     """Restore the camera, resolution and lens from before the setup"""
 
     bl_idname = "pecs.restore_camera"
@@ -223,9 +223,8 @@ class PECS_OT_restore_camera(bpy.types.Operator):
         camera = _camera(context.scene)
         return camera is not None and BEFORE in camera.data
 
-    def execute(self, context):
+    def act(self, context) -> None:
         restore(context.scene, context.scene.camera)
-        return {"FINISHED"}
 
 
 class PECS_GGT_focus(bpy.types.GizmoGroup):
@@ -256,13 +255,6 @@ class PECS_GGT_focus(bpy.types.GizmoGroup):
     draw_prepare = refresh
 
 
-CLASSES = (
-    PecsCamera,
-    PECS_OT_setup_camera,
-    PECS_OT_add_camera,
-    PECS_OT_restore_camera,
-    PECS_GGT_focus,
-)
 _handles: list = []
 
 

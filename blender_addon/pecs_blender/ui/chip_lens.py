@@ -7,13 +7,12 @@ from pathlib import Path
 import bpy
 import pecs
 from bpy.props import IntProperty, StringProperty
-from pecs._errors import PecsError
 
 from . import checks, library, paths, settings
-from .interface import say
+from .interface import Action, say
 
 
-class PECS_OT_chip_resolution(bpy.types.Operator):
+class PECS_OT_chip_resolution(Action, bpy.types.Operator):
     """Set the scene's resolution to that of the chip"""
 
     bl_idname = "pecs.chip_resolution"
@@ -21,24 +20,20 @@ class PECS_OT_chip_resolution(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context) -> bool:
+    def why_not(cls, context) -> str:
         try:
             chip = library.chip(context.scene.pecs.chip)
         except RuntimeError as e:
-            cls.poll_message_set(str(e))
-            return False
-        if not (chip.width and chip.height):
-            cls.poll_message_set(say("This chip has no fixed resolution"))
-        return bool(chip.width and chip.height)
+            return str(e)
+        return "" if chip.width and chip.height else say("This chip has no fixed resolution")
 
-    def execute(self, context):
+    def act(self, context) -> None:
         chip, render = library.chip(context.scene.pecs.chip), context.scene.render
         render.resolution_x, render.resolution_y, render.resolution_percentage = chip.width, chip.height, 100
         render.pixel_aspect_x = render.pixel_aspect_y = 1
-        return {"FINISHED"}
 
 
-class PECS_OT_use_gpu(bpy.types.Operator):
+class PECS_OT_use_gpu(Action, bpy.types.Operator):
     """Render on the device from Cycles' preferences"""
 
     bl_idname = "pecs.use_gpu"
@@ -49,17 +44,14 @@ class PECS_OT_use_gpu(bpy.types.Operator):
     def poll(cls, context) -> bool:
         return bool(checks.spare_gpu(context.scene))
 
-    def execute(self, context):
+    def act(self, context) -> None:
         context.scene.pecs.device = checks.spare_gpu(context.scene)
-        return {"FINISHED"}
 
 
-class _OnLens:
+class _OnLens(Action):
     @classmethod
-    def poll(cls, context) -> bool:
-        if not settings.has_lens(context.scene.pecs):
-            cls.poll_message_set(say("Choose a lens first"))
-        return settings.has_lens(context.scene.pecs)
+    def why_not(cls, context) -> str:
+        return "" if settings.has_lens(context.scene.pecs) else say("Choose a lens first")
 
 
 class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
@@ -69,9 +61,8 @@ class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
     bl_label = "Use Wide-Open Aperture"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
+    def act(self, context) -> None:
         context.scene.pecs.fnumber = 0
-        return {"FINISHED"}
 
 
 class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
@@ -82,26 +73,20 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context) -> bool:
+    def why_not(cls, context) -> str:
         camera = context.scene.camera
         if not camera or camera.type != "CAMERA":
-            cls.poll_message_set(say("The scene has no camera"))
-            return False
-        return super().poll(context)
+            return say("The scene has no camera")
+        return super().why_not(context)
 
-    def execute(self, context):
+    def act(self, context) -> None:
         scene, camera = context.scene, context.scene.camera.data
-        try:
-            width_mm, height_mm = settings.film_mm(scene)
-            info = settings.lens_now(scene)
-        except RuntimeError as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
+        width_mm, height_mm = settings.film_mm(scene)
+        info = settings.lens_now(scene)
         camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
         camera.sensor_width, camera.sensor_height = width_mm, height_mm
         camera.lens = width_mm / 2 / math.tan(math.radians(info["hfov_deg"]) / 2)
         camera.shift_x = camera.shift_y = 0
-        return {"FINISHED"}
 
 
 class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
@@ -110,27 +95,15 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
     bl_idname = "pecs.draw_lens"
     bl_label = "Draw Lens"
 
-    def execute(self, context):
-        s = context.scene.pecs
-        path = Path(bpy.app.tempdir, f"{Path(s.lens).stem}.svg")
-        try:
-            width_mm, height_mm = settings.film_mm(context.scene)
-            with pecs.Lens(library.find("lens", s.lens)) as lens:
-                drawing = lens.draw(
-                    focus_m=settings.focus_m(context.scene),
-                    fnumber=settings.plain(s.fnumber) or None,
-                    film_width_mm=width_mm,
-                    film_height_mm=height_mm,
-                )
-            path.write_text(drawing)
-        except (PecsError, OSError) as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
-        self.report({"INFO"}, paths.open_outside(path))
-        return {"FINISHED"}
+    def act(self, context) -> str:
+        lens = context.scene.pecs.lens
+        path = Path(bpy.app.tempdir, f"{Path(lens).stem}.svg")
+        with pecs.Lens(library.find("lens", lens)) as prescription:
+            path.write_text(prescription.draw(**settings.lens_options(context.scene)))
+        return paths.open_outside(path)
 
 
-class PECS_OT_pick_lens(bpy.types.Operator):
+class PECS_OT_pick_lens(Action, bpy.types.Operator):
     """Choose a lens prescription file"""
 
     bl_idname = "pecs.pick_lens"
@@ -144,9 +117,8 @@ class PECS_OT_pick_lens(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def act(self, context) -> None:
         context.scene.pecs.lens = self.filepath
-        return {"FINISHED"}
 
 
 def _keys(_self, context, text: str) -> list[tuple[str, str]]:
@@ -157,7 +129,7 @@ def _keys(_self, context, text: str) -> list[tuple[str, str]]:
     return [(key, f"{p['value']:g} {p['unit']}") for key, p in known.items() if text.lower() in key]
 
 
-class PECS_OT_override_add(bpy.types.Operator):
+class PECS_OT_override_add(Action, bpy.types.Operator):
     """Override a parameter of the chip or pixel model"""
 
     bl_idname = "pecs.override_add"
@@ -170,23 +142,16 @@ class PECS_OT_override_add(bpy.types.Operator):
     def invoke(self, context, _event):
         return context.window_manager.invoke_props_dialog(self)
 
-    def execute(self, context):
-        settings_, sensor = context.scene.pecs, context.scene.pecs.sensor
-        try:
-            known = settings.parameters(settings_)
-        except RuntimeError as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
+    def act(self, context) -> None:
+        known, sensor = settings.parameters(context.scene.pecs), context.scene.pecs.sensor
         if self.name not in known:
-            self.report({"ERROR"}, say(settings.UNKNOWN, name=self.name or "?"))
-            return {"CANCELLED"}
+            raise RuntimeError(say(settings.UNKNOWN, name=self.name or "?"))
         if self.name not in sensor.overrides:
             one = sensor.overrides.add()
             one.name, one.value = self.name, f"{known[self.name]['value']:.6g}"
-        return {"FINISHED"}
 
 
-class PECS_OT_override_remove(bpy.types.Operator):
+class PECS_OT_override_remove(Action, bpy.types.Operator):
     """Remove the override and use the value of the profile"""
 
     bl_idname = "pecs.override_remove"
@@ -195,18 +160,5 @@ class PECS_OT_override_remove(bpy.types.Operator):
 
     index: IntProperty()
 
-    def execute(self, context):
+    def act(self, context) -> None:
         context.scene.pecs.sensor.overrides.remove(self.index)
-        return {"FINISHED"}
-
-
-CLASSES = (
-    PECS_OT_chip_resolution,
-    PECS_OT_use_gpu,
-    PECS_OT_wide_open,
-    PECS_OT_match_lens,
-    PECS_OT_draw_lens,
-    PECS_OT_pick_lens,
-    PECS_OT_override_add,
-    PECS_OT_override_remove,
-)

@@ -11,7 +11,7 @@ from pecs._errors import PecsError
 from ..render.programs import pecs as program
 from . import background, checks, library, operators, paths, settings
 from .background import BackgroundJob
-from .interface import areas, say
+from .interface import Action, areas, say
 from .preferences import preferences
 
 KINDS = {  # outputs of `pecs view`: label and description
@@ -36,17 +36,13 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
     bl_label = "Simulate Events"
 
     @classmethod
-    def poll(cls, context) -> bool:
-        if not super().poll(context):
-            return False
+    def why_not(cls, context) -> str:
+        if busy := super().why_not(context):
+            return busy
         stack = paths.rendered(context.scene)
         if not (stack / "stack.json").is_file():
-            cls.poll_message_set(say("{path}: does not exist; render the stack first", path=stack))
-            return False
-        wrong = checks.sensor_problems(context.scene)
-        if wrong:
-            cls.poll_message_set(wrong[0].text)
-        return not wrong
+            return say("{path}: does not exist; render the stack first", path=stack)
+        return next((one.text for one in checks.sensor_problems(context.scene)), "")
 
     @staticmethod
     def job(context) -> BackgroundJob:
@@ -59,13 +55,10 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
 
 class _OnEvents(operators.InBackground):
     @classmethod
-    def poll(cls, context) -> bool:
-        if not super().poll(context):
-            return False
+    def why_not(cls, context) -> str:
         events = paths.events(context.scene)
-        if not events.is_file():
-            cls.poll_message_set(say("{path}: does not exist; simulate the events first", path=events))
-        return events.is_file()
+        missing = "" if events.is_file() else say("{path}: does not exist; simulate the events first", path=events)
+        return super().why_not(context) or missing
 
 
 class PECS_OT_view(_OnEvents, bpy.types.Operator):
@@ -225,19 +218,18 @@ def _number(value: float | None, spec: str) -> str:
     return say("none") if value is None else format(value, spec)
 
 
-class PECS_OT_close_scores(bpy.types.Operator):
+class PECS_OT_close_scores(Action, bpy.types.Operator):
     """Remove the scores from the panel"""
 
     bl_idname = "pecs.close_scores"
     bl_label = "Close"
     bl_options = {"INTERNAL"}
 
-    def execute(self, _context):
+    def act(self, _context) -> None:
         background.state.scores = "", []
-        return {"FINISHED"}
 
 
-class PECS_OT_open_folder(bpy.types.Operator):
+class PECS_OT_open_folder(Action, bpy.types.Operator):
     """Open the folder of the stack and events in the system's file manager"""
 
     bl_idname = "pecs.open_folder"
@@ -247,17 +239,5 @@ class PECS_OT_open_folder(bpy.types.Operator):
     def poll(cls, context) -> bool:
         return paths.events(context.scene).parent.is_dir()
 
-    def execute(self, context):
-        self.report({"INFO"}, paths.open_outside(paths.events(context.scene).parent))
-        return {"FINISHED"}
-
-
-CLASSES = (
-    PECS_OT_sense,
-    PECS_OT_view,
-    PECS_OT_reconstruct,
-    PECS_OT_report,
-    PECS_OT_compare,
-    PECS_OT_close_scores,
-    PECS_OT_open_folder,
-)
+    def act(self, context) -> str:
+        return paths.open_outside(paths.events(context.scene).parent)

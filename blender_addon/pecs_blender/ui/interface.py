@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Translated texts, labels that wrap (Blender's do not), and areas of the windows."""
+"""Translated texts, labels that wrap (Blender's do not), areas of the windows, and what operators share."""
 
 from __future__ import annotations
 
@@ -45,3 +45,30 @@ def problem(layout, one) -> None:
     wrapped(layout, one.text, "ERROR" if one.is_error else "INFO", alert=one.is_error)
     if one.fix:
         layout.operator(one.fix)
+
+
+class Action:
+    """An operator that does its work in act(context), which may return a message. Errors are reported."""
+
+    ERRORS: tuple[type[Exception], ...] = (RuntimeError, OSError)  # others are defects
+
+    @classmethod
+    def why_not(cls, context) -> str:
+        """Why the operator is disabled; empty if it is not."""
+        return ""
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        if text := cls.why_not(context):
+            cls.poll_message_set(text)
+        return not text
+
+    def execute(self, context):
+        try:
+            message = self.act(context)
+        except self.ERRORS as e:
+            self.report({"ERROR"}, str(e))
+            return {"CANCELLED"}
+        if message:
+            self.report({"INFO"}, message)
+        return {"FINISHED"}

@@ -13,7 +13,7 @@ from bpy.props import FloatProperty
 from ..render.brightness import light_rows
 from . import operators, paths
 from .background import BackgroundJob, state
-from .interface import say
+from .interface import Action, say
 
 DIM_HZ = 100.0  # photoreceptor bandwidth below which moving edges blur
 
@@ -54,7 +54,7 @@ def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
     return [f"{what[0].upper()}{what[1:]}: {value}" for what, value in light_rows(found, scale, say)]
 
 
-class PECS_OT_set_lux(bpy.types.Operator):
+class PECS_OT_set_lux(Action, bpy.types.Operator):
     """Set the light scale for the target illuminance"""
 
     bl_idname = "pecs.set_lux"
@@ -62,19 +62,16 @@ class PECS_OT_set_lux(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context) -> bool:
+    def why_not(cls, context) -> str:
         found = state.light.get(context.scene.name)
-        cls.poll_message_set(say("Probe the light first" if not found else "The probe found no lit surface in view"))
-        return bool(found and found["lux"] and found["lux"]["median"] > 0)
+        if not found:
+            return say("Probe the light first")
+        return "" if found["lux"] and found["lux"]["median"] > 0 else say("The probe found no lit surface in view")
 
-    def execute(self, context):
+    def act(self, context) -> None:
         found = state.light[context.scene.name]
         wanted = context.scene.pecs_light.wanted_lux
         context.scene.pecs.light_scale = found["light_scale"] * wanted / found["lux"]["median"]
-        return {"FINISHED"}
-
-
-CLASSES = (PecsLight, PECS_OT_probe_light, PECS_OT_set_lux)
 
 
 def register() -> None:

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import live_view
-from .interface import say, wrapped
+from .interface import Action, say, wrapped
 from .live_view import state
 
 
@@ -72,54 +72,43 @@ class PecsLive(bpy.types.PropertyGroup):
     )
 
 
-class PECS_OT_live(bpy.types.Operator):
+class PECS_OT_live(Action, bpy.types.Operator):
     """Draw simulated events over this viewport, as a preview in relative light. Press again to stop"""
 
     bl_idname = "pecs.live"
     bl_label = "Live Events"
+    ERRORS = (Exception,)
 
     @classmethod
     def poll(cls, context) -> bool:
         return not bpy.app.background and context.area is not None and context.area.type == "VIEW_3D"
 
-    def execute(self, context):
+    def act(self, context) -> None:
         if state.view:
             live_view.end(state.view)
-            return {"FINISHED"}
-        try:
-            state.view = live_view.LiveView(context)
-        except Exception as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
-        state.message = ""
-        return {"FINISHED"}
+            return
+        state.view, state.message = live_view.LiveView(context), ""
 
 
-class PECS_OT_live_record(bpy.types.Operator):
+class PECS_OT_live_record(Action, bpy.types.Operator):
     """Record the live events to the file until pressed again or the live view stops"""
 
     bl_idname = "pecs.live_record"
     bl_label = "Record"
+    ERRORS = (Exception,)
 
     @classmethod
     def poll(cls, _context) -> bool:
         return state.view is not None
 
-    def execute(self, context):
+    def act(self, context) -> str | None:
         sensor, name = state.view.sensor, context.scene.pecs_live.record
-        try:
-            if recording := sensor.recording:
-                count = sensor.stop_recording()
-                self.report({"INFO"}, say("{path}: {count:,} events", path=recording.path, count=count))
-            elif name.startswith("//") and not bpy.data.filepath:
-                text = "{name}: the .blend has no folder yet. Save it, or choose an absolute path"
-                raise ValueError(say(text, name=name))
-            else:
-                live_view.record(state.view, Path(bpy.path.abspath(name)))
-        except Exception as e:
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        if recording := sensor.recording:
+            return say("{path}: {count:,} events", path=recording.path, count=sensor.stop_recording())
+        if name.startswith("//") and not bpy.data.filepath:
+            text = "{name}: the .blend has no folder yet. Save it, or choose an absolute path"
+            raise ValueError(say(text, name=name))
+        return live_view.record(state.view, Path(bpy.path.abspath(name)))
 
 
 class PECS_PT_live(bpy.types.Panel):
@@ -151,9 +140,6 @@ class PECS_PT_live(bpy.types.Panel):
         column.prop(s, "decay_ms")
         column.prop(s, "alone")
         layout.prop(s, "record")
-
-
-CLASSES = (PecsLive, PECS_OT_live, PECS_OT_live_record, PECS_PT_live)
 
 
 @bpy.app.handlers.persistent

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 from . import background, event_operators, paths
-from .interface import say
+from .interface import Action, say
 
 _PAGES = (
     Path(__file__).parents[1] / "manual/panel.html",
@@ -27,15 +27,14 @@ def _manual_pages() -> tuple[str, tuple[tuple[str, str], ...]]:
     return _page().as_uri(), tuple((pattern, "") for pattern in ours)
 
 
-class PECS_OT_manual(bpy.types.Operator):
+class PECS_OT_manual(Action, bpy.types.Operator):
     """Open the manual in the browser"""
 
     bl_idname = "pecs.manual"
     bl_label = "Manual"
 
-    def execute(self, _context):
-        self.report({"INFO"}, paths.open_outside(_page()))
-        return {"FINISHED"}
+    def act(self, _context) -> str:
+        return paths.open_outside(_page())
 
 
 class PECS_MT_render(bpy.types.Menu):
@@ -71,9 +70,6 @@ def _in_status_bar(self, _context) -> None:
         row.ui_units_x = 16  # fits the text
         row.progress(factor=job.progress, text=job.text)
         row.operator("pecs.stop", icon="CANCEL", text="")
-
-
-CLASSES = (PECS_OT_manual, PECS_MT_render)
 
 
 _keys: list[tuple] = []  # keymap and item

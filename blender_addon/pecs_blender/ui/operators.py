@@ -15,7 +15,7 @@ import pecs
 from ..render.colour import linear_rgb
 from . import background, checks, paths, settings
 from .background import BackgroundJob
-from .interface import areas, say
+from .interface import Action, areas, say
 from .preferences import ROOT, preferences
 
 PREVIEW_WIDTH = 320
@@ -26,28 +26,19 @@ PREVIEW_IMAGE = "PECS preview"
 BUSY = "A job is running. Wait for it or stop it"
 
 
-class InBackground:
+class InBackground(Action):
     """Starts the BackgroundJob of job(context), a method of the subclass."""
 
     bl_options = {"REGISTER"}
 
     @classmethod
-    def poll(cls, context) -> bool:
-        if background.state.job:
-            cls.poll_message_set(say(BUSY))
-            return False
-        return True
+    def why_not(cls, context) -> str:
+        return say(BUSY) if background.state.job else ""
 
-    def execute(self, context):
+    def act(self, context) -> None:
         if background.state.job:
-            self.report({"ERROR"}, say(BUSY))
-            return {"CANCELLED"}
-        try:
-            background.start(self.job(context))
-        except (OSError, RuntimeError) as e:  # no program; invalid chip
-            self.report({"ERROR"}, str(e))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+            raise RuntimeError(say(BUSY))
+        background.start(self.job(context))
 
 
 def is_saved() -> bool:
@@ -61,25 +52,17 @@ def needs_saving() -> bool:
 
 class Renders(InBackground):
     @classmethod
-    def poll(cls, context) -> bool:
-        if not super().poll(context):
-            return False
+    def why_not(cls, context) -> str:
+        if busy := super().why_not(context):
+            return busy
         if needs_saving():
-            cls.poll_message_set(say("Save the file first; the render reads the saved file"))
-            return False
-        wrong = [one.text for one in checks.problems(context.scene) if one.is_error]
-        if wrong:
-            cls.poll_message_set(wrong[0])
-        return not wrong
+            return say("Save the file first; the render reads the saved file")
+        return next((one.text for one in checks.problems(context.scene) if one.is_error), "")
 
-    def execute(self, context):
+    def act(self, context) -> None:
         if not is_saved():  # preference save_first
-            try:
-                bpy.ops.wm.save_mainfile()
-            except RuntimeError as e:
-                self.report({"ERROR"}, str(e))
-                return {"CANCELLED"}
-        return super().execute(context)
+            bpy.ops.wm.save_mainfile()
+        super().act(context)
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
@@ -202,7 +185,7 @@ def show_image(image: bpy.types.Image) -> str:
     return say(text, image=image.name)
 
 
-class PECS_OT_stop(bpy.types.Operator):
+class PECS_OT_stop(Action, bpy.types.Operator):
     """Stop the job and keep the finished frames. Press again to kill it. Shortcut in the properties editor: Esc"""
 
     bl_idname = "pecs.stop"
@@ -212,10 +195,6 @@ class PECS_OT_stop(bpy.types.Operator):
     def poll(cls, _context) -> bool:
         return bool(background.state.job)
 
-    def execute(self, context):
+    def act(self, _context) -> None:
         if background.state.job:
             background.state.job.stop()
-        return {"FINISHED"}
-
-
-CLASSES = (PECS_OT_render, PECS_OT_run, PECS_OT_plan, PECS_OT_preview, PECS_OT_stop)

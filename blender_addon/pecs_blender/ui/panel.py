@@ -299,21 +299,3 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
                 split.scale_y = 0.6
                 split.label(text=say(label))
                 split.label(text=value)
-
-
-CLASSES = (
-    PECS_PT_render,
-    PECS_PT_camera,
-    PECS_PT_sensor,
-    PECS_PT_parameters,
-    PECS_PT_lens,
-    PECS_PT_light,
-    PECS_PT_light_more,
-    PECS_PT_time,
-    PECS_PT_stack,
-    PECS_PT_probe,
-    PECS_PT_checks,
-    PECS_PT_events,
-    PECS_PT_view,
-    PECS_PT_compare,
-)

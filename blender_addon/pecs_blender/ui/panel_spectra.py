@@ -99,9 +99,6 @@ class PECS_PT_lamp(_Spectra, bpy.types.Panel):
         self.layout.prop(context.light, field("pecs_spectrum"))
 
 
-CLASSES = (PECS_PT_material, PECS_PT_world, PECS_PT_lamp)
-
-
 def register() -> None:
     for holder, keys in _HOLDERS.items():
         for key in keys:

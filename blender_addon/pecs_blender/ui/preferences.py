@@ -60,6 +60,3 @@ def own_folder(kind: str) -> Path | None:
     """kind: "lens" or "chip"."""
     text = getattr(preferences(), f"{kind}_folder")
     return Path(bpy.path.abspath(text)) if text else None
-
-
-CLASSES = (PecsPreferences,)

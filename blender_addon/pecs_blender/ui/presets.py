@@ -39,7 +39,6 @@ class PECS_OT_preset_add(AddPresetBase, bpy.types.Operator):
     ]
 
 
-CLASSES = (PECS_PT_presets, PECS_OT_preset_add)
 _HERE = str(Path(__file__).parent)
 
 

@@ -16,7 +16,7 @@ from ..render.spectral import beyond_reach
 from . import settings
 from .background import state
 from .checks import Problem
-from .interface import say
+from .interface import Action, say
 
 TIMES = 8  # sampled times of the rendered range
 MOST_PX = 1.0  # motion between frames above which the light jumps
@@ -167,29 +167,30 @@ def _list(what: str, names: list[str]) -> str:
     return text if len(names) <= SHOWN else say("{names}, and {count} more", names=text, count=len(names) - SHOWN)
 
 
-class PECS_OT_check_scene(bpy.types.Operator):
+class PECS_OT_check_scene(Action, bpy.types.Operator):
     """Check the scene for causes of wrong events: fast motion, missing files, lamps without a spectrum, noise, …"""
 
     bl_idname = "pecs.check_scene"
     bl_label = "Check Scene"
 
-    def execute(self, context):
+    def act(self, context) -> str:
         scene = context.scene
         state.problems[scene.name] = found = check(scene, context.view_layer)
-        self.report({"INFO"}, say("{count} problems found", count=len(found)) if found else say("No problems found"))
-        return {"FINISHED"}
+        return say("{count} problems found", count=len(found)) if found else say("No problems found")
 
 
-class _Fix:
-    """Applies a fix, then repeats the checks."""
+class _Fix(Action):
+    """Applies a fix, then repeats the checks. `setting`: the attribute of the PECS settings and its value."""
 
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
+    def act(self, context) -> None:
         self.fix(context.scene, context.view_layer)
         if context.scene.name in state.problems:
             state.problems[context.scene.name] = check(context.scene, context.view_layer)
-        return {"FINISHED"}
+
+    def fix(self, scene, _view_layer) -> None:
+        setattr(scene.pecs, *self.setting)
 
 
 class PECS_OT_use_adaptive(_Fix, bpy.types.Operator):
@@ -197,9 +198,7 @@ class PECS_OT_use_adaptive(_Fix, bpy.types.Operator):
 
     bl_idname = "pecs.use_adaptive"
     bl_label = "Use Adaptive Steps"
-
-    def fix(self, scene, _view_layer) -> None:
-        scene.pecs.time = "adaptive"
+    setting = "time", "adaptive"
 
 
 class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
@@ -207,9 +206,7 @@ class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
 
     bl_idname = "pecs.allow_scripts"
     bl_label = "Allow Scripts"
-
-    def fix(self, scene, _view_layer) -> None:
-        scene.pecs.allow_scripts = True
+    setting = "allow_scripts", True
 
 
 class PECS_OT_turn_off_denoising(_Fix, bpy.types.Operator):
@@ -217,9 +214,7 @@ class PECS_OT_turn_off_denoising(_Fix, bpy.types.Operator):
 
     bl_idname = "pecs.turn_off_denoising"
     bl_label = "Turn Off Denoising"
-
-    def fix(self, scene, _view_layer) -> None:
-        scene.pecs.denoise = False
+    setting = "denoise", False
 
 
 class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):
@@ -227,9 +222,7 @@ class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):
 
     bl_idname = "pecs.set_noise_target"
     bl_label = "Set a Noise Target"
-
-    def fix(self, scene, _view_layer) -> None:
-        scene.pecs.noise_target = NOISE_TARGET
+    setting = "noise_target", NOISE_TARGET
 
 
 class PECS_OT_extend_clip_end(_Fix, bpy.types.Operator):
@@ -242,13 +235,3 @@ class PECS_OT_extend_clip_end(_Fix, bpy.types.Operator):
         camera = scene.camera
         ahead = -(np.array(camera.matrix_world.normalized().inverted()) @ _corners(view_layer))[2]
         camera.data.clip_end = max(camera.data.clip_end, 1.1 * float(ahead.max(initial=0)))
-
-
-CLASSES = (
-    PECS_OT_check_scene,
-    PECS_OT_use_adaptive,
-    PECS_OT_allow_scripts,
-    PECS_OT_turn_off_denoising,
-    PECS_OT_set_noise_target,
-    PECS_OT_extend_clip_end,
-)

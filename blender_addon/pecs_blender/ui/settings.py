@@ -328,16 +328,16 @@ def film_mm(scene: bpy.types.Scene) -> tuple[float, float]:
     return width_mm, width_mm * height / width
 
 
+def lens_options(scene: bpy.types.Scene) -> dict[str, float | None]:
+    """Options of pecs.Lens.info and pecs.Lens.draw. Raises pecs.PecsError for an invalid chip."""
+    width_mm, height_mm = film_mm(scene)
+    fnumber = plain(scene.pecs.fnumber) or None
+    return {"focus_m": focus_m(scene), "fnumber": fnumber, "film_width_mm": width_mm, "film_height_mm": height_mm}
+
+
 def lens_now(scene: bpy.types.Scene) -> dict:
     """pecs.Lens.info at the current settings. Raises pecs.PecsError."""
-    width_mm, height_mm = film_mm(scene)
-    return library.lens_info(
-        scene.pecs.lens,
-        focus_m=focus_m(scene),
-        fnumber=plain(scene.pecs.fnumber) or None,
-        film_width_mm=width_mm,
-        film_height_mm=height_mm,
-    )
+    return library.lens_info(scene.pecs.lens, **lens_options(scene))
 
 
 def plain(value: float) -> float:
@@ -412,9 +412,6 @@ def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
         option = "--param" if known.get(one.name, {}).get("of") == "model" else "--set"
         words += [option, f"{one.name}={one.value}"]
     return words
-
-
-CLASSES = (PecsOverride, PecsSensor, PecsSettings)
 
 
 def register() -> None:

@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 from statistics import mean
 
-from .._command import Parser, answer
+from .._arguments import Parser
+from .._command import answer
 from .._errors import ExitCode, PecsError, bad_input
 from .._progress import Line
 from . import manifest, recipe, report, run, writers

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._files import write_json
+from .._files import sha256, write_json
 from .._library import version
 from .recipe import Recipe
 
@@ -26,17 +25,9 @@ def _files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _sum(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
-
-
 def seal(folder: Path) -> None:
     """Writes files.json: size and SHA-256 of every file."""
-    write_json(folder / OWN, {str(p.relative_to(folder)): [p.stat().st_size, _sum(p)] for p in _files(folder)})
+    write_json(folder / OWN, {str(p.relative_to(folder)): [p.stat().st_size, sha256(p)] for p in _files(folder)})
 
 
 def faults(folder: Path) -> list[str]:
@@ -52,7 +43,7 @@ def faults(folder: Path) -> list[str]:
             found.append(f"{path}: no such file")
         elif path.stat().st_size != size:
             found.append(f"{path}: got {path.stat().st_size} bytes, wanted {size}")
-        elif _sum(path) != digest:
+        elif sha256(path) != digest:
             found.append(f"{path}: got other content, wanted SHA-256 {digest[:12]}…")
     return found
 
@@ -67,7 +58,7 @@ def write(recipe: Recipe, output: Path) -> dict[str, Any]:
     for index in range(recipe.sequences):
         folder = sequence_folder(output, index)
         info = json.loads((folder / "sequence.json").read_text())
-        rows.append({key: info[key] for key in ("name", "split", "scene")} | {"sha256": _sum(folder / OWN)})
+        rows.append({key: info[key] for key in ("name", "split", "scene")} | {"sha256": sha256(folder / OWN)})
     manifest = {
         "format": 1,
         "name": recipe.name,

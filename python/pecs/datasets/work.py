@@ -19,7 +19,7 @@ from typing import Any
 
 from .._config import read_json
 from .._errors import PecsOutputError
-from .._files import write_json
+from .._files import sha256, write_json
 from .._library import version
 from .manifest import sequence_folder
 from .recipe import CameraEntry, Recipe
@@ -148,11 +148,7 @@ def content_sha256(path: Path) -> str:
 
 @cache
 def _file_sha256(path: Path, changed_ns: int) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+    return sha256(path)
 
 
 @cache

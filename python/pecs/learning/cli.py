@@ -6,8 +6,8 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from .._arguments import Quantity
-from .._command import Parser, answer
+from .._arguments import Parser, Quantity
+from .._command import answer
 from .._errors import PecsNotFoundError, optional_module
 from .._progress import Line
 from .reconstruct import METHODS

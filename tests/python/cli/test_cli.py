@@ -9,7 +9,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs import _command, demo
-from pecs._arguments import Quantity
+from pecs._arguments import Parser, Quantity
 from pecs._progress import Line, Progress
 from support import load_script, small_stacks
 
@@ -210,7 +210,7 @@ def test_a_reader_that_goes_away_is_named(monkeypatch, capsys):
         raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 
     monkeypatch.setattr(_command.signal, "signal", lambda *_: None)
-    assert _command.answer(_command.Parser(prog="pecs demo"), run, []) == 5
+    assert _command.answer(Parser(prog="pecs demo"), run, []) == 5
     assert capsys.readouterr().err == "pecs: standard output: Broken pipe\n"
 
 

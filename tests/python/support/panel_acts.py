@@ -66,7 +66,7 @@ def drawn(context=None):
     """All texts of all panels and menus."""
     texts = []
     for module in ui.modules():
-        for cls in getattr(module, "CLASSES", ()):
+        for cls in ui.classes(module):
             own_context = context or bpy.context
             if not issubclass(cls, bpy.types.Panel | bpy.types.Menu) or "preset" in cls.__name__.lower():
                 continue
