@@ -14,12 +14,12 @@ from typing import NoReturn
 import pecs
 from pecs import _arguments
 from pecs._arguments import Quantity, account
-from pecs._errors import ExitCode, PecsError, PecsOutputError, one_line
+from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, one_line
 from pecs._progress import report
 
 from .render import programs, stop
 from .render.brightness import light_words
-from .render.options import DEFAULTS, RULES, Options, UsageError, add_argument, add_arguments
+from .render.options import DEFAULTS, RULES, Options, add_argument, add_arguments
 from .render.resources import Restart
 from .render.scene_file import load_scene
 from .render.shards import merge

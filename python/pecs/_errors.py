@@ -52,6 +52,12 @@ class PecsInputError(PecsError, ValueError):
     code = ExitCode.BAD_INPUT
 
 
+class UsageError(PecsInputError):
+    """Arguments or options that are wrong or exclude each other."""
+
+    code = ExitCode.USAGE
+
+
 class PecsOutputError(PecsError, OSError):
     """An output cannot be written: no permission, disk full, exists and differs."""
 

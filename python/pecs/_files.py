@@ -28,6 +28,11 @@ def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
         raise bad_input(path, f"byte {e.start}", "invalid UTF-8", f"{wanted} in UTF-8") from None
 
 
+def existing_folder(path: Path) -> Path:
+    """The path, or the nearest folder above it that exists."""
+    return next(place for place in (path, *path.absolute().parents) if place.exists())
+
+
 def sha256(path: Path) -> str:
     digest = hashlib.sha256()
     with path.open("rb") as file:

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._errors import KINDS, ExitCode, PecsError, PecsInputError
+from ._errors import KINDS, PecsError, UsageError
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -100,7 +100,7 @@ def path_bytes(path: str | bytes | os.PathLike[str]) -> bytes:
     """A path as C takes it; names that are not UTF-8 as Python got them from the system."""
     out = os.fsencode(path)
     if b"\0" in out:
-        raise PecsInputError(f"{out!r}: a path cannot contain NUL", ExitCode.USAGE)
+        raise UsageError(f"{out!r}: a path cannot contain NUL")
     return out
 
 

@@ -77,16 +77,6 @@ def position_quaternion(matrices: ArrayLike) -> tuple[NDArray[np.float64], NDArr
     return matrices[..., :3, 3].copy(), quaternion_from_matrix(matrices[..., :3, :3])
 
 
-def inverse(matrices: ArrayLike) -> NDArray[np.float64]:
-    """Of rigid [..., 4, 4]."""
-    matrices = np.asarray(matrices, float)
-    m = np.zeros_like(matrices)
-    m[..., :3, :3] = np.swapaxes(matrices[..., :3, :3], -1, -2)
-    m[..., :3, 3] = -(m[..., :3, :3] @ matrices[..., :3, 3:])[..., 0]
-    m[..., 3, 3] = 1
-    return m
-
-
 def slerp(q0: ArrayLike, q1: ArrayLike, fraction: ArrayLike) -> NDArray[np.float64]:
     """[..., 4]: the shorter great circle from q0 to q1 at constant rate (Shoemake 1985)."""
     q0, q1, f = np.asarray(q0, float), np.asarray(q1, float), np.asarray(fraction, float)[..., None]
@@ -131,11 +121,6 @@ def read_tum(path: str | PathLike) -> tuple[NDArray[np.float64], NDArray[np.floa
     """t_s [n], positions_m [n, 3], quaternions [n, 4] of length 1. Raises PecsInputError with file and line."""
     rows = _table(Path(path), None, 8, TUM_HEADER[2:])
     return rows[:, 0], rows[:, 1:4], _unit_quaternions(Path(path), rows[:, 4:8])
-
-
-def write_euroc_poses(path: str | PathLike, t_ns: ArrayLike, positions_m: ArrayLike, quaternions: ArrayLike) -> None:
-    q = np.asarray(quaternions, float)
-    _write_csv(path, EUROC_POSE_HEADER, t_ns, np.column_stack([np.asarray(positions_m, float), q[:, [3, 0, 1, 2]]]))
 
 
 def read_euroc_poses(path: str | PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from ._c_types import FLOATS, INT64, POINTER, TEXT
 from ._library import Handle, function, json_function, path_bytes, take_json
 from .stack import StackReader
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _models = function("pecs_models", POINTER)
 _bands = json_function("pecs_bands")
@@ -28,6 +31,14 @@ def models() -> list[dict[str, Any]]:
     "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's; `tells_causes`: `labels` work."""
     answer: list[dict[str, Any]] = take_json(_models())
     return answer
+
+
+class ScaleOptions(TypedDict, total=False):
+    """From light to photocurrent: options of `Chip.amperes_per_unit`, `Chip.photocurrent` and `Light`."""
+
+    fnumber: float | None  # of the lens, for radiance
+    gain: float | None  # A per sum of lambda_nm QE L weight_nm, for relative light
+    photocurrent_a: float | None  # of light 1 in all bands, for relative light; 1e-12 if neither is given
 
 
 class Chip(Handle):
@@ -63,10 +74,7 @@ class Chip(Handle):
         self,
         bands: Sequence[Mapping[str, float]],
         quantity: str = "irradiance",
-        *,
-        fnumber: float | None = None,
-        gain: float | None = None,
-        photocurrent_a: float | None = None,
+        **scale: Unpack[ScaleOptions],
     ) -> list[float]:
         """Photocurrent [A] of a pixel per unit of each band's value.
 
@@ -75,14 +83,9 @@ class Chip(Handle):
         A per sum of lambda_nm QE L weight_nm, or `photocurrent_a` the current of light 1 in all bands (1 pA if
         neither).
         """
-        options = {
-            "bands": [{key: float(band[key]) for key in ("lambda_nm", "weight_nm")} for band in bands],
-            "quantity": quantity,
-            "fnumber": fnumber,
-            "gain": gain,
-            "photocurrent_a": photocurrent_a,
-        }
+        pairs = [{key: float(band[key]) for key in ("lambda_nm", "weight_nm")} for band in bands]
         with self._use() as handle:
+            options = {"bands": pairs, "quantity": quantity, **scale}
             amperes: list[float] = _amperes(handle, options)["amperes_per_unit"]
             return amperes
 
@@ -91,10 +94,8 @@ class Chip(Handle):
         stack: str | PathLike[str] | StackReader,
         frames: int | Sequence[int] | None = None,
         *,
-        fnumber: float | None = None,
-        gain: float | None = None,
-        photocurrent_a: float | None = None,
         fps: float | None = None,
+        **scale: Unpack[ScaleOptions],
     ) -> NDArray[np.float32]:
         """The photocurrent of a stack's frames [A]: [height, width] of one, [frames, height, width] of several or,
         with None, of all. Without dark current. Negative light gives 0, what is not finite gives NaN.
@@ -103,8 +104,8 @@ class Chip(Handle):
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:
-                return self.photocurrent(reader, frames, fnumber=fnumber, gain=gain, photocurrent_a=photocurrent_a)
-        options = json.dumps({"fnumber": fnumber, "gain": gain, "photocurrent_a": photocurrent_a}).encode()
+                return self.photocurrent(reader, frames, **scale)
+        options = json.dumps(scale).encode()
         wanted = range(stack.info["frames"]) if frames is None else np.atleast_1d(np.asarray(frames, np.int64))
         out = np.empty((len(wanted), stack.info["height"], stack.info["width"]), np.float32)
         for plane, frame in zip(out, wanted, strict=True):

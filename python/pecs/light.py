@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLE, DOUBLES, FLOATS, INT64, POINTER, TEXT
 from ._library import Handle, function, path_bytes, take_json
-from .chip import Chip, chip_options
+from .chip import Chip, ScaleOptions, chip_options
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _open = function("pecs_light_open", POINTER, TEXT, TEXT)
 _info = function("pecs_light_info", POINTER, POINTER)
@@ -47,23 +50,14 @@ class Light(Handle):
         stack: str | PathLike[str],
         chips: _Chip | Sequence[_Chip],
         *,
-        fnumber: float | None = None,
-        gain: float | None = None,
-        photocurrent_a: float | None = None,
         fps: float | None = None,
         motion: bool = True,
         threads: int = 0,
+        **scale: Unpack[ScaleOptions],
     ):
         several = [chips] if isinstance(chips, (str, PathLike, Chip)) else list(chips)
-        options = {
-            "chips": [chip_options(chip) for chip in several],
-            "fnumber": fnumber,
-            "gain": gain,
-            "photocurrent_a": photocurrent_a,
-            "fps": fps,
-            "motion": motion,
-            "threads": threads,
-        }
+        options = {"chips": [chip_options(chip) for chip in several], "fps": fps, "motion": motion, **scale}
+        options |= {"threads": threads}
         super().__init__(_open(path_bytes(stack), json.dumps(options).encode()))
         with self._use() as handle:
             info: dict[str, Any] = take_json(_info(handle))

@@ -293,11 +293,16 @@ def save_picture(picture: np.ndarray, path: Path, scene: bpy.types.Scene) -> Non
     """Writes [height, width, 3] to an EXR file, bit-exact (`configure` sets the format)."""
     height, width, _ = picture.shape
     image = bpy.data.images.new(path.stem, width, height, float_buffer=True, is_data=True)
-    rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = picture[::-1]  # Blender's row 0 is at the bottom
-    image.pixels.foreach_set(rgba.ravel())
+    fill(image, picture)
     image.save_render(str(path), scene=scene)
     bpy.data.images.remove(image)
+
+
+def fill(image: bpy.types.Image, picture: np.ndarray) -> None:
+    """Sets all pixels of an image; picture: [height, width, 3] or, grey, [height, width, 1]."""
+    rgba = np.ones((*picture.shape[:2], 4), np.float32)
+    rgba[..., :3] = picture[::-1]  # Blender's row 0 is at the bottom
+    image.pixels.foreach_set(rgba.ravel())
 
 
 def interpolated(lambda_nm, values):

@@ -7,15 +7,14 @@ import tempfile
 from pathlib import Path
 
 import bpy
-import numpy as np
 import pecs
-from pecs._errors import bad_input
+from pecs._errors import UsageError, bad_input
 from pecs._progress import Progress
 from pecs.learning.reconstruct import Filter, windows
 
 from . import stop
+from .cycles import fill
 from .cycles import quiet as no_words
-from .options import UsageError
 
 MAX_PICTURES = 100_000
 
@@ -42,9 +41,7 @@ def write(
         image.file_format = "PNG"
         with pecs.EventReader(events) as reader:
             for number, window in enumerate(windows(reader, 1e6 / fps), 1):
-                rgba = np.ones((size[1], size[0], 4), np.float32)
-                rgba[..., :3] = method(window)[::-1, :, None]  # Blender's row 0 is at the bottom
-                image.pixels.foreach_set(rgba.ravel())
+                fill(image, method(window)[..., None])
                 image.filepath_raw = f"{scratch}/{number:06d}.png"
                 image.save()
                 progress.at(min(number, count))

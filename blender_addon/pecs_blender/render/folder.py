@@ -68,15 +68,13 @@ class FolderScene(Source):
         corners = [(x + sx * h, y - gap_m, z + sz * h) for sx, sz in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])
 
-        saved = scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples
-        scene.render.resolution_x = scene.render.resolution_y = 8
-        scene.cycles.samples = METER_SAMPLES // 64
-        scene.camera = camera
-        self.set_time(0.0)
-        spectral.set_pass(METER_LAMBDA_NM)
-        # Lambert: E = pi L / reflectance
-        irradiance = math.pi / METER_REFLECTANCE * cycles.Film(scene).render().astype(float).mean(axis=(1, 2))
-        scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = saved
+        small = scene.render, {"resolution_x": 8, "resolution_y": 8}
+        with cycles.changed((small, (scene.cycles, {"samples": METER_SAMPLES // 64}))):
+            scene.camera = camera
+            self.set_time(0.0)
+            spectral.set_pass(METER_LAMBDA_NM)
+            # Lambert: E = pi L / reflectance
+            irradiance = math.pi / METER_REFLECTANCE * cycles.Film(scene).render().astype(float).mean(axis=(1, 2))
         for thing in (camera, plane):
             bpy.data.objects.remove(thing, do_unlink=True)
         lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), spectral.emitters.norm)

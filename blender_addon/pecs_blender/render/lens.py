@@ -16,9 +16,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pecs
+from pecs._errors import UsageError
 
 from . import cycles
-from .options import UsageError, flag
+from .options import flag
 from .plan import Sampling, View
 from .source import Source
 

@@ -11,16 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pecs._arguments import Quantity
-from pecs._errors import ExitCode, PecsInputError
+from pecs._errors import UsageError
 
 from .layers import LAYERS
-
-
-class UsageError(PecsInputError):
-    """Options that are wrong or exclude each other."""
-
-    code = ExitCode.USAGE
-
 
 TIMES = ("uniform", "adaptive")
 PLACEMENTS = ("gauss", "strata", "uniform")

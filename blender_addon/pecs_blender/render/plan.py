@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pecs
+from pecs._errors import UsageError
 
 from .camera_path import CameraPath, read_camera_path
-from .options import Options, UsageError
+from .options import Options
 from .spectra import Spectrum, spectrum
 from .timeline import Timeline, timeline
 

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 from pecs._errors import PecsOutputError
+from pecs._files import existing_folder
 
 BYTES_PER_VALUE = 4  # upper bound of a frame file, before compression
 RESTART_GROWTH_MB = 1000.0  # growth of memory at which the process restarts
@@ -34,9 +35,7 @@ class MemoryGuard:
 
 
 def check_disk(folder: Path, needed_bytes: int) -> None:
-    place = folder.absolute()
-    while not place.exists() and place != place.parent:
-        place = place.parent
+    place = existing_folder(folder)
     if not place.is_dir():
         return  # the writer reports the error
     disk = shutil.disk_usage(place)

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pecs._config import Fields, is_number, read_json, wanted_number
-from pecs._errors import PecsError, PecsInputError, PecsNotFoundError, bad_input, shown
+from pecs._errors import PecsError, PecsInputError, PecsNotFoundError, UsageError, bad_input, shown
 
-from .options import UsageError
 from .spectra import Spectrum, spectrum
 
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs._errors import UsageError
 from pecs._files import write_whole
 
 from . import cycles
 from .boxes import Shape, shape
 from .mesh_points import Geometries, Geometry
-from .options import UsageError
 from .source import Source
 from .surfaces import renders
 from .things import Key, Things

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .options import UsageError
+from pecs._errors import UsageError
 
 MAX_INSTANTS = 1_000_000  # of a stack
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import bpy
 from pecs._errors import PecsError
+from pecs._files import existing_folder
 
 from ..render.options import DEVICES, RULES
 from ..render.resources import readable
@@ -135,7 +136,7 @@ def _output_problems(scene) -> Iterator[Problem]:
         return
     yield from _folder_problems(folder)
     wanted = settings.stack_bytes(scene)
-    disk = shutil.disk_usage(_existing(folder))
+    disk = shutil.disk_usage(existing_folder(folder))
     if disk.total and wanted > disk.free:  # 0 in /proc
         text = say(
             "The stack requires up to {wanted}; {free} are free", wanted=readable(wanted), free=readable(disk.free)
@@ -143,13 +144,8 @@ def _output_problems(scene) -> Iterator[Problem]:
         yield Problem(text, is_error=scene.pecs.time == "uniform")
 
 
-def _existing(folder: Path) -> Path:
-    """The folder, or its nearest existing parent."""
-    return next(place for place in (folder, *folder.absolute().parents) if place.exists())
-
-
 def _folder_problems(folder: Path) -> Iterator[Problem]:
-    place = _existing(folder)
+    place = existing_folder(folder)
     if not place.is_dir():
         yield Problem(say(NO_FOLDER, path=place))
     elif not os.access(place, os.W_OK | os.X_OK):

@@ -9,10 +9,10 @@ import tempfile
 from pathlib import Path
 
 import bpy
-import numpy as np
 import pecs
 
 from ..render.colour import linear_rgb
+from ..render.cycles import fill
 from . import background, checks, paths, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
@@ -168,9 +168,7 @@ def _show(job: BackgroundJob) -> str:
     if old := bpy.data.images.get(PREVIEW_IMAGE):
         bpy.data.images.remove(old)
     image = bpy.data.images.new(PREVIEW_IMAGE, width, height, float_buffer=True)
-    rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = picture[::-1]  # Blender's row 0 is at the bottom
-    image.pixels.foreach_set(rgba.ravel())
+    fill(image, picture)
     image.update()
     shutil.rmtree(job.output.parent, ignore_errors=True)
     return show_image(image)

@@ -12,7 +12,8 @@ from statistics import mean
 
 from .._arguments import Parser
 from .._command import answer
-from .._errors import ExitCode, PecsError, bad_input
+from .._errors import UsageError, bad_input
+from .._files import existing_folder
 from .._progress import Line
 from . import manifest, recipe, report, run, writers
 from .card import write_cards
@@ -60,7 +61,7 @@ def _run(args: argparse.Namespace) -> None:
     found = recipe.load(args.recipe)
     if args.sequences is not None:
         if not 1 <= args.sequences <= recipe.MOST_SEQUENCES:
-            raise PecsError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}", ExitCode.USAGE)
+            raise UsageError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}")
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
     if args.plan:
@@ -85,7 +86,7 @@ def _wanted(only: str | None, count: int) -> list[int]:
     except ValueError:
         begin, end = -1, -1
     if not 0 <= begin < end <= count:
-        raise PecsError(f"--only {only}: wanted N or A:B within 0 to {count}", ExitCode.USAGE)
+        raise UsageError(f"--only {only}: wanted N or A:B within 0 to {count}")
     return list(range(begin, end))
 
 
@@ -192,7 +193,7 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     kind = "keyframes among" if found.render["time"] == "adaptive" else "all of"
     what = f"ground truth at {truth * stacks} instants, light at {kind} {light * stacks}"
     print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
-    free = shutil.disk_usage(next(p for p in (output, *output.absolute().parents) if p.exists())).free * 1e-9
+    free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     if not seconds:
         print(f"time and size can be estimated once one sequence exists: run --only {wanted[0]}; {free:.0f} GB free")
         return

@@ -1,9 +1,9 @@
-"""Parameters of trajectories: for every kind a table of name, default, range and unit."""
+"""Parameters of trajectories: for every kind a table of name, default and range; names end with the unit."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,144 +15,114 @@ REQUIRED = object()
 
 
 @dataclass(frozen=True)
-class Number:
+class Parameter:
+    """read(fields, key): the value, checked."""
+
     default: Any
-    low: float
-    high: float
-    unit: str
-
-    def read(self, fields: Fields, key: str) -> float:
-        return float(fields.number(key, low=self.low, high=self.high))
+    read: Callable[[Fields, str], Any]
 
 
-@dataclass(frozen=True)
-class Count:
-    default: int
-    low: int
-    high: int
-
-    def read(self, fields: Fields, key: str) -> int:
-        return fields.integer(key, low=self.low, high=self.high)
+def _number(default: Any, low: float, high: float) -> Parameter:
+    return Parameter(default, lambda fields, key: float(fields.number(key, low=low, high=high)))
 
 
-@dataclass(frozen=True)
-class Numbers:
+def _numbers(default: Any, *shape: int, low: float = -1e6, high: float = 1e6) -> Parameter:
     """A list of numbers of a shape; -1: any length."""
 
-    default: Any
-    shape: tuple[int, ...]
-    low: float = -1e6
-    high: float = 1e6
-
-    def read(self, fields: Fields, key: str) -> Any:
-        array = fields.array(key, *self.shape)
-        if not array.size or not ((array >= self.low) & (array <= self.high)).all():
-            raise fields.wrong(key, f"numbers from {self.low:g} to {self.high:g}")
+    def read(fields: Fields, key: str) -> Any:
+        array = fields.array(key, *shape)
+        if not array.size or not ((array >= low) & (array <= high)).all():
+            raise fields.wrong(key, f"numbers from {low:g} to {high:g}")
         listed = array.tolist()
         return tuple(listed) if array.ndim == 1 else listed
 
-
-@dataclass(frozen=True)
-class Text:
-    default: Any
-    choices: tuple[str, ...] = ()
-
-    def read(self, fields: Fields, key: str) -> str:
-        return fields.text(key, choices=self.choices) if self.choices else str(fields.any(key))
+    return Parameter(default, read)
 
 
-class Speed:
+def _speed(fields: Fields, key: str) -> tuple[float, float]:
     """One factor, or the factors at the begin and at the end."""
-
-    default = 1.0
-
-    def read(self, fields: Fields, key: str) -> tuple[float, float]:
-        if isinstance(fields.any(key), (list, tuple)):
-            first, last = fields.numbers(key, count=2, low=1e-3, high=1e3)
-            return float(first), float(last)
-        factor = float(fields.number(key, low=1e-3, high=1e3))
-        return factor, factor
+    if isinstance(fields.any(key), (list, tuple)):
+        first, last = fields.numbers(key, count=2, low=1e-3, high=1e3)
+        return float(first), float(last)
+    factor = float(fields.number(key, low=1e-3, high=1e3))
+    return factor, factor
 
 
-class Pauses:
+def _pauses(fields: Fields, key: str) -> Any:
     """How many to draw, or [[start_s, length_s], …]."""
-
-    default = 0
-
-    def read(self, fields: Fields, key: str) -> Any:
-        if not isinstance(value := fields.any(key), (list, tuple)):
-            return Count(0, 0, 1000).read(fields, key)
-        pauses = [tuple(pause) for pause in Numbers(None, (-1, 2), 0).read(fields, key)] if len(value) else []
-        if pauses != sorted(pauses):
-            raise fields.wrong(key, "pauses in the order of time")
-        return pauses
+    if not isinstance(value := fields.any(key), (list, tuple)):
+        return fields.integer(key, low=0, high=1000)
+    pauses = [tuple(pause) for pause in _numbers(None, -1, 2, low=0).read(fields, key)] if len(value) else []
+    if pauses != sorted(pauses):
+        raise fields.wrong(key, "pauses in the order of time")
+    return pauses
 
 
 IDENTITY = np.eye(4).tolist()
 COMMON = {
-    "duration_s": Number(REQUIRED, 1e-4, 3600, "s"),
-    "speed": Speed(),
-    "pauses": Pauses(),
-    "pause_s": Number(0.1, 0, 3600, "s"),
-    "pause_ramp_s": Number(0.05, 1e-4, 60, "s"),
-    "clearance_m": Number(0.2, 1e-3, 100, "m"),
-    "view_deg": Number(40.0, 1, 170, "deg"),
-    "tries": Count(200, 1, 100000),
+    "duration_s": _number(REQUIRED, 1e-4, 3600),
+    "speed": Parameter(1.0, _speed),
+    "pauses": Parameter(0, _pauses),
+    "pause_s": _number(0.1, 0, 3600),
+    "pause_ramp_s": _number(0.05, 1e-4, 60),
+    "clearance_m": _number(0.2, 1e-3, 100),
+    "view_deg": _number(40.0, 1, 170),
+    "tries": Parameter(200, lambda fields, key: fields.integer(key, low=1, high=100000)),
 }
-_ROUTE = {"volume": Numbers(None, (2, 3)), "waypoints": Numbers(None, (-1, 3))}
-_TARGET = {"target": Numbers(None, (3,))}
-_GAZE = {"yaw_deg": Number(None, -360, 360, "deg"), "pitch_deg": Number(0.0, -80, 80, "deg")}
+_ROUTE = {"volume": _numbers(None, 2, 3), "waypoints": _numbers(None, -1, 3)}
+_TARGET = {"target": _numbers(None, 3)}
+_GAZE = {"yaw_deg": _number(None, -360, 360), "pitch_deg": _number(0.0, -80, 80)}
 PARAMETERS: dict[str, dict[str, Any]] = {
     "drone": COMMON
     | _ROUTE
     | _TARGET
     | {
-        "speed_m_per_s": Number(1.0, 1e-3, 100, "m/s"),
-        "step_m": Numbers((0.5, 1.5), (2,), 1e-3),
-        "pitch_deg": Number(0.0, -80, 80, "deg"),
-        "max_tilt_deg": Number(60.0, 1, 89, "deg"),
-        "max_rate_deg_s": Number(360.0, 1, 1e5, "deg/s"),
-        "pause_ramp_s": Number(0.4, 1e-4, 60, "s"),
+        "speed_m_per_s": _number(1.0, 1e-3, 100),
+        "step_m": _numbers((0.5, 1.5), 2, low=1e-3),
+        "pitch_deg": _number(0.0, -80, 80),
+        "max_tilt_deg": _number(60.0, 1, 89),
+        "max_rate_deg_s": _number(360.0, 1, 1e5),
+        "pause_ramp_s": _number(0.4, 1e-4, 60),
     },
     "hand_held": COMMON
     | _ROUTE
     | _TARGET
     | _GAZE
     | {
-        "speed_m_per_s": Number(0.3, 1e-3, 100, "m/s"),
-        "step_m": Numbers((0.1, 0.5), (2,), 1e-3),
-        "gaze_s": Number(1.0, 1e-3, 100, "s"),
-        "wander_deg": Number(5.0, 0, 60, "deg"),
-        "shake": Number(1.0, 0, 100, ""),
+        "speed_m_per_s": _number(0.3, 1e-3, 100),
+        "step_m": _numbers((0.1, 0.5), 2, low=1e-3),
+        "gaze_s": _number(1.0, 1e-3, 100),
+        "wander_deg": _number(5.0, 0, 60),
+        "shake": _number(1.0, 0, 100),
     },
     "vehicle": COMMON
     | _ROUTE
     | {
-        "speed_m_per_s": Number(8.0, 1e-3, 100, "m/s"),
-        "step_m": Numbers((2.0, 6.0), (2,), 1e-3),
-        "heading_deg": Number(None, -360, 360, "deg"),
-        "min_radius_m": Number(5.0, 0.1, 1e4, "m"),
-        "pitch_deg": Number(0.0, -80, 80, "deg"),
-        "shake": Number(1.0, 0, 100, ""),
+        "speed_m_per_s": _number(8.0, 1e-3, 100),
+        "step_m": _numbers((2.0, 6.0), 2, low=1e-3),
+        "heading_deg": _number(None, -360, 360),
+        "min_radius_m": _number(5.0, 0.1, 1e4),
+        "pitch_deg": _number(0.0, -80, 80),
+        "shake": _number(1.0, 0, 100),
     },
     "orbit": COMMON
     | {
-        "target": Numbers(REQUIRED, (3,)),
-        "radius_m": Number(REQUIRED, 1e-3, 1e4, "m"),
-        "height_m": Number(0.0, -1e4, 1e4, "m"),
-        "bob_m": Number(0.0, 0, 1e4, "m"),
-        "speed_m_per_s": Number(1.0, 1e-3, 1e3, "m/s"),
-        "start_deg": Number(None, -360, 360, "deg"),
+        "target": _numbers(REQUIRED, 3),
+        "radius_m": _number(REQUIRED, 1e-3, 1e4),
+        "height_m": _number(0.0, -1e4, 1e4),
+        "bob_m": _number(0.0, 0, 1e4),
+        "speed_m_per_s": _number(1.0, 1e-3, 1e3),
+        "start_deg": _number(None, -360, 360),
     },
-    "still": COMMON | _TARGET | _GAZE | {"volume": Numbers(None, (2, 3)), "position": Numbers(None, (3,))},
+    "still": COMMON | _TARGET | _GAZE | {"volume": _numbers(None, 2, 3), "position": _numbers(None, 3)},
     "recorded": COMMON
     | {
-        "file": Text(REQUIRED),
-        "format": Text("tum", ("tum", "euroc")),
-        "start_s": Number(None, 0, 1e6, "s"),
-        "knot_s": Number(None, 1e-3, 100, "s"),
-        "world_from_recorded": Numbers(IDENTITY, (4, 4)),
-        "body_from_camera": Numbers(IDENTITY, (4, 4)),
+        "file": Parameter(REQUIRED, lambda fields, key: str(fields.any(key))),
+        "format": Parameter("tum", lambda fields, key: fields.text(key, choices=("tum", "euroc"))),
+        "start_s": _number(None, 0, 1e6),
+        "knot_s": _number(None, 1e-3, 100),
+        "world_from_recorded": _numbers(IDENTITY, 4, 4),
+        "body_from_camera": _numbers(IDENTITY, 4, 4),
     },
 }
 

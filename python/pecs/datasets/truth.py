@@ -109,12 +109,16 @@ class Truth:
 
     def velocity(self, i: int) -> NDArray[np.float32]:
         """[H, W, 2] in px/s of what a pixel's centre sees at times_us[i], on the parabola of `motion`; NaN unknown."""
-        forward = i + 1 < len(self)
+        moves, seconds = self._parabola(i, forward=i + 1 < len(self))
+        return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
+
+    def _parabola(self, i: int, forward: bool) -> tuple[NDArray[np.float32], float]:
+        """Motion from instant i [H, W, 4]: x and y to the middle and to the end of the interval after it (or before
+        it, if not `forward`); and the interval's length in s, negative if not `forward`."""
         names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
         start = i if forward else i - 1
         moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1)
-        seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
-        return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
+        return moves, (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
 
     def velocity_at(self, t_us: float) -> NDArray[np.float32]:
         """[H, W, 2] in px/s of what a pixel sees at any time from the first instant to the last: the points of the
@@ -126,11 +130,8 @@ class Truth:
         at_instant = self.velocity(i)
         if abs(self.times_us[i] - t_us) <= 1:
             return at_instant
-        later = t_us > self.times_us[i]
-        names = [f"{'' if later else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
-        start = i if later else i - 1
-        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1).astype(np.float64)
-        seconds = (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if later else -1e-6)
+        moves, seconds = self._parabola(i, forward=t_us > self.times_us[i])
+        moves = moves.astype(np.float64)
         s = (t_us - self.times_us[i]) * 1e-6 / seconds
         first, second = 4 * moves[..., :2] - moves[..., 2:], 2 * moves[..., 2:] - 4 * moves[..., :2]
         moved, velocity = first * s + second * s * s, (first + 2 * s * second) / seconds

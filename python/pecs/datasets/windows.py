@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import ExitCode, PecsInputError, optional_module
+from .._errors import PecsInputError, UsageError, optional_module
 from ..representations import event_histogram, time_surface, voxel_grid
 from .event_file import EventFile
 from .files import read_picture
@@ -79,22 +79,17 @@ class Windows:
         step = step_us if by == "time" else step
         self.step = self.size if step is None else step
         if by not in ("time", "count") or self.size < 1 or self.step < 1:
-            raise PecsInputError(
-                f"windows: got by {by!r} of {self.size} every {self.step}, wanted 'time' or 'count' and 1 or more",
-                ExitCode.USAGE,
+            raise UsageError(
+                f"windows: got by {by!r} of {self.size} every {self.step}, wanted 'time' or 'count' and 1 or more"
             )
         unknown = set(self.fields) - set(FIELDS)
         if unknown:
-            raise PecsInputError(
-                f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}", ExitCode.USAGE
-            )
+            raise UsageError(f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}")
         self.cameras: list[tuple[Sequence, Camera]] = [
             (sequence, c) for sequence in self.sequences for c in sequence.of_kind("events") if camera in (None, c.name)
         ]
         if not self.cameras:
-            raise PecsInputError(
-                f"windows: camera: got {camera!r}, which is no event camera of the sequences", ExitCode.USAGE
-            )
+            raise UsageError(f"windows: camera: got {camera!r}, which is no event camera of the sequences")
         for sequence, c in self.cameras:
             self._check(sequence, c)
         self._ends = [*accumulate(self._count(sequence, c) for sequence, c in self.cameras)]
@@ -117,7 +112,7 @@ class Windows:
         missing = [field for field in self.fields if not has[field]]
         if missing:
             raise PecsInputError(
-                f"{camera.folder}: got no {', '.join(missing)}, wanted fields that every camera of the windows has", 4
+                f"{camera.folder}: got no {', '.join(missing)}, wanted fields that every camera of the windows has"
             )
 
     def _count(self, sequence: Sequence, camera: Camera) -> int:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import ExitCode, PecsInputError, bad_input, existing, optional_module
+from .._errors import PecsInputError, UsageError, bad_input, existing, optional_module
 from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
@@ -137,7 +137,7 @@ def reconstruct(
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
-            raise PecsInputError(f"{source}: the file does not state its size; pass --size WxH", ExitCode.USAGE)
+            raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
         chosen = _weights(method, weights)
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
@@ -167,13 +167,11 @@ def reconstruct(
 def _weights(method: str | None, weights: str | PathLike[str] | None) -> Path | None:
     """None: the filter."""
     if method not in (None, *METHODS):
-        raise PecsInputError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}", ExitCode.USAGE)
+        raise UsageError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}")
     if method == "filter" and weights is not None:
-        raise PecsInputError(f"--weights {weights}: the filter has no weights", ExitCode.USAGE)
+        raise UsageError(f"--weights {weights}: the filter has no weights")
     if method == "e2vid" and weights is None:
-        raise PecsInputError(
-            "--method e2vid requires --weights, a network of `pecs train --network e2vid`", ExitCode.USAGE
-        )
+        raise UsageError("--method e2vid requires --weights, a network of `pecs train --network e2vid`")
     if weights is not None:
         return Path(weights)
     return WEIGHTS if method == "firenet" else None

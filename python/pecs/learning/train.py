@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .._errors import ExitCode, PecsError, PecsInputError, PecsOutputError
+from .._errors import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, UsageError
 from .._files import write_json, write_text, write_whole
 from .._library import version
 from .clips import Augmentation, ClipConfig, Clips, Recording
@@ -114,7 +114,7 @@ def train(
     lpips = Lpips(lpips_weights, device) if lpips_weights else None
     if lpips and config.clips.crop < lpips.least_px:
         wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.trunk.name}"
-        raise PecsInputError(f"clips: got {config.clips.crop} px, wanted {wanted}", ExitCode.USAGE)
+        raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
     _claim(run, config)
     torch.manual_seed(config.seed)
@@ -140,7 +140,7 @@ def train(
                 saved = step
         except FloatingPointError as e:
             kept = f"; {run / CHECKPOINT} is of step {saved}" if saved else ""
-            raise PecsError(f"{run}: step {step}: {e}, wanted a number{kept}", 1) from None
+            raise PecsError(f"{run}: step {step}: {e}, wanted a number{kept}") from None
         if progress:
             progress(step, float(losses.loss))
     return net
@@ -158,9 +158,7 @@ def _check_device(name: str) -> None:
         torch.empty(1, device=name)
     except Exception as e:  # of many kinds
         why = str(e).splitlines()[0]
-        raise PecsInputError(
-            f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}", ExitCode.USAGE
-        ) from None
+        raise UsageError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}") from None
 
 
 def _claim(run: Path, config: TrainConfig) -> None:
@@ -190,7 +188,7 @@ def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
         found: dict[str, Any] = torch.load(path, map_location=device)
         net.load_state_dict(found["network"])
     except FileNotFoundError:
-        raise PecsInputError(f"{path}: no such file, wanted a checkpoint of training", 3) from None
+        raise PecsNotFoundError(f"{path}: no such file, wanted a checkpoint of training") from None
     except Exception as e:  # of many kinds
         why = " ".join(str(e).split())
         kind = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
@@ -209,7 +207,7 @@ def trained(run: Path) -> tuple[Any, dict[str, Any]]:
     try:
         record = json.loads((run / CONFIG).read_text())
     except OSError:
-        raise PecsInputError(f"{run / CONFIG}: no such file, wanted a folder of training", 3) from None
+        raise PecsNotFoundError(f"{run / CONFIG}: no such file, wanted a folder of training") from None
     config = TrainConfig.of(record["config"])
     net = network(config.network)
     found = _load(run / CHECKPOINT, "cpu", net)

@@ -20,7 +20,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..._errors import ExitCode, PecsInputError, PecsOutputError
+from ..._errors import PecsInputError as PecsInputError
+from ..._errors import PecsOutputError, UsageError
 from ..sequence import Sequence
 
 # Name -> what it is, in a few words.
@@ -50,12 +51,12 @@ def write(
     cannot be written.
     """
     if name not in WRITERS:
-        raise PecsInputError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}", ExitCode.USAGE)
+        raise UsageError(f"format: got {name!r}, wanted one of {', '.join(WRITERS)}")
     if not sequences:
-        raise PecsInputError(f"{name}: there are no sequences to write", ExitCode.USAGE)
+        raise UsageError(f"{name}: there are no sequences to write")
     names = [s.name for s in sequences]
     if len(set(names)) != len(names):
-        raise PecsInputError(f"{name}: sequences: got a name twice in {', '.join(names)}", ExitCode.USAGE)
+        raise UsageError(f"{name}: sequences: got a name twice in {', '.join(names)}")
     folder = Path(folder)
     if folder.exists() and not replace:
         raise PecsOutputError(f"{folder}: exists")

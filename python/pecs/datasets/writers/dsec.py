@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._errors import PecsInputError
+from ..._errors import PecsInputError, UsageError
 from ..files import read_picture
 from ..rectify import Rectifier, Stereo
 from ..sequence import Camera, Sequence
@@ -147,8 +147,8 @@ def flow_pairs(camera: Camera, flow_us: int | None) -> list[tuple[int, int]]:
         pairs.append((i, j))
         i = j
     if not pairs:
-        raise PecsInputError(
-            f"{camera.truth.folder}: flow_us: got {flow_us}, wanted the time between two instants of the truth", 2
+        raise UsageError(
+            f"{camera.truth.folder}: flow_us: got {flow_us}, wanted the time between two instants of the truth"
         )
     return pairs
 

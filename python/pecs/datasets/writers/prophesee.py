@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import events as event_io
-from ..._errors import PecsInputError
+from ..._errors import UsageError
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
 from ._files import BLOCK, hdf5, put, put_events, write_json
@@ -49,10 +49,9 @@ def write(sequences: list[Sequence], folder: Path, generation: str = "gen4", eve
     """generation: "gen1" or "gen4", whose class numbers and file names are taken; classes of other names get numbers
     behind them. events: "h5", "dat" or "both"."""
     if generation not in CLASSES or events not in ("h5", "dat", "both"):
-        raise PecsInputError(
+        raise UsageError(
             f"prophesee: got generation {generation!r}, events {events!r}; "
-            "wanted 'gen1' or 'gen4'; 'h5', 'dat' or 'both'",
-            2,
+            "wanted 'gen1' or 'gen4'; 'h5', 'dat' or 'both'"
         )
     report = Report()
     for what in ("pictures, depth, flow, masks, poses, IMU", "causes and objects of events"):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._errors import ExitCode, PecsInputError
+from ..._errors import UsageError
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from ._files import write_png
@@ -26,7 +26,7 @@ _STRIP = 10
 def write(sequences: list[Sequence], folder: Path, width: int = 240) -> Report:
     """width: of a picture in pixels; smaller ones stay as they are."""
     if width < 8:
-        raise PecsInputError(f"thumbnails: width: got {width}, wanted 8 or more", ExitCode.USAGE)
+        raise UsageError(f"thumbnails: width: got {width}, wanted 8 or more")
     report = Report()
     for sequence in sequences:
         for camera in sequence.cameras.values():

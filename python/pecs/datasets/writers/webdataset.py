@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._errors import ExitCode, PecsInputError
+from ..._errors import UsageError
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
 from ._files import add_to_tar
@@ -36,9 +36,7 @@ Sample = dict[str, bytes]  # extension -> content, in the order of the tar
 def write(sequences: list[Sequence], folder: Path, samples_per_shard: int = 256) -> Report:
     """samples_per_shard: the last shard of a split may have fewer."""
     if samples_per_shard < 1:
-        raise PecsInputError(
-            f"webdataset: samples_per_shard: got {samples_per_shard}, wanted 1 or more", ExitCode.USAGE
-        )
+        raise UsageError(f"webdataset: samples_per_shard: got {samples_per_shard}, wanted 1 or more")
     report = Report()
     report.leave_out("IMU, poses between the samples, normals", "a sample is one interval")
     for split in sorted({s.split for s in sequences}):
