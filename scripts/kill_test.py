@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab.program import program
+from pecs import program
 from pecs_lab.scenes import write_stack
 
 ROOT = Path(__file__).resolve().parents[1]

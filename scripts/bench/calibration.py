@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs import program
 from pecs_lab.lab_views import Board, Camera, Disk, record, rotation, turn_of
-from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs import program
 from pecs_lab.measure import measured
-from pecs_lab.program import program
 from pecs_lab.scenes import write_stack
 
 WIDTH, HEIGHT, FRAMES, FRAME_US = 320, 180, 64, 250

@@ -18,8 +18,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pecs import program
 from pecs_lab import sequences
-from pecs_lab.program import program
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
-from pecs._errors import PecsError
 
 from ..render.programs import pecs as program
 from . import background, checks, library, operators, paths, settings
@@ -23,10 +22,7 @@ VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstruct
 
 
 def _command(*words: object) -> list[str]:
-    try:
-        return [program(), *map(str, words)]
-    except PecsError as e:
-        raise RuntimeError(e) from None
+    return [program(), *map(str, words)]
 
 
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):

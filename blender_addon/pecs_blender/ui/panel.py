@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import bpy
+from pecs._errors import PecsError
 
 from ..render.resources import readable
 from . import (
@@ -29,7 +32,8 @@ class SubPanel:
 
     def draw(self, context) -> None:
         self.layout.use_property_split, self.layout.use_property_decorate = True, False
-        self.fill(self.layout, context.scene, context.scene.pecs)
+        with contextlib.suppress(PecsError):  # an invalid chip or lens, which checks.py reports above
+            self.fill(self.layout, context.scene, context.scene.pecs)
 
 
 class PECS_PT_render(bpy.types.Panel):
@@ -71,10 +75,7 @@ class PECS_PT_camera(SubPanel, bpy.types.Panel):
         row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
         layout.prop(scene.pecs_camera, "focus_object")
         layout.prop(scene.pecs_camera, "show_field")
-        try:
-            wanted = frustum.setting(scene)
-        except RuntimeError:  # invalid chip: checks.py reports it above
-            return
+        wanted = frustum.setting(scene)
         found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
         if wrong:
             wrapped(layout, wrong, "ERROR", alert=True)
@@ -87,10 +88,7 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "chip")
-        try:
-            chip = library.chip(s.chip)
-        except RuntimeError:  # checks.py reports it above
-            return
+        chip = library.chip(s.chip)
         text = (
             "{width} x {height} pixels, pitch {pitch:.4g} µm"
             if chip.width
@@ -111,10 +109,7 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        try:
-            known = settings.parameters(s)
-        except RuntimeError:
-            return
+        known = settings.parameters(s)
         for index, one in enumerate(s.sensor.overrides):
             entry = known.get(one.name, {"unit": "?", "range": (0, 0)})
             column = layout.column(align=True)
@@ -146,10 +141,7 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
         column = layout.column(align=True)
         for name in ("focus_m", "fnumber", "film_width_mm"):
             column.prop(s, name)
-        try:
-            info = settings.lens_now(scene)
-        except RuntimeError:  # checks.py reports it above
-            return
+        info = settings.lens_now(scene)
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
         column.label(

@@ -5,6 +5,7 @@ mm, light between 0 and 1. Edges are smooth over about a pixel, as behind a real
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import pecs
@@ -97,10 +98,7 @@ class Board:
             )
             soft = SOFT_PX * at[2] / camera.focal_px
 
-            def edge(distance):  # 0 outside, 1 inside
-                z = np.clip(distance / soft, -1, 1)
-                return 0.5 + 0.25 * z * (3 - z * z)
-
+            edge = partial(_edge, soft=soft)
             plate = edge(np.minimum(half_u + self.plate_mm - np.abs(u), half_v + self.plate_mm - np.abs(v)))
             if self.dots:
                 black = np.zeros_like(u)
@@ -136,6 +134,12 @@ def record(light, times_s, size, seeds, white_a: float = 3e-12) -> list[np.ndarr
     return [events[events["t"] >= 0] for events in recordings]
 
 
+def _edge(distance, soft):
+    """0 outside, 1 inside, smooth over `soft` on both sides."""
+    z = np.clip(distance / soft, -1, 1)
+    return 0.5 + 0.25 * z * (3 - z * z)
+
+
 @dataclass
 class Disk:
     """Sectors, black from angle 0 on, at_mm right, down and forward; turned counter-clockwise on
@@ -160,10 +164,7 @@ class Disk:
         near = radius < self.radius_mm + soft
         radius, angle, sector = radius[near], angle[near], 360.0 / self.sectors
 
-        def edge(distance):
-            z = np.clip(distance / soft, -1, 1)
-            return 0.5 + 0.25 * z * (3 - z * z)
-
+        edge = partial(_edge, soft=soft)
         rim = edge(self.radius_mm - radius)
 
         def light(t_s: float) -> np.ndarray:

@@ -1,15 +1,10 @@
 """The pecs program, for what Python cannot ask the library for."""
 
 import json
-import os
 import subprocess
-from pathlib import Path
 from typing import Any
 
-
-def program() -> Path:
-    """PECS_PROGRAM, or the checkout's own build."""
-    return Path(os.environ.get("PECS_PROGRAM", Path(__file__).resolve().parents[3] / "build/release/bin/pecs"))
+from pecs import program
 
 
 def ask(*arguments: object) -> Any:

@@ -14,7 +14,6 @@ To add a format:
 from __future__ import annotations
 
 import importlib
-import json
 import shutil
 from os import PathLike
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any
 
 from ..._errors import PecsInputError as PecsInputError
 from ..._errors import PecsOutputError, UsageError
+from ..._files import write_json
 from ..sequence import Sequence
 
 # Name -> what it is, in a few words.
@@ -66,7 +66,7 @@ def write(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         report: dict[str, Any] = {"format": name, **writer.write(sequences, partial, **options).as_dict()}
-        (partial / REPORT).write_text(json.dumps(report, indent=1) + "\n")
+        write_json(partial / REPORT, report)
         if folder.exists():
             shutil.rmtree(folder)
         partial.rename(folder)

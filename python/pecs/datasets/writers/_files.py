@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._errors import optional_module
+from ..._files import write_text
 from ..event_file import EventFile
 from ..files import png_bytes
 
@@ -127,13 +127,7 @@ def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def write_lines(path: Path, lines: list[str]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(line + "\n" for line in lines))
-
-
-def write_json(path: Path, value: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(value, indent=1) + "\n")
+    write_text(path, "".join(line + "\n" for line in lines))
 
 
 def add_to_tar(tar: tarfile.TarFile, name: str, data: bytes) -> None:

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._errors import optional_module
+from ..._files import write_json
 from ..files import read_picture
 from ..sequence import Camera, Sequence
-from ._files import write_json, write_png
+from ._files import write_png
 from ._frames import truth_at
 from ._labels import boxes, class_numbers
 from ._pictures import event_picture

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._errors import PecsInputError, optional_module
+from ..._files import write_json
 from ..files import npy_bytes, read_picture
 from ..rectify import Lens
 from ..sequence import Camera, Sequence
 from . import dsec
-from ._files import write_json, write_png
+from ._files import write_png
 from ._frames import truth_at
 from ._labels import boxes, class_numbers
 from ._report import Report

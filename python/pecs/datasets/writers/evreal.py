@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..._files import write_json
 from ..files import npy_bytes, read_picture
 from ..sequence import Camera, Sequence
-from ._files import grey, save_events, write_json
+from ._files import grey, save_events
 from ._frames import NO_FRAMES, event_cameras, frames_of
 from ._report import Report
 

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from ... import events as event_io
 from ..._errors import UsageError
+from ..._files import write_json
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
-from ._files import BLOCK, hdf5, put, put_events, write_json
+from ._files import BLOCK, hdf5, put, put_events
 from ._frames import event_cameras
 from ._labels import boxes, class_numbers
 from ._report import Report
