@@ -1,13 +1,13 @@
 #pragma once
-// Data files that ship with the program (lenses, glasses, chips), found by name.
+// Finds data files that ship with the program (lenses, glasses, chips) by name.
 #include <filesystem>
 #include <string>
 
 namespace pecs {
 
-// The file that the user means by `name_or_path`: itself when it holds a '/' or ends in ".json", else
-// "<data>/<room>/<name>.json" ("dgauss_50mm" in room "lens_data/lenses"). <data> is $PECS_DATA when set, else
-// "share/pecs" or the checkout above the running program or library. Throws not_found, naming what there is.
+// The path of `name_or_path`: the argument itself if it contains a '/' or ends in ".json", otherwise
+// "<data>/<room>/<name>.json" ("dgauss_50mm" in room "lens_data/lenses"). <data> is $PECS_DATA if set, otherwise
+// "share/pecs" or the checkout above the running program or library. Throws not_found, which lists the available names.
 std::filesystem::path find_data(const std::string& room, const std::string& name_or_path);
 
 // The folder of `room` itself; throws not_found.

@@ -1,5 +1,5 @@
 #pragma once
-// Errors: one line that says file, place, got, wanted; one enum of exit codes (docs/reference/exit_codes.md).
+// Errors: one line with file, place, got and wanted; one enum of exit codes (docs/reference/exit_codes.md).
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -8,19 +8,18 @@ namespace pecs {
 
 enum class ExitCode : int {
   ok = 0,
-  internal = 1,       // a defect of ours
+  internal = 1,       // a defect of PECS
   usage = 2,          // the command line is wrong
   not_found = 3,      // an input is missing or cannot be opened
   bad_input = 4,      // an input was read and is wrong
   bad_output = 5,     // an output cannot be written (no permission, disk full, exists)
   unsupported = 6,    // valid, but this build or version cannot do it
-  no_memory = 7,      // more memory is needed than there is
-  interrupted = 130,  // stopped by SIGINT; what was finished is kept
+  no_memory = 7,      // not enough memory
+  interrupted = 130,  // stopped by SIGINT; finished outputs are kept
   terminated = 143    // stopped by SIGTERM; as above
 };
 
-// what() is the line to print, without "pecs: " before it; whatever files and users put into it, it is one line of
-// printable text.
+// what() is the line to print, without the prefix "pecs: ": one line of printable text, whatever the inputs contain.
 class Error : public std::runtime_error {
  public:
   Error(ExitCode code, const std::string& line);
@@ -36,12 +35,12 @@ Error bad_input(const std::string& file, const std::string& place, const std::st
 Error not_found(const std::string& file, const std::string& reason);
 // "FILE: cannot be written: REASON"
 Error bad_output(const std::string& file, const std::string& reason);
-// Any exception as an Error: one of the file system is not_found, std::bad_alloc is no_memory, others are internal.
+// Converts an exception: file system errors are not_found, std::bad_alloc is no_memory, all others are internal.
 Error as_error(const std::exception& e);
 
-// Control characters and bytes that are not UTF-8 as \xNN.
+// Replaces control characters and bytes that are not UTF-8 by \xNN.
 std::string printable(std::string_view text);
-// The first `bytes` bytes, of whole characters, and "..." where there are more.
+// At most `bytes` bytes, whole characters only, then "..." if the text is longer.
 std::string shortened(std::string_view text, std::size_t bytes);
 
 }  // namespace pecs

@@ -1,10 +1,10 @@
 #pragma once
-// Outputs, all opened here, and small inputs read whole. What an output's name stands for decides:
-//   nothing yet, or a file   it is written as "<path>.partial" and renamed when it is whole. Destroyed before that, the
-//                            .partial stays: it is never mistaken for a finished output. Of a link to a file, the file.
-//   pipe, character device   written through from front to back; refused to formats that go back
-//   all else                 refused: folder, block device, socket, link to nothing
-// Two that write one output at a time: the second one is refused.
+// Opens all outputs, and reads small inputs whole. An output is written according to its path:
+//   new, or a regular file   it is written as "<path>.partial" and renamed when complete. Destroyed before that, the
+//                            .partial remains. A link to a file is followed.
+//   pipe, character device   written directly, front to back; an error for formats that seek
+//   anything else            an error: directory, block device, socket, dangling link
+// A second writer of the same output is an error.
 #include <cstdio>
 #include <filesystem>
 #include <optional>
@@ -23,10 +23,9 @@ class PartialFile {
   PartialFile(const PartialFile&) = delete;
   PartialFile& operator=(const PartialFile&) = delete;
 
-  int descriptor() const { return descriptor_; }  // of the .partial, empty at first
+  int descriptor() const { return descriptor_; }  // of the .partial, which is empty at first
   const std::filesystem::path& partial_path() const { return partial_; }
-  // What stands in the .partial, or in `written` where a library wants a name of its own, reaches the disk and gets its
-  // name.
+  // Flushes the .partial to the disk, or `written` for a library that requires a name of its own, and renames it.
   void commit();
   void commit(const std::filesystem::path& written);
 
@@ -50,14 +49,14 @@ class AtomicFile {
 
  private:
   std::filesystem::path path_;
-  std::optional<PartialFile> partial_;  // none: written through
+  std::optional<PartialFile> partial_;  // none: written directly
   std::FILE* file_ = nullptr;
 };
 
 std::filesystem::path partial_path(const std::filesystem::path& path);
-bool is_stream(const std::filesystem::path& path);  // a pipe or a character device: it keeps nothing
-// Throws usage when an output is an input or would be written over one of an input folder's frames, or when two outputs
-// are one file. Empty names are left out.
+bool is_stream(const std::filesystem::path& path);  // whether it is a pipe or a character device
+// Throws usage when an output is an input, would replace a frame of an input folder, or is another output. Empty paths
+// are ignored.
 void check_outputs(const std::vector<std::filesystem::path>& inputs, const std::vector<std::filesystem::path>& outputs);
 
 std::string read_text(const std::filesystem::path& path, std::size_t max_bytes);  // throws not_found, bad_input

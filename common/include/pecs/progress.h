@@ -1,5 +1,5 @@
 #pragma once
-// Progress of long work on stderr: a bar with the time left on a terminal, a plain line every tenth otherwise. With
+// Progress on stderr: on a terminal a bar with the remaining time, otherwise a line for each tenth. With
 // PECS_PROGRESS=json in the environment, JSON lines for the calling program (docs/reference/exit_codes.md).
 #include <chrono>
 #include <cstdint>

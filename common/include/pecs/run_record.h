@@ -1,6 +1,6 @@
 #pragma once
-// "<output>.run.json": what made an output. Written last, so that its presence says that the output is whole; not
-// written for an output that is a pipe or a device.
+// "<output>.run.json": provenance of an output. Written last, so its presence means that the output is complete. None
+// is written for an output that is a pipe or a device.
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -12,7 +12,7 @@ namespace pecs {
 struct RunRecord {
   std::string command;                        // the program's subcommand
   std::vector<std::string> arguments;         // as given
-  Json config;                                // resolved: every default filled in
+  Json config;                                // resolved, with all defaults
   std::vector<std::filesystem::path> inputs;  // hashed (sha256) when written; a folder by its stack.json
   Json results;                               // counts, rates, …
 };

@@ -13,12 +13,12 @@ namespace pecs {
 
 using Json = nlohmann::json;
 
-// Parses with file, line and column in the error. Refused beside what is not JSON: keys that come twice, numbers beyond
-// what a double holds, more than 100 levels, a byte order mark. max_bytes guards against a 100 MB "prescription".
+// Parses; errors contain file, line and column. Rejects, besides invalid JSON: duplicate keys, numbers beyond the range
+// of a double, more than 100 levels, a byte order mark, more than max_bytes.
 Json parse_json_file(const std::filesystem::path& path, std::size_t max_bytes = std::size_t{4} << 20);
 Json parse_json(const std::string& text, const std::string& file);
 
-// As dump(), but bytes that are not UTF-8 (file names) are replaced, not thrown at the caller.
+// Like dump(), but replaces bytes that are not UTF-8 (of file names) instead of throwing.
 std::string text_of(const Json& json, int indent = -1);
 
 struct Range {
@@ -44,7 +44,7 @@ class JsonObject {
   std::vector<double> numbers(const std::string& key, Range range = {});
   JsonObject object(const std::string& key);
   std::vector<JsonObject> objects(const std::string& key);  // an array of objects
-  const Json& any(const std::string& key);                  // taken as it is; null when absent
+  const Json& any(const std::string& key);                  // without checks; null when absent
 
   void done() const;  // throws for a key that was not read
   [[noreturn]] void fail(const std::string& key, const std::string& got, const std::string& wanted) const;
