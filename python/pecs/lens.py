@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import DOUBLE, INT, INT64, POINTER, TEXT
+from ._c_types import DOUBLE, DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
 from ._library import Handle, function, json_function, path_bytes, take_text
 
 if TYPE_CHECKING:
@@ -25,11 +24,10 @@ _pupil = json_function("pecs_lens_pupil", POINTER)
 _draw = function("pecs_lens_draw", POINTER, POINTER, TEXT)
 _camera = json_function("pecs_lens_camera", POINTER)
 
-_doubles = ctypes.POINTER(ctypes.c_double)
-_bulk = (POINTER, TEXT, _doubles, INT64, _doubles, INT64)
+_bulk = (POINTER, TEXT, DOUBLES, INT64, DOUBLES, INT64)
 _directions = function("pecs_lens_directions", INT64, *_bulk)
 _pixels = function("pecs_lens_pixels", INT64, *_bulk)
-_diffract = function("pecs_lens_diffract", INT, ctypes.POINTER(ctypes.c_float), INT, INT, DOUBLE, DOUBLE, DOUBLE)
+_diffract = function("pecs_lens_diffract", INT, FLOATS, INT, INT, DOUBLE, DOUBLE, DOUBLE)
 
 
 @dataclass(frozen=True)
@@ -75,9 +73,8 @@ class Camera:
         """Blurs one band's rendered picture in place; pixels: C-contiguous float32 array [height, width]."""
         if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
             raise ValueError("pixels must be a C-contiguous float32 array [height, width]")
-        pointer = pixels.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
         height, width = pixels.shape
-        _diffract(pointer, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
+        _diffract(pixels, width, height, self.pixel_pitch_mm, self.bands_nm[band], self.working_fnumber[band])
 
 
 class _Setting(TypedDict, total=False):
@@ -216,5 +213,5 @@ class Lens(Handle):
         result = np.empty((*given.shape[:-1], result_size))
         count = given.size // size
         with self._use() as handle:
-            call(handle, setting, given.ctypes.data_as(_doubles), count, result.ctypes.data_as(_doubles), count)
+            call(handle, setting, given, count, result, count)
         return result

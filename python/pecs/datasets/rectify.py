@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError, optional_module
-from ._bilinear import bilinear
+from ._bilinear import bilinear, neighbours
 from .sequence import Camera, rect_from_rect
 
 _SURFACE_PX = 1.0  # neighbours that differ by more see two surfaces
@@ -91,15 +91,11 @@ class Rectifier:
         height, width = values.shape[:2]
         x, y = self.at[..., 0], self.at[..., 1]
         inside = (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
-        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-        x0 = np.minimum(x.astype(np.int64), width - 2)
-        y0 = np.minimum(y.astype(np.int64), height - 2)
-        u, v = (x - x0)[..., None], (y - y0)[..., None]
-        corners = np.stack([values[y0 + j, x0 + i] for j in (0, 1) for i in (0, 1)])
-        weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+        around, weights = neighbours(np.clip(self.at, 0, [width - 1, height - 1]), width, height)
+        corners = np.stack([values[pixel] for pixel in around])
         one = (corners.max(0) - corners.min(0) <= _SURFACE_PX).all(-1)  # false with NaN
         if surface is not None:
-            ids = np.stack([surface[y0 + j, x0 + i] for j in (0, 1) for i in (0, 1)])
+            ids = np.stack([surface[pixel] for pixel in around])
             one &= (ids == ids[0]).all(0)
         nearest = np.take_along_axis(corners, weights.argmax(0)[None], 0)[0]
         out = np.where(one[..., None], (weights * corners).sum(0), nearest)
@@ -137,8 +133,7 @@ class Stereo:
         if np.abs(move - wanted).max() > 1e-5 * abs(move[0, 3]) or any(abs(K[p] - L[p]) > 1e-6 * K[0, 0] for p in same):
             raise PecsInputError(
                 f"cameras {left.name} and {right.name}: got R_rect and K_rect whose rows do not match, "
-                "wanted a rectified pair",
-                4,
+                "wanted a rectified pair"
             )
         self.baseline_m = float(move[0, 3])
         self.focal_baseline = float(K[0, 0]) * self.baseline_m  # px m

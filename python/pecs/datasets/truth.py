@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._config import Fields
 from .._errors import bad_input, existing
 from ..stack import StackReader
-from ._bilinear import bilinear
+from ._bilinear import bilinear, neighbours
 from .files import read_object
 
 BOX_DTYPE = np.dtype(
@@ -245,12 +245,7 @@ def _follow(
     at = grid + moved.astype(np.float64)
     known = np.isfinite(at).all(-1) & (at >= 0).all(-1) & (at <= [width - 1, height - 1]).all(-1)
     at = np.where(known[..., None], at, 0)
-    x0 = np.minimum(at[..., 0].astype(np.int64), max(width - 2, 0))
-    y0 = np.minimum(at[..., 1].astype(np.int64), max(height - 2, 0))
-    u, v = (at[..., 0] - x0)[..., None], (at[..., 1] - y0)[..., None]
-    x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
-    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
-    corners = [(y0, x0), (y0, x1), (y1, x0), (y1, x1)]
+    corners, weights = neighbours(at, width, height)
     values = np.stack([flow[c] for c in corners]).astype(np.float64)
     nearest = np.take_along_axis(values, weights.argmax(0)[None], 0)[0]
     one = np.isfinite(values).all((0, -1))
