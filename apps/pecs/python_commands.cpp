@@ -14,7 +14,7 @@
 namespace pecs::app {
 namespace {
 
-// To add a command in Python: one line here, and its page in docs/reference.
+// To add a command in Python: one line here, and its page in docs/reference and mkdocs.yml.
 struct PythonCommand {
   const char* name;
   std::vector<std::string> words;  // the module, and what precedes the command's own words

@@ -79,7 +79,7 @@ TEST_P(EachFormat, ATruncatedFileGivesAnErrorOrAPrefix) {
       while (const std::size_t n = reader->read(buffer)) got.insert(got.end(), buffer.begin(), buffer.begin() + n);
     });
     ASSERT_LE(got.size(), stream.events.size()) << size;
-    const bool text = codec().name == "csv" || codec().name == "e2vid" || codec().name == "v2e";
+    const bool text = std::ranges::all_of(whole, [](char c) { return c == '\n' || (c >= ' ' && c <= '~'); });
     // A cut text line may leave a shorter number: that event alone may differ.
     const std::size_t sure = text && !got.empty() ? got.size() - 1 : got.size();
     ASSERT_TRUE(std::equal(got.begin(), got.begin() + static_cast<std::ptrdiff_t>(sure), stream.events.begin()))

@@ -234,7 +234,7 @@ std::string export_pbrt(const Prescription& lens, double lambda_nm, double film_
                                 lens.name, lambda_nm);
   for (std::size_t i = 0; i < lens.surfaces.size(); ++i) {
     const Surface& s = lens.surfaces[i];
-    if (s.conic != 0 || !s.powers.empty())
+    if (!s.is_sphere())
       throw Error(ExitCode::unsupported,
                   fmt::format("{}: surfaces[{}]: pbrt's format holds no aspheres", lens.file, i));
     const bool diaphragm = i == lens.stop && s.after.is_air() && lens.stop_is_diaphragm();

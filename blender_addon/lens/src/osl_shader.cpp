@@ -138,7 +138,7 @@ std::string meet_text(const Facing& f) {
     out += "    if (q < 0) break;\n    q = sqrt(q);\n";
     out += "    s = m / (h + q); x += s * dx; y += s * dy; z += s * dz;\n";
   }
-  if (!f.surface.powers.empty()) {
+  if (!f.surface.is_conic()) {
     // Newton; the sag in the reversed frame is the negative of the prescription's.
     std::string poly = "0", slope = "0";
     for (std::size_t p = f.surface.powers.size(); p-- > 2;) {
@@ -160,7 +160,7 @@ std::string meet_text(const Facing& f) {
 std::string refract_text(const Facing& f, bool careful) {
   if (std::ranges::all_of(f.ratio, [](double e) { return e == 1; })) return "";
   const double c = f.c, k = f.k;
-  const bool sphere = f.surface.powers.empty() && k == 0;
+  const bool sphere = f.surface.is_sphere();
   const std::string eta = per_wavelength(f.ratio);
   std::vector<double> square, one_less_square;
   for (const double e : f.ratio) {
@@ -184,7 +184,7 @@ std::string refract_text(const Facing& f, bool careful) {
   if (sphere) {
     out += fmt::format("    nx = {} * x; ny = {} * y; nz = 1 - {} * z;\n", number(-c), number(-c), number(c));
     if (std::abs(c) * f.semi > 0.7) out += "    if (nz <= 0) break;\n";
-  } else if (f.surface.powers.empty()) {
+  } else if (f.surface.is_conic()) {
     out += fmt::format("    nx = {} * x; ny = {} * y; nz = 1 - {} * z;\n", number(-c), number(-c), number((1 + k) * c));
     out +=
         "    if (nz <= 0) break;\n    m = 1 / sqrt(nx * nx + ny * ny + nz * nz);\n    nx *= m; ny *= m; nz *= m; q *= "

@@ -106,8 +106,8 @@ Traced Tracer::walk(Ray ray, int direction, OnHit&& on_hit) const {
 
     const Ray local{{ray.p.x, ray.p.y, ray.p.z - s.z}, ray.d};
     Hit hit;
-    const bool met = s.profile.powers.empty() ? meet_conic(s.profile.curvature, s.profile.conic, local, direction, hit)
-                                              : meet_asphere(s.profile, local, direction, hit);
+    const bool met = s.profile.is_conic() ? meet_conic(s.profile.curvature, s.profile.conic, local, direction, hit)
+                                          : meet_asphere(s.profile, local, direction, hit);
     if (!met) return {ray, Fate::missed, i};
     const Vec3 point{hit.p.x, hit.p.y, hit.p.z + s.z};
     if (!on_hit(i, point, (point.x * point.x + point.y * point.y) / (s.semi * s.semi))) return {ray, Fate::clipped, i};

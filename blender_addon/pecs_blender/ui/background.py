@@ -3,7 +3,8 @@
 operator, so that it continues when another file is opened.
 
 To add a button with progress: a class in event_operators.py (or operators.py, for renders) whose job(context) returns a
-BackgroundJob, and a line in panel.py. Progress comes from the command's JSON lines."""
+BackgroundJob, and a line in panel.py; describe it in docs/start/panel.md. Progress comes from the command's JSON lines.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ To add a format:
    writes through `_files.py` (the same input makes the same bytes), and holds no more than one picture and one
    block of events in memory. The report is `_report.Report`: what was written, what was left out and why.
 3. A line in `WRITERS`.
-4. A row in docs/reference/dataset_formats.md; in tests/python/datasets/test_writers.py a reader that is not ours.
+4. A row in docs/reference/dataset_formats.md; in tests/python/datasets/test_writers.py a reader from another project,
+   and what a bare sequence leaves out (test_only_events).
 """
 
 from __future__ import annotations

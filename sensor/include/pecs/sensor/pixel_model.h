@@ -1,13 +1,13 @@
 #pragma once
-// Pixel models: frames in, events out. `pecs` is PECS's own model (models/pecs/); `esim`, `v2e`, `voltmeter` and `icns`
-// are those of other simulators, written from their papers for comparison (docs/reference/models.md).
+// Pixel models: frames in, events out. `pecs` is PECS's own model (models/pecs/); the others are those of other
+// simulators, written from their papers for comparison (docs/reference/models.md).
 //
 // To add one:
 //   1. src/models/NAME.cpp: a PixelModel and its `extern const ModelEntry kModel_NAME` (src/models/entry.h), with its
 //      parameters (unit, default, range, place in the paper) and traits.
 //      A model that works frame by frame takes its loop from src/models/frame_by_frame.h.
 //   2. The file in the list MODELS of sensor/CMakeLists.txt, the entry in kModels of src/pixels/pixel_model.cpp.
-//   3. A section in docs/reference/models.md.
+//   3. A row in docs/reference/models.md.
 // The property suite (tests/sensor/model_test.cpp) runs over all of them.
 #include <cstdint>
 #include <map>

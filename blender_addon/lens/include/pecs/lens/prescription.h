@@ -5,8 +5,10 @@
 //
 // All of pecs_lens assumes rotational symmetry about z: a surface is sag_mm(r), the pupil tables (pupil.h) and the
 // image map (image_map.h) run over the film radius, and the camera's shader turns the film point to azimuth 0. A toroid
-// or a decentred element breaks each of these. A further rotationally symmetric surface needs Profile, its equivalent
-// in OSL (src/osl_shader.cpp: meet_text), its keys in src/prescription.cpp: read_surface and in lens_data/SCHEMA.md.
+// or a decentred element breaks each of these. To add a rotationally symmetric surface:
+//   1. Profile below: its terms, is_conic(); Profile::at and the keys (read_surface) in src/prescription.cpp.
+//   2. The same equation in OSL: meet_text in src/osl_shader.cpp.
+//   3. lens_data/SCHEMA.md, and a lens in tests/lens.
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -28,7 +30,9 @@ struct Profile {
   };
   Point at(double r2_mm2) const;
   double sag_mm(double r_mm) const { return at(r_mm * r_mm).sag_mm; }
-  bool is_plane() const { return curvature == 0 && powers.empty(); }
+  bool is_conic() const { return powers.empty(); }  // no term but the first
+  bool is_sphere() const { return is_conic() && conic == 0; }
+  bool is_plane() const { return is_conic() && curvature == 0; }
   double slope(double r_mm) const { return r_mm * at(r_mm * r_mm).slope_over_r; }
 };
 

@@ -5,8 +5,8 @@
 //   1. write src/<format>.cpp with a `Codec make_<format>()` that fills the struct below (writers derive from
 //      CheckedWriter in src/checked_writer.h);
 //   2. declare it and add it to the list in src/registry.cpp, and add the file to CMakeLists.txt;
-//   3. add a reader from another project to tests/python/events/test_formats.py; the property suite (tests/events)
-//      covers the registry;
+//   3. add a reader from another project to PEERS in tests/python/support/event_readers.py, and a line to
+//      tests/fuzz/CMakeLists.txt; the property suite (tests/events) covers the registry;
 //   4. describe the layout in docs/reference/event_file.md.
 #include <filesystem>
 #include <functional>
