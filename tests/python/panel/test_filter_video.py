@@ -51,7 +51,7 @@ def test_it_shows_what_reconstruct_shows(events, tmp_path):
 @pytest.mark.parametrize(
     ("words", "code", "line"),
     [
-        (["{events}", "-o", "{out}.avi"], 2, "wanted VIDEO.mp4"),
+        (["{events}", "-o", "{out}.avi"], 2, "the extension must be .mp4"),
         (["/nonexistent.raw", "-o", "{out}.mp4"], 3, "/nonexistent.raw"),
         (["{events}", "-o", "{out}.mp4", "--fps", "5ms"], 2, "--fps: got '5ms', wanted a number with a unit"),
         (["{events}", "-o", "{out}.mp4", "--fps", "100MHz"], 2, "wanted at most"),
