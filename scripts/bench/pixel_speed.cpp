@@ -19,9 +19,9 @@
 #include <string>
 #include <vector>
 
-#include "pixels/huge_pages.h"
 #include "measure.h"
 #include "pecs/sensor/sensor.h"
+#include "pixels/huge_pages.h"
 
 namespace {
 

@@ -9,8 +9,8 @@
 #include <span>
 #include <vector>
 
-#include "pixels/huge_pages.h"
 #include "models/entry.h"
+#include "pixels/huge_pages.h"
 
 namespace pecs::sensor {
 
