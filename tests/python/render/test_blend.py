@@ -114,7 +114,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
         ("python_driver", [], 6, "--allow-scripts"),
         ("textures", ["--frames", "0"], 2, "--frames"),
         ("textures", ["--scene-name", "nowhere"], 4, "--scene-name"),
-        ("textures", ["--illuminant", "../../secret"], 3, "spectrum"),
+        ("textures", ["--illuminant", "../../secret"], 3, "../../secret: cannot be opened"),
         ("textures", ["--illuminant", "blackbody:12"], 4, "blackbody"),
         ("textures", ["--set", "rpm=3"], 2, "--set"),
         ("no_such_file", [], 3, "no such file"),
