@@ -94,8 +94,8 @@ def slerp(q0: ArrayLike, q1: ArrayLike, fraction: ArrayLike) -> NDArray[np.float
 
 
 def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray[np.float64]:
-    """Poses [m, 4, 4] at `at` [m] between poses [n, 4, 4] at rising times [n]: positions linear, rotations slerp; the
-    same unit of time. Raises ValueError outside the times."""
+    """Poses [m, 4, 4] at `at` [m] between poses [n, 4, 4] at increasing timestamps [n], in the same unit:
+    positions linear, rotations slerp. Raises ValueError outside the timestamps."""
     at, times = np.asarray(at, float), np.asarray(times, float)
     if at.size and (at.min() < times[0] or at.max() > times[-1]):
         raise PecsInputError(

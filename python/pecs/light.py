@@ -37,8 +37,8 @@ class Light(Handle):
             rolling = light.exposure(5000.0, 4000.0, row_delay_us=20.0)
 
     chips: one `Chip`, name or file, or several: the colours of a camera are chips whose QE are its responses. Times
-    count in microseconds from the first frame, as events do, to `end_us` (None: a stack with a period, which may go on
-    for ever). Any order of times will do; rising ones are the fastest. Memory is that of two intervals' frames.
+    count in microseconds from the first frame, as events do, to `end_us` (None: a stack with a period, which
+    repeats without end). Times may come in any order; increasing ones are the fastest. Memory: two intervals' frames.
     Options as of `Chip.amperes_per_unit`; `fps`: for a folder without stack.json; `motion=False`: blended at the pixel
     all the same; `threads`: 0 is all. Raises PecsNotFoundError for no stack, PecsInputError for a time outside.
     """

@@ -111,7 +111,7 @@ class LiveView:
         self._changed = self._changed or not self._taking
 
     def _find(self):
-        """Window, area, region and space: found anew each time, since a maximised viewport has another area."""
+        """Window, area, region and space: looked up each time, since a maximised viewport has another area."""
         for window in bpy.context.window_manager.windows:
             for area in window.screen.areas:
                 if area.type == "VIEW_3D" and area.spaces.active.as_pointer() == self._space:

@@ -206,7 +206,7 @@ PECS_API void pecs_chip_close(pecs_chip* chip);
 
 /* The light of a stack on one chip or several (the colours of a camera), at any time: as `pecs sense` gives it to the
  * pixels, carried along the stack's motion between its frames. Holds frames of two intervals: cheapest for rising
- * times. t_us counts from the first frame; with a period it may go on for ever. */
+ * times. t_us counts from the first frame; with a period it repeats without end. */
 typedef struct pecs_light pecs_light;
 /* options: {"chips": [{"chip": name | path, "set": {key: value}}, ...], "fnumber", "gain", "photocurrent_a": as above,
  * "fps": of a folder without stack.json, "motion": true (false: frames are blended at the pixel), "threads": 0}. */

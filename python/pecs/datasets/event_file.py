@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class EventFile:
-    """Opens the file when first asked, and anew in another process (pickled, or forked).
+    """Opens the file when first asked, and again in another process (pickled, or forked).
 
     with EventFile("events.h5") as file:
         events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms

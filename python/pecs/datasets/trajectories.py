@@ -158,7 +158,7 @@ class _Route:
         self._extend([])
 
     def redraw(self, way_s: float) -> None:
-        """Anew near that place and after it, unless they are given (then only what else is drawn changes)."""
+        """Drawn again near that place and after it, unless they are given (then only what else is drawn changes)."""
         if self.given:
             return
         keep = max(int(np.searchsorted(self.times_s, way_s)) - 1 - int(self._rng.integers(0, 3)), 0)

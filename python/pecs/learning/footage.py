@@ -124,7 +124,7 @@ def _checked(
         raise bad_input(folder, "lengths of the events' arrays", sorted(lengths), "the same for all")
     if len(times_us) != len(pictures) or len(times_us) < 2 or (np.diff(times_us) <= 0).any():
         raise bad_input(
-            folder, "pictures and their times", (len(pictures), len(times_us)), "two or more, at rising times"
+            folder, "pictures and their times", (len(pictures), len(times_us)), "two or more, at increasing timestamps"
         )
     events = np.empty(len(t), EVENT_DTYPE)
     order = np.argsort(t, kind="stable")

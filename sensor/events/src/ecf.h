@@ -30,7 +30,7 @@ constexpr std::size_t kMaxEvents = 65535;  // in a block
 // Throws Damage. `max_events` bounds what is allocated.
 void decode(std::span<const std::byte> block, std::size_t max_events, std::vector<Event>& out);
 
-// Appends the block of at most kMaxEvents events with rising times and x, y below 2048, in the style that is shortest.
+// Appends the block of at most kMaxEvents events with increasing timestamps and x, y below 2048, in the shortest style.
 void encode(std::span<const Event> events, std::vector<std::byte>& out);
 
 }  // namespace pecs::events::ecf

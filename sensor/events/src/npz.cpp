@@ -36,7 +36,7 @@ Archive open_archive(const std::filesystem::path& path) {
   Archive archive(zip_open(path.c_str(), ZIP_RDONLY, &code));
   if (archive) return archive;
   if (code == ZIP_ER_NOENT || code == ZIP_ER_OPEN) throw not_found(path.string(), std::strerror(errno));
-  throw bad_input(path.string(), "byte 0", "data that is no ZIP archive, or not all of one", "an NPZ file");
+  throw bad_input(path.string(), "byte 0", "data that is not a complete ZIP archive", "an NPZ file");
 }
 
 // The value of `key` in the dictionary of an .npy header, as text up to the next ',' outside of parentheses.

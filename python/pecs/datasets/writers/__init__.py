@@ -1,4 +1,4 @@
-"""Writers of data sets: native sequences in, a folder in somebody's format out.
+"""Writers of data sets: native sequences in, a folder in another format out.
 
     report = pecs.datasets.writers.write("dsec", sequences, "out/dsec")
 
