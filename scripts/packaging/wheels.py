@@ -32,8 +32,9 @@ def built_wheel(folder: Path, source: Path = ROOT) -> Path:
     """The wheel as scikit-build-core makes it, tied to this system's libraries. Without build/wheel-libraries, the
     wheel of pecs has no program."""
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
-    defines = {"PECS_WITH_RSVG": "OFF"}
-    environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s())}
+    # Compiler and flags as in scripts/setup.sh: ccache takes the objects from build/release.
+    defines = {"PECS_WITH_RSVG": "OFF", "PECS_WERROR": "ON" if os.environ.get("CI") == "true" else "OFF"}
+    environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s()), "CC": "cc", "CXX": "c++"}
     if (LIBRARIES / "ready").is_file():
         environment |= {"CMAKE_PREFIX_PATH": str(LIBRARIES), "HDF5_ROOT": str(LIBRARIES)}
     else:
