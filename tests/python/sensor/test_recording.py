@@ -153,7 +153,8 @@ def test_a_chip_is_fitted_to_any_disk(pecs_program, tmp_path, monkeypatch):
     corner_hz, contrast = np.full(np.prod(nothing.regions), 5.0), 12.0
     light = ("imx636", {}, disk, corner_hz, contrast, nothing)
     recording = tmp_path / "disk.raw"
-    pecs.write(recording, disk_fit.simulate(*light, 150, 120, 400e3, 1), width=150, height=120)
+    size = {"width": 150, "height": 120}
+    pecs.write(recording, disk_fit.simulate(*light, **size, duration_us=400e3, seed=1), **size)
 
     found, events, duration_us, seen = disk_fit.examine(str(recording))
     assert (events.width, events.height) == (150, 120) and duration_us > 390e3
