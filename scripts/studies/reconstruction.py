@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 import torch
 from pecs import Chip, Light, read, sense
-from pecs.datasets.files import write_json
+from pecs._files import write_json
 from pecs.datasets.sequence import Sequence, sequences
 from pecs.learning.clips import WHITE_PERCENTILE, ClipConfig, Recording
 from pecs.learning.export import export

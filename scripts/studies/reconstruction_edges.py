@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from pecs.datasets.files import write_json
+from pecs._files import write_json
 from pecs.learning.clips import ClipConfig
 from pecs.learning.export import export
 from pecs.learning.footage import Footage

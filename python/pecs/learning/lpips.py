@@ -85,9 +85,9 @@ class Lpips:
             if name not in found or tuple(found[name].shape) != shape:
                 got = tuple(found[name].shape) if name in found else "nothing"
                 place = name if name.startswith("lin") else f"features.{name}"
-                raise bad_input(path, place, got, f"{shape} of {self.trunk.name} with LPIPS' linear layers")
+                raise bad_input(path, place, got, f"{list(shape)} of {self.trunk.name} with LPIPS' linear layers")
             if not torch.isfinite(found[name]).all():
-                raise bad_input(path, name, "values that are no numbers", "finite weights")
+                raise bad_input(path, name, "values that are not finite", "finite weights")
         self._weights = {name: found[name].float().to(device) for name in wanted}
         self._mean, self._scale = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (MEAN, SCALE))
 

@@ -245,16 +245,16 @@ def test_wrong_weights_of_lpips(trainable, tmp_path):
         (
             "no_linear",
             {k: v for k, v in values.items() if not k.startswith("lin")},
-            "lin0: got 'nothing', wanted (1, 64",
+            "lin0: got nothing, wanted [1, 64",
         ),
-        ("linear", {k: v for k, v in values.items() if k.startswith("lin")}, "features.0.weight: got 'nothing'"),
-        ("shape", values | {"net.slice2.3.weight": torch.zeros(192, 64, 3, 3)}, "3.weight: got (192, 64, 3, 3)"),
+        ("linear", {k: v for k, v in values.items() if k.startswith("lin")}, "features.0.weight: got nothing"),
+        ("shape", values | {"net.slice2.3.weight": torch.zeros(192, 64, 3, 3)}, "3.weight: got [192, 64, 3, 3]"),
         (
             "nan",
             values | {"lin2.model.1.weight": torch.full((1, 384, 1, 1), math.nan)},
-            "lin2: got 'values that are no numbers'",
+            "lin2: got values that are not finite",
         ),
-        ("list", [1, 2], "got 'list', wanted a state dict"),
+        ("list", [1, 2], "got list, wanted a state dict"),
     ):
         torch.save(content, tmp_path / f"{name}.pth")
         wrong(words, Lpips, tmp_path / f"{name}.pth")
@@ -374,7 +374,7 @@ def test_onnx_is_the_network(trainable, tmp_path):
     theirs = onnx.load(str(tmp_path / "firenet.onnx"))
     del theirs.metadata_props[:]
     onnx.save(theirs, str(tmp_path / "theirs.onnx"))
-    wrong("pecs_network: got None, wanted 1: a network of `pecs train`", Network, tmp_path / "theirs.onnx", 8, 8)
+    wrong("pecs_network: got null, wanted 1: a network of `pecs train`", Network, tmp_path / "theirs.onnx", 8, 8)
 
 
 def test_a_checkpoint_of_another_network(trainable, tmp_path):
@@ -421,7 +421,7 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     assert "pictures" in run("reconstruct", recording[0], "-o", tmp_path / "v.mp4", "--weights", network)
     assert ", by firenet" in run("reconstruct", recording[0], "-o", tmp_path / "s.mp4", "--method", "firenet")
     other = ("reconstruct", recording[0], "-o", tmp_path / "w.mp4", "--weights", network, "--method", "e2vid")
-    assert "got 'firenet', wanted e2vid" in run(*other, code=4)
+    assert "got firenet, wanted e2vid" in run(*other, code=4)
     assert "no sequences of split 'test'" in run("train", trainable, "-o", tmp_path / "r2", "--split", "test", code=3)
     assert "--device: got 'gpu'" in run("train", trainable, "-o", tmp_path / "r4", "--device", "gpu", code=2)
     other = ("train", trainable, "-o", tmp_path / "r5", "--lpips-weights", tmp_path / "no.pth")
