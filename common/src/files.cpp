@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs {
 namespace fs = std::filesystem;
@@ -45,11 +46,6 @@ struct FileCloser {
   void operator()(std::FILE* f) const { std::fclose(f); }
 };
 using FilePtr = std::unique_ptr<std::FILE, FileCloser>;
-
-std::string lower(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 // Also for paths that do not exist yet.
 bool is_same_file(const fs::path& a, const fs::path& b) {
@@ -167,6 +163,14 @@ void AtomicFile::commit() {
   if (partial_) partial_->commit();
   if (std::fclose(std::exchange(file_, nullptr)) != 0) throw bad_output(path_.string(), last_error());
 }
+
+void write_file(const fs::path& path, std::span<const std::byte> bytes) {
+  AtomicFile file(path);
+  file.write(bytes);
+  file.commit();
+}
+
+void write_file(const fs::path& path, std::string_view text) { write_file(path, std::as_bytes(std::span(text))); }
 
 fs::path partial_path(const fs::path& path) {
   fs::path partial = path;

@@ -16,9 +16,7 @@ void write_run_record(const std::filesystem::path& output, const RunRecord& reco
   const Json json = {{"pecs_version", kVersion}, {"command", record.command}, {"arguments", record.arguments},
                      {"config", record.config},  {"inputs", inputs},          {"output", output.string()},
                      {"results", record.results}};
-  AtomicFile file(output.string() + ".run.json");
-  file.write(text_of(json, 2) + "\n");
-  file.commit();
+  write_file(output.string() + ".run.json", text_of(json, 2) + "\n");
 }
 
 }  // namespace pecs

@@ -53,6 +53,10 @@ class AtomicFile {
   std::FILE* file_ = nullptr;
 };
 
+// A whole file at once, as AtomicFile.
+void write_file(const std::filesystem::path& path, std::span<const std::byte> bytes);
+void write_file(const std::filesystem::path& path, std::string_view text);
+
 std::filesystem::path partial_path(const std::filesystem::path& path);
 bool is_stream(const std::filesystem::path& path);  // whether it is a pipe or a character device
 // Throws usage when an output is an input, would replace a frame of an input folder, or is another output. Empty paths

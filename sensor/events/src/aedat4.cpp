@@ -14,7 +14,7 @@
 #include "aedat4_generated.h"
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "extent.h"
+#include "codec.h"
 #include "input_file.h"
 #include "output_file.h"
 
@@ -69,35 +69,25 @@ std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compr
   return out;
 }
 
-class Aedat4Reader final : public Reader {
+class Aedat4Reader final : public EventReader<Aedat4Reader> {
  public:
   explicit Aedat4Reader(const std::filesystem::path& path) : file_(path) {
     read_header();
     extent_.emplace(info_, kMaxSize);
   }
 
-  const StreamInfo& info() const override { return info_; }
   std::string place() const override { return fmt::format("packet at byte {}", packet_at_); }
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (used_ == packet_size()) {
-        if (!next_packet()) {
-          extent_->end();
-          break;
-        }
-        continue;
-      }
-      const aedat4::Event& e = *elements_->Get(static_cast<flatbuffers::uoffset_t>(used_++));
-      Event& event = out[n++];
-      event = {e.timestamp(), static_cast<std::uint16_t>(e.x()), static_cast<std::uint16_t>(e.y()),
-               static_cast<std::uint8_t>(e.on())};
-      if (e.x() < 0 || e.y() < 0 || !extent_->add(event))
-        throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_),
-                        fmt::format("an event at pixel ({}, {})", e.x(), e.y()), extent_->wanted());
-    }
-    return n;
+  bool next(Event& event) {
+    while (used_ == packet_size())
+      if (!next_packet()) return false;
+    const aedat4::Event& e = *elements_->Get(static_cast<flatbuffers::uoffset_t>(used_++));
+    event = {e.timestamp(), static_cast<std::uint16_t>(e.x()), static_cast<std::uint16_t>(e.y()),
+             static_cast<std::uint8_t>(e.on())};
+    if (e.x() < 0 || e.y() < 0 || !extent_->add(event))
+      throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_),
+                      fmt::format("an event at pixel ({}, {})", e.x(), e.y()), extent_->wanted());
+    return true;
   }
 
  private:
@@ -182,8 +172,6 @@ class Aedat4Reader final : public Reader {
   }
 
   InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
   int compression_ = kNone, stream_ = -1;
   std::uint64_t end_ = 0, packet_at_ = 0;
   std::vector<std::byte> packed_;
@@ -299,16 +287,8 @@ class Aedat4Writer final : public CheckedWriter {
 }  // namespace
 
 Codec make_aedat4() {
-  return {.name = "aedat4",
-          .description = "iniVation AEDAT4",
-          .extensions = {".aedat4"},
-          .sniff =
-              [](const std::filesystem::path&, std::span<const std::byte> head) {
-                return head.size() >= kMagic.size() && std::memcmp(head.data(), kMagic.data(), kMagic.size()) == 0;
-              },
-          .open_reader = [](const auto& path) { return std::make_unique<Aedat4Reader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Aedat4Writer>(path, info); },
-          .limits = kLimits};
+  return make_codec<Aedat4Reader, Aedat4Writer>("aedat4", "iniVation AEDAT4", ".aedat4", kLimits,
+                                                [](const auto&, auto head) { return begins_with(head, kMagic); });
 }
 
 }  // namespace pecs::events

@@ -19,9 +19,10 @@
 
 #include "buffer_size.h"
 #include "checked_writer.h"
-#include "extent.h"
+#include "codec.h"
 #include "input_file.h"
 #include "output_file.h"
+#include "pecs/text.h"
 
 namespace pecs::events {
 namespace {
@@ -123,10 +124,9 @@ std::optional<Decimal> parse_decimal(std::string_view text, int exponent) {
   if (i < text.size()) {
     if (text[i] != 'e' && text[i] != 'E') return {};
     i += 1 + (i + 1 < text.size() && text[i + 1] == '+');
-    int power = 0;
-    const auto [end, ec] = std::from_chars(text.data() + i, text.data() + text.size(), power);
-    if (ec != std::errc() || end != text.data() + text.size() || power < -400 || power > 400) return {};
-    exponent += power;
+    const auto power = number_from<int>(text.substr(std::min(i, text.size())));
+    if (!power || *power < -400 || *power > 400) return {};
+    exponent += *power;
   }
   Decimal out;
   for (; exponent < 0 && digits > 0; ++exponent) {
@@ -151,27 +151,20 @@ struct Layout {
   int t_exponent = 0;  // t in the file = us * 10^-t_exponent
 };
 
-class CsvReader final : public Reader {
+class CsvReader final : public EventReader<CsvReader> {
  public:
   explicit CsvReader(const std::filesystem::path& path) : lines_(path) {
     find_layout();
     extent_.emplace(info_, 65536);
   }
 
-  const StreamInfo& info() const override { return info_; }
   std::string place() const override { return lines_.place(); }
   Convention convention() const { return convention_; }
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (!std::exchange(pending_, false) && !next_content()) {
-        extent_->end();
-        break;
-      }
-      parse_event(out[n++]);
-    }
-    return n;
+  bool next(Event& event) {
+    if (!std::exchange(pending_, false) && !next_content()) return false;
+    parse_event(event);
+    return true;
   }
 
  private:
@@ -247,12 +240,11 @@ class CsvReader final : public Reader {
                                                                       {"timestamp", kT}, {"x", kX},   {"y", kY},
                                                                       {"p", kP},         {"pol", kP}, {"polarity", kP}};
     static const std::map<std::string, int, std::less<>> kUnits = {{"us", 0}, {"ns", -3}, {"ms", 3}, {"s", 6}};
-    std::string header(line_);
+    std::string header = lower(std::string(line_));
     for (const char* open : {" [", " ("})  // "timestamp [us]"
       for (std::size_t at; (at = header.find(open)) != std::string::npos;) header.erase(at, 1);
-    std::ranges::transform(header, header.begin(), [](unsigned char c) {
-      return c == '"' || c == '[' || c == ']' || c == '(' || c == ')' ? '_' : static_cast<char>(std::tolower(c));
-    });
+    std::ranges::replace_if(
+        header, [](char c) { return std::string_view("\"[]()").find(c) != std::string_view::npos; }, '_');
     std::string_view rest = header;
     for (std::string_view word; !(word = next_word(rest)).empty(); ++layout_.columns) {
       while (word.starts_with('_')) word.remove_prefix(1);
@@ -297,32 +289,30 @@ class CsvReader final : public Reader {
   bool pending_ = false, metavision_ = false;
   Layout layout_;
   Convention convention_ = Convention::csv;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
 };
 
 constexpr Limits kLimits = {.keeps_size = false};
 constexpr Limits kSecondsLimits = {.t_min_us = 0};
 
+template <Convention kConvention>
 class CsvWriter final : public CheckedWriter {
  public:
-  CsvWriter(const std::filesystem::path& path, const StreamInfo& size, Convention convention)
-      : CheckedWriter(path, size, convention == Convention::csv ? kLimits : kSecondsLimits,
-                      convention == Convention::e2vid),
-        csv_(convention == Convention::csv),
-        file_(path) {
-    if (csv_) file_.put_text("t_us,x,y,p\n");
-    if (convention == Convention::e2vid) file_.put_text(fmt::format("{} {}\n", size.width, size.height));
-    if (convention == Convention::v2e)
+  CsvWriter(const std::filesystem::path& path, const StreamInfo& size)
+      : CheckedWriter(path, size, kCsv ? kLimits : kSecondsLimits, kConvention == Convention::e2vid), file_(path) {
+    if (kCsv) file_.put_text("t_us,x,y,p\n");
+    if (kConvention == Convention::e2vid) file_.put_text(fmt::format("{} {}\n", size.width, size.height));
+    if (kConvention == Convention::v2e)
       file_.put_text(fmt::format("# Format is time (float s), x, y, polarity (0=off, 1=on)\n# width={} height={}\n",
                                  size.width, size.height));
   }
 
  private:
+  static constexpr bool kCsv = kConvention == Convention::csv;
+
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
       std::array<char, 64> line;
-      const auto end = csv_ ? fmt::format_to(line.data(), "{},{},{},{}\n", e.t_us, e.x, e.y, e.p)
+      const auto end = kCsv ? fmt::format_to(line.data(), "{},{},{},{}\n", e.t_us, e.x, e.y, e.p)
                             : fmt::format_to(line.data(), "{}.{:06} {} {} {}\n", e.t_us / 1'000'000, e.t_us % 1'000'000,
                                              e.x, e.y, e.p);
       file_.put_bytes(std::as_bytes(std::span(line.data(), end)));
@@ -330,39 +320,31 @@ class CsvWriter final : public CheckedWriter {
   }
   void finish() override { file_.commit(); }
 
-  bool csv_;
   OutputFile file_;
 };
 
-Codec make_text(const char* name, const char* description, const char* extension, Convention convention,
-                const Limits& limits) {
-  return {.name = name,
-          .description = description,
-          .extensions = {extension},
-          .sniff =
-              [convention](const std::filesystem::path& path, std::span<const std::byte>) {
-                try {
-                  return CsvReader(path).convention() == convention;
-                } catch (const Error&) {
-                  return false;
-                }
-              },
-          .open_reader = [](const auto& path) { return std::make_unique<CsvReader>(path); },
-          .open_writer = [convention](const auto& path,
-                                      const auto& info) { return std::make_unique<CsvWriter>(path, info, convention); },
-          .limits = limits};
+template <Convention kConvention>
+Codec make_text(const char* name, const char* description, const char* extension, const Limits& limits) {
+  return make_codec<CsvReader, CsvWriter<kConvention>>(name, description, extension, limits,
+                                                       [](const std::filesystem::path& path, auto) {
+                                                         try {
+                                                           return CsvReader(path).convention() == kConvention;
+                                                         } catch (const Error&) {
+                                                           return false;
+                                                         }
+                                                       });
 }
 
 }  // namespace
 
-Codec make_csv() { return make_text("csv", "CSV with a header line, t_us,x,y,p", ".csv", Convention::csv, kLimits); }
+Codec make_csv() { return make_text<Convention::csv>("csv", "CSV with a header line, t_us,x,y,p", ".csv", kLimits); }
 Codec make_e2vid() {
-  return make_text("e2vid", "text of ESIM and E2VID: W H, then t x y p in seconds", ".txt", Convention::e2vid,
-                   kSecondsLimits);
+  return make_text<Convention::e2vid>("e2vid", "text of ESIM and E2VID: W H, then t x y p in seconds", ".txt",
+                                      kSecondsLimits);
 }
 Codec make_v2e() {
-  return make_text("v2e", "text of v2e and the RPG DAVIS data: t x y p in seconds", ".txt", Convention::v2e,
-                   kSecondsLimits);
+  return make_text<Convention::v2e>("v2e", "text of v2e and the RPG DAVIS data: t x y p in seconds", ".txt",
+                                    kSecondsLimits);
 }
 
 }  // namespace pecs::events

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "checked_writer.h"
-#include "extent.h"
+#include "codec.h"
 #include "input_file.h"
 #include "output_file.h"
 #include "raw_header.h"
@@ -15,7 +15,7 @@ constexpr int kMaxSize = 1 << 14;
 constexpr std::int64_t kWrap = std::int64_t{1} << 32;
 constexpr std::byte kOldType{0x00}, kCdType{0x0c}, kEventBytes{8};
 
-class DatReader final : public Reader {
+class DatReader final : public EventReader<DatReader> {
  public:
   explicit DatReader(const std::filesystem::path& path) : file_(path) {
     const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
@@ -30,34 +30,25 @@ class DatReader final : public Reader {
                          "type 0 or 12 of 8 bytes", 2);
   }
 
-  const StreamInfo& info() const override { return info_; }
   std::string place() const override { return fmt::format("byte {}", file_.offset() - 8); }
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    for (; n < out.size(); ++n) {
-      const auto item = file_.next<std::uint64_t>();
-      if (!item) {
-        extent_->end();
-        break;
-      }
-      // A decrease of t by half its range or more is a wrap.
-      const auto t = static_cast<std::int64_t>(*item & 0xffffffff);
-      if (t + kWrap / 2 <= last_) wraps_ += kWrap;
-      last_ = t;
-      const auto address = static_cast<std::uint32_t>(*item >> 32);
-      out[n] = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
-                static_cast<std::uint16_t>(address >> 14 & 0x3fff), static_cast<std::uint8_t>(address >> 28 & 1)};
-      if (!extent_->add(out[n]))
-        throw file_.damage(fmt::format("an event at pixel ({}, {})", out[n].x, out[n].y), extent_->wanted(), 8);
-    }
-    return n;
+  bool next(Event& event) {
+    const auto item = file_.next<std::uint64_t>();
+    if (!item) return false;
+    // A decrease of t by half its range or more is a wrap.
+    const auto t = static_cast<std::int64_t>(*item & 0xffffffff);
+    if (t + kWrap / 2 <= last_) wraps_ += kWrap;
+    last_ = t;
+    const auto address = static_cast<std::uint32_t>(*item >> 32);
+    event = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
+             static_cast<std::uint16_t>(address >> 14 & 0x3fff), static_cast<std::uint8_t>(address >> 28 & 1)};
+    if (!extent_->add(event))
+      throw file_.damage(fmt::format("an event at pixel ({}, {})", event.x, event.y), extent_->wanted(), 8);
+    return true;
   }
 
  private:
   InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
   std::int64_t last_ = 0, wraps_ = 0;
 };
 
@@ -93,14 +84,8 @@ bool is_dat(const RawHeader& header, std::span<const std::byte> head) {
 }  // namespace
 
 Codec make_dat() {
-  return {.name = "dat",
-          .description = "Prophesee DAT version 2",
-          .extensions = {".dat"},
-          .sniff = [](const std::filesystem::path&,
-                      std::span<const std::byte> head) { return is_dat(parse_raw_header(head), head); },
-          .open_reader = [](const auto& path) { return std::make_unique<DatReader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<DatWriter>(path, info); },
-          .limits = kLimits};
+  return make_codec<DatReader, DatWriter>("dat", "Prophesee DAT version 2", ".dat", kLimits,
+                                          [](const auto&, auto head) { return is_dat(parse_raw_header(head), head); });
 }
 
 }  // namespace pecs::events

@@ -8,9 +8,9 @@
 #include <algorithm>
 #include <array>
 
-#include "block_reader.h"
 #include "buffer_size.h"
 #include "checked_writer.h"
+#include "codec.h"
 #include "event_columns.h"
 #include "hdf5_file.h"
 
@@ -77,13 +77,11 @@ class DsecReader final : public BlockReader {
   bool next_block() override {
     const std::size_t size = std::min<std::uint64_t>(kBlock, columns_[0].size() - first_);
     if (size == 0) return false;
-    values_.resize(size);
-    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
-      columns_[c].read_integers(first_, values_.values(c));
-      if (columns_[c].is_unsigned()) values_.refuse_wrapped(c, first_);
-    }
     block_.resize(size);
-    values_.take(first_, t_offset_us_, *extent_, block_);
+    values_.read(first_, t_offset_us_, *extent_, block_, [&](auto c, std::span<std::int64_t> values) {
+      columns_[c].read_integers(first_, values);
+      return columns_[c].is_unsigned();
+    });
     first_ += size;
     return true;
   }
@@ -158,16 +156,10 @@ class DsecWriter final : public CheckedWriter {
 }  // namespace
 
 Codec make_dsec_hdf5() {
-  return {.name = "dsec",
-          .description = "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)",
-          .extensions = {".h5"},
-          .sniff =
-              [](const std::filesystem::path& path, std::span<const std::byte> head) {
-                return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
-              },
-          .open_reader = [](const auto& path) { return std::make_unique<DsecReader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<DsecWriter>(path, info); },
-          .limits = kLimits};
+  return make_codec<DsecReader, DsecWriter>(
+      "dsec", "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)", ".h5", kLimits, [](const auto& path, auto head) {
+        return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
+      });
 }
 
 }  // namespace pecs::events

@@ -13,21 +13,27 @@ namespace pecs::events {
 class EventColumns {
  public:
   enum Column { t, x, y, p };
+  static constexpr std::array kAll = {t, x, y, p};
   // `names` of the four datasets, as in errors.
   EventColumns(std::string file, std::array<std::string, 4> names) : file_(std::move(file)), names_(std::move(names)) {}
 
-  // Makes room for the next `count` values of every column.
-  void resize(std::size_t count) {
-    for (auto& column : values_) column.resize(count);
+  // Reads events from the one with index `first` on, as many as `out` has; p of -1 becomes 0, and t grows by
+  // `offset_us`. read_values(column, values) reads a column's next values, unsigned ones as their bits, and returns
+  // whether they are unsigned.
+  template <class ReadValues>
+  void read(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out,
+            const ReadValues& read_values) {
+    for (const Column column : kAll) {
+      values_[column].resize(out.size());
+      if (read_values(column, std::span(values_[column]))) refuse_wrapped(column, first);
+    }
+    take(first, offset_us, extent, out);
   }
-  std::span<std::int64_t> values(Column column) { return values_[column]; }
-  // Throws for values(column) that were unsigned and beyond int64, and are now negative. first: index of the first
-  // value.
-  void refuse_wrapped(Column column, std::uint64_t first) const;
-  // Converts the values to events; p of -1 becomes 0. Adds `offset_us` to t.
-  void take(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out) const;
 
  private:
+  // Throws for unsigned values beyond int64, which are now negative.
+  void refuse_wrapped(Column column, std::uint64_t first) const;
+  void take(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out) const;
   [[noreturn]] void refuse(Column column, std::uint64_t index, const std::string& got, const std::string& wanted) const;
 
   std::string file_;

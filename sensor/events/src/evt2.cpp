@@ -13,25 +13,23 @@ constexpr int kMaxSize = 2048;
 constexpr unsigned kTimeHigh = 8;
 constexpr std::int64_t kHighs = std::int64_t{1} << 28;
 
-class Evt2Reader final : public RawReader<std::uint32_t> {
+class Evt2Reader final : public RawReader<Evt2Reader, std::uint32_t> {
  public:
   explicit Evt2Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      const auto word = next_word();
-      if (!word) break;
+  bool next(Event& event) {
+    while (const auto word = next_word()) {
       const unsigned type = *word >> 28;
       if (type == kTimeHigh) {
         high_.take(*word & 0x0fffffff);
       } else if (type <= 1 && high_.known()) {
-        check_inside(out[n++] = {(high_.value() << 6) | (*word >> 22 & 0x3f),
-                                 static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
-                                 static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)});
+        check_inside(event = {(high_.value() << 6) | (*word >> 22 & 0x3f),
+                              static_cast<std::uint16_t>(*word >> 11 & 0x7ff),
+                              static_cast<std::uint16_t>(*word & 0x7ff), static_cast<std::uint8_t>(type)});
+        return true;
       }
     }
-    return n;
+    return false;
   }
 
  private:
@@ -68,15 +66,6 @@ class Evt2Writer final : public CheckedWriter {
 
 }  // namespace
 
-Codec make_evt2() {
-  return {.name = "evt2",
-          .description = "Prophesee RAW EVT2",
-          .extensions = {".raw"},
-          .sniff = [](const std::filesystem::path&,
-                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT2"; },
-          .open_reader = [](const auto& path) { return std::make_unique<Evt2Reader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt2Writer>(path, info); },
-          .limits = kLimits};
-}
+Codec make_evt2() { return make_raw_codec<Evt2Reader, Evt2Writer>("evt2", "Prophesee RAW EVT2", "EVT2", kLimits); }
 
 }  // namespace pecs::events

@@ -17,23 +17,15 @@ constexpr int kMaxSize = 2048;
 constexpr std::uint64_t kTimeHigh = 8;
 constexpr std::int64_t kHighs = std::int64_t{1} << 28;
 
-class Evt21Reader final : public RawReader<std::uint64_t> {
+class Evt21Reader final : public RawReader<Evt21Reader, std::uint64_t> {
  public:
   explicit Evt21Reader(const std::filesystem::path& path)
       : RawReader(path, kMaxSize), halves_swapped_(options_["endianness"] == "legacy") {}
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (mask_ != 0) {
-        event_.x = static_cast<std::uint16_t>(base_x_ + std::countr_zero(mask_));
-        mask_ &= mask_ - 1;
-        check_inside(event_);
-        out[n++] = event_;
-        continue;
-      }
+  bool next(Event& event) {
+    while (mask_ == 0) {
       auto word = next_word();
-      if (!word) break;
+      if (!word) return false;
       if (halves_swapped_) word = std::rotl(*word, 32);
       const std::uint64_t type = *word >> 60;
       if (type == kTimeHigh) {
@@ -45,7 +37,10 @@ class Evt21Reader final : public RawReader<std::uint64_t> {
         mask_ = static_cast<std::uint32_t>(*word);
       }
     }
-    return n;
+    event_.x = static_cast<std::uint16_t>(base_x_ + std::countr_zero(mask_));
+    mask_ &= mask_ - 1;
+    check_inside(event = event_);
+    return true;
   }
 
  private:
@@ -99,14 +94,7 @@ class Evt21Writer final : public CheckedWriter {
 }  // namespace
 
 Codec make_evt21() {
-  return {.name = "evt21",
-          .description = "Prophesee RAW EVT2.1",
-          .extensions = {".raw"},
-          .sniff = [](const std::filesystem::path&,
-                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT21"; },
-          .open_reader = [](const auto& path) { return std::make_unique<Evt21Reader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt21Writer>(path, info); },
-          .limits = kLimits};
+  return make_raw_codec<Evt21Reader, Evt21Writer>("evt21", "Prophesee RAW EVT2.1", "EVT21", kLimits);
 }
 
 }  // namespace pecs::events

@@ -21,23 +21,14 @@ enum Type : unsigned { addr_y = 0, addr_x = 2, vect_base = 3, vect_12 = 4, vect_
 constexpr int kMaxSize = 2048;
 constexpr std::int64_t kHighs = 4096;  // TIME_HIGH values in a wrap
 
-class Evt3Reader final : public RawReader<std::uint16_t> {
+class Evt3Reader final : public RawReader<Evt3Reader, std::uint16_t> {
  public:
   explicit Evt3Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
 
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size()) {
-      if (mask_ != 0) {
-        const int k = std::countr_zero(mask_);
-        mask_ &= mask_ - 1;
-        event_.x = static_cast<std::uint16_t>(mask_x_ + k);
-        check_inside(event_);
-        out[n++] = event_;
-        continue;
-      }
+  bool next(Event& event) {
+    while (mask_ == 0) {
       const auto word = next_word();
-      if (!word) break;
+      if (!word) return false;
       const unsigned value = *word & 0xfff;
       switch (*word >> 12) {
         case addr_y:
@@ -47,9 +38,8 @@ class Evt3Reader final : public RawReader<std::uint16_t> {
           if (!high_.known()) break;
           event_.x = value & 0x7ff;
           event_.p = static_cast<std::uint8_t>(value >> 11);
-          check_inside(event_);
-          out[n++] = event_;
-          break;
+          check_inside(event = event_);
+          return true;
         case vect_base:
           base_x_ = value & 0x7ff;
           base_p_ = static_cast<std::uint8_t>(value >> 11);
@@ -71,7 +61,10 @@ class Evt3Reader final : public RawReader<std::uint16_t> {
           break;
       }
     }
-    return n;
+    event_.x = static_cast<std::uint16_t>(mask_x_ + std::countr_zero(mask_));
+    mask_ &= mask_ - 1;
+    check_inside(event = event_);
+    return true;
   }
 
  private:
@@ -175,15 +168,6 @@ class Evt3Writer final : public CheckedWriter {
 
 }  // namespace
 
-Codec make_evt3() {
-  return {.name = "evt3",
-          .description = "Prophesee RAW EVT3",
-          .extensions = {".raw"},
-          .sniff = [](const std::filesystem::path&,
-                      std::span<const std::byte> head) { return parse_raw_header(head).encoding == "EVT3"; },
-          .open_reader = [](const auto& path) { return std::make_unique<Evt3Reader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<Evt3Writer>(path, info); },
-          .limits = kLimits};
-}
+Codec make_evt3() { return make_raw_codec<Evt3Reader, Evt3Writer>("evt3", "Prophesee RAW EVT3", "EVT3", kLimits); }
 
 }  // namespace pecs::events

@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <array>
 
-#include "block_reader.h"
 #include "checked_writer.h"
+#include "codec.h"
 #include "ecf.h"
 #include "event_columns.h"
 #include "hdf5_file.h"
@@ -110,22 +110,19 @@ class MetavisionReader final : public BlockReader {
   }
 
   void read_plain(std::size_t wanted) {
-    values_.resize(wanted);
-    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
-      // A memory type with one member reads that member only.
-      const char* const name = kMembers[c];
-      const hdf5::Handle type(H5Tcreate(H5T_COMPOUND, sizeof(std::int64_t)), H5Tclose);
-      H5Tinsert(type.get(), name, 0, unsigned_[c] ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64);
-      events_.read(first_, wanted, type.get(), values_.values(c).data());
-      if (unsigned_[c]) values_.refuse_wrapped(c, first_);
-    }
     block_.resize(wanted);
-    values_.take(first_, 0, *extent_, block_);
+    values_.read(first_, 0, *extent_, block_, [&](auto c, std::span<std::int64_t> values) {
+      // A memory type with one member reads that member only.
+      const hdf5::Handle type(H5Tcreate(H5T_COMPOUND, sizeof(std::int64_t)), H5Tclose);
+      H5Tinsert(type.get(), kMembers[c], 0, unsigned_[c] ? H5T_NATIVE_UINT64 : H5T_NATIVE_INT64);
+      events_.read(first_, wanted, type.get(), values.data());
+      return unsigned_[c];
+    });
   }
 
   void find_members() {
     const hdf5::Handle type(H5Dget_type(events_.id()), H5Tclose);
-    for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
+    for (const auto c : EventColumns::kAll) {
       const int at = H5Tget_class(type.get()) == H5T_COMPOUND ? H5Tget_member_index(type.get(), kMembers[c]) : -1;
       const hdf5::Handle member(at < 0 ? -1 : H5Tget_member_type(type.get(), static_cast<unsigned>(at)), H5Tclose);
       if (!member || H5Tget_class(member.get()) != H5T_INTEGER || H5Tget_size(member.get()) > sizeof(std::int64_t))
@@ -246,15 +243,9 @@ class MetavisionWriter final : public CheckedWriter {
 }  // namespace
 
 Codec make_metavision_hdf5() {
-  return {
-      .name = "metavision-hdf5",
-      .description = "Metavision HDF5 (ECF compression)",
-      .extensions = {".hdf5"},
-      .sniff = [](const std::filesystem::path& path,
-                  std::span<const std::byte> head) { return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kEvents}); },
-      .open_reader = [](const auto& path) { return std::make_unique<MetavisionReader>(path); },
-      .open_writer = [](const auto& path, const auto& info) { return std::make_unique<MetavisionWriter>(path, info); },
-      .limits = kLimits};
+  return make_codec<MetavisionReader, MetavisionWriter>(
+      "metavision-hdf5", "Metavision HDF5 (ECF compression)", ".hdf5", kLimits,
+      [](const auto& path, auto head) { return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kEvents}); });
 }
 
 }  // namespace pecs::events

@@ -15,8 +15,8 @@
 
 #include "buffer_size.h"
 #include "checked_writer.h"
+#include "codec.h"
 #include "event_columns.h"
-#include "extent.h"
 #include "input_file.h"
 #include "pecs/files.h"
 
@@ -152,7 +152,7 @@ class ArrayReader {
   std::vector<std::byte> bytes_;
 };
 
-class NpzReader final : public Reader {
+class NpzReader final : public BlockReader {
  public:
   explicit NpzReader(const std::filesystem::path& path)
       : path_(path),
@@ -162,42 +162,33 @@ class NpzReader final : public Reader {
                   {path_, archive_.get(), "y"},
                   {path_, archive_.get(), "p"}}},
         values_(path.string(), {"t.npy", "x.npy", "y.npy", "p.npy"}),
-        left_(columns_[0].size()) {
+        size_(columns_[0].size()) {
     for (const ArrayReader& column : columns_) {
       if (column.is_scalar()) throw column.damage("a single value without a dimension", "an array");
-      if (column.size() != left_)
-        throw column.damage(fmt::format("{} values", column.size()), fmt::format("{}, as in t", left_));
+      if (column.size() != size_)
+        throw column.damage(fmt::format("{} values", column.size()), fmt::format("{}, as in t", size_));
     }
     info_.width = scalar("width");
     info_.height = scalar("height");
     extent_.emplace(info_, 65536);
   }
 
-  const StreamInfo& info() const override { return info_; }
-
-  std::size_t read(std::span<Event> out) override {
-    std::size_t n = 0;
-    while (n < out.size() && left_ > 0) {
-      const std::size_t block = std::min<std::uint64_t>({out.size() - n, left_, kBlock});
-      values_.resize(block);
-      for (const auto c : {EventColumns::t, EventColumns::x, EventColumns::y, EventColumns::p}) {
-        columns_[c].read(values_.values(c));
-        if (columns_[c].is_unsigned()) values_.refuse_wrapped(c, first_);
-      }
-      values_.take(first_, 0, *extent_, out.subspan(n, block));
-      first_ += block;
-      n += block;
-      left_ -= block;
-    }
-    if (left_ == 0) {
-      if (!std::exchange(ended_, true)) std::ranges::for_each(columns_, &ArrayReader::end);
-      extent_->end();
-    }
-    return n;
-  }
-
  private:
   static constexpr std::size_t kBlock = buffer_size(1 << 14, 64);
+
+  bool next_block() override {
+    if (first_ == size_) {
+      std::ranges::for_each(columns_, &ArrayReader::end);
+      return false;
+    }
+    block_.resize(std::min<std::uint64_t>(size_ - first_, kBlock));
+    values_.read(first_, 0, *extent_, block_, [&](auto c, std::span<std::int64_t> values) {
+      columns_[c].read(values);
+      return columns_[c].is_unsigned();
+    });
+    first_ += block_.size();
+    return true;
+  }
 
   int scalar(const std::string& name) {
     if (zip_name_locate(archive_.get(), (name + ".npy").c_str(), 0) < 0) return 0;
@@ -213,10 +204,7 @@ class NpzReader final : public Reader {
   Archive archive_;
   std::array<ArrayReader, 4> columns_;
   EventColumns values_;
-  std::uint64_t first_ = 0, left_;
-  bool ended_ = false;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
+  std::uint64_t size_;
 };
 
 constexpr Limits kLimits = {};
@@ -329,16 +317,8 @@ class NpzWriter final : public CheckedWriter {
 }  // namespace
 
 Codec make_npz() {
-  return {.name = "npz",
-          .description = "NumPy NPZ with t (us), x, y, p",
-          .extensions = {".npz"},
-          .sniff =
-              [](const std::filesystem::path&, std::span<const std::byte> head) {
-                return head.size() >= 4 && std::memcmp(head.data(), "PK\3\4", 4) == 0;
-              },
-          .open_reader = [](const auto& path) { return std::make_unique<NpzReader>(path); },
-          .open_writer = [](const auto& path, const auto& info) { return std::make_unique<NpzWriter>(path, info); },
-          .limits = kLimits};
+  return make_codec<NpzReader, NpzWriter>("npz", "NumPy NPZ with t (us), x, y, p", ".npz", kLimits,
+                                          [](const auto&, auto head) { return begins_with(head, "PK\3\4"); });
 }
 
 }  // namespace pecs::events

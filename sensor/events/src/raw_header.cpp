@@ -2,27 +2,20 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <charconv>
 #include <ctime>
 #include <string_view>
 #include <tuple>
 #include <utility>
 
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs::events {
 namespace {
 
 int pixels(std::string_view text) {
-  int value = 0;
-  const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return ec == std::errc() && end == text.data() + text.size() && value > 0 && value <= 65536 ? value : 0;
-}
-
-std::string lower(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
+  const int value = number_from<int>(text).value_or(0);
+  return value > 0 && value <= 65536 ? value : 0;
 }
 
 std::string_view trimmed(std::string_view text) {

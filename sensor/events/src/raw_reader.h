@@ -8,36 +8,32 @@
 #include <optional>
 #include <string>
 
-#include "extent.h"
+#include "codec.h"
 #include "input_file.h"
 #include "raw_header.h"
 
 namespace pecs::events {
 
-template <class Word>
-class RawReader : public Reader {
+template <class Derived, class Word>
+class RawReader : public EventReader<Derived> {
  public:
-  const StreamInfo& info() const final { return info_; }
   std::string place() const final { return fmt::format("byte {}", file_.offset() - sizeof(Word)); }
 
  protected:
   RawReader(const std::filesystem::path& path, int max_size) : file_(path) {
     RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
-    info_ = header.info;
+    this->info_ = header.info;
     options_ = std::move(header.options);
-    extent_.emplace(info_, max_size);
+    this->extent_.emplace(this->info_, max_size);
     file_.seek(header.bytes);
   }
 
   // The next word; none at the end of the file.
-  std::optional<Word> next_word() {
-    const auto word = file_.next<Word>();
-    if (!word) extent_->end();
-    return word;
-  }
+  std::optional<Word> next_word() { return file_.next<Word>(); }
 
   void check_inside(const Event& e) {
-    if (!extent_->add(e)) throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y), extent_->wanted());
+    if (!this->extent_->add(e))
+      throw damage(fmt::format("an event at pixel ({}, {})", e.x, e.y), this->extent_->wanted());
   }
 
   Error damage(const std::string& got, const std::string& wanted) const {
@@ -48,9 +44,15 @@ class RawReader : public Reader {
 
  private:
   InputFile file_;
-  StreamInfo info_;
-  std::optional<Extent> extent_;
 };
+
+template <class RawFileReader, class RawFileWriter>
+Codec make_raw_codec(const char* name, const char* description, const char* encoding, const Limits& limits) {
+  return make_codec<RawFileReader, RawFileWriter>(
+      name, description, ".raw", limits, [encoding](const std::filesystem::path&, std::span<const std::byte> head) {
+        return parse_raw_header(head).encoding == encoding;
+      });
+}
 
 // The high part of the time in RAW streams: it counts to `range`, then wraps to 0; readers count the wraps.
 class TimeHighReader {

@@ -5,6 +5,7 @@
 #include "input_file.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
+#include "pecs/text.h"
 #include "raw_header.h"
 
 namespace pecs::events {
@@ -28,9 +29,7 @@ const Codec* by_name(const std::string& name) {
 }
 
 bool has_extension(const Codec& codec, const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return std::ranges::find(codec.extensions, extension) != codec.extensions.end();
+  return std::ranges::find(codec.extensions, lower(path.extension().string())) != codec.extensions.end();
 }
 
 const Codec& named(const std::filesystem::path& path, const std::string& name, bool for_output) {

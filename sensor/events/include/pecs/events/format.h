@@ -2,8 +2,8 @@
 // Event files: one Reader and one Writer interface, one source file per format.
 //
 // To add a format:
-//   1. write src/<format>.cpp with a `Codec make_<format>()` that fills the struct below (writers derive from
-//      CheckedWriter in src/checked_writer.h);
+//   1. write src/<format>.cpp with a `Codec make_<format>()` that fills the struct below (readers derive from
+//      EventReader in src/codec.h, writers from CheckedWriter in src/checked_writer.h);
 //   2. declare it and add it to the list in src/registry.cpp, and add the file to CMakeLists.txt;
 //   3. add a reader from another project to PEERS in tests/python/support/event_readers.py, and a line to
 //      tests/fuzz/CMakeLists.txt; the property suite (tests/events) covers the registry;

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,5 +19,8 @@ struct Recording {
 // Keeps events of [from_us, to_us), relative to the first event. Throws bad_input if none are left. `file` is for
 // errors and, without folders, for `name`.
 Recording recording_of(Stream stream, const std::string& file, std::int64_t from_us, std::int64_t to_us);
+
+// Those of events in time order that lie in [from_us, to_us).
+std::span<const Event> between(std::span<const Event> events, double from_us, double to_us);
 
 }  // namespace pecs::events
