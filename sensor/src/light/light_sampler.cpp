@@ -13,17 +13,12 @@
 namespace pecs::sensor {
 namespace {
 
-// A time within the interval that begins at a frame; fraction 0: the frame itself.
-struct FramePosition {
+// Light at a time within the interval that begins at a frame; fraction 0: at the frame itself.
+struct Sample {
   std::int64_t frame = 0;
   double fraction = 0;
-};
-
-// One sample of an exposure.
-struct ExposureCell {
-  FramePosition position;
-  Region rows;       // that are exposed then
-  double begin = 0;  // in cells from the exposure's begin
+  Region rows{};     // that are needed
+  double begin = 0;  // of an exposure's cell, in cells from the exposure's begin
 };
 
 }  // namespace
@@ -64,11 +59,12 @@ struct LightSampler::Impl {
     return info().period_ns ? std::numeric_limits<double>::infinity()
                             : static_cast<double>(begin_ns(source.frames() - 1)) * 1e-3;
   }
-  FramePosition position(double t_us) const;
-  void planes(std::int64_t frame, std::span<const double> fractions, Region rows, const MovingLight::Sink& sink);
+  Sample sample(double t_us) const;
+  template <class Sink>
+  void planes(std::span<const Sample> samples, std::size_t together, const Sink& sink);
   double steps_per_us_of(std::int64_t frame);
   std::int64_t steps_of(const Exposure& exposure, double from_us, double to_us);
-  std::vector<ExposureCell> cells(const Exposure& exposure, std::int64_t steps, double from_us, double to_us) const;
+  std::vector<Sample> cells(const Exposure& exposure, std::int64_t steps, double from_us, double to_us) const;
 
   const FrameSource& source;
   Readers readers;
@@ -78,30 +74,48 @@ struct LightSampler::Impl {
   std::vector<double> steps_per_us;  // of each interval; NaN: not known yet
 };
 
-FramePosition LightSampler::Impl::position(double t_us) const {
+// All rows at a time.
+Sample LightSampler::Impl::sample(double t_us) const {
   constexpr double kSame_ns = 0.5;
   double t_ns = t_us * 1e3;
   if (!(t_ns >= -kSame_ns) || t_us > end_us() + 1e-3 * kSame_ns)
     throw bad_input(source.name(), "t_us", fmt::format("{}", t_us),
                     info().period_ns ? "0 or more" : fmt::format("0 to {}", end_us()));
   if (info().period_ns) t_ns = std::fmod(std::max(t_ns, 0.0), static_cast<double>(*info().period_ns));
-  std::int64_t frame = 0, after = source.frames();
-  while (after - frame > 1) {
-    const std::int64_t middle = (frame + after) / 2;
-    (static_cast<double>(begin_ns(middle)) <= t_ns + kSame_ns ? frame : after) = middle;
-  }
+  const auto times_ns = std::span(info().times_ns).first(static_cast<std::size_t>(source.frames()));
+  const auto since_start = [&](std::int64_t time_ns) { return static_cast<double>(time_ns - times_ns[0]); };
+  const std::int64_t frame =
+      std::ranges::upper_bound(times_ns, t_ns + kSame_ns, {}, since_start) - times_ns.begin() - 1;
+  const Region all{0, info().height};
   const double since_ns = t_ns - static_cast<double>(begin_ns(frame));
   const bool is_last = frame + 1 == source.frames();
-  if (since_ns <= kSame_ns || (is_last && !info().period_ns)) return {frame, 0};
+  if (since_ns <= kSame_ns || (is_last && !info().period_ns)) return {frame, 0, all};
   const auto length_ns = static_cast<double>(begin_ns(frame + 1) - begin_ns(frame));
-  if (length_ns - since_ns <= kSame_ns) return {is_last ? 0 : frame + 1, 0};
-  return {frame, since_ns / length_ns};
+  if (length_ns - since_ns <= kSame_ns) return {is_last ? 0 : frame + 1, 0, all};
+  return {frame, since_ns / length_ns, all};
 }
 
-void LightSampler::Impl::planes(std::int64_t frame, std::span<const double> fractions, Region rows,
-                                const MovingLight::Sink& sink) {
-  const bool between = std::ranges::any_of(fractions, [](double s) { return s != 0; });
-  moving.planes(*(between ? intervals.interval(frame) : intervals.frame(frame)), fractions, rows, sink);
+// sink(k, planes) gets planes [sample][chip] of the samples from the k-th on. Up to `together` samples that follow each
+// other in one interval are computed together, with the rows that any of them needs.
+template <class Sink>
+void LightSampler::Impl::planes(std::span<const Sample> samples, std::size_t together, const Sink& sink) {
+  for (std::size_t begin = 0; begin < samples.size();) {
+    const std::int64_t frame = samples[begin].frame;
+    std::vector<double> fractions;
+    Region rows = samples[begin].rows;
+    for (const Sample& s : samples.subspan(begin)) {
+      if (s.frame != frame || fractions.size() == together) break;
+      rows = {std::min(rows.begin, s.rows.begin), std::max(rows.end, s.rows.end)};
+      fractions.push_back(s.fraction);
+    }
+    const bool between = std::ranges::any_of(fractions, [](double s) { return s != 0; });
+    moving.planes(*(between ? intervals.interval(frame) : intervals.frame(frame)), fractions, rows,
+                  [&](std::size_t k, std::span<const float* const> planes) {
+                    sink(begin + k, planes);
+                    return true;
+                  });
+    begin += fractions.size();
+  }
 }
 
 // So that nothing moves more than half a pixel from step to step, and no picture between frames is missed.
@@ -123,7 +137,7 @@ std::int64_t LightSampler::Impl::steps_of(const Exposure& exposure, double from_
   if (exposure.steps > 0) return exposure.steps;
   double most_per_us = 0;
   for (double t_us = from_us; t_us < to_us;) {
-    const FramePosition at = position(t_us);
+    const Sample at = sample(t_us);
     if (at.frame + 1 == source.frames() && !info().period_ns) break;
     most_per_us = std::max(most_per_us, steps_per_us_of(at.frame));
     t_us += std::max(1e-2, length_us(at.frame) * (1 - at.fraction));
@@ -133,8 +147,8 @@ std::int64_t LightSampler::Impl::steps_of(const Exposure& exposure, double from_
       std::clamp(wanted, 1.0, std::clamp(exposure.exposure_us, 1.0, static_cast<double>(kMostSteps))));
 }
 
-std::vector<ExposureCell> LightSampler::Impl::cells(const Exposure& exposure, std::int64_t steps, double from_us,
-                                                    double to_us) const {
+std::vector<Sample> LightSampler::Impl::cells(const Exposure& exposure, std::int64_t steps, double from_us,
+                                              double to_us) const {
   const double cell_us = exposure.exposure_us / static_cast<double>(steps), count = static_cast<double>(steps);
   const double per_row = exposure.row_delay_us / cell_us, last = per_row * (info().height - 1);
   if (!(std::abs(last) + count <= kMostCells))
@@ -145,20 +159,16 @@ std::vector<ExposureCell> LightSampler::Impl::cells(const Exposure& exposure, st
   constexpr double kNothing = 1e-9;  // of a cell
   const auto begin = static_cast<std::int64_t>(std::floor(std::min(0.0, last) + kNothing));
   const auto end = static_cast<std::int64_t>(std::ceil(std::max(0.0, last) - kNothing)) + steps;
-  std::vector<ExposureCell> out;
+  const auto row = [&](double y) { return static_cast<int>(std::clamp<double>(y, 0, info().height)); };
+  std::vector<Sample> out;
   for (std::int64_t k = begin; k < end; ++k) {
     const auto at = static_cast<double>(k);
-    // Rows whose exposure, from per_row * y to that + steps, overlaps the cell: they follow each other.
-    const auto overlaps = [&](int y) { return per_row * y < at + 1 - kNothing && per_row * y + count > at + kNothing; };
-    const double first_row = per_row == 0  ? 0
-                             : per_row > 0 ? (at + kNothing - count) / per_row
-                                           : (at + 1 - kNothing) / per_row;
-    int y = static_cast<int>(std::clamp(std::floor(first_row), 0.0, static_cast<double>(info().height)));
-    for (const int latest = std::min(info().height, y + 2); y < latest && !overlaps(y);) ++y;
-    Region rows{y, y};
-    while (rows.end < info().height && overlaps(rows.end)) ++rows.end;
-    const double middle_us = exposure.begin_us + (at + 0.5) * cell_us;
-    if (rows.begin < rows.end) out.push_back({position(std::clamp(middle_us, from_us, to_us)), rows, at});
+    // Rows y whose exposure, from per_row * y to that + count, overlaps the cell.
+    const auto [after, before] = std::minmax({(at + kNothing - count) / per_row, (at + 1 - kNothing) / per_row});
+    Sample cell = sample(std::clamp(exposure.begin_us + (at + 0.5) * cell_us, from_us, to_us));
+    if (per_row != 0) cell.rows = {row(std::floor(after) + 1), row(std::ceil(before))};
+    cell.begin = at;
+    if (cell.rows.begin < cell.rows.end) out.push_back(cell);
   }
   return out;
 }
@@ -179,22 +189,13 @@ bool LightSampler::along_motion() const { return impl_->along_motion; }
 double LightSampler::end_us() const { return impl_->end_us(); }
 
 void LightSampler::at(std::span<const double> t_us, std::span<float> out) {
-  std::vector<FramePosition> positions;
-  for (const double t : t_us) positions.push_back(impl_->position(t));
-  const Region all{0, impl_->info().height};
-  for (std::size_t begin = 0; begin < positions.size();) {
-    std::vector<double> fractions;
-    while (begin + fractions.size() < positions.size() &&
-           positions[begin + fractions.size()].frame == positions[begin].frame)
-      fractions.push_back(positions[begin + fractions.size()].fraction);
-    impl_->planes(positions[begin].frame, fractions, all, [&](std::size_t k, std::span<const float* const> planes) {
-      float* to = out.data() + (begin + k) * values();
-      for (const float* plane : planes)
-        to = std::transform(plane, plane + impl_->pixels(), to, [](float fa) { return fa * 1e-15f; });
-      return true;
-    });
-    begin += fractions.size();
-  }
+  std::vector<Sample> samples;
+  for (const double t : t_us) samples.push_back(impl_->sample(t));
+  impl_->planes(samples, samples.size(), [&](std::size_t k, std::span<const float* const> planes) {
+    float* to = out.data() + k * values();
+    for (const float* plane : planes)
+      to = std::transform(plane, plane + impl_->pixels(), to, [](float fa) { return fa * 1e-15f; });
+  });
 }
 
 void LightSampler::exposure(const Exposure& exposure, std::span<float> out) {
@@ -207,39 +208,25 @@ void LightSampler::exposure(const Exposure& exposure, std::span<float> out) {
   const double last_us = exposure.row_delay_us * (impl_->info().height - 1);
   const double from_us = exposure.begin_us + std::min(0.0, last_us),
                to_us = exposure.begin_us + std::max(0.0, last_us) + exposure.exposure_us;
-  impl_->position(from_us), impl_->position(to_us);
+  impl_->sample(from_us), impl_->sample(to_us);  // throw for times outside the source's
   const std::int64_t steps = impl_->steps_of(exposure, from_us, to_us);
-  const std::vector<ExposureCell> cells = impl_->cells(exposure, steps, from_us, to_us);
+  const std::vector<Sample> cells = impl_->cells(exposure, steps, from_us, to_us);
   const double per_row = exposure.row_delay_us * static_cast<double>(steps) / exposure.exposure_us;
-
-  // Cells that follow each other are computed together, with the rows that any of them needs.
-  const std::size_t most = exposure.row_delay_us == 0 ? cells.size() : static_cast<std::size_t>(steps / 4 + 1);
+  const std::size_t together = exposure.row_delay_us == 0 ? cells.size() : static_cast<std::size_t>(steps / 4 + 1);
   const auto width = static_cast<std::size_t>(impl_->info().width);
   std::vector<double> sums(values());
-  for (std::size_t begin = 0; begin < cells.size();) {
-    std::vector<double> fractions;
-    Region rows = cells[begin].rows;
-    for (std::size_t k = begin; k < cells.size() && fractions.size() < most; ++k) {
-      if (cells[k].position.frame != cells[begin].position.frame) break;
-      rows = {std::min(rows.begin, cells[k].rows.begin), std::max(rows.end, cells[k].rows.end)};
-      fractions.push_back(cells[k].position.fraction);
-    }
-    const auto add = [&](const ExposureCell& cell, const float* plane, double* sum) {
+  impl_->planes(cells, together, [&](std::size_t first, std::span<const float* const> planes) {
+    for (std::size_t i = 0; i < planes.size(); ++i) {
+      const Sample& cell = cells[first + i / chips()];
+      double* const sum = sums.data() + i % chips() * impl_->pixels();
       tbb::parallel_for(cell.rows.begin, cell.rows.end, [&](int y) {
         const double row = per_row * y;
         const double weight = std::min(cell.begin + 1, row + static_cast<double>(steps)) - std::max(cell.begin, row);
-        const std::size_t first = static_cast<std::size_t>(y) * width;
-        for (std::size_t i = first; i < first + width; ++i) sum[i] += weight * plane[i];
+        const std::size_t begin = static_cast<std::size_t>(y) * width;
+        for (std::size_t k = begin; k < begin + width; ++k) sum[k] += weight * planes[i][k];
       });
-    };
-    impl_->planes(cells[begin].position.frame, fractions, rows,
-                  [&](std::size_t first, std::span<const float* const> planes) {
-                    for (std::size_t i = 0; i < planes.size(); ++i)
-                      add(cells[begin + first + i / chips()], planes[i], sums.data() + i % chips() * impl_->pixels());
-                    return true;
-                  });
-    begin += fractions.size();
-  }
+    }
+  });
   for (std::size_t i = 0; i < sums.size(); ++i)
     out[i] = static_cast<float>(sums[i] / static_cast<double>(steps) * 1e-15);
 }

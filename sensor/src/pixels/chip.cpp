@@ -4,12 +4,12 @@
 #include <fmt/ranges.h>
 
 #include <array>
-#include <charconv>
 #include <map>
 #include <set>
 
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs::sensor {
 namespace {
@@ -124,14 +124,12 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     if (equals == std::string::npos || known == chip.ranges.end())
       throw Error(ExitCode::usage, fmt::format("--set {}: got an unknown key, wanted KEY=VALUE with one of {}", text,
                                                fmt::join(keys(), ", ")));
-    double value = 0;
-    const char* end = text.data() + text.size();
-    const auto [stop, ec] = std::from_chars(text.data() + equals + 1, end, value);
-    if (ec != std::errc() || stop != end || !(value >= known->second.min && value <= known->second.max))
+    const auto value = number_from<double>(std::string_view(text).substr(equals + 1));
+    if (!value || !(*value >= known->second.min && *value <= known->second.max))
       throw Error(ExitCode::usage, fmt::format("--set {}: got {}, wanted a number in [{}, {}]", key,
                                                text.substr(equals + 1), known->second.min, known->second.max));
     for (const Value& v : kValues)
-      if (key == v.key) chip.*v.member = value;
+      if (key == v.key) chip.*v.member = *value;
   }
   return chip;
 }

@@ -2,9 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
-
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs::sensor {
 namespace {
@@ -25,10 +24,8 @@ std::map<std::string, double> numbers_of(const Json& object, const std::string& 
 std::optional<int> monte_carlo_bands(std::string_view text) {
   if (text == "all") return 0;
   if (!text.starts_with("mc:")) return {};
-  int n = 0;
-  const auto [stop, ec] = std::from_chars(text.data() + 3, text.data() + text.size(), n);
-  if (ec != std::errc() || stop != text.data() + text.size() || n < 1 || n > 999'999) return {};
-  return n;
+  const auto n = number_from<int>(text.substr(3));
+  return n && *n >= 1 && *n <= 999'999 ? n : std::nullopt;
 }
 
 std::vector<std::string> overrides_from(const Json& values) {

@@ -7,13 +7,14 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <mutex>
 #include <string_view>
+
+#include "pecs/text.h"
 
 namespace pecs::sensor {
 
@@ -44,10 +45,8 @@ std::optional<double> channel_lambda_nm(std::string name) {
   if (prefix != "S0" && !word) return std::nullopt;
   name = name.substr(kind + 1, name.size() - kind - 3);
   std::replace(name.begin(), name.end(), ',', '.');
-  double value = 0;
-  const auto [end, ec] = std::from_chars(name.data(), name.data() + name.size(), value);
-  if (ec != std::errc() || end != name.data() + name.size() || !(value > 0)) return std::nullopt;
-  return value;
+  const auto value = number_from<double>(name);
+  return value && *value > 0 ? value : std::nullopt;
 }
 
 void limit_exr() {
@@ -112,12 +111,11 @@ std::vector<std::string> check_header(const Imf::Header& header, const fs::path&
 std::int64_t time_of(const Imf::Header& header, const fs::path& path) {
   const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute);
   const std::string text = time ? time->value() : "";
-  std::int64_t value = 0;
-  const auto [stop, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (ec != std::errc() || stop != text.data() + text.size())
+  const auto value = number_from<std::int64_t>(text);
+  if (!value)
     throw bad_input(path.string(), kTimeAttribute, text.empty() ? "nothing" : text.substr(0, 40),
                     "integer nanoseconds");
-  return value;
+  return *value;
 }
 
 void check_time(const Imf::Header& header, const fs::path& path, std::int64_t time_ns, bool required) {

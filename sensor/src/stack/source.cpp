@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <sstream>
 
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/text.h"
 
 namespace pecs::sensor {
 namespace {
@@ -74,9 +74,8 @@ std::vector<std::filesystem::path> files_in_order(const std::filesystem::path& f
                                                   std::span<const std::string> endings) {
   std::vector<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    std::string ending = entry.path().extension().string();
-    std::ranges::transform(ending, ending.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c + 32) : c; });
-    if (std::ranges::find(endings, ending) != endings.end()) files.push_back(entry.path());
+    if (std::ranges::find(endings, lower(entry.path().extension().string())) != endings.end())
+      files.push_back(entry.path());
   }
   std::ranges::sort(
       files, [](const auto& a, const auto& b) { return natural_less(a.filename().string(), b.filename().string()); });

@@ -7,12 +7,12 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstdio>
 
 #include "light/light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/sensor/stack.h"
+#include "pecs/text.h"
 #include "stack/exr_block.h"
 #include "stack/exr_frame.h"
 
@@ -40,11 +40,10 @@ int rows_per_block(const Imf::Header& header) {
 }
 
 std::int64_t frame_index(const Layer& layer, const std::string& name) {
-  std::int64_t index = -1;
-  if (!name.starts_with(layer.prefix) || !name.ends_with(".exr")) return -1;
-  const char* end = name.data() + name.size() - 4;
-  const auto [stop, ec] = std::from_chars(name.data() + layer.prefix.size(), end, index);
-  return ec == std::errc() && stop == end && name == frame_name(layer, index) ? index : -1;
+  if (!name.starts_with(layer.prefix)) return -1;
+  const std::size_t digits = std::min(name.find('.'), name.size());
+  const auto index = number_from<std::int64_t>(std::string_view(name).substr(0, digits).substr(layer.prefix.size()));
+  return index && name == frame_name(layer, *index) ? *index : -1;
 }
 
 void check_motion(const Layer& layer, const std::string& file) {

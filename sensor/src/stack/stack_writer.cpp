@@ -27,7 +27,7 @@ float rounded(float v) {
   return std::bit_cast<float>(bits & ~0x7ffu);
 }
 
-// Collects a file in memory, so that AtomicFile writes it and detects every error (OpenEXR's own stream ignores those
+// Collects a file in memory, so that write_file() writes it and detects every error (OpenEXR's own stream ignores those
 // in its destructor).
 class MemoryStream : public Imf::OStream {
  public:
@@ -94,9 +94,7 @@ StackWriter::StackWriter(fs::path folder, const Json& stack_json)
     return;
   }
   if (holds_frames(folder_)) throw bad_output(folder_.string(), "holds frames but no stack.json");
-  AtomicFile file(json_path);
-  file.write(stack_json.dump(1) + "\n");
-  file.commit();
+  write_file(json_path, stack_json.dump(1) + "\n");
 }
 
 bool StackWriter::has_frame(std::int64_t index, std::string_view name) const {
@@ -164,9 +162,7 @@ void StackWriter::write(const fs::path& path, const Layer& layer, std::int64_t t
   } catch (const Iex::BaseExc& e) {
     throw bad_output(path.string(), one_line(e.what()));
   }
-  AtomicFile file(path);
-  file.write(stream.bytes());
-  file.commit();
+  write_file(path, stream.bytes());
 }
 
 }  // namespace pecs::sensor
