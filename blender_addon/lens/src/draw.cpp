@@ -8,21 +8,28 @@
 
 #include "pecs/lens/diffraction.h"
 #include "pecs/lens/first_order.h"
+#include "pecs/text.h"
 
 namespace pecs::lens {
 namespace {
 
 constexpr double kWidth = 960, kMargin = 24, kSpotSize = 170;
 
-// One colour per field (Okabe-Ito, distinguishable by colour-blind readers), dashes per wavelength.
-constexpr const char* kFieldColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
+// One colour per field or per wavelength (Okabe-Ito, distinguishable by colour-blind readers); in the section, dashes
+// per wavelength.
+constexpr const char* kColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
 constexpr const char* kDashes[] = {"1 2", "none", "5 2", "7 2 1 2"};
 
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : std::string(1, c);
-  return out;
+std::string line(double x1, double y1, double x2, double y2, const std::string& style) {
+  return fmt::format("<line x1=\"{:.2f}\" y1=\"{:.2f}\" x2=\"{:.2f}\" y2=\"{:.2f}\" {}/>\n", x1, y1, x2, y2, style);
 }
+
+// anchor: start, middle or end of the text is at (x, y).
+std::string label(double x, double y, const std::string& text, const char* anchor = "start", const char* style = "") {
+  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\" {}>{}</text>\n", x, y, anchor, style,
+                     html_escaped(text));
+}
+constexpr const char *kSmall = "font-size=\"10\"", *kBold = "font-weight=\"bold\"";
 
 struct Section {
   std::string svg;  // without the frame
@@ -40,9 +47,8 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
   const auto sx = [&](double z) { return kMargin + (z + ahead) * scale; };
   const auto sy = [&](double y) { return 0.5 * height - y * scale; };
 
-  std::string svg = fmt::format(
-      "<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#999\" stroke-dasharray=\"8 3 2 3\"/>\n",
-      kMargin, kWidth - kMargin, 0.5 * height, 0.5 * height);
+  std::string svg =
+      line(kMargin, 0.5 * height, kWidth - kMargin, 0.5 * height, "stroke=\"#999\" stroke-dasharray=\"8 3 2 3\"");
 
   // Glass between two surfaces; both profiles run to their own housing radius, joined by the rim.
   const auto profile = [&](const Surface& s, bool upwards) {
@@ -61,14 +67,12 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
 
   const Surface& stop = lens.surfaces[lens.stop];
   const double stop_r = std::min(stop.semi_diameter_mm, 0.5 * o.stop_diameter_mm);
+  const double stop_x = sx(stop.z_mm + stop.sag_mm(stop_r)), film_x = sx(focus.film_z_mm);
+  const double blade_r = std::max(stop_r, std::min(half_height * 0.97, stop.semi_diameter_mm * 1.25));
   for (const double side : {1.0, -1.0})
-    svg += fmt::format(
-        "<line x1=\"{0:.2f}\" x2=\"{0:.2f}\" y1=\"{1:.2f}\" y2=\"{2:.2f}\" stroke=\"black\" stroke-width=\"2.5\"/>\n",
-        sx(stop.z_mm + stop.sag_mm(stop_r)), sy(side * stop_r),
-        sy(side * std::max(stop_r, std::min(half_height * 0.97, stop.semi_diameter_mm * 1.25))));
-  svg += fmt::format(
-      "<line x1=\"{0:.2f}\" x2=\"{0:.2f}\" y1=\"{1:.2f}\" y2=\"{2:.2f}\" stroke=\"black\" stroke-width=\"3\"/>\n",
-      sx(focus.film_z_mm), sy(o.film_half_diagonal_mm), sy(-o.film_half_diagonal_mm));
+    svg += line(stop_x, sy(side * stop_r), stop_x, sy(side * blade_r), "stroke=\"black\" stroke-width=\"2.5\"");
+  svg += line(film_x, sy(o.film_half_diagonal_mm), film_x, sy(-o.film_half_diagonal_mm),
+              "stroke=\"black\" stroke-width=\"3\"");
 
   for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
     const Tracer tracer(lens, o.bands_nm[w], o.stop_diameter_mm);
@@ -80,7 +84,7 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
           if (std::abs(p.x) <= 1.5 * half_height) points += fmt::format("{:.2f},{:.2f} ", sx(p.z), sy(p.x));
         svg += fmt::format(
             "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"0.7\" stroke-dasharray=\"{}\"/>\n",
-            points, kFieldColours[k % 6], kDashes[w % 4]);
+            points, kColours[k % 6], kDashes[w % 4]);
       }
     }
   }
@@ -88,18 +92,18 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
   for (const double f : o.fields)
     fields += fmt::format("{}{:.3g} mm", fields.empty() ? "" : ", ", f * o.film_half_diagonal_mm);
   for (const double b : o.bands_nm) bands += fmt::format("{}{:.4g}", bands.empty() ? "" : ", ", b);
-  svg += fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\">{} — film points {}; {} nm; stop {:.3g} mm; focus {}</text>\n",
-                     kMargin, height + 8, escaped(lens.name), fields, bands, 2 * stop_r,
-                     o.focus_m ? fmt::format("{:g} m", *o.focus_m) : "infinity");
+  svg += label(kMargin, height + 8,
+               fmt::format("{} — film points {}; {} nm; stop {:.3g} mm; focus {}", lens.name, fields, bands, 2 * stop_r,
+                           o.focus_m ? fmt::format("{:g} m", *o.focus_m) : "infinity"));
   return {svg, height + 18};
 }
 
-std::string framed(const std::string& title, double height, const std::string& body) {
+std::string framed(const std::string& title, double height, const std::string& body, double width = kWidth) {
   return fmt::format(
       "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0f} {:.0f}\" font-family=\"sans-serif\" "
       "font-size=\"12\">\n"
       "<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
-      kWidth, height, escaped(title), body);
+      width, height, html_escaped(title), body);
 }
 
 struct Curve {
@@ -128,19 +132,14 @@ std::string plot(const Box& box, const std::string& title, const std::string& x_
   const double in_left = box.left + 46, in_top = box.top + 20, in_width = box.width - 60, in_height = box.height - 56;
   const auto sx = [&](double x) { return in_left + x / x_high * in_width; };
   const auto sy = [&](double y) { return in_top + (y_high - y) / (y_high - y_low) * in_height; };
-  std::string svg = fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" font-weight=\"bold\">{}</text>\n", in_left,
-                                box.top + 12, escaped(title));
+  std::string svg = label(in_left, box.top + 12, title, "start", kBold);
   for (int i = 0; i <= 4; ++i) {
     const double y = y_low + (y_high - y_low) * i / 4, x = x_high * i / 4;
-    svg += fmt::format("<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#ddd\"/>\n", in_left,
-                       in_left + in_width, sy(y), sy(y));
-    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"end\" font-size=\"10\">{:.3g}</text>\n",
-                       in_left - 4, sy(y) + 4, std::abs(y) < 1e-9 ? 0.0 : y);
-    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\" font-size=\"10\">{:.3g}</text>\n", sx(x),
-                       in_top + in_height + 12, x);
+    svg += line(in_left, sy(y), in_left + in_width, sy(y), "stroke=\"#ddd\"");
+    svg += label(in_left - 4, sy(y) + 4, fmt::format("{:.3g}", std::abs(y) < 1e-9 ? 0.0 : y), "end", kSmall);
+    svg += label(sx(x), in_top + in_height + 12, fmt::format("{:.3g}", x), "middle", kSmall);
   }
-  svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"middle\" font-size=\"10\">{}</text>\n",
-                     in_left + 0.5 * in_width, in_top + in_height + 25, escaped(x_name));
+  svg += label(in_left + 0.5 * in_width, in_top + in_height + 25, x_name, "middle", kSmall);
   double label_y = in_top + 11;
   for (const Curve& c : curves) {
     std::string points;
@@ -150,15 +149,12 @@ std::string plot(const Box& box, const std::string& title, const std::string& x_
         "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-dasharray=\"{}\"/>\n", points,
         c.colour, c.width, c.dash);
     if (c.label.empty()) continue;
-    svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"end\" font-size=\"10\" fill=\"{}\">{}</text>\n",
-                       in_left + in_width - 3, label_y, c.colour, escaped(c.label));
+    svg +=
+        label(in_left + in_width - 3, label_y, c.label, "end", fmt::format("{} fill=\"{}\"", kSmall, c.colour).c_str());
     label_y += 12;
   }
   return svg;
 }
-
-// One colour per wavelength: variants of blue, green and red that colour-blind readers can distinguish.
-constexpr const char* kBandColours[] = {"#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9"};
 
 // Data of a chart: the spots of all fields and bands through the focused lens.
 struct Chart {
@@ -197,21 +193,16 @@ std::string Chart::spot_diagrams(double top) const {
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm, cx = kMargin + (static_cast<double>(k) + 0.5) * cell,
                  cy = top + 0.5 * kSpotSize + 16;
-    svg += fmt::format(
-        "<text x=\"{:.0f}\" y=\"{:.0f}\" text-anchor=\"middle\" font-weight=\"bold\">Spots at {:.3g} mm</text>\n", cx,
-        top + 10, r);
+    svg += label(cx, top + 10, fmt::format("Spots at {:.3g} mm", r), "middle", kBold);
     for (std::size_t w = 0; w < spots[k].size(); ++w) {
       std::string path;
       for (const Vec3& p : spots[k][w])
         path += fmt::format("M{:.1f} {:.1f}h.9", cx + p.y * spot_scale, cy - (p.x - r) * spot_scale);
-      svg += fmt::format("<path d=\"{}\" stroke=\"{}\" stroke-width=\"0.9\"/>\n", path, kBandColours[w % 6]);
+      svg += fmt::format("<path d=\"{}\" stroke=\"{}\" stroke-width=\"0.9\"/>\n", path, kColours[w % 6]);
     }
-    svg += fmt::format(
-        "<line x1=\"{:.1f}\" x2=\"{:.1f}\" y1=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"black\"/><text x=\"{:.1f}\" "
-        "y=\"{:.1f}\" "
-        "text-anchor=\"middle\" font-size=\"10\">{:.3g} um</text>\n",
-        cx - most_mm * spot_scale, cx, cy + 0.5 * kSpotSize + 4, cy + 0.5 * kSpotSize + 4,
-        cx - 0.5 * most_mm * spot_scale, cy + 0.5 * kSpotSize + 15, 1e3 * most_mm);
+    const double scale_y = cy + 0.5 * kSpotSize + 4, scale_x = cx - most_mm * spot_scale;
+    svg += line(scale_x, scale_y, cx, scale_y, "stroke=\"black\"");
+    svg += label(0.5 * (scale_x + cx), scale_y + 11, fmt::format("{:.3g} um", 1e3 * most_mm), "middle", kSmall);
   }
   return svg;
 }
@@ -226,7 +217,7 @@ std::vector<Curve> Chart::mtf(double working) const {
   }
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm;
-    const char* shade = kFieldColours[k % 6];
+    const char* shade = kColours[k % 6];
     Curve t_geometric{limit.x, {}, shade, "none", "", 0.5}, s_geometric{limit.x, {}, shade, "5 2", "", 0.5};
     for (const double f : limit.x) {
       const Mtf m = geometric_mtf(spots[k][band], f);
@@ -270,7 +261,7 @@ std::string chart_svg(const Prescription& lens, const DrawOptions& o) {
   }
   std::vector<Curve> colour, spot_curves;
   for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
-    Curve lateral{r_mm, {}, kBandColours[w % 6], "none", fmt::format("{:.4g} nm", o.bands_nm[w])}, size = lateral;
+    Curve lateral{r_mm, {}, kColours[w % 6], "none", fmt::format("{:.4g} nm", o.bands_nm[w])}, size = lateral;
     for (const FieldRow& row : rows) {
       lateral.y.push_back(row.lateral_colour_um[w]);
       size.y.push_back(row.rms_spot_um[w]);
@@ -302,11 +293,7 @@ std::string draw_pupils_svg(const Prescription& lens, double lambda_nm, double s
   double most = 0;
   for (const Ellipse& e : table.ellipses) most = std::max({most, e.a_mm, e.b_mm});
   const double scale = 0.45 * kCell / most;
-  std::string svg = fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0f} {:.0f}\" font-family=\"sans-serif\" "
-      "font-size=\"12\">\n"
-      "<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
-      kShown * kCell, kCell + 44, escaped(lens.name));
+  std::string svg;
   for (int i = 0; i < kShown; ++i) {
     const double r = max_r_mm * i / (kShown - 1.0), cx = (i + 0.5) * kCell, cy = 0.5 * kCell;
     const Ellipse e = table.ellipse_at(r);
@@ -321,14 +308,13 @@ std::string draw_pupils_svg(const Prescription& lens, double lambda_nm, double s
     svg += fmt::format(
         "<ellipse cx=\"{:.2f}\" cy=\"{:.2f}\" rx=\"{:.2f}\" ry=\"{:.2f}\" fill=\"none\" stroke=\"#D55E00\"/>\n", cx, cy,
         e.a_mm * scale, e.b_mm * scale);
-    svg += fmt::format("<text x=\"{:.0f}\" y=\"{:.0f}\" text-anchor=\"middle\">r {:.3g} mm, {:.1f} %</text>\n", cx,
-                       kCell + 14, r, 100 * table.area_at(r) / e.area_mm2());
+    svg +=
+        label(cx, kCell + 14, fmt::format("r {:.3g} mm, {:.1f} %", r, 100 * table.area_at(r) / e.area_mm2()), "middle");
   }
-  svg += fmt::format(
-      "<text x=\"8\" y=\"{:.0f}\">{} — exact pupil (blue), covering ellipse, part of it that passes; {:.4g} "
-      "nm</text>\n</svg>\n",
-      kCell + 34, escaped(lens.name), lambda_nm);
-  return svg;
+  svg += label(8, kCell + 34,
+               fmt::format("{} — exact pupil (blue), covering ellipse, part of it that passes; {:.4g} nm", lens.name,
+                           lambda_nm));
+  return framed(lens.name, kCell + 44, svg, kShown * kCell);
 }
 
 }  // namespace pecs::lens

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs::lens {
 namespace {
@@ -42,15 +43,9 @@ struct Place {
   }
   double number(const std::vector<std::string>& words, std::size_t i) const {
     if (i >= words.size()) fail("nothing after " + words.front(), "a number");
-    std::size_t used = 0;
-    double x = 0;
-    try {
-      x = std::stod(words[i], &used);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used != words[i].size() || !std::isfinite(x)) fail('"' + words[i].substr(0, 40) + '"', "a number");
-    return x;
+    const auto x = number_from<double>(words[i].substr(words[i].starts_with('+') ? 1 : 0));
+    if (!x || !std::isfinite(*x)) fail('"' + words[i].substr(0, 40) + '"', "a number");
+    return *x;
   }
 };
 

@@ -11,17 +11,12 @@
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
 #include "pecs/strict_json.h"
+#include "pecs/text.h"
 
 namespace pecs::lens {
 namespace {
 
 constexpr double kHartmannExponent = 1.2;
-
-std::string lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 std::string without_remark(const std::string& name) {
   const std::size_t at = name.find(" (");

@@ -7,6 +7,7 @@
 
 #include "osl_shader.h"
 #include "pecs/error.h"
+#include "pecs/lens/image_map.h"
 
 namespace pecs::lens {
 namespace {
@@ -55,7 +56,7 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
   // Largest distance of the film from the axis, and along it: at a corner.
-  const FilmAxes axes = film_axes(o);
+  const FilmAxes axes = film_axes(o.film_tilt_x_deg, o.film_tilt_y_deg);
   double max_r = 0, max_dz = 0;
   for (const double u : {-0.5 * o.film_width_mm, 0.5 * o.film_width_mm})
     for (const double v : {-0.5 * o.film_height_mm, 0.5 * o.film_height_mm}) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "pecs/lens/image_map.h"
 #include "pecs/version.h"
 
 namespace pecs::lens {
@@ -269,7 +270,7 @@ FilmText film_text(const CameraOptions& o, double distance, const TableText& tab
                         number(o.film_width_mm), number(o.film_shift_x_mm), number(o.film_height_mm),
                         number(o.film_shift_y_mm)),
             number(distance), number(distance * distance), "dz"};
-  const FilmAxes axes = film_axes(o);
+  const FilmAxes axes = film_axes(o.film_tilt_x_deg, o.film_tilt_y_deg);
   return {
       fmt::format("  float across = (0.5 - raster[0]) * {}, along = (0.5 - raster[1]) * {};\n"
                   "  float fx = {} + across * {} + along * {}, fy = {} + along * {}, fz = across * {} + along * {};\n"
@@ -285,13 +286,6 @@ FilmText film_text(const CameraOptions& o, double distance, const TableText& tab
 }
 
 }  // namespace
-
-FilmAxes film_axes(const CameraOptions& o) {
-  const double x = o.film_tilt_x_deg * std::numbers::pi / 180, y = o.film_tilt_y_deg * std::numbers::pi / 180;
-  return {{std::cos(y), 0, -std::sin(y)},
-          {std::sin(x) * std::sin(y), std::cos(x), std::sin(x) * std::cos(y)},
-          {-std::cos(x) * std::sin(y), std::sin(x), -std::cos(x) * std::cos(y)}};
-}
 
 std::string shader_text(const Prescription& lens, const Camera& camera) {
   const CameraOptions& o = camera.options;

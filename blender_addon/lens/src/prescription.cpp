@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 
 #include "pecs/data_dir.h"
@@ -11,6 +10,7 @@
 #include "pecs/files.h"
 #include "pecs/lens/exchange.h"
 #include "pecs/strict_json.h"
+#include "pecs/text.h"
 
 namespace pecs::lens {
 namespace {
@@ -49,9 +49,8 @@ void read_powers(JsonObject& surface, const std::string& key, int parity, std::v
   const Json& terms = surface.any(key);
   if (!terms.is_object()) surface.fail(key, terms.dump().substr(0, 40), "an object {power: coefficient}");
   for (const auto& [text, value] : terms.items()) {
-    int power = 0;
-    const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), power);
-    if (ec != std::errc() || end != text.data() + text.size() || power < 2 || power > kMaxPower || power % 2 != parity)
+    const int power = number_from<int>(text).value_or(0);
+    if (power < 2 || power > kMaxPower || power % 2 != parity)
       surface.fail(key, '"' + text + '"', fmt::format("an {} power from 2 to {}", parity ? "odd" : "even", kMaxPower));
     if (!value.is_number() || !std::isfinite(value.get<double>())) surface.fail(key, value.dump(), "a finite number");
     if (powers.size() <= static_cast<std::size_t>(power)) powers.resize(power + 1, 0.0);
@@ -140,9 +139,7 @@ std::vector<double> Prescription::indices(double lambda_nm) const {
 
 Json load_lens_json(const std::string& name_or_path) {
   std::filesystem::path path = name_or_path;
-  std::string kind = path.extension().string();
-  std::transform(kind.begin(), kind.end(), kind.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string kind = lower(path.extension().string());
   if (kind == ".zmx") return import_zmx(read_text(path, kMaxBytes), path.string());
   if (kind == ".dat" || kind == ".txt") return import_pbrt(read_text(path, kMaxBytes), path.string());
   path = find_data("lens_data/lenses", name_or_path);

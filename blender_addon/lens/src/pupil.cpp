@@ -63,6 +63,29 @@ double find_edge(const F& f, double in, double f_in, double out, double f_out) {
   return in;
 }
 
+// Where a function with one minimum is least.
+template <class F>
+double golden_section(double low, double high, int steps, const F& f) {
+  constexpr double kGolden = 0.6180339887498949;
+  double a = high - kGolden * (high - low), b = low + kGolden * (high - low), fa = f(a), fb = f(b);
+  for (int i = 0; i < steps; ++i) {
+    if (fa <= fb) {
+      high = b;
+      b = a;
+      fb = fa;
+      a = high - kGolden * (high - low);
+      fa = f(a);
+    } else {
+      low = a;
+      a = b;
+      fa = fb;
+      b = low + kGolden * (high - low);
+      fb = f(b);
+    }
+  }
+  return 0.5 * (low + high);
+}
+
 // The lowest fill on the meridional line; the pupil is symmetric, so it meets this line when there is one.
 double find_inside(const Probe& probe, double reach) {
   constexpr int kSteps = 512;
@@ -75,16 +98,8 @@ double find_inside(const Probe& probe, double reach) {
       best_x = x;
     }
   }
-  double low = best_x - step, high = best_x + step;
-  constexpr double kGolden = 0.6180339887498949;
-  for (int i = 0; i < 60 && best > -0.5; ++i) {
-    const double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
-    if (probe(a, 0) <= probe(b, 0))
-      high = b;
-    else
-      low = a;
-  }
-  const double mid = 0.5 * (low + high);
+  if (best <= -0.5) return best_x;
+  const double mid = golden_section(best_x - step, best_x + step, 60, [&](double x) { return probe(x, 0); });
   return probe(mid, 0) < best ? mid : best_x;
 }
 
@@ -161,29 +176,11 @@ Ellipse covering_ellipse(const ExactPupil& pupil) {
     for (const Vec3& e : edge) a2 = std::max(a2, (e.x - p) * (e.x - p) + q * q * e.y * e.y);
     return std::sqrt(a2);
   };
-  const auto golden = [](double low, double high, int steps, const auto& f) {
-    constexpr double kGolden = 0.6180339887498949;
-    double a = high - kGolden * (high - low), b = low + kGolden * (high - low), fa = f(a), fb = f(b);
-    for (int i = 0; i < steps; ++i) {
-      if (fa <= fb) {
-        high = b;
-        b = a;
-        fb = fa;
-        a = high - kGolden * (high - low);
-        fa = f(a);
-      } else {
-        low = a;
-        a = b;
-        fa = fb;
-        b = low + kGolden * (high - low);
-        fb = f(b);
-      }
-    }
-    return 0.5 * (low + high);
-  };
   const auto log_area = [&](double p, double log_q) { return 2 * std::log(covering_a(p, std::exp(log_q))) - log_q; };
-  const auto best_log_q = [&](double p) { return golden(-3, 3, 26, [&](double log_q) { return log_area(p, log_q); }); };
-  const double p = golden(min_x, max_x, 22, [&](double at) { return log_area(at, best_log_q(at)); });
+  const auto best_log_q = [&](double p) {
+    return golden_section(-3, 3, 26, [&](double log_q) { return log_area(p, log_q); });
+  };
+  const double p = golden_section(min_x, max_x, 22, [&](double at) { return log_area(at, best_log_q(at)); });
   const double q = std::exp(best_log_q(p)), a = covering_a(p, q);
   return {p, a, a / q};
 }
@@ -226,9 +223,6 @@ Ellipse PupilTable::ellipse_at(double r_mm) const {
 }
 double PupilTable::area_at(double r_mm) const {
   return interpolate(areas_mm2, r_mm / max_r_mm * static_cast<double>(areas_mm2.size() - 1), mix_number);
-}
-double PupilTable::irradiance_at(double r_mm) const {
-  return interpolate(irradiance, r_mm / max_r_mm * static_cast<double>(irradiance.size() - 1), mix_number);
 }
 
 PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) {

@@ -18,6 +18,19 @@ StopChoice read_stop(JsonObject& options) {
   return {options.maybe_number("stop_diameter_mm", {1e-6, 1e4}), options.maybe_number("fnumber", {0.1, 1e4})};
 }
 
+// What CameraOptions and ImageSetting have in common.
+template <class Options>
+void read_film(const Prescription& lens, JsonObject& options, Options& o) {
+  if (options.has("focus_bands_nm")) o.focus_bands_nm = options.numbers("focus_bands_nm", {100, 20000});
+  o.focus_m = options.maybe_number("focus_m", {1e-4, 1e9});
+  o.stop_diameter_mm = resolve_stop(lens, read_stop(options));
+  o.film_shift_x_mm = options.number_or("film_shift_x_mm", 0, {-1e3, 1e3});
+  o.film_shift_y_mm = options.number_or("film_shift_y_mm", 0, {-1e3, 1e3});
+  o.film_tilt_x_deg = options.number_or("film_tilt_x_deg", 0, {-45, 45});
+  o.film_tilt_y_deg = options.number_or("film_tilt_y_deg", 0, {-45, 45});
+  o.pixel_pitch_mm = options.number_or("pixel_pitch_mm", o.pixel_pitch_mm, {1e-5, 10});
+}
+
 }  // namespace
 
 double resolve_stop(const Prescription& lens, const StopChoice& choice) {
@@ -141,16 +154,9 @@ Json pupil_report(const Prescription& lens, const InfoOptions& o) {
 CameraOptions camera_options(const Prescription& lens, JsonObject options) {
   CameraOptions o;
   o.bands_nm = options.numbers("bands_nm", {100, 20000});
-  if (options.has("focus_bands_nm")) o.focus_bands_nm = options.numbers("focus_bands_nm", {100, 20000});
-  o.focus_m = options.maybe_number("focus_m", {1e-4, 1e9});
-  o.stop_diameter_mm = resolve_stop(lens, read_stop(options));
+  read_film(lens, options, o);
   o.film_width_mm = options.number_or("film_width_mm", o.film_width_mm, {1e-3, 1e3});
   o.film_height_mm = options.number_or("film_height_mm", o.film_height_mm, {1e-3, 1e3});
-  o.film_shift_x_mm = options.number_or("film_shift_x_mm", 0, {-1e3, 1e3});
-  o.film_shift_y_mm = options.number_or("film_shift_y_mm", 0, {-1e3, 1e3});
-  o.film_tilt_x_deg = options.number_or("film_tilt_x_deg", 0, {-45, 45});
-  o.film_tilt_y_deg = options.number_or("film_tilt_y_deg", 0, {-45, 45});
-  o.pixel_pitch_mm = options.number_or("pixel_pitch_mm", o.pixel_pitch_mm, {1e-5, 10});
   o.colour_tolerance_px = options.number_or("colour_tolerance_px", o.colour_tolerance_px, {0, 1e6});
   o.unit_m = options.number_or("unit_m", o.unit_m, {1e-9, 1e9});
   options.done();
@@ -161,15 +167,8 @@ ImageSetting image_setting(const Prescription& lens, JsonObject options) {
   ImageSetting s;
   s.width_px = static_cast<int>(options.integer("width", 1, 65536));
   s.height_px = static_cast<int>(options.integer("height", 1, 65536));
-  s.pixel_pitch_mm = options.number_or("pixel_pitch_mm", s.pixel_pitch_mm, {1e-5, 10});
   s.lambda_nm = options.number_or("lambda_nm", s.lambda_nm, {100, 20000});
-  if (options.has("focus_bands_nm")) s.focus_bands_nm = options.numbers("focus_bands_nm", {100, 20000});
-  s.focus_m = options.maybe_number("focus_m", {1e-4, 1e9});
-  s.stop_diameter_mm = resolve_stop(lens, read_stop(options));
-  s.film_shift_x_mm = options.number_or("film_shift_x_mm", 0, {-1e3, 1e3});
-  s.film_shift_y_mm = options.number_or("film_shift_y_mm", 0, {-1e3, 1e3});
-  s.film_tilt_x_deg = options.number_or("film_tilt_x_deg", 0, {-45, 45});
-  s.film_tilt_y_deg = options.number_or("film_tilt_y_deg", 0, {-45, 45});
+  read_film(lens, options, s);
   options.done();
   return s;
 }

@@ -1,12 +1,9 @@
 #include "pecs/lens/trace_csv.h"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include <charconv>
-#include <exception>
 #include <istream>
-#include <vector>
 
 #include "pecs/error.h"
 
@@ -34,51 +31,20 @@ Ray parse_ray(const std::string& name, const std::string& line, std::size_t line
   return {{v[0], v[1], v[2]}, normalized(d)};
 }
 
-// Lines of rays, traced on all cores and written in their order.
-struct RayBatch {
-  static constexpr std::size_t kMost = 1 << 17, kBlock = 1 << 10;
-  std::vector<std::pair<std::string, std::size_t>> lines;  // and their numbers
-
-  void trace(const std::string& name, std::FILE* out, const Tracer& tracer, Tracer::Clip clip, double to_z_mm) {
-    struct Block {
-      std::string text;
-      std::exception_ptr error;
-    };
-    std::vector<Block> blocks((lines.size() + kBlock - 1) / kBlock);
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t k) {
-      try {
-        for (std::size_t i = k * kBlock; i < std::min(lines.size(), (k + 1) * kBlock); ++i) {
-          const Ray ray = parse_ray(name, lines[i].first, lines[i].second);
-          Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
-          if (t.fate == Fate::ok) t.ray.p = t.ray.at_z(to_z_mm);
-          fmt::format_to(std::back_inserter(blocks[k].text), "{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n",
-                         t.ray.p.x, t.ray.p.y, t.ray.p.z, t.ray.d.x, t.ray.d.y, t.ray.d.z, fate_text(t));
-        }
-      } catch (...) {
-        blocks[k].error = std::current_exception();
-      }
-    });
-    for (const Block& block : blocks) {
-      std::fwrite(block.text.data(), 1, block.text.size(), out);
-      if (block.error) std::rethrow_exception(block.error);  // the first bad line
-    }
-    lines.clear();
-  }
-};
-
 }  // namespace
 
 void trace_csv(std::istream& in, const std::string& name, std::FILE* out, const Tracer& tracer, Tracer::Clip clip,
                double to_z_mm) {
   fmt::print(out, "x,y,z,dx,dy,dz,status\n");
-  RayBatch batch;
   std::string line;
   for (std::size_t number = 1; std::getline(in, line); ++number) {
     if (line.empty() || line == "\r" || line[0] == '#' || (number == 1 && line.starts_with("x"))) continue;
-    batch.lines.emplace_back(std::move(line), number);
-    if (batch.lines.size() == RayBatch::kMost) batch.trace(name, out, tracer, clip, to_z_mm);
+    const Ray ray = parse_ray(name, line, number);
+    Traced t = ray.d.z > 0 ? tracer.to_film(ray, clip) : tracer.to_scene(ray, clip);
+    if (t.fate == Fate::ok) t.ray.p = t.ray.at_z(to_z_mm);
+    fmt::print(out, "{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{:.17g},{}\n", t.ray.p.x, t.ray.p.y, t.ray.p.z, t.ray.d.x,
+               t.ray.d.y, t.ray.d.z, fate_text(t));
   }
-  batch.trace(name, out, tracer, clip, to_z_mm);
 }
 
 }  // namespace pecs::lens

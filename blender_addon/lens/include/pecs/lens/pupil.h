@@ -37,7 +37,6 @@ struct PupilTable {
   double e0() const { return irradiance.front(); }
   Ellipse ellipse_at(double r_mm) const;
   double area_at(double r_mm) const;
-  double irradiance_at(double r_mm) const;
 };
 PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm);
 

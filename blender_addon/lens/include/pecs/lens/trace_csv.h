@@ -8,8 +8,8 @@
 
 namespace pecs::lens {
 
-// Rays with dz > 0 run to the film, others to the scene; those that pass are written on the plane z = to_z_mm. Uses
-// all cores; keeps the order of the lines. Throws bad_input with the line of `name`, after writing the lines before it.
+// Rays with dz > 0 run to the film, others to the scene; those that pass are written on the plane z = to_z_mm. Throws
+// bad_input with the line of `name`, after writing the lines before it.
 void trace_csv(std::istream& in, const std::string& name, std::FILE* out, const Tracer& tracer, Tracer::Clip clip,
                double to_z_mm);
 
