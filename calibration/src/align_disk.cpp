@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "camera_axes.h"
+#include "disk_parts.h"
 #include "find_target.h"
-#include "pecs/calibration/disk.h"
 #include "pecs/error.h"
 
 namespace pecs::calibration {
@@ -54,14 +54,10 @@ struct DiskError {
     const cv::Point2d centre = place(0, 0);
     error[0] = (centre.x - disk.centre_x.value) / std::hypot(disk.centre_x.deviation, 0.02);
     error[1] = (centre.y - disk.centre_y.value) / std::hypot(disk.centre_y.deviation, 0.02);
-    const double a = disk.rim.angle * kDegree, half_a = disk.rim.size.width / 2, half_b = disk.rim.size.height / 2;
     for (int i = 0; i < kRim; ++i) {
       const double angle = 2 * CV_PI * i / kRim;
-      const cv::Point2d q =
-          place(radius_mm * std::cos(angle), radius_mm * std::sin(angle)) - cv::Point2d(disk.rim.center);
-      const double u = (q.x * std::cos(a) + q.y * std::sin(a)) / half_a,
-                   v = (-q.x * std::sin(a) + q.y * std::cos(a)) / half_b;
-      error[2 + i] = (std::hypot(u, v) - 1) * (half_a + half_b) / 2 / std::max(0.05, disk.rim_rms_px) * 0.6;
+      const cv::Point2d rim = place(radius_mm * std::cos(angle), radius_mm * std::sin(angle));
+      error[2 + i] = calibration::disk::off_ellipse_px(disk.rim, rim) / std::max(0.05, disk.rim_rms_px) * 0.6;
     }
     return true;
   }

@@ -135,6 +135,26 @@ std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape
   return {};
 }
 
+// Of points that were found on the picture of all events: by their difference on the pictures of either half of the
+// events, picture_of(0) and picture_of(1). None if a half shows no board.
+std::optional<double> deviation_px(const std::vector<cv::Point2d>& points, const BoardShape& shape,
+                                   const auto& picture_of, std::string& why) {
+  std::array<std::vector<cv::Point2d>, 2> half = {points, points};
+  for (int i = 0; i < 2; ++i)
+    if (shape.pattern == Pattern::checkerboard) {
+      refine_corners(picture_of(i), half[i], shape.columns);
+    } else if (std::string unused; (half[i] = board_points(picture_of(i), shape, unused)).empty()) {
+      why = "found on all events, but not on either half of them";
+      return {};
+    }
+  double squares = 0;
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const cv::Point2d d = half[0][k] - half[1][k];
+    squares += d.dot(d);
+  }
+  return 0.5 * std::sqrt(squares / (2.0 * static_cast<double>(points.size())));
+}
+
 // ---- moving boards --------------------------------------------------------------------------------------------------
 
 std::optional<BoardView> moving_board(const events::Recording& recording, const BoardShape& shape, double t_us,
@@ -152,27 +172,9 @@ std::optional<BoardView> moving_board(const events::Recording& recording, const 
   board.points = board_points(board.picture, shape, why);
   if (board.points.empty()) return {};
 
-  // Deviation: the difference of the corners found on either half of the events.
-  std::array<std::vector<cv::Point2d>, 2> half;
-  for (int i = 0; i < 2; ++i) {
-    half[i] = board.points;
-    if (shape.pattern == Pattern::checkerboard) {
-      refine_corners(picture_of(i), half[i], shape.columns);
-    } else {
-      std::string unused;
-      half[i] = board_points(picture_of(i), shape, unused);
-    }
-  }
-  if (half[0].empty() || half[1].empty()) {
-    why = "found on all events, but not on either half of them";
-    return {};
-  }
-  double squares = 0;
-  for (std::size_t i = 0; i < board.points.size(); ++i) {
-    const cv::Point2d d = half[0][i] - half[1][i];
-    squares += d.dot(d);
-  }
-  board.deviation_px = 0.5 * std::sqrt(squares / (2.0 * static_cast<double>(board.points.size())));
+  const auto deviation = deviation_px(board.points, shape, picture_of, why);
+  if (!deviation) return {};
+  board.deviation_px = *deviation;
   board.t_us = t_us + static_cast<double>(recording.first_us);
   board.motion = view->flow.kind;
   const cv::Point2d middle = board.points[board.points.size() / 2];
@@ -319,35 +321,23 @@ BoardSearch find_blinking_boards(const events::Recording& recording, const Board
   BoardSearch search;
   for (int i = 0; i < count; ++i) {
     const std::int64_t begin = recording.span_us * i / count, end = recording.span_us * (i + 1) / count;
-    const auto at = [&](std::int64_t t) {
-      return std::lower_bound(recording.events.begin(), recording.events.end(), t,
-                              [](const events::Event& e, std::int64_t limit) { return e.t_us < limit; });
-    };
-    const std::span<const events::Event> events(at(begin), at(end));
+    const auto events = events::between(recording.events, static_cast<double>(begin), static_cast<double>(end));
     std::string why = "no events";
     BoardView view;
     const auto picture_of = [&](int part) { return grey(in_step(events, size, blinking.frequency_hz, part)); };
+    std::optional<double> deviation;
     if (!events.empty()) {
       view.picture = picture_of(-1);
       view.points = board_points(view.picture, shape, why);
+      if (!view.points.empty()) deviation = deviation_px(view.points, shape, picture_of, why);
     }
     view.t_us = static_cast<double>(recording.first_us) + 0.5 * static_cast<double>(begin + end);
     view.motion = "blinking";
-    if (view.points.empty()) {
+    if (!deviation) {
       search.missed.push_back(fmt::format("t = {:.0f} us: {}", view.t_us, why));
       continue;
     }
-    double squares = 0;
-    std::array<std::vector<cv::Point2d>, 2> half = {view.points, view.points};
-    for (int k = 0; k < 2; ++k) {
-      if (shape.pattern == Pattern::checkerboard)
-        refine_corners(picture_of(k), half[k], shape.columns);
-      else if (auto p = board_points(picture_of(k), shape, why); !p.empty())
-        half[k] = p;
-    }
-    for (std::size_t k = 0; k < view.points.size(); ++k)
-      squares += (half[0][k] - half[1][k]).dot(half[0][k] - half[1][k]);
-    view.deviation_px = 0.5 * std::sqrt(squares / (2.0 * static_cast<double>(view.points.size())));
+    view.deviation_px = *deviation;
     search.views.push_back(std::move(view));
   }
   if (search.views.empty()) nothing(search, shape, file);

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "pecs/events/recording.h"
+
 namespace pecs::calibration {
 namespace {
 
@@ -18,13 +20,6 @@ constexpr std::size_t kFirstEvents = 3000;  // of the shortest window
 constexpr double kLeastTravel_px = 4, kTravel_px = 16, kMostTurn_rad = 0.05;
 constexpr double kLeastGain = 1.15;         // contrast with flow over that without
 constexpr std::size_t kMostVotes = 40'000;  // events that a contrast is computed from
-
-bool earlier(const Event& e, double t_us) { return static_cast<double>(e.t_us) < t_us; }
-
-std::span<const Event> within(std::span<const Event> events, double from_us, double to_us) {
-  const auto first = std::lower_bound(events.begin(), events.end(), from_us, earlier);
-  return {first, std::lower_bound(first, events.end(), to_us, earlier)};
-}
 
 // Parameters of Flow that each kind of motion has: columns of the basis.
 using Basis = std::vector<std::array<double, 8>>;
@@ -197,7 +192,7 @@ std::optional<FlowWindow> estimate_flow(std::span<const Event> events, cv::Size 
     why = fmt::format("{} events, fewer than {}", events.size(), kFirstEvents);
     return {};
   }
-  const auto at = std::lower_bound(events.begin(), events.end(), t_us, earlier) - events.begin();
+  const auto at = std::ssize(events::between(events, -1e300, t_us));
   const auto count = static_cast<std::ptrdiff_t>(events.size());
   const auto from = std::clamp<std::ptrdiff_t>(at - kFirstEvents / 2, 0, count - kFirstEvents);
   const double begin = static_cast<double>(events.front().t_us), end = static_cast<double>(events.back().t_us) + 1;
@@ -210,7 +205,7 @@ std::optional<FlowWindow> estimate_flow(std::span<const Event> events, cv::Size 
       why = "nothing moves together by some pixels";
       return {};
     }
-    const auto window = within(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
+    const auto window = events::between(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
     const Flow frame = frame_of(window, size);
     flow = first_guess(window, t_us, half_s, frame, size);
     if (travel_px(window, flow, 2 * half_s) >= kLeastTravel_px) break;
@@ -218,11 +213,11 @@ std::optional<FlowWindow> estimate_flow(std::span<const Event> events, cv::Size 
 
   // Chooses a window of the wanted travel (with little rotation, because Flow is linear in time) and fits its flow:
   // a translation first, then kinds with more parameters as long as they raise the contrast.
-  const auto first = within(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
+  const auto first = events::between(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
   half_s = std::min({half_s * kTravel_px / travel_px(first, flow, 2 * half_s), (t_us - begin) * 1e-6 + 1e-6,
                      (end - t_us) * 1e-6 + 1e-6, kMostTurn_rad / std::max(1e-9, std::abs(flow.a[2]))});
   FlowWindow view;
-  view.events = within(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
+  view.events = events::between(events, t_us - half_s * 1e6, t_us + half_s * 1e6);
   view.t_us = t_us;
   const Flow frame = frame_of(view.events, size);
   const auto contrast_of = [&](const std::vector<double>& x, const std::string& kind, double sigma) {

@@ -31,6 +31,14 @@ inline double phase_deg(const Sample& s, double x, double y, double speed_deg_s)
   return std::atan2(y - s.y, s.x - x) / kDegree - speed_deg_s * s.t_s;
 }
 
+// Distance of a point to an ellipse, about: negative inside.
+inline double off_ellipse_px(const cv::RotatedRect& ellipse, const cv::Point2d& p) {
+  const double a = ellipse.angle * kDegree, dx = p.x - ellipse.center.x, dy = p.y - ellipse.center.y;
+  const double u = (dx * std::cos(a) + dy * std::sin(a)) / (ellipse.size.width / 2);
+  const double v = (-dx * std::sin(a) + dy * std::cos(a)) / (ellipse.size.height / 2);
+  return (std::hypot(u, v) - 1) * (ellipse.size.width + ellipse.size.height) / 4;
+}
+
 // ---- disk_edges.cpp: the sharp steps of the event density in the turning frame
 
 struct Step {

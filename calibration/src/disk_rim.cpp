@@ -46,12 +46,6 @@ void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& p
   }
 
   // Fits an ellipse repeatedly, each time without the outliers.
-  const auto distance = [&](const cv::Point2f& p) {
-    const double a = disk.rim.angle * kDegree, dx = p.x - disk.rim.center.x, dy = p.y - disk.rim.center.y;
-    const double u = (dx * std::cos(a) + dy * std::sin(a)) / (disk.rim.size.width / 2);
-    const double v = (-dx * std::sin(a) + dy * std::cos(a)) / (disk.rim.size.height / 2);
-    return (std::hypot(u, v) - 1) * (disk.rim.size.width + disk.rim.size.height) / 4;
-  };
   for (int pass = 0; pass < 4; ++pass) {
     if (points.size() < 20) {
       disk.rim = {};
@@ -60,7 +54,7 @@ void find_rim(std::span<const Sample> samples, const std::vector<cv::Point2f>& p
     }
     disk.rim = cv::fitEllipseDirect(points);
     std::vector<double> off;
-    for (const auto& p : points) off.push_back(std::abs(distance(p)));
+    for (const auto& p : points) off.push_back(std::abs(off_ellipse_px(disk.rim, p)));
     std::vector<double> sorted = off;
     std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
     const double limit = std::max(0.5, 4 * sorted[sorted.size() / 2]);

@@ -7,6 +7,7 @@
 
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/text.h"
 #include "random_events.h"
 
 namespace pecs::view {

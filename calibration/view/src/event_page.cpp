@@ -8,6 +8,7 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/strict_json.h"
+#include "pecs/text.h"
 #include "pecs/view/event_pictures.h"
 #include "web.h"
 
@@ -26,40 +27,6 @@ std::string fill_template(std::string_view text, const std::map<std::string, std
     out.append(value->second);
     at = close + 2;
   }
-  return out;
-}
-
-std::string base64(std::span<const std::uint8_t> bytes) {
-  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t word = 0;
-    for (std::size_t k = 0; k < 3; ++k) word = word << 8 | (k < have ? bytes[i + k] : 0U);
-    for (std::size_t k = 0; k < 4; ++k) out += k <= have ? kDigits[word >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
-
-std::string html_escaped(std::string_view text) {
-  std::string out;
-  for (const char c : text) switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
   return out;
 }
 
@@ -96,15 +63,13 @@ std::size_t write_page(const events::Recording& recording, const std::filesystem
                      {"first_us", recording.first_us},
                      {"total", recording.events.size()},
                      {"on_fraction", static_cast<double>(on) / static_cast<double>(recording.events.size())}};
-  AtomicFile file(path);
-  file.write(fill_template(web::kEvents3d, {{"title", html_escaped(recording.name)},
-                                            {"on_light", kLight.on.hex()},
-                                            {"off_light", kLight.off.hex()},
-                                            {"on_dark", kDark.on.hex()},
-                                            {"off_dark", kDark.off.hex()},
-                                            {"meta", text_of(meta)},
-                                            {"events", base64(packed)}}));
-  file.commit();
+  write_file(path, fill_template(web::kEvents3d, {{"title", html_escaped(recording.name)},
+                                                  {"on_light", kLight.on.hex()},
+                                                  {"off_light", kLight.off.hex()},
+                                                  {"on_dark", kDark.on.hex()},
+                                                  {"off_dark", kDark.off.hex()},
+                                                  {"meta", text_of(meta)},
+                                                  {"events", base64(packed)}}));
   return packed.size() / 8;
 }
 

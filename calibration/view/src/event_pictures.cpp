@@ -18,12 +18,8 @@ using events::Event;
 
 cv::Scalar bgr(const Rgb& c) { return {double(c.b), double(c.g), double(c.r)}; }
 
-bool earlier(const Event& a, const Event& b) { return a.t_us < b.t_us; }
-
 std::span<const Event> between(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us) {
-  const auto first = std::lower_bound(recording.events.begin(), recording.events.end(), Event{from_us}, earlier);
-  const auto last = std::lower_bound(first, recording.events.end(), Event{to_us}, earlier);
-  return {first, last};
+  return events::between(recording.events, static_cast<double>(from_us), static_cast<double>(to_us));
 }
 
 std::string with_unit(std::int64_t t_us, std::int64_t scale_us) {

@@ -16,6 +16,7 @@
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/strict_json.h"
+#include "pecs/text.h"
 #include "pecs/version.h"
 #include "pecs/view/compare_plot.h"
 #include "pecs/view/event_pictures.h"
@@ -433,15 +434,14 @@ Json write_report_page(const ReportInputs& inputs, const std::filesystem::path& 
   Json summary = Json::object();
   const Scored scored = score(m, inputs.compare, summary);
   const EventFile* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;
-  AtomicFile file(output);
-  file.write(fill_template(web::kReport,
+  write_file(output,
+             fill_template(web::kReport,
                            {{"title", html_escaped(title ? title->recording.name : inputs.stack->filename().string())},
                             {"on_light", kLight.on.hex()},
                             {"off_light", kLight.off.hex()},
                             {"on_dark", kDark.on.hex()},
                             {"off_dark", kDark.off.hex()},
                             {"body", body_of(m, scored, inputs)}}));
-  file.commit();
   summary["output"] = output.string();
   summary["warnings"] = m.warnings;
   return summary;

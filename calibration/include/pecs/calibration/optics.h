@@ -17,7 +17,6 @@ struct Optics {
   cv::Point2d axis_px;
   double step_rad = 0;
   std::vector<double> radius_px;
-  double max_angle_rad() const { return step_rad * static_cast<double>(radius_px.size() - 1); }
   double focal_px() const { return radius_px[1] / step_rad; }
   double radius_at(double angle_rad) const;  // linear beyond the end
   double angle_at(double radius) const;

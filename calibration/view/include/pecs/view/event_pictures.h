@@ -54,7 +54,5 @@ std::size_t write_page(const events::Recording& recording, const std::filesystem
 
 // Replaces every {{key}} of a template. Throws internal for a key without a value.
 std::string fill_template(std::string_view text, const std::map<std::string, std::string>& values);
-std::string base64(std::span<const std::uint8_t> bytes);
-std::string html_escaped(std::string_view text);
 
 }  // namespace pecs::view
