@@ -124,7 +124,7 @@ void detect(const DetectArguments& a, Console& console) {
   }
   if (!a.output.empty()) {
     write_png(a.output, picture);
-    console.record(a.output, {"align detect", arguments(), Json::object(), {a.events}, json});
+    console.record(a.output, {"align detect", Json::object(), {a.events}, json});
   }
   if (a.json) fmt::print("{}\n", text_of(json, 2));
 }
@@ -218,10 +218,8 @@ void intrinsics(IntrinsicsArguments& a, Console& console) {
   std::vector<std::filesystem::path> inputs(a.inputs.begin(), a.inputs.end());
   if (!a.picture.empty()) write_png(a.picture, coverage_picture(g.views, in, shape, curve));
   if (!a.output.empty()) {
-    AtomicFile out(a.output);
-    out.write(text_of(json, 2) + "\n");
-    out.commit();
-    console.record(a.output, {"align intrinsics", arguments(), Json::object(), inputs, json});
+    write_file(a.output, text_of(json, 2) + "\n");
+    console.record(a.output, {"align intrinsics", Json::object(), inputs, json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(json, 2));
@@ -304,12 +302,10 @@ void align_recording(const AlignArguments& a, Console& console) {
   for (const auto& line : aligned.json["warnings"]) console.warn(line.get<std::string>());
   if (!a.picture.empty()) write_png(a.picture, overlay_picture(real, original, aligned, optics, sim ? &*sim : nullptr));
   if (!a.output.empty()) {
-    AtomicFile out(a.output);
-    out.write(text_of(aligned.json, 2) + "\n");
-    out.commit();
+    write_file(a.output, text_of(aligned.json, 2) + "\n");
     std::vector<std::filesystem::path> inputs = {a.real, original.file};
     if (sim) inputs.emplace_back(a.sim);
-    console.record(a.output, {"align", arguments(), Json::object(), inputs, aligned.json});
+    console.record(a.output, {"align", Json::object(), inputs, aligned.json});
   }
   if (a.json) {
     fmt::print("{}\n", text_of(aligned.json, 2));

@@ -1,7 +1,6 @@
 // pecs board: draws targets to print: a checkerboard, a grid of circles, a disk of black and white sectors.
 #include <fmt/format.h>
 
-#include <charconv>
 #include <memory>
 
 #include "commands.h"
@@ -9,6 +8,7 @@
 #include "help.h"
 #include "pecs/calibration/board_drawing.h"
 #include "pecs/error.h"
+#include "pecs/text.h"
 #include "picture_file.h"
 #include "units.h"
 
@@ -20,12 +20,10 @@ struct Grid {
 };
 
 Grid parse_grid(const std::string& option, const std::string& text) {
-  Grid g;
-  const char* end = text.data() + text.size();
-  const auto [cross, first] = std::from_chars(text.data(), end, g.columns);
-  const bool crossed = first == std::errc{} && cross != end && *cross == 'x';
-  if (!crossed || std::from_chars(cross + 1, end, g.rows).ptr != end || g.columns < 2 || g.rows < 2 ||
-      g.columns > 500 || g.rows > 500)
+  const std::size_t cross = std::min(text.find('x'), text.size() - 1);
+  const Grid g{number_from<int>(text.substr(0, cross)).value_or(0),
+               number_from<int>(text.substr(cross + 1)).value_or(0)};
+  if (g.columns < 2 || g.rows < 2 || g.columns > 500 || g.rows > 500)
     throw Error(ExitCode::usage, fmt::format("{}: got '{}', wanted COLUMNSxROWS, 2 to 500 each", option, text));
   return g;
 }
@@ -84,7 +82,6 @@ void add_board(CLI::App& app, Console& console) {
                                                   : calibration::draw_disk(o->sectors, o->diameter_mm);
     write_picture(o->output, svg, o->width_px);
     console.record(o->output, {.command = "board",
-                               .arguments = arguments(),
                                .config = {{"squares", o->squares},
                                           {"square_mm", o->square_mm},
                                           {"circles", o->circles},

@@ -6,7 +6,6 @@
 // through Console. A callback reports failure by throwing pecs::Error.
 #include <CLI/CLI.hpp>
 #include <string>
-#include <vector>
 
 // In the order of --help.
 #define PECS_COMMANDS(X) \
@@ -22,9 +21,6 @@ PECS_COMMANDS(PECS_DECLARE)
 #undef PECS_DECLARE
 
 void add_version(CLI::App& app);  // --version
-
-// The command line, for run records.
-const std::vector<std::string>& arguments();
 
 // An option or positional for the path of a file to write; check_options knows it by this type.
 inline constexpr const char* kOutput = "OUTPUT";

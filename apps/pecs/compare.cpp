@@ -101,7 +101,7 @@ void run(const Arguments& a, Console& console) {
   for (const auto& warning : comparison.warnings) console.warn(warning);
   if (!a.picture.empty()) {
     write_picture(a.picture, view::compare_picture(comparison), 1520);
-    console.record(a.picture, {"compare", arguments(), Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
+    console.record(a.picture, {"compare", Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
   if (a.json)
     fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));

@@ -19,7 +19,8 @@ void Console::warn(const std::string& line) const {
   if (!quiet_) fmt::print(stderr, "pecs: warning: {}\n", line);
 }
 
-void Console::record(const std::filesystem::path& output, const RunRecord& record) {
+void Console::record(const std::filesystem::path& output, RunRecord record) {
+  record.arguments = arguments_;
   write_run_record(output, record);
   recorded_ = true;
   if (!verbose_) return;

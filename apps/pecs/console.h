@@ -4,6 +4,8 @@
 #include <chrono>
 #include <filesystem>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "pecs/run_record.h"
 
@@ -11,6 +13,9 @@ namespace pecs::app {
 
 class Console {
  public:
+  // arguments: the command line, for run records.
+  explicit Console(std::vector<std::string> arguments) : arguments_(std::move(arguments)) {}
+
   // Adds the options to `app` and every command below it; commands in Python have their own
   // (python/pecs/_arguments.py).
   void add_to(CLI::App& app);
@@ -22,12 +27,13 @@ class Console {
   void warn(const std::string& line) const;
 
   // Writes the run record; with --verbose also prints its configuration and inputs on stderr.
-  void record(const std::filesystem::path& output, const RunRecord& record);
+  void record(const std::filesystem::path& output, RunRecord record);
 
   // Call after the command. With --verbose prints the options, unless record() did, and the duration on stderr.
   void end(const CLI::App& app) const;
 
  private:
+  std::vector<std::string> arguments_;
   bool quiet_ = false, verbose_ = false, recorded_ = false;
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
 };

@@ -72,7 +72,6 @@ void convert(const Options& o, Console& console) {
   results["format"] = to.name;
   const events::Selection& s = o.selection;
   console.record(o.out, {.command = "convert",
-                         .arguments = arguments(),
                          .config = {{"input_format", from.name},
                                     {"format", to.name},
                                     {"t_start_us", optional_json(s.t_start_us)},

@@ -167,11 +167,9 @@ void add_lens_pupil(CLI::App& parent, Console& console) {
                     o->width_px);
       Json results = report;
       results.erase("pupil");
-      console.record(o->output, {.command = "lens pupil",
-                                 .arguments = arguments(),
-                                 .config = results,
-                                 .inputs = {prescription.file},
-                                 .results = Json::object()});
+      console.record(
+          o->output,
+          {.command = "lens pupil", .config = results, .inputs = {prescription.file}, .results = Json::object()});
     }
     if (o->json) {
       fmt::print("{}\n", text_of(report, 2));
@@ -216,11 +214,8 @@ void add_lens_convert(CLI::App& parent, Console& console) {
     } else {
       throw Error(ExitCode::usage, o->output + ": unknown extension; use .json or .dat");
     }
-    AtomicFile file(o->output);
-    file.write(text);
-    file.commit();
+    write_file(o->output, text);
     console.record(o->output, {.command = "lens convert",
-                               .arguments = arguments(),
                                .config = {{"lambda_nm", o->lambda_nm}},
                                .inputs = {prescription.file},
                                .results = Json::object()});
@@ -287,7 +282,6 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
     write_picture(o->output, picture(prescription, o->draw), o->width_px);
     console.record(o->output, {.command = "lens " + name,
-                               .arguments = arguments(),
                                .config = {{"lambda_nm", o->draw.bands_nm},
                                           {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
                                           {"stop_diameter_mm", o->draw.stop_diameter_mm},

@@ -10,13 +10,7 @@
 namespace pecs::app {
 namespace {
 
-std::vector<std::string>& stored_arguments() {
-  static std::vector<std::string> args;
-  return args;
-}
-
 int run(int argc, char** argv) {
-  stored_arguments().assign(argv + 1, argv + argc);
   CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
   app.require_subcommand(1);
   add_examples(app, {"pecs demo                                    # a scene with ground truth",
@@ -24,7 +18,7 @@ int run(int argc, char** argv) {
                      "pecs view events.raw -o events.png           # and a picture of them",
                      "pecs --version --verbose                     # for a bug report"});
   add_version(app);
-  Console console;
+  Console console({argv + 1, argv + argc});
 #define PECS_ADD(name) add_##name(app, console);
   PECS_COMMANDS(PECS_ADD)
 #undef PECS_ADD
@@ -44,8 +38,6 @@ int run(int argc, char** argv) {
 }
 
 }  // namespace
-
-const std::vector<std::string>& arguments() { return stored_arguments(); }
 
 }  // namespace pecs::app
 

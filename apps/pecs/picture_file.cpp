@@ -14,18 +14,14 @@ namespace pecs::app {
 void write_png(const std::string& path, const cv::Mat& picture) {
   std::vector<std::uint8_t> png;
   cv::imencode(".png", picture, png);
-  AtomicFile file(path);
-  file.write(std::as_bytes(std::span(png)));
-  file.commit();
+  write_file(path, std::as_bytes(std::span(png)));
 }
 
 void write_picture(const std::string& path, const std::string& svg, int width_px) {
   const bool png = path.ends_with(".png"), pdf = path.ends_with(".pdf");
   if (!png && !pdf && !path.ends_with(".svg"))
     throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .svg, .png or .pdf", path));
-  AtomicFile file(path);
-  file.write(png ? drawn_as_png(svg, width_px) : pdf ? drawn_as_pdf(svg) : svg);
-  file.commit();
+  write_file(path, png ? drawn_as_png(svg, width_px) : pdf ? drawn_as_pdf(svg) : svg);
 }
 
 }  // namespace pecs::app

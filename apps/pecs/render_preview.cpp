@@ -167,11 +167,7 @@ void run(const Arguments& a, Console& console) {
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
                        {"display", text_or_null(a.display.display)},
                        {"view", text_or_null(a.display.view)}};
-  console.record(output, {.command = "render-preview",
-                          .arguments = arguments(),
-                          .config = config,
-                          .inputs = {a.stack},
-                          .results = result});
+  console.record(output, {.command = "render-preview", .config = config, .inputs = {a.stack}, .results = result});
   if (a.json)
     fmt::print("{}\n", text_of(result, 2));
   else

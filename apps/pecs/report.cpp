@@ -34,7 +34,7 @@ void run(const Arguments& a, Console& console) {
 
   const Json summary = view::write_report_page(inputs, a.output);
   const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
-  console.record(a.output, {"report", arguments(), config, files, summary});
+  console.record(a.output, {"report", config, files, summary});
   if (a.json)
     fmt::print("{}\n", text_of(summary, 2));
   else

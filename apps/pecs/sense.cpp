@@ -4,27 +4,21 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <charconv>
-
 #include "commands.h"
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
 #include "pecs/input/live.h"
 #include "pecs/sensor/sense_options.h"
+#include "pecs/text.h"
 #include "units.h"
 
 namespace pecs::app {
 namespace {
 
 std::pair<std::string, double> key_value(const std::string& text, const std::string& option) {
-  const auto equals = text.find('=');
-  double value = 0;
-  const char* end = text.data() + text.size();
-  if (equals != std::string::npos) {
-    const auto [stop, ec] = std::from_chars(text.data() + equals + 1, end, value);
-    if (ec == std::errc() && stop == end) return {text.substr(0, equals), value};
-  }
+  if (const auto equals = text.find('='); equals != std::string::npos)
+    if (const auto value = number_from<double>(text.substr(equals + 1))) return {text.substr(0, equals), *value};
   throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted KEY=NUMBER", option, text));
 }
 
@@ -199,7 +193,7 @@ void add_sense(CLI::App& app, Console& console) {
     const sensor::SenseReport report = run(*o);
     std::vector<std::filesystem::path> inputs;
     if (!is_camera(*o)) inputs.push_back(o->stack);
-    console.record(o->output, {"sense", arguments(), report.config, inputs, report.results});
+    console.record(o->output, {"sense", report.config, inputs, report.results});
     print(*o, report, console);
   });
 }

@@ -69,8 +69,7 @@ void run(const Arguments& a, Console& console) {
   const Json config = {{"from_us", a.from_us}, {"to_us", a.to_us > 0 ? Json(a.to_us) : Json(nullptr)},
                        {"theme", a.theme},     {"count", a.count},
                        {"fps", a.fps},         {"limit", a.limit}};
-  console.record(
-      output, {.command = "view", .arguments = arguments(), .config = config, .inputs = {a.events}, .results = result});
+  console.record(output, {.command = "view", .config = config, .inputs = {a.events}, .results = result});
 
   if (a.json) {
     fmt::print("{}\n", text_of(result, 2));

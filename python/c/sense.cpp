@@ -35,7 +35,7 @@ extern "C" char* pecs_sense(const char* input, const char* output, const char* o
     if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
     const SenseReport report = sense(options);
     pecs::write_run_record(options.output,
-                           {"sense", {pecs::text_of(json)}, report.config, {options.stack}, report.results});
+                           {"sense", report.config, {options.stack}, report.results, {pecs::text_of(json)}});
     const pecs::Json out = {
         {"config", report.config}, {"results", report.results}, {"warnings", warnings_of(options, report.results)}};
     return pecs::capi::hand_over(out);
