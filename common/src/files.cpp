@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <openssl/evp.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -24,23 +25,6 @@ constexpr std::string_view kFrameEndings[] = {".json", ".exr", ".png",  ".tif", 
                                               ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
 
 std::string last_error() { return std::strerror(errno); }
-
-class Sha256 {
- public:
-  Sha256() : ctx_(EVP_MD_CTX_new(), &EVP_MD_CTX_free) { EVP_DigestInit_ex(ctx_.get(), EVP_sha256(), nullptr); }
-  void add(const void* data, std::size_t n) { EVP_DigestUpdate(ctx_.get(), data, n); }
-  std::string hex() {
-    std::array<unsigned char, 32> digest{};
-    unsigned int n = 0;
-    EVP_DigestFinal_ex(ctx_.get(), digest.data(), &n);
-    std::string out;
-    for (unsigned char byte : digest) out += fmt::format("{:02x}", byte);
-    return out;
-  }
-
- private:
-  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> ctx_;
-};
 
 struct FileCloser {
   void operator()(std::FILE* f) const { std::fclose(f); }
@@ -232,15 +216,12 @@ std::string read_text(const fs::path& path, std::size_t max_bytes) {
 }
 
 std::string sha256_of_file(const fs::path& path) {
-  Sha256 sha;
-  read_file(path, [&](std::string_view bytes) { sha.add(bytes.data(), bytes.size()); });
-  return sha.hex();
-}
-
-std::string sha256(std::string_view bytes) {
-  Sha256 sha;
-  sha.add(bytes.data(), bytes.size());
-  return sha.hex();
+  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
+  EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr);
+  read_file(path, [&](std::string_view bytes) { EVP_DigestUpdate(context.get(), bytes.data(), bytes.size()); });
+  std::array<unsigned char, 32> digest{};
+  EVP_DigestFinal_ex(context.get(), digest.data(), nullptr);
+  return fmt::format("{:02x}", fmt::join(digest, ""));
 }
 
 }  // namespace pecs

@@ -65,6 +65,5 @@ void check_outputs(const std::vector<std::filesystem::path>& inputs, const std::
 
 std::string read_text(const std::filesystem::path& path, std::size_t max_bytes);  // throws not_found, bad_input
 std::string sha256_of_file(const std::filesystem::path& path);                    // lower-case hex; throws not_found
-std::string sha256(std::string_view bytes);
 
 }  // namespace pecs
