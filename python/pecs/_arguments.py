@@ -19,6 +19,7 @@ from ._errors import ExitCode, PecsError
 # Kind of quantity -> an example, and its units with their power of ten in SI units. The program reads it too.
 _KINDS: dict[str, Any] = json.loads(Path(__file__).with_name("units.json").read_text("utf-8"))
 _KIND = {unit: kind for kind, entry in _KINDS.items() for unit in entry["exponents"]}
+_FLAGS = {"min_nm": "--min-wavelength", "max_nm": "--max-wavelength", "moving_px": "--moving-px"}
 _VALUE = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?) *(\D*)", re.ASCII)
 UNITS = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in brackets."
 
@@ -51,6 +52,18 @@ class Quantity:
             limits += [f"below {self.below:g}"] * (self.below < math.inf)
             raise argparse.ArgumentTypeError(f"got {text}, wanted {' and '.join(['a finite number', *limits])}")
         return value
+
+
+def flag(key: str) -> str:
+    """The option of a key: --NAME without the unit, which values may carry."""
+    bare, _, unit = key.rpartition("_")
+    return _FLAGS.get(key) or "--" + (bare if bare and unit in _KIND else key).replace("_", "-")
+
+
+def words(options: Mapping[str, Any]) -> list[str]:
+    """Options by key as a command line has them; None and False are left out."""
+    given = {flag(key): value for key, value in options.items() if value is not None and value is not False}
+    return [name if value is True else f"{name}={value}" for name, value in given.items()]
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):

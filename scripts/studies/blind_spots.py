@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab import disk_fit, lab_views
+from pecs_lab import lab_views
+from pecs_lab.disk import Disk
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,8 +36,7 @@ def detected() -> dict:
     camera = lab_views.Camera("pecs_lab_15mm", 1.56, *SIZE, PITCH_MM, stop_diameter_mm=1.0)
     x, y = camera.pixels(np.array(DISK["at_mm"]))
     diameter = 2 * DISK["radius_mm"] / DISK["at_mm"][2] * camera.focal_px
-    turn = DISK["phase_deg"]
-    return disk_fit.Disk((float(x), float(y)), diameter / 2, 4, DISK["speed_deg_s"], turn, turn + 90).detected
+    return Disk((float(x), float(y)), diameter / 2, DISK["speed_deg_s"], DISK["phase_deg"]).detected
 
 
 def spoiled(events: np.ndarray) -> dict[str, np.ndarray]:

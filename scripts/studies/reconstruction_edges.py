@@ -27,7 +27,7 @@ from pecs.learning.networks import NetworkConfig
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network
 from pecs.learning.train import TrainConfig, train
 from pecs_lab import real_disk, sequences
-from pecs_lab.disk_edges import RADII, Disk, edges
+from pecs_lab.disk import RADII, Disk, edges
 from pecs_lab.drawn_disk import Drawn, Turning, sensed, shown
 
 STUDY = json.loads(Path(__file__).with_name("reconstruction.json").read_text())
@@ -60,14 +60,13 @@ def positions(pictures: list[np.ndarray], footage: Footage, disk: Disk) -> dict[
 
 def delays(events: np.ndarray, disk: Disk) -> list[tuple[np.ndarray, np.ndarray]]:
     """Of ON and OFF events inside the disk: degrees of turn since the edge passed, and radii in its rim's."""
-    right, up = events["x"] + 0.5 - disk.centre_px[0], disk.centre_px[1] - events["y"] - 0.5
-    radius = np.hypot(right, up) / disk.radius_px
-    turned = disk.on_edge_deg + disk.speed_deg_s * events["t"] * 1e-6 - np.degrees(np.arctan2(up, right))
+    angle, radius = disk.polar(events["x"], events["y"])
+    radius /= disk.radius_px
     inside, out = (radius > RADII[0]) & (radius < RADII[-1]), []
-    for polarity, after in ((1, 0.0), (0, 360 / disk.sectors)):
+    for polarity, after in ((1, 0.0), (0, disk.period_deg / 2)):
         chosen = inside & (events["p"] == polarity)
-        since = np.mod(np.sign(disk.speed_deg_s) * turned[chosen] - after, 720 / disk.sectors)
-        out.append((since, radius[chosen]))
+        since = disk.past_deg(angle[chosen], events["t"][chosen], disk.on_edge_deg)
+        out.append((np.mod(since - after, disk.period_deg), radius[chosen]))
     return out
 
 

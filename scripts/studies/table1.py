@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab import disk_fit, sequences
+from pecs_lab import sequences
+from pecs_lab.disk import Disk
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 720
@@ -79,8 +80,7 @@ def disk_of(parameters: dict) -> dict | None:
     """The disk as `pecs align detect --json` prints it, by the sequence's parameters."""
     if "rpm" not in parameters:
         return None
-    turn = parameters["phase_deg"]
-    return disk_fit.Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 4, 6 * parameters["rpm"], turn, turn + 90).detected
+    return Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 6 * parameters["rpm"], parameters["phase_deg"]).detected
 
 
 def scores(sequence, reference, found) -> dict:

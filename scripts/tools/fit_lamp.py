@@ -38,7 +38,7 @@ def main() -> None:
     (around, along), of = seen.regions, seen.delays["regions"]
     angle = np.radians(((np.arange(around) + 0.5) / around - 0.5) * 360)[:, None]
     radius_px = of["inner_px"] + (np.arange(along) + 0.5) / along * (of["outer_px"] - of["inner_px"])
-    radius_mm = p["disk_radius_mm"] / disk.radius * radius_px
+    radius_mm = p["disk_radius_mm"] / disk.radius_px * radius_px
     x = p["disk_right_mm"] + radius_mm * np.cos(angle)
     up = p["disk_up_mm"] + radius_mm * np.sin(angle)
     cos4 = (1 + (x**2 + up**2) / p["disk_distance_mm"] ** 2) ** -2

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pecs._arguments import Quantity
+from pecs._arguments import Quantity, flag
 from pecs._errors import UsageError
 
 from .layers import LAYERS
@@ -216,16 +216,6 @@ class Options:
 RULES: dict[str, Rule] = {f.name: f.metadata["rule"] for f in dataclasses.fields(Options) if f.metadata}
 DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Options)}
 _TYPES: dict[str, str] = {f.name: f.type for f in dataclasses.fields(Options)}
-
-
-_FLAGS = {"min_nm": "--min-wavelength", "max_nm": "--max-wavelength"}
-
-
-def flag(name: str) -> str:
-    """--NAME without the unit, which values may carry."""
-    unit = RULES[name].unit.lower()
-    bare = name.removesuffix(f"_{unit}") if unit else name
-    return _FLAGS.get(name) or "--" + bare.replace("_", "-")
 
 
 def add_argument(parser: argparse._ActionsContainer, name: str, *short: str) -> None:

@@ -19,9 +19,10 @@ from bpy.props import (
     PointerProperty,
     StringProperty,
 )
+from pecs._arguments import flag
 
 from ..render.layers import LAYERS, layer_class
-from ..render.options import DEFAULTS, RULES, Options, flag
+from ..render.options import DEFAULTS, RULES, Options
 from ..render.plan import film_width_mm_of
 from ..render.resources import BYTES_PER_VALUE
 from ..render.timeline import passes

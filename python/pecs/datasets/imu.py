@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _poses as poses
 from .._config import Fields
 from .._errors import PecsInputError
 from .paths import GRAVITY_M_S2, Trajectory
@@ -49,17 +48,16 @@ class Errors:
 
     def bias(self, count: int, rate_hz: float, turn_on: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """[count, 3]."""
+        from scipy.signal import lfilter
+
         constant = turn_on * self.turn_on * rng.uniform(-1, 1, 3)
         drive = rng.standard_normal((count, 3))
         walk = np.concatenate([np.zeros((1, 3)), rng.standard_normal((max(count - 1, 0), 3))])
         keep = math.exp(-1 / (rate_hz * self.bias_time_s))
         sigma = self.bias_floor / GAUSS_MARKOV_PEAK
         drive[1:] *= math.sqrt(1 - keep * keep)
-        return (
-            constant
-            + sigma * _decaying_sum(drive, keep)
-            + np.cumsum(walk, axis=0) * self.bias_walk / math.sqrt(rate_hz)
-        )
+        instability = sigma * lfilter([1.0], [1.0, -keep], drive, axis=0)
+        return constant + instability + np.cumsum(walk, axis=0) * self.bias_walk / math.sqrt(rate_hz)
 
     def read(self, true: NDArray[np.float64], bias: NDArray[np.float64], rate_hz: float, rng) -> NDArray[np.float64]:
         noise = self.noise * math.sqrt(rate_hz / 2) * rng.standard_normal(true.shape)
@@ -183,17 +181,6 @@ def ideal(
     return w @ turn, force @ turn
 
 
-def motion(
-    trajectory: Trajectory, t_s: ArrayLike, rig_from_imu: ArrayLike | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The IMU's own world_from_imu [n, 4, 4] and velocity [n, 3] in the world: what integrate() should come to."""
-    s, rig = trajectory.state(t_s), np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
-    pose = np.tile(np.eye(4), (len(s.position_m), 1, 1))
-    pose[:, :3, :3], pose[:, :3, 3] = s.world_from_body, s.position_m
-    turning = np.einsum("nij,nj->ni", s.world_from_body, np.cross(s.angular_velocity_rad_s, rig[:3, 3]))
-    return pose @ rig, s.velocity_m_s + turning
-
-
 def integrate(
     t_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike, world_from_imu: ArrayLike, velocity_m_s: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -204,6 +191,7 @@ def integrate(
     al. 2000, eq. 4.19). Velocity and position are integrals of the spline of the force in the world.
     """
     from scipy.interpolate import make_interp_spline
+    from scipy.spatial.transform import Rotation
 
     t, w, f = (np.asarray(v, float) for v in (t_s, gyro_rad_s, accel_m_s2))
     start = np.asarray(world_from_imu, float)
@@ -213,7 +201,7 @@ def integrate(
     early, late = (rate(t[:-1] + h[:, 0] * (0.5 + side * math.sqrt(3) / 6)) for side in (-1, 1))
     # R' = R [w]x multiplies from the right: the commutator's sign is the other one.
     turns = h / 2 * (early + late) + math.sqrt(3) / 12 * h * h * np.cross(early, late)
-    rotation = np.concatenate([start[None, :3, :3], rotation_from_vector(turns)])
+    rotation = np.concatenate([start[None, :3, :3], Rotation.from_rotvec(turns).as_matrix()])
     step = 1
     while step < len(rotation):  # all products from the first, doubling
         rotation = np.concatenate([rotation[:step], rotation[:-step] @ rotation[step:]])
@@ -228,20 +216,3 @@ def integrate(
     drift = (np.asarray(velocity_m_s, float) - gained(t[0])) * past
     pose[:, :3, 3] = start[:3, 3] + drift + travelled(t) - travelled(t[0])
     return pose, velocity
-
-
-def rotation_from_vector(v: ArrayLike) -> NDArray[np.float64]:
-    """[n, 3, 3] of rotation vectors [n, 3]."""
-    v = np.asarray(v, float)
-    angle = np.linalg.norm(v, axis=-1, keepdims=True)
-    return poses.matrix_from_quaternion(
-        np.concatenate([v * np.sinc(angle / (2 * math.pi)) / 2, np.cos(angle / 2)], axis=-1)
-    )
-
-
-def _decaying_sum(drive: NDArray[np.float64], keep: float) -> NDArray[np.float64]:
-    """x[i] = keep x[i - 1] + drive[i], along the first axis."""
-    x = drive.copy()
-    for i in range(1, len(x)):
-        x[i] += keep * x[i - 1]
-    return x

@@ -73,10 +73,10 @@ _ROUTE = {"volume": _numbers(None, 2, 3), "waypoints": _numbers(None, -1, 3)}
 _TARGET = {"target": _numbers(None, 3)}
 _GAZE = {"yaw_deg": _number(None, -360, 360), "pitch_deg": _number(0.0, -80, 80)}
 PARAMETERS: dict[str, dict[str, Any]] = {
-    "drone": COMMON
-    | _ROUTE
-    | _TARGET
-    | {
+    "drone": {
+        **COMMON,
+        **_ROUTE,
+        **_TARGET,
         "speed_m_per_s": _number(1.0, 1e-3, 100),
         "step_m": _numbers((0.5, 1.5), 2, low=1e-3),
         "pitch_deg": _number(0.0, -80, 80),
@@ -84,20 +84,20 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "max_rate_deg_s": _number(360.0, 1, 1e5),
         "pause_ramp_s": _number(0.4, 1e-4, 60),
     },
-    "hand_held": COMMON
-    | _ROUTE
-    | _TARGET
-    | _GAZE
-    | {
+    "hand_held": {
+        **COMMON,
+        **_ROUTE,
+        **_TARGET,
+        **_GAZE,
         "speed_m_per_s": _number(0.3, 1e-3, 100),
         "step_m": _numbers((0.1, 0.5), 2, low=1e-3),
         "gaze_s": _number(1.0, 1e-3, 100),
         "wander_deg": _number(5.0, 0, 60),
         "shake": _number(1.0, 0, 100),
     },
-    "vehicle": COMMON
-    | _ROUTE
-    | {
+    "vehicle": {
+        **COMMON,
+        **_ROUTE,
         "speed_m_per_s": _number(8.0, 1e-3, 100),
         "step_m": _numbers((2.0, 6.0), 2, low=1e-3),
         "heading_deg": _number(None, -360, 360),
@@ -105,8 +105,8 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "pitch_deg": _number(0.0, -80, 80),
         "shake": _number(1.0, 0, 100),
     },
-    "orbit": COMMON
-    | {
+    "orbit": {
+        **COMMON,
         "target": _numbers(REQUIRED, 3),
         "radius_m": _number(REQUIRED, 1e-3, 1e4),
         "height_m": _number(0.0, -1e4, 1e4),
@@ -114,9 +114,9 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "speed_m_per_s": _number(1.0, 1e-3, 1e3),
         "start_deg": _number(None, -360, 360),
     },
-    "still": COMMON | _TARGET | _GAZE | {"volume": _numbers(None, 2, 3), "position": _numbers(None, 3)},
-    "recorded": COMMON
-    | {
+    "still": {**COMMON, **_TARGET, **_GAZE, "volume": _numbers(None, 2, 3), "position": _numbers(None, 3)},
+    "recorded": {
+        **COMMON,
         "file": Parameter(REQUIRED, lambda fields, key: str(fields.any(key))),
         "format": Parameter("tum", lambda fields, key: fields.text(key, choices=("tum", "euroc"))),
         "start_s": _number(None, 0, 1e6),

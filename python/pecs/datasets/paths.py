@@ -148,18 +148,6 @@ class Trajectory:
         """world_from_body [n, 4, 4]."""
         return poses.pose_matrix(*self.pose(t_s))
 
-    def velocity(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """[n, 3] m/s in the world."""
-        return self.state(t_s).velocity_m_s
-
-    def acceleration(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """[n, 3] m/s^2 in the world."""
-        return self.state(t_s).acceleration_m_s2
-
-    def angular_velocity(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """[n, 3] rad/s in the body."""
-        return self.state(t_s).angular_velocity_rad_s
-
     def _series(self, t_s: ArrayLike, order: int) -> tuple[Vector, Rotation]:
         t = np.atleast_1d(np.asarray(t_s, float))
         if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration_s + 1e-9):

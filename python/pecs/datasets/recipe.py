@@ -142,7 +142,9 @@ class Recipe:
                 for thing in pool.draw(f"scene.{scene.name}.place[{i}]", lambda name: self.rng(index, name))
             ],
             "light_scale": drawn(f"scene.{scene.name}.light_scale", scene.light_scale),
-            "trajectory": {k: _drawn(self, index, f"trajectory.{k}", v) for k, v in scene.trajectory.items()},
+            "trajectory": {
+                k: drawn(f"trajectory.{k}", v) if isinstance(v, Value) else v for k, v in scene.trajectory.items()
+            },
             "cameras": {entry.name: camera(entry) for entry in self.cameras},
         }
 
@@ -156,10 +158,6 @@ class Recipe:
         return int(np.searchsorted(ends, (begin + index * GOLDEN) % 1.0, side="right").clip(0, len(weights) - 1))
 
 
-def _drawn(recipe: Recipe, index: int, name: str, value: Any) -> Any:
-    return value.draw(recipe.rng(index, name)) if isinstance(value, Value) else value
-
-
 def load(path: Path) -> Recipe:
     top = Table(read_toml(path), path)
     cameras = _rig(rig := top.table("rig"))
@@ -169,7 +167,7 @@ def load(path: Path) -> Recipe:
     scenes = tuple(_scene(table, path.parent, common) for table in top.tables("scene", least=1))
     _unique(top, "scene", [s.name for s in scenes])
     splits = top.table("split", {})
-    about = top.table("about", {})
+    about, truth, keep = (top.table(key, {}) for key in ("about", "truth", "keep"))
     export = top.texts("export", [], choices=tuple(WRITERS))
     recipe = Recipe(
         path=path,
@@ -188,13 +186,13 @@ def load(path: Path) -> Recipe:
         if imu
         else None,
         render={"time": "adaptive", "fps": 1000.0} | _options(top.table("render", {})),
-        truth=_truth(top.table("truth", {})),
-        keep=_keep(top.table("keep", {})),
+        truth={"fps": truth.number("fps", 20.0, 1e-3, 1e5), "layers": truth.texts("layers", TRUTH_LAYERS)},
+        keep={key: keep.flag(key, True) for key in ("light", "truth")},
         export=tuple(export),
         about={k: about.text(k) for k in about.keys()},
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
-    for table in (splits, about, *([imu] if imu else []), top):
+    for table in (splits, about, truth, keep, *([imu] if imu else []), top):
         table.done()
     if sum(recipe.splits.values()) <= 0:
         raise top.fail("split", "no share above 0", f"shares of {', '.join(SPLITS)}")
@@ -258,19 +256,6 @@ def _options(table: Table) -> dict[str, Any]:
         if key not in RENDER_KEYS:
             raise table.fail(key, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
     return {key: table.any(key) for key in table.keys()}
-
-
-def _truth(table: Table) -> dict[str, Any]:
-    layers = table.texts("layers", TRUTH_LAYERS)
-    found = {"fps": table.number("fps", 20.0, 1e-3, 1e5), "layers": layers}
-    table.done()
-    return found
-
-
-def _keep(table: Table) -> dict[str, bool]:
-    found = {key: table.flag(key, True) for key in ("light", "truth")}
-    table.done()
-    return found
 
 
 def _rig(rig: Table) -> tuple[CameraEntry, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError, optional_module
-from ._bilinear import bilinear, neighbours
+from ._bilinear import bilinear, on_surface
 from .sequence import Camera, rect_from_rect
 
 _SURFACE_PX = 1.0  # neighbours that differ by more see two surfaces
@@ -91,14 +91,7 @@ class Rectifier:
         height, width = values.shape[:2]
         x, y = self.at[..., 0], self.at[..., 1]
         inside = (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
-        around, weights = neighbours(np.clip(self.at, 0, [width - 1, height - 1]), width, height)
-        corners = np.stack([values[pixel] for pixel in around])
-        one = (corners.max(0) - corners.min(0) <= _SURFACE_PX).all(-1)  # false with NaN
-        if surface is not None:
-            ids = np.stack([surface[pixel] for pixel in around])
-            one &= (ids == ids[0]).all(0)
-        nearest = np.take_along_axis(corners, weights.argmax(0)[None], 0)[0]
-        out = np.where(one[..., None], (weights * corners).sum(0), nearest)
+        out = on_surface(values, np.clip(self.at, 0, [width - 1, height - 1]), surface, _SURFACE_PX)
         out[~inside] = np.nan
         return out
 

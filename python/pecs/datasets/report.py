@@ -16,6 +16,7 @@ from .._files import write_json, write_text
 from .checks import check
 from .files import png_bytes, read_picture
 from .sequence import Camera, Sequence
+from .writers._pictures import depth_picture, event_picture
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1180px; padding: 0 1em; color: #222; }
@@ -160,7 +161,7 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
         if frame.sharp_path.exists():
             found.append(("the same instant, sharp", read_picture(frame.sharp_path)))
     if camera.kind == "events":
-        found.append(("events of 10 ms in the middle: ON red, OFF blue", _events_picture(sequence, camera)))
+        found.append(("events of 10 ms in the middle: ON blue, OFF red", _events_picture(sequence, camera)))
         objects = _events_picture(sequence, camera, by_object=True)
         found.append(("the same events, by the object that each pixel saw", objects))
     if camera.has_truth and not camera.info["pixels_of"]:
@@ -170,14 +171,12 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
 
 def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
     """Of the instant in the middle."""
-    cv2, truth, found = optional_module("cv2", "opencv-python-headless", "the report"), camera.truth, []
+    truth, found = camera.truth, []
     i = (len(truth) - 1) // 2
     if "depth" in truth.layers:
         z = truth.depth(i)[1]
-        near, far = np.percentile(z[np.isfinite(z)], (1, 99)) if np.isfinite(z).any() else (1.0, 2.0)
-        share = np.clip((1 / np.maximum(z, 1e-6) - 1 / far) / max(1 / near - 1 / far, 1e-12), 0, 1)
-        depth = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-        found.append((f"depth along the axis, {near:.2f} to {far:.2f} m", cv2.cvtColor(depth, cv2.COLOR_BGR2RGB)))
+        near = z.min(initial=np.inf, where=z > 0)
+        found.append((f"1 / depth along the axis, from {near:.2f} m (white)", depth_picture(z)))
     if "normal" in truth.layers:
         normal = np.moveaxis(truth.normal(i), 0, -1) * 127.5 + 127.5
         found.append(("normals: x red, y green, z blue", normal.clip(0, 255).astype(np.uint8)))
@@ -204,11 +203,10 @@ def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False)
         middle = sequence.duration_us / 2
         first, last = file.index(middle - 5000), file.index(middle + 5000)
         events = file.read(first, last)
+    if not by_object:
+        return event_picture(events, camera.height, camera.width)
     out = np.full((camera.height, camera.width, 3), 255, np.uint8)
-    if by_object:
-        out[events["y"], events["x"]] = _colours(camera.objects()[first:last])
-    else:
-        out[events["y"], events["x"]] = np.where(events["p"][:, None] == 1, (200, 30, 30), (30, 60, 200))
+    out[events["y"], events["x"]] = _colours(camera.objects()[first:last])
     return out
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._errors import optional_module
 from ..lens import Lens
 
 Array = NDArray[np.float64]
@@ -36,11 +37,6 @@ class Optics:
     directions: NDArray[np.float64]
     lens: Lens  # it keeps the image map
     setting: dict[str, Any]
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height."""
-        return self.directions.shape[1], self.directions.shape[0]
 
     def directions_at(self, pixels: Array) -> Array:
         """[..., 3] of any pixels [..., 2]."""
@@ -99,37 +95,26 @@ def pinhole(directions: Array) -> Pinhole:
     from scipy.optimize import least_squares
 
     height, width = directions.shape[:2]
+    cv2 = optional_module("cv2", "opencv-python-headless", "a camera's calibration")
     step = max(1, min(height, width) // 40)
     d = directions[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
     v, u = np.mgrid[step // 2 : height : step, step // 2 : width : step].reshape(2, -1).astype(float)
     seen = np.isfinite(d).all(1)
-    xy, wanted = d[seen, :2] / d[seen, 2:], np.stack([u[seen], v[seen]], -1)
+    points, wanted = d[seen] / d[seen, 2:], np.stack([u[seen], v[seen]], -1)
     middle = directions[height // 2, width // 2 - 1 : width // 2 + 1]
     focal = 1 / abs(np.subtract(*(middle[:, 0] / middle[:, 2])))
     start = [focal, focal, (width - 1) / 2, (height - 1) / 2, 0, 0, 0, 0, 0]
 
     def missed(p: Array) -> Array:
-        return (_distorted(xy, p) - wanted).ravel()
+        fx, fy, cx, cy, *distortion = p
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array(distortion))
+        return (pixels[:, 0] - wanted).ravel()
 
     found = least_squares(missed, start, x_scale=[focal, focal, width, height, 0.1, 0.1, 0.01, 0.01, 0.1], xtol=1e-14)
     fx, fy, cx, cy, *distortion = found.x
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return Pinhole(K, np.array(distortion), float(np.sqrt(2 * np.mean(missed(found.x) ** 2))))
-
-
-def _distorted(xy: Array, p: Array) -> Array:
-    """Pixels [n, 2] of normalised points [n, 2]; p: fx fy cx cy k1 k2 p1 p2 k3."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = p
-    x, y = xy.T
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + cx,
-            fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + cy,
-        ],
-        -1,
-    )
 
 
 def stereo_rotation(camera_from_partner: Array) -> Array:

@@ -4,7 +4,6 @@ that was stopped continues."""
 from __future__ import annotations
 
 import math
-import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import _poses as poses
+from .._arguments import words
 from .._errors import bad_input
 from .._files import write_json, write_whole
 from .._library import version
@@ -146,25 +146,14 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         own = {k: v for k, v in light.items() if k not in OF_LIGHT}
         fps = recipe.truth["fps"]
         own |= {"fps": fps, "frames": math.floor(seconds * fps + 1e-9) + 1, "layers": ",".join(recipe.truth["layers"])}
-        blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *_flags(options | own), **where)
+        blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *words(options | own), **where)
         write_whole(work.truth(entry) / "done", b"")
     if not (work.stack(entry) / "done").exists():
         work.say(f"{entry.name}: light")
         fps = float(light["fps"])
         own = light | {"frames": math.ceil(seconds * fps - 1e-9) + 1}
-        blender("render", *flags, "-o", f"{entry.name}/stack", *_flags(options | own), **where)
+        blender("render", *flags, "-o", f"{entry.name}/stack", *words(options | own), **where)
         write_whole(work.stack(entry) / "done", b"")
-
-
-def _flags(options: dict[str, Any]) -> list[str]:
-    found = []
-    for key, value in options.items():
-        flag = "--" + re.sub(r"_(m|px)$", "", key).replace("_", "-")
-        if value is True:
-            found.append(flag)
-        elif value is not None and value is not False:
-            found.append(f"{flag}={value}")
-    return found
 
 
 def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
@@ -219,34 +208,26 @@ def _describe(work: Work) -> None:
             move = np.linalg.inv(view.placed) @ other.placed
             baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [view.pinhole.K, other.pinhole.K]
             R_rect = rig.stereo_rotation(move)
-        width, height = view.optics.size
+        height, width = view.optics.directions.shape[:2]
         K = rig.rectified_K(K_rect, (width, height))
         rectify_map = rig.rectify_map(view.optics.directions, R_rect, K)
         write_whole(work.folder / name / "rectify_map.npy", npy_bytes(rectify_map))
-        drawn = work.drawn["cameras"][name]
+        described = {key: getattr(entry, key) for key in ("name", "kind", "chip", "model", "partner", "pixels_of")}
+        described |= {key: view.stack["lens"][key] for key in ("fnumber", "focus_m")}
+        matrices = {"rig_from_camera": view.placed, "K": view.pinhole.K, "distortion": view.pinhole.distortion}
+        matrices |= {"K_rect": K, "R_rect": R_rect}
+        described |= {key: matrix.tolist() for key, matrix in matrices.items()}
         entries.append(
-            {
-                "name": name,
-                "kind": entry.kind,
+            described
+            | {
                 "width": width,
                 "height": height,
-                "chip": entry.chip,
-                "model": entry.model,
-                "overrides": drawn["overrides"],
+                "overrides": work.drawn["cameras"][name]["overrides"],
                 "lens": owner.lens,
-                "fnumber": view.stack["lens"]["fnumber"],
-                "focus_m": view.stack["lens"]["focus_m"],
                 "pixel_pitch_um": view.stack["pixel_pitch_m"] * 1e6,
-                "rig_from_camera": view.placed.tolist(),
-                "K": view.pinhole.K.tolist(),
-                "distortion": view.pinhole.distortion.tolist(),
                 "distortion_model": "radtan",
                 "distortion_error_px": view.pinhole.error_px,
-                "K_rect": K.tolist(),
-                "R_rect": R_rect.tolist(),
-                "partner": entry.partner,
                 "baseline_m": baseline,
-                "pixels_of": entry.pixels_of,
             }
         )
     write_json(

@@ -395,7 +395,7 @@ def _check_drone(trajectory: Trajectory, p: dict) -> None:
     t = np.linspace(0, trajectory.duration_s, 512)
     force = taylor.values(trajectory.path.thrust(trajectory.path.frame(*trajectory.clock(t, 4))[0]))
     tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))
-    rate = np.degrees(np.linalg.norm(trajectory.angular_velocity(t), axis=1))
+    rate = np.degrees(np.linalg.norm(trajectory.state(t).angular_velocity_rad_s, axis=1))
     thrust = np.linalg.norm(force, axis=1) / paths.GRAVITY_M_S2
     for name, value, limit in (
         ("tilts {:.0f} deg", tilt, p["max_tilt_deg"]),

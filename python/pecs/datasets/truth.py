@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._config import Fields
 from .._errors import bad_input, existing
 from ..stack import StackReader
-from ._bilinear import bilinear, neighbours
+from ._bilinear import bilinear, on_surface
 from .files import read_object
 
 BOX_DTYPE = np.dtype(
@@ -245,13 +245,6 @@ def _follow(
     at = grid + moved.astype(np.float64)
     known = np.isfinite(at).all(-1) & (at >= 0).all(-1) & (at <= [width - 1, height - 1]).all(-1)
     at = np.where(known[..., None], at, 0)
-    corners, weights = neighbours(at, width, height)
-    values = np.stack([flow[c] for c in corners]).astype(np.float64)
-    nearest = np.take_along_axis(values, weights.argmax(0)[None], 0)[0]
-    one = np.isfinite(values).all((0, -1))
     if ids is not None and there is not None:
-        seen = np.stack([there[c] for c in corners])
-        one &= (seen == seen[0]).all(0)
-        known &= np.take_along_axis(seen, weights[..., 0].argmax(0)[None], 0)[0] == ids
-    out = np.where(one[..., None], (weights * values).sum(0), nearest)
-    return np.where(known[..., None], out, np.nan).astype(np.float32)
+        known &= np.rint(on_surface(there[..., None], at, there)[..., 0]) == ids
+    return np.where(known[..., None], on_surface(flow, at, there), np.nan).astype(np.float32)

@@ -133,20 +133,16 @@ class Windows:
         which = bisect_right(self._ends, index)
         sequence, camera = self.cameras[which]
         begin = (index - (self._ends[which - 1] if which else 0)) * self.step
-        events = self._events(which)
-        if self.by == "time":
-            start, end = begin, begin + self.size
-            first, last = events.index(start), events.index(end)
-            found = events.read(first, last)
-        else:
-            first, last = begin, begin + self.size
-            found = events.read(first, last)
+        events, start, end = self._events(which), begin, begin + self.size
+        first, last = (events.index(start), events.index(end)) if self.by == "time" else (start, end)
+        found = events.read(first, last)
+        if self.by == "count":
             start, end = int(found["t"][0]), int(found["t"][-1])
         item: dict[str, Any] = {"start_us": start, "end_us": end, "sequence": sequence.name, "camera": camera.name}
         for name, options in self.planes.items():
             item[name] = _PLANES[name](found, camera.width, camera.height, begin_us=start, end_us=end, **options)
         if self.keep_events:
-            window = self._as_window(found)
+            window = np.asarray(found).astype(WINDOW_DTYPE)  # the same order of fields
             item["events"] = self.transform(window) if self.transform else window
         for name in ("causes", "objects"):
             if name in self.fields:
@@ -162,13 +158,6 @@ class Windows:
         if len(self._open) > _OPEN_FILES:
             self._open.popitem(last=False)[1].close()
         return file
-
-    @staticmethod
-    def _as_window(events: NDArray[Any]) -> NDArray[Any]:
-        out = np.empty(len(events), WINDOW_DTYPE)
-        for name in "txyp":
-            out[name] = events[name]
-        return out
 
     def _add_truth(self, item: dict[str, Any], camera: Camera) -> None:
         wanted = {"flow", "depth", "instances", "boxes"} & set(self.fields)

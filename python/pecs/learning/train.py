@@ -113,7 +113,7 @@ def train(
     _check_device(device)
     lpips = Lpips(lpips_weights, device) if lpips_weights else None
     if lpips and config.clips.crop < lpips.least_px:
-        wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.trunk.name}"
+        wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.kind}"
         raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
     _claim(run, config)

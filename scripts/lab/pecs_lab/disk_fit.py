@@ -11,55 +11,20 @@ from pathlib import Path
 import numpy as np
 import pecs
 
+from .disk import Disk
 from .program import ask
 
 CYCLES = 11  # periods of light and dark before anything counts
 STEP_US = 500.0
 
 
-@dataclass(frozen=True)
-class Disk:
-    """Equal black and white sectors; angles at t = 0."""
+def period_us(disk: Disk) -> float:
+    return disk.period_deg / abs(disk.speed_deg_s) * 1e6
 
-    centre: tuple[float, float]
-    radius: float  # rim
-    sectors: int  # black and white ones together
-    speed_deg_s: float  # positive: counter-clockwise on screen
-    on_deg: float  # an edge that brightens the pixel; the next one follows after period_deg
-    off_deg: float
 
-    @property
-    def period_deg(self) -> float:
-        return 720 / self.sectors
-
-    @property
-    def period_us(self) -> float:
-        return self.period_deg / abs(self.speed_deg_s) * 1e6
-
-    @property
-    def bins_deg(self) -> np.ndarray:
-        """Edges of the bins of pecs.delays: 1/90 of the period each, from -1/18 to 5/9 of it."""
-        return self.period_deg / 90 * np.arange(-5, 51)
-
-    @property
-    def detected(self) -> dict:
-        """As `pecs align detect --json` prints it."""
-        values = {"centre_x": self.centre[0], "centre_y": self.centre[1], "speed_deg_s": self.speed_deg_s}
-        values |= {"on_edge_deg": self.on_deg, "off_edge_deg": self.off_deg}
-        rim = {"axis_a_px": 2 * self.radius, "axis_b_px": 2 * self.radius}
-        return {k: {"value": v} for k, v in values.items()} | {
-            "sectors": self.sectors, "phase_time_us": 0, "rim": rim,
-        }  # fmt: skip
-
-    def polar(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angle in degrees, counter-clockwise on screen, and radius of pixels."""
-        dx, dy = x + 0.5 - self.centre[0], self.centre[1] - (y + 0.5)
-        return np.degrees(np.arctan2(dy, dx)), np.hypot(dx, dy)
-
-    def past_deg(self, angle: np.ndarray, t_us: float, edge_deg: float) -> np.ndarray:
-        """How far an edge is past the pixel, in [0, period_deg)."""
-        ahead = edge_deg + self.speed_deg_s * 1e-6 * t_us - angle
-        return np.mod(ahead * np.sign(self.speed_deg_s), self.period_deg)
+def bins_deg(disk: Disk) -> np.ndarray:
+    """Edges of the bins of pecs.delays: 1/90 of the period each, from -1/18 to 5/9 of it."""
+    return disk.period_deg / 90 * np.arange(-5, 51)
 
 
 @dataclass(frozen=True)
@@ -90,10 +55,10 @@ class Seen:
 
 def look(events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> Seen:
     delays = pecs.delays(events, disk=disk.detected, width=width, height=height, duration_us=round(duration_us))
-    assert np.allclose(delays["bin_edges_deg"], disk.bins_deg)
+    assert np.allclose(delays["bin_edges_deg"], bins_deg(disk))
     yy, xx = np.mgrid[0:height, 0:width].astype(float)
-    pixels = (disk.polar(xx, yy)[1] > disk.radius + 34).sum()
-    quiet = disk.polar(events["x"].astype(float), events["y"].astype(float))[1] > disk.radius + 34
+    pixels = (disk.polar(xx, yy)[1] > disk.radius_px + 34).sum()
+    quiet = disk.polar(events["x"].astype(float), events["y"].astype(float))[1] > disk.radius_px + 34
     seconds = pixels * duration_us * 1e-6
     background = (float((quiet & (events["p"] == p)).sum() / seconds) for p in (1, 0))
     return Seen(delays, len(events), tuple(background))
@@ -115,7 +80,7 @@ def tabulate(chip: str, overrides: dict, contrast: float, disk: Disk, pixels: in
     values = np.repeat((corner_hz / kappa)[:, None], pixels, axis=1)  # amperes in white
     values *= 1e15
     sensor = pecs.Sensor(pixels, len(corner_hz), chip, overrides=overrides, photocurrent_a=1e-15, seed=3)
-    half_us = disk.period_us / 2
+    half_us = period_us(disk) / 2
     steps = int(np.ceil(half_us / STEP_US))
     found = []
     for half in range(2 * (CYCLES + 2)):
@@ -124,10 +89,10 @@ def tabulate(chip: str, overrides: dict, contrast: float, disk: Disk, pixels: in
         frame = (values if half % 2 == 0 else values / contrast).astype(np.float32)
         found.append(sensor.push(np.broadcast_to(frame, (len(t_us), *frame.shape)), t_us))
     events = np.concatenate([*found, sensor.finish()])
-    since_us = events["t"] - CYCLES * disk.period_us
-    keep = (since_us >= 0) & (since_us < 2 * disk.period_us)
+    since_us = events["t"] - CYCLES * period_us(disk)
+    keep = (since_us >= 0) & (since_us < 2 * period_us(disk))
     events, since_deg = events[keep], since_us[keep] * abs(disk.speed_deg_s) * 1e-6
-    bins, edges, histograms = disk.bins_deg, 2 * pixels, []
+    bins, edges, histograms = bins_deg(disk), 2 * pixels, []
     for polarity, after in ((1, 0.0), (0, disk.period_deg / 2)):
         of = events["p"] == polarity
         delay = np.mod(since_deg[of] - after - bins[0], disk.period_deg) + bins[0]
@@ -193,38 +158,35 @@ def simulate(
     height: int, duration_us: float, seed: int,
 ) -> np.ndarray:  # fmt: skip
     """The whole recording: the disk's square after its warm-up, and background everywhere else."""
+    from scipy.ndimage import map_coordinates
+
     kappa = profile(chip)["corner_hz_per_a"]
-    half = int(np.ceil(disk.radius))
-    x0, y0 = max(0, int(disk.centre[0]) - half), max(0, int(disk.centre[1]) - half)
-    x1, y1 = min(width, int(disk.centre[0]) + half), min(height, int(disk.centre[1]) + half)
+    half = int(np.ceil(disk.radius_px))
+    x0, y0 = max(0, int(disk.centre_px[0]) - half), max(0, int(disk.centre_px[1]) - half)
+    x1, y1 = min(width, int(disk.centre_px[0]) + half), min(height, int(disk.centre_px[1]) + half)
     yy, xx = np.mgrid[y0:y1, x0:x1].astype(float)
     angle, radius = disk.polar(xx, yy)
 
     # The light between the regions' middles, bilinear in angle and radius.
     (around, along), of = seen.regions, seen.delays["regions"]
-    grid = np.log(corner_hz).reshape(around, along)
-    u = (angle / 360 + 0.5) * around - 0.5
+    grid = np.pad(np.log(corner_hz).reshape(around, along), ((1, 1), (0, 0)), "wrap")
+    u = (angle / 360 + 0.5) * around + 0.5
     v = (radius - of["inner_px"]) / (of["outer_px"] - of["inner_px"]) * along - 0.5
-    v = np.clip(v, 0, along - 1.001)
-    iu, iv = np.floor(u).astype(int), v.astype(int)
-    fu, fv = u - iu, v - iv
-    iu, ju = iu % around, (iu + 1) % around
-    log_corner = (1 - fu) * ((1 - fv) * grid[iu, iv] + fv * grid[iu, iv + 1])
-    log_corner += fu * ((1 - fv) * grid[ju, iv] + fv * grid[ju, iv + 1])
+    log_corner = map_coordinates(grid, [u, v], order=1, mode="nearest")
     white_fa = (np.exp(log_corner) / kappa * 1e15).astype(np.float32)
     still = (white_fa / 3).astype(np.float32)
 
-    warmup_us = CYCLES * disk.period_us
+    warmup_us = CYCLES * period_us(disk)
     sensor = pecs.Sensor(x1 - x0, y1 - y0, chip, overrides=overrides, photocurrent_a=1e-15, seed=seed)
     t_us = np.arange(0, warmup_us + duration_us + 2 * STEP_US, STEP_US)
     found, chunk = [], 32
     for i in range(0, len(t_us), chunk):
         frames = np.empty((len(t_us[i : i + chunk]), *white_fa.shape), np.float32)
         for frame, t in zip(frames, t_us[i : i + chunk], strict=True):
-            past = disk.past_deg(angle, t - warmup_us, disk.on_deg)
-            past_off = disk.past_deg(angle, t - warmup_us, disk.off_deg)
-            white = past < past_off  # the ON edge came last
-            np.copyto(frame, np.where(radius > disk.radius - 6, still, np.where(white, white_fa, white_fa / contrast)))
+            on, off = (disk.past_deg(angle, t - warmup_us, edge) for edge in (disk.on_edge_deg, disk.off_deg))
+            white = on < off  # the ON edge came last
+            turning = np.where(white, white_fa, white_fa / contrast)
+            frame[:] = np.where(radius > disk.radius_px - 6, still, turning)
         found.append(sensor.push(frames, t_us[i : i + chunk]))
     inner = np.concatenate([*found, sensor.finish()])
     inner["x"] += x0
@@ -242,14 +204,15 @@ def simulate(
 
 def detect(recording: str) -> Disk:
     d = ask("align", "detect", recording)
-    speed, phase_us = d["speed_deg_s"]["value"], d["phase_time_us"]
+    value = {key: entry["value"] for key, entry in d.items() if isinstance(entry, dict) and "value" in entry}
+    turned_deg = value["speed_deg_s"] * 1e-6 * d["phase_time_us"]
     return Disk(
-        centre=(d["centre_x"]["value"], d["centre_y"]["value"]),
-        radius=(d["rim"]["axis_a_px"] + d["rim"]["axis_b_px"]) / 4,
-        sectors=d["sectors"],
-        speed_deg_s=speed,
-        on_deg=d["on_edge_deg"]["value"] - speed * 1e-6 * phase_us,
-        off_deg=d["off_edge_deg"]["value"] - speed * 1e-6 * phase_us,
+        (value["centre_x"], value["centre_y"]),
+        (d["rim"]["axis_a_px"] + d["rim"]["axis_b_px"]) / 4,
+        value["speed_deg_s"],
+        value["on_edge_deg"] - turned_deg,
+        d["sectors"],
+        value["off_edge_deg"] - turned_deg,
     )
 
 
@@ -258,7 +221,7 @@ def examine(recording: str) -> tuple[Disk, np.ndarray, float, Seen]:
     recording shows of the disk."""
     disk, events = detect(recording), pecs.read(recording)
     turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
-    disk = replace(disk, on_deg=disk.on_deg + turned_deg, off_deg=disk.off_deg + turned_deg)
+    disk = replace(disk, on_edge_deg=disk.on_edge_deg + turned_deg, off_edge_deg=disk.off_deg + turned_deg)
     events["t"] -= events["t"][0]
     duration_us = float(events["t"][-1]) + 1
     return disk, events, duration_us, look(events, disk, events.width, events.height, duration_us)

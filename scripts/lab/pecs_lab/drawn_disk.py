@@ -10,7 +10,7 @@ import pecs
 from pecs.datasets.rgb import srgb
 from pecs.learning.clips import WHITE_PERCENTILE, Recording
 
-from .disk_edges import Disk
+from .disk import Disk
 
 SUPERSAMPLES = 4  # each way
 BATCH = 64  # pictures that are drawn at once

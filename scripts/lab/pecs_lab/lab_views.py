@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pecs
+from scipy.spatial.transform import Rotation
 
 BLACK, WHITE, WALL = 0.07, 0.84, 0.3
 SOFT_PX = 1.2  # half width of an edge
@@ -16,10 +17,7 @@ SOFT_PX = 1.2  # half width of an edge
 
 def rotation(x_deg: float, y_deg: float, z_deg: float) -> np.ndarray:
     """Rz Ry Rx."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians([x_deg, y_deg, z_deg])), np.sin(np.radians([x_deg, y_deg, z_deg]))
-    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    return np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]) @ ry @ rx
+    return Rotation.from_euler("xyz", [x_deg, y_deg, z_deg], degrees=True).as_matrix()
 
 
 def turn_of(rotation_deg) -> np.ndarray:

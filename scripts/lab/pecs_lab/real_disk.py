@@ -13,7 +13,7 @@ from pecs.learning.clips import WHITE_PERCENTILE
 from pecs.learning.footage import Footage
 
 from . import sequences
-from .disk_edges import Disk, edges
+from .disk import Disk, edges
 from .video_scores import picture_scores
 
 CENTRE_PX, RADIUS_PX = (956.76, 361.68), 303.0  # of R_360_L, by `pecs align detect`

@@ -1,10 +1,11 @@
 """The lab's sequences: scenes/SCENE/sequences/NAME.json, parameters of the scene and how it is rendered and sensed."""
 
 import json
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+from pecs._arguments import words
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -43,15 +44,9 @@ def render_arguments(sequence: Sequence, coarser: int, frames: int | None) -> li
         r["moving_px"] = ":".join(map(str, box))
     if frames:
         r["frames"] = frames
-    options = [f"{_flag(key)}={value}" for key, value in r.items()]
-    return options + [f"--set={key}={value}" for key, value in sequence.parameters.items()]
+    return words(r) + [f"--set={key}={value}" for key, value in sequence.parameters.items()]
 
 
 def sense_arguments(sequence: Sequence, frames: int | None) -> list[str]:
     keys = [key for key in sequence.sense if not frames or key == "chip"]  # a part of a period is not looped
-    return [f"{_flag(key)}={sequence.sense[key]}" for key in keys]
-
-
-def _flag(key: str) -> str:
-    """The option of a key, whose unit is the option's."""
-    return "--" + re.sub("_(mm|m|us)$", "", key).replace("_", "-")
+    return words({key: sequence.sense[key] for key in keys})

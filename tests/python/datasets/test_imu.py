@@ -8,7 +8,7 @@ import pytest
 from support.trajectories import parameters
 
 pytest.importorskip("pecs")
-from pecs.datasets.imu import PARTS, Errors, Imu, ideal, integrate, measure, motion, parts, sample_times_ns
+from pecs.datasets.imu import PARTS, Errors, Imu, ideal, integrate, measure, parts, sample_times_ns
 from pecs.datasets.paths import GRAVITY_M_S2
 from pecs.datasets.trajectories import KINDS, plan
 
@@ -26,6 +26,15 @@ def angle_deg(a, b):
     turn = np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3]
     axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1)
     return np.degrees(np.arcsin(np.clip(np.linalg.norm(axis, axis=1) / 2, 0, 1)))
+
+
+def motion(trajectory, t_s, rig):
+    """world_from_imu [n, 4, 4] and the IMU's velocity [n, 3] in the world, which integrate() should return."""
+    s = trajectory.state(t_s)
+    pose = np.tile(np.eye(4), (len(s.position_m), 1, 1))
+    pose[:, :3, :3], pose[:, :3, 3] = s.world_from_body, s.position_m
+    turning = np.einsum("nij,nj->ni", s.world_from_body, np.cross(s.angular_velocity_rad_s, rig[:3, 3]))
+    return pose @ rig, s.velocity_m_s + turning
 
 
 @pytest.mark.parametrize("rig", [np.eye(4), RIG], ids=["rig", "lever"])

@@ -45,9 +45,9 @@ def test_derivatives_are_exact(kind, tmp_path):
     turn = np.swapaxes(state.world_from_body, 1, 2) @ difference(lambda s: trajectory.state(s).world_from_body, t)
     rate = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
     assert np.abs(difference(trajectory.positions, t) - state.velocity_m_s).max() < 1e-7
-    assert np.abs(difference(trajectory.velocity, t) - state.acceleration_m_s2).max() < 1e-6
+    assert np.abs(difference(lambda at: trajectory.state(at).velocity_m_s, t) - state.acceleration_m_s2).max() < 1e-6
     assert np.abs(rate - state.angular_velocity_rad_s).max() < 1e-7
-    accelerated = difference(trajectory.angular_velocity, t)
+    accelerated = difference(lambda at: trajectory.state(at).angular_velocity_rad_s, t)
     assert np.abs(accelerated - state.angular_acceleration_rad_s2).max() < 1e-5
     assert np.abs(state.world_from_body @ np.swapaxes(state.world_from_body, 1, 2) - np.eye(3)).max() < 1e-12
     position, quaternion = trajectory.pose(t)
@@ -71,17 +71,17 @@ def test_pauses_stand_still(kind, tmp_path):
     assert len(drawn.clock.pauses) == 2
     for start, length in drawn.clock.pauses:
         assert length == 0.1 and 0 <= start - 0.1 and start + length + 0.1 <= 2
-        assert np.abs(drawn.velocity(np.linspace(start, start + length, 9))).max() < 1e-12
+        assert np.abs(drawn.state(np.linspace(start, start + length, 9)).velocity_m_s).max() < 1e-12
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.1, 1.0, 10.0])
 def test_speed_over_three_decades(speed, tmp_path):
     """An orbit's speed is known."""
     trajectory = plan("orbit", parameters("orbit", tmp_path, bob_m=0, speed=speed), None, np.random.default_rng(0))
-    moving = np.linalg.norm(trajectory.velocity(np.linspace(0, 2, 50)), axis=1)
+    moving = np.linalg.norm(trajectory.state(np.linspace(0, 2, 50)).velocity_m_s, axis=1)
     assert np.allclose(moving, speed, rtol=1e-12)
     sweep = plan("orbit", parameters("orbit", tmp_path, bob_m=0, speed=[0.01, speed]), None, np.random.default_rng(0))
-    moving = np.linalg.norm(sweep.velocity([0.0, 1.0, 2.0]), axis=1)
+    moving = np.linalg.norm(sweep.state([0.0, 1.0, 2.0]).velocity_m_s, axis=1)
     assert np.allclose(moving, [0.01, 0.1 * math.sqrt(speed), speed], rtol=1e-9)
 
 
@@ -164,7 +164,7 @@ def test_shake_is_as_stated(tmp_path):
     for seed in range(12):
         more = {"volume": [[0, 0, 0], [1, 1, 1]], "wander_deg": 0, "duration_s": 20.0, "speed": 0.01}
         trajectory = plan("hand_held", parameters("hand_held", tmp_path, **more), None, np.random.default_rng(seed))
-        found.append(np.degrees(trajectory.angular_velocity(np.linspace(0, 20, 2000))).std(axis=0))
+        found.append(np.degrees(trajectory.state(np.linspace(0, 20, 2000)).angular_velocity_rad_s).std(axis=0))
     assert 2.2 < np.sqrt(np.mean(np.square(found))) < 3.2
 
 
@@ -192,7 +192,7 @@ def test_recorded_goes_through_its_poses(tmp_path):
     assert (
         np.abs(smooth.positions(at) - np.stack([np.interp(at + 0.5, t - t[0], p) for p in position.T], 1)).max() < 2e-3
     )
-    assert np.abs(smooth.acceleration(at)).max() < 0.1 * np.abs(rough.acceleration(at)).max()
+    assert np.abs(smooth.state(at).acceleration_m_s2).max() < 0.1 * np.abs(rough.state(at).acceleration_m_s2).max()
 
 
 @pytest.mark.parametrize("kind", SPLINES)

@@ -12,7 +12,7 @@ from pecs.learning.filter import HighPass
 from pecs.learning.footage import Footage, read_footage
 from pecs.learning.reconstruct import windows
 from pecs.learning.video import Range
-from pecs_lab.disk_edges import Disk, edges
+from pecs_lab.disk import Disk, edges
 from support import run_module
 
 W, H = 96, 72

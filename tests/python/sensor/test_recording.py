@@ -148,7 +148,7 @@ def test_a_chip_is_fitted_to_any_disk(pecs_program, tmp_path, monkeypatch):
     from pecs_lab import disk_fit
 
     monkeypatch.setenv("PECS_PROGRAM", str(pecs_program("--version").args[0]))
-    disk = disk_fit.Disk((75.0, 58.0), 50.0, 6, -900.0, on_deg=20.0, off_deg=80.0)
+    disk = disk_fit.Disk((75.0, 58.0), 50.0, -900.0, 20.0, sectors=6)
     nothing = disk_fit.look(np.zeros(0, pecs.EVENT_DTYPE), disk, 150, 120, 1.0)
     corner_hz, contrast = np.full(np.prod(nothing.regions), 5.0), 12.0
     light = ("imx636", {}, disk, corner_hz, contrast, nothing)
@@ -159,8 +159,7 @@ def test_a_chip_is_fitted_to_any_disk(pecs_program, tmp_path, monkeypatch):
     found, events, duration_us, seen = disk_fit.examine(str(recording))
     assert (events.width, events.height) == (150, 120) and duration_us > 390e3
     assert found.sectors == 6 and found.speed_deg_s == pytest.approx(-900, rel=0.01)
-    assert found.centre == pytest.approx(disk.centre, abs=0.5) and found.radius == pytest.approx(
-        44, abs=1
-    )  # the outer 6 pixels do not turn
+    assert found.centre_px == pytest.approx(disk.centre_px, abs=0.5)
+    assert found.radius_px == pytest.approx(44, abs=1)  # the outer 6 pixels do not turn
     fitted_hz = disk_fit.light_map(disk_fit.tabulate("imx636", {}, contrast, found, 128), seen)
     assert np.median(fitted_hz) == pytest.approx(5, rel=0.1)

@@ -6,7 +6,7 @@ To add a format:
 1. One file here. Its docstring says the layout: files, data sets, types, units, and in which picture truth is given.
 2. `write(sequences, folder, **options) -> report` fills an empty folder. It reads sequences through `Sequence` alone,
    writes through `_files.py` (the same input makes the same bytes), and holds no more than one picture and one
-   block of events in memory. The report is `_report.Report`: what was written, what was left out and why.
+   block of events in memory. The report is `_shared.Report`: what was written, what was left out and why.
 3. A line in `WRITERS`.
 4. A row in docs/reference/dataset_formats.md; in tests/python/datasets/test_writers.py a reader from another project,
    and what a bare sequence leaves out (test_only_events).

@@ -18,47 +18,31 @@ from ..event_file import EventFile
 from ..files import png_bytes
 
 _CHUNK = 1 << 16
+_GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # every HDF5 library reads it
 BLOCK = 1 << 20  # events at a time
 
 
-class _Sink(io.RawIOBase):
-    """A file that keeps its first error for later: HDF5 cannot close what it cannot write, and says so at length."""
+class _Sink(io.FileIO):
+    """A file that keeps its first error for later: HDF5 cannot close what it cannot write."""
 
-    def __init__(self, path: Path):
-        self._file = path.open("w+b", buffering=0)
-        self.error: OSError | None = None
+    error: OSError | None = None
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
         try:
             done = 0
             while done < len(view):
-                done += self._file.write(view[done:]) or 0
+                done += super().write(view[done:]) or 0
         except OSError as e:
             self.error = self.error or e
         return len(view)
-
-    def readinto(self, buffer: Any) -> int:
-        return self._file.readinto(buffer)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def truncate(self, size: int | None = None) -> int:
-        return self._file.truncate(size)
-
-    def close(self) -> None:
-        self._file.close()
 
 
 @contextmanager
 def hdf5(path: Path) -> Iterator[Any]:
     h5py = optional_module("h5py", "h5py", f"writing {path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    sink = _Sink(path)
+    sink = _Sink(path, "w+")
     try:
         with h5py.File(sink, "w") as file:
             yield file
@@ -68,36 +52,33 @@ def hdf5(path: Path) -> Iterator[Any]:
             raise sink.error from None
 
 
-def put(file: Any, name: str, data: NDArray[Any], chunk: tuple[int, ...] | None = None) -> Any:
-    """A data set under gzip, which every HDF5 library reads; scalars plain."""
+def put(file: Any, name: str, data: NDArray[Any]) -> Any:
+    """A data set under gzip; scalars plain."""
     data = np.asarray(data)
-    if data.ndim == 0 or data.size == 0:
-        return file.create_dataset(name, data=data)
-    return file.create_dataset(
-        name, data=data, chunks=chunk or True, compression="gzip", compression_opts=1, shuffle=True
-    )
+    layout = {"chunks": True, **_GZIP} if data.size and data.ndim else {}
+    return file.create_dataset(name, data=data, **layout)
 
 
 def stack(file: Any, name: str, count: int, shape: tuple[int, ...], dtype: str) -> Any:
     """An empty data set of `count` pictures, one chunk each."""
-    chunks = (1, *shape) if count else None
-    return file.create_dataset(
-        name, (count, *shape), dtype, chunks=chunks, compression="gzip" if count else None, shuffle=bool(count)
-    )
+    layout = {"chunks": (1, *shape), **_GZIP} if count else {}
+    return file.create_dataset(name, (count, *shape), dtype, **layout)
 
 
 Columns = dict[str, tuple[str, Callable[[NDArray[Any]], NDArray[Any]]]]  # data set -> (type, of a block of events)
 
 
+def event_columns(group: str, t: str = "<i8", p: str = "u1") -> Columns:
+    """GROUP/{x, y, t, p}; `t`, `p`: types."""
+    types = {"x": "<u2", "y": "<u2", "t": t, "p": p}
+    return {f"{group}/{name}": (dtype, lambda e, name=name: e[name]) for name, dtype in types.items()}
+
+
 def put_events(file: Any, events: EventFile, columns: Columns) -> None:
     """Events in blocks."""
     n = len(events)
-    sets = {}
-    for name, (dtype, _) in columns.items():
-        layout = (
-            {"chunks": (min(n, _CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True} if n else {}
-        )
-        sets[name] = file.create_dataset(name, (n,), dtype, **layout)
+    layout = {"chunks": (min(n, _CHUNK),), **_GZIP} if n else {}
+    sets = {name: file.create_dataset(name, (n,), dtype, **layout) for name, (dtype, _) in columns.items()}
     first = 0
     for block in events.blocks(BLOCK):
         for name, (_, value) in columns.items():

@@ -24,17 +24,15 @@ from ..._files import write_json
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from ._files import write_png
-from ._frames import truth_at
-from ._labels import boxes, class_numbers
 from ._pictures import event_picture
-from ._report import Report
+from ._shared import Report, boxes, class_numbers, truth_at
+
+_LEFT_OUT = ("depth, flow, normals, poses, IMU", "causes and objects of events")
 
 
 def write(sequences: list[Sequence], folder: Path, min_px: int = 1) -> Report:
     """min_px: annotations of fewer visible pixels are left out."""
-    report = Report()
-    for what in ("depth, flow, normals, poses, IMU", "causes and objects of events"):
-        report.leave_out(what, "COCO has no place for them")
+    report = Report(dict.fromkeys(_LEFT_OUT, "COCO has no place for them"))
     numbers = class_numbers(sequences, first=1)
     report.more["classes"] = numbers
     files: dict[tuple[str, str], dict[str, Any]] = {}

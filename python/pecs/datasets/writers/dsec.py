@@ -26,9 +26,10 @@ from ..._errors import PecsInputError, UsageError
 from ..files import read_picture
 from ..rectify import Rectifier, Stereo
 from ..sequence import Camera, Sequence
-from ._files import hdf5, put, put_events, write_lines, write_png
-from ._report import Report
+from ._files import event_columns, hdf5, put, put_events, write_lines, write_png
+from ._shared import Report
 
+UNEQUAL_TIMES = "the pictures of the left and right camera have different times"
 _ROLES = ("cam0", "cam1", "cam2", "cam3")
 _OUTSIDE = {
     "causes and objects of events": "DSEC has no place for them",
@@ -40,9 +41,7 @@ _OUTSIDE = {
 def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -> Report:
     """flow_us: flow over so long (DSEC's is over 100_000), from one end to the next; over each interval of the truth if
     not given."""
-    report = Report()
-    for what, why in _OUTSIDE.items():
-        report.leave_out(what, why)
+    report = Report(_OUTSIDE)
     for sequence in sequences:
         write_sequence(sequence, folder / sequence.split / sequence.name, report, flow_us)
     return report
@@ -87,9 +86,7 @@ def write_sequence(sequence: Sequence, folder: Path, report: Report, flow_us: in
 def _write_events(folder: Path, camera: Camera, duration_us: int) -> int:
     with camera.event_file() as events, hdf5(folder / "events.h5") as file:
         wide = len(ms_to_idx := events.ms_to_idx(duration_us)) > (1 << 32) // 1000
-        columns = {f"events/{c}": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
-        columns |= {"events/p": ("u1", lambda e: e["p"]), "events/t": ("<i8" if wide else "<u4", lambda e: e["t"])}
-        put_events(file, events, columns)
+        put_events(file, events, event_columns("events", t="<i8" if wide else "<u4"))
         put(file, "ms_to_idx", ms_to_idx)
         put(file, "t_offset", np.int64(0))
         count = len(events)
@@ -103,8 +100,7 @@ def _write_images(folder: Path, cameras: dict[str, Camera], sequence: Sequence, 
     for side, role in (("left", "cam1"), ("right", "cam2")):
         if role not in cameras:
             continue
-        camera, rectifier = cameras[role], Rectifier(cameras[role])
-        frames = camera.frames()
+        rectifier, frames = Rectifier(cameras[role]), cameras[role].frames()
         for i, frame in enumerate(frames):
             write_png(folder / side / "rectified" / f"{i:06d}.png", rectifier.picture(read_picture(frame.path)))
         lines = [f"{frame.start_us}, {frame.end_us}" for frame in frames]
@@ -112,8 +108,8 @@ def _write_images(folder: Path, cameras: dict[str, Camera], sequence: Sequence, 
         write_lines(folder / side / "exposure_timestamps.txt", [header, *lines])
         times.append([int(frame.middle_us) for frame in frames])
         report.count(sequence.name, images=len(frames))
-    if len(times) == 2 and times[0] != times[1]:
-        raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same")
+    if times[1:] not in ([], times[:1]):
+        raise PecsInputError(f"{sequence.folder}: {UNEQUAL_TIMES}")
     if times:
         write_lines(folder / "timestamps.txt", [str(t) for t in times[0]])
 

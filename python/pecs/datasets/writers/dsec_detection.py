@@ -25,9 +25,7 @@ from ..rectify import Lens
 from ..sequence import Camera, Sequence
 from . import dsec
 from ._files import write_png
-from ._frames import truth_at
-from ._labels import boxes, class_numbers
-from ._report import Report
+from ._shared import Report, boxes, class_numbers, truth_at
 
 CLASSES = ("pedestrian", "rider", "car", "bus", "truck", "bicycle", "motorcycle", "train")
 TRACKS_DTYPE = np.dtype(

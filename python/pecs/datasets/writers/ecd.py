@@ -24,25 +24,23 @@ from numpy.typing import NDArray
 from ... import events as event_io
 from ..._poses import position_quaternion, write_euroc_imu
 from ..files import npy_bytes, read_picture
-from ..sequence import Camera, Sequence
+from ..sequence import Camera, Sequence, frames_of
 from ._files import BLOCK, grey, write_lines, write_png
-from ._frames import NO_FRAMES, event_cameras, frames_of
-from ._report import Report
+from ._shared import NO_FRAMES, Report, event_cameras
 
 
-def write(sequences: list[Sequence], folder: Path, depth: bool = True, e2vid: bool = True) -> Report:
-    """depth, e2vid: whether to write depth/ and e2vid.txt."""
-    report = Report()
-    report.leave_out("flow, normals, masks, boxes, causes, objects", "the format has no place for them")
+def write(sequences: list[Sequence], folder: Path) -> Report:
+    """No options."""
+    report = Report({"flow, normals, masks, boxes, causes, objects": "the format has no place for them"})
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
             at = folder / name
             at.mkdir()
-            _write_events(at, camera, e2vid, sequence, report)
+            _write_events(at, camera, sequence, report)
             _write_frames(at, sequence, camera, report)
             _write_poses(at, camera)
             _write_imu(at, sequence, report)
-            if depth and camera.has_truth and "depth" in camera.truth.layers:
+            if camera.has_truth and "depth" in camera.truth.layers:
                 _write_depth(at, camera)
                 report.count(sequence.name, depth=len(camera.truth))
     return report
@@ -52,16 +50,15 @@ def _seconds(t_us: int) -> str:
     return f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}"
 
 
-def _write_events(folder: Path, camera: Camera, e2vid: bool, sequence: Sequence, report: Report) -> None:
+def _write_events(folder: Path, camera: Camera, sequence: Sequence, report: Report) -> None:
     with camera.event_file() as events:
         with (folder / "events.txt").open("w") as file:
             for block in events.blocks(BLOCK):
                 rows = zip(*(block[c].tolist() for c in "txyp"), strict=True)
                 file.writelines(f"{_seconds(t)} {x} {y} {p}\n" for t, x, y, p in rows)
-        if e2vid:
-            with event_io.EventWriter(folder / "e2vid.txt", camera.width, camera.height, "e2vid") as writer:
-                for block in events.blocks(BLOCK):
-                    writer.write(block)
+        with event_io.EventWriter(folder / "e2vid.txt", camera.width, camera.height, "e2vid") as writer:
+            for block in events.blocks(BLOCK):
+                writer.write(block)
         report.count(sequence.name, events=len(events))
 
 

@@ -19,16 +19,14 @@ from typing import Any
 import numpy as np
 
 from ..files import read_picture
-from ..sequence import Camera, Frame, Sequence
+from ..sequence import Camera, Frame, Sequence, frames_of
 from ._files import grey, hdf5, put, put_events
-from ._frames import NO_FRAMES, event_cameras, frames_of
-from ._report import Report
+from ._shared import NO_FRAMES, Report, event_cameras
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
-    report = Report()
-    report.leave_out("depth, masks, boxes, poses, IMU, causes, objects", "the format has no place for them")
+    report = Report({"depth, masks, boxes, poses, IMU, causes, objects": "the format has no place for them"})
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
             with hdf5(folder / sequence.split / f"{name}.h5") as file:

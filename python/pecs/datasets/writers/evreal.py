@@ -17,16 +17,14 @@ import numpy as np
 
 from ..._files import write_json
 from ..files import npy_bytes, read_picture
-from ..sequence import Camera, Sequence
+from ..sequence import Camera, Sequence, frames_of
 from ._files import grey, save_events
-from ._frames import NO_FRAMES, event_cameras, frames_of
-from ._report import Report
+from ._shared import NO_FRAMES, Report, event_cameras
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
-    report = Report()
-    report.leave_out("truth, poses, IMU, causes, objects", "EVREAL compares pictures alone")
+    report = Report({"truth, poses, IMU, causes, objects": "EVREAL compares pictures alone"})
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
             _write_camera(folder / name, sequence, camera, report)

@@ -28,17 +28,19 @@ from ..._errors import PecsInputError
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from . import dsec
-from ._files import grey, hdf5, put, put_events, stack
-from ._report import Report
+from ._files import event_columns, grey, hdf5, put, put_events, stack
+from ._shared import Report
+
+_LEFT_OUT = {
+    "flow, normals, masks, boxes, object poses": "no place for them",
+    "causes and objects of events": "no place for them",
+    "LiDAR": "M3ED's own come from its LiDAR and networks",
+}
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
-    report = Report()
-    for what in ("flow, normals, masks, boxes, object poses", "causes and objects of events", "LiDAR"):
-        report.leave_out(
-            what, "M3ED's own come from its LiDAR and networks" if what == "LiDAR" else "no place for them"
-        )
+    report = Report(_LEFT_OUT)
     for sequence in sequences:
         cameras = dsec.roles(sequence)
         at = folder / sequence.split / sequence.name
@@ -54,9 +56,7 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
 
 def _put_events(file: Any, group: str, camera: Camera, left: Camera, sequence: Sequence, report: Report) -> None:
     with camera.event_file() as events:
-        columns = {f"{group}/{c}": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
-        columns |= {f"{group}/t": ("<i8", lambda e: e["t"]), f"{group}/p": ("i1", lambda e: e["p"])}
-        put_events(file, events, columns)
+        put_events(file, events, event_columns(group, p="i1"))
         put(file, f"{group}/ms_map_idx", events.ms_to_idx(sequence.duration_us))
         report.count(sequence.name, events=len(events))
     _put_calibration(file, group, camera, left)
@@ -96,7 +96,7 @@ def _put_pictures(file: Any, cameras: dict[str, Camera], sequence: Sequence, rep
             put(file, "ovc/ts_map_prophesee_left_t", _first_events(cameras["cam0"], times))
             report.count(sequence.name, pictures=len(frames))
         elif not np.array_equal(times, file["ovc/ts"][:]):
-            raise PecsInputError(f"{sequence.folder}: got left and right pictures at other times, wanted the same")
+            raise PecsInputError(f"{sequence.folder}: {dsec.UNEQUAL_TIMES}")
 
 
 def _first_events(camera: Camera, times_us: NDArray[Any]) -> NDArray[np.uint64]:

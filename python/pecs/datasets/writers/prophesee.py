@@ -25,10 +25,10 @@ from ..._errors import UsageError
 from ..._files import write_json
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
-from ._files import BLOCK, hdf5, put, put_events
-from ._frames import event_cameras
-from ._labels import boxes, class_numbers
-from ._report import Report
+from ._files import BLOCK, event_columns, hdf5, put, put_events
+from ._shared import Report, boxes, class_numbers, event_cameras
+
+_LEFT_OUT = ("pictures, depth, flow, masks, poses, IMU", "causes and objects of events")
 
 BBOX_DTYPE = np.dtype(
     {
@@ -54,9 +54,7 @@ def write(sequences: list[Sequence], folder: Path, generation: str = "gen4", eve
             f"prophesee: got generation {generation!r}, events {events!r}; "
             "wanted 'gen1' or 'gen4'; 'h5', 'dat' or 'both'"
         )
-    report = Report()
-    for what in ("pictures, depth, flow, masks, poses, IMU", "causes and objects of events"):
-        report.leave_out(what, "the format has no place for them")
+    report = Report(dict.fromkeys(_LEFT_OUT, "the format has no place for them"))
     numbers = class_numbers(sequences, CLASSES[generation])
     report.more |= {"classes": numbers, "rvt": {"gen1": {"boxes": 0}, "gen4": {"boxes": 0}}}
     write_json(folder / "classes.json", numbers)
@@ -82,9 +80,7 @@ def _write_events(at: Path, camera: Camera, generation: str, kinds: str) -> int:
         if kinds in ("h5", "both"):
             suffix = "_td.h5" if generation == "gen4" else "_td.dat.h5"
             with hdf5(at.with_name(at.name + suffix)) as file:
-                columns = {f"events/{c}": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
-                columns |= {"events/t": ("<i8", lambda e: e["t"]), "events/p": ("u1", lambda e: e["p"])}
-                put_events(file, events, columns)
+                put_events(file, events, event_columns("events"))
                 put(file, "events/height", np.int64(camera.height))
                 put(file, "events/width", np.int64(camera.width))
         if kinds in ("dat", "both"):

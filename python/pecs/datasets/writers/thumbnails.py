@@ -17,7 +17,7 @@ from ..files import read_picture
 from ..sequence import Camera, Sequence
 from ._files import write_png
 from ._pictures import depth_picture, event_picture, smaller
-from ._report import Report
+from ._shared import Report
 
 _WINDOW_US = 10_000
 _STRIP = 10

@@ -25,10 +25,9 @@ import numpy as np
 
 from ..._errors import UsageError
 from ..files import npy_bytes
-from ..sequence import Camera, Sequence
+from ..sequence import Camera, Sequence, frames_of
 from ._files import add_to_tar
-from ._frames import frames_of
-from ._report import Report
+from ._shared import Report
 
 Sample = dict[str, bytes]  # extension -> content, in the order of the tar
 
@@ -37,8 +36,7 @@ def write(sequences: list[Sequence], folder: Path, samples_per_shard: int = 256)
     """samples_per_shard: the last shard of a split may have fewer."""
     if samples_per_shard < 1:
         raise UsageError(f"webdataset: samples_per_shard: got {samples_per_shard}, wanted 1 or more")
-    report = Report()
-    report.leave_out("IMU, poses between the samples, normals", "a sample is one interval")
+    report = Report({"IMU, poses between the samples, normals": "a sample is one interval"})
     for split in sorted({s.split for s in sequences}):
         samples = _samples([s for s in sequences if s.split == split], report)
         for shard in count():

@@ -1,6 +1,6 @@
-"""Where a picture of the lab's turning disk has its edges: position and width of each, on circles about the middle."""
+"""The lab's turning disk in a picture, and where the picture has its edges."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,22 +13,50 @@ RADII = np.linspace(0.35, 0.9, 20)  # of the rim
 
 @dataclass(frozen=True)
 class Disk:
-    """In pixels, the first one's centre at (0.5, 0.5); angles counter-clockwise on screen from the right."""
+    """Equal black and white sectors. In pixels, the first one's centre at (0.5, 0.5); angles at time 0, on screen from
+    the right, counter-clockwise."""
 
     centre_px: tuple[float, float]
-    radius_px: float
-    speed_deg_s: float
-    on_edge_deg: float  # of a white sector's leading edge at time 0
-    sectors: int
+    radius_px: float  # rim
+    speed_deg_s: float  # positive: counter-clockwise
+    on_edge_deg: float  # a white sector's leading edge; the next one follows after period_deg
+    sectors: int = 4  # black and white ones together
+    off_edge_deg: float | None = None  # of a black sector, where it was measured
+
+    @property
+    def off_deg(self) -> float:
+        return self.on_edge_deg + 360 / self.sectors if self.off_edge_deg is None else self.off_edge_deg
+
+    @property
+    def period_deg(self) -> float:
+        return 720 / self.sectors
+
+    @property
+    def detected(self) -> dict:
+        """As `pecs align detect --json` prints it."""
+        values = {"centre_x": self.centre_px[0], "centre_y": self.centre_px[1], "speed_deg_s": self.speed_deg_s}
+        values |= {"on_edge_deg": self.on_edge_deg, "off_edge_deg": self.off_deg}
+        rim = {"axis_a_px": 2 * self.radius_px, "axis_b_px": 2 * self.radius_px}
+        rest = {"sectors": self.sectors, "phase_time_us": 0, "rim": rim}
+        return {key: {"value": value} for key, value in values.items()} | rest
 
     def coarser(self, factor: int) -> "Disk":
         """On the pixels x, y with x mod factor = y mod factor = factor // 2."""
         x, y = ((c - 0.5 - factor // 2) / factor + 0.5 for c in self.centre_px)
-        return Disk((x, y), self.radius_px / factor, self.speed_deg_s, self.on_edge_deg, self.sectors)
+        return replace(self, centre_px=(x, y), radius_px=self.radius_px / factor)
 
     def moved(self, right_px: float, down_px: float) -> "Disk":
-        centre = self.centre_px[0] + right_px, self.centre_px[1] + down_px
-        return Disk(centre, self.radius_px, self.speed_deg_s, self.on_edge_deg, self.sectors)
+        return replace(self, centre_px=(self.centre_px[0] + right_px, self.centre_px[1] + down_px))
+
+    def polar(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angle in degrees and radius of the centres of pixels."""
+        right, up = x + 0.5 - self.centre_px[0], self.centre_px[1] - (y + 0.5)
+        return np.degrees(np.arctan2(up, right)), np.hypot(right, up)
+
+    def past_deg(self, angle: np.ndarray, t_us: np.ndarray | float, edge_deg: float) -> np.ndarray:
+        """How far an edge is past a pixel, in [0, period_deg)."""
+        ahead = edge_deg + self.speed_deg_s * 1e-6 * t_us - angle
+        return np.mod(ahead * np.sign(self.speed_deg_s), self.period_deg)
 
 
 def edges(picture: np.ndarray, disk: Disk, t_us: float) -> tuple[np.ndarray, np.ndarray]:

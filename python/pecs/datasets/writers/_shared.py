@@ -1,0 +1,96 @@
+"""What the writers share: the report, cameras of events with their pictures, boxes of objects that have a class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..sequence import Camera, Sequence
+
+NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the event camera; see beam-splitter rigs"
+
+
+class Report:
+    """What was written and what was left out. `count` sums numbers per sequence; `leave_out` lists each reason once."""
+
+    def __init__(self, left_out: Mapping[str, str] | None = None) -> None:
+        """left_out: {what: why} of every sequence."""
+        self.sequences: dict[str, dict[str, Any]] = {}
+        self.left_out: dict[tuple[str, str], list[str]] = {key: [] for key in (left_out or {}).items()}
+        self.more: dict[str, Any] = {}
+
+    def count(self, sequence: str, **numbers: int) -> None:
+        counts = self.sequences.setdefault(sequence, {})
+        for key, number in numbers.items():
+            counts[key] = counts.get(key, 0) + int(number)
+
+    def leave_out(self, what: str, why: str, sequence: str) -> None:
+        names = self.left_out.setdefault((what, why), [])
+        if sequence not in names:
+            names.append(sequence)
+
+    def as_dict(self) -> dict[str, Any]:
+        left = [
+            {"what": what, "why": why} | ({"sequences": names} if names else {})
+            for (what, why), names in self.left_out.items()
+        ]
+        return {"sequences": self.sequences, "left_out": left, **self.more}
+
+
+def event_cameras(sequence: Sequence) -> Iterator[tuple[str, Camera]]:
+    """Event cameras with a name for their files: the sequence's, and the camera's where there are several."""
+    cameras = sequence.of_kind("events")
+    for camera in cameras:
+        yield sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}", camera
+
+
+def truth_at(camera: Camera, t_us: float) -> int | None:
+    """Index of the truth's instant within 1 us of a time."""
+    if not camera.has_truth:
+        return None
+    times = camera.truth.times_us
+    i = int(np.abs(times - t_us).argmin())
+    return i if abs(times[i] - t_us) <= 1 else None
+
+
+@dataclass(frozen=True)
+class Box:
+    """In px, edges of pixels; `track` is the object's id, `name` its class."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    name: str
+    track: int
+    visible_px: int
+    occluded: float
+    truncated: float
+    amodal: tuple[float, float, float, float]  # x, y, w, h
+
+
+def boxes(camera: Camera, i: int) -> Iterator[Box]:
+    """Visible objects with a class at an instant of the truth."""
+    truth = camera.truth
+    for row in truth.boxes(i):
+        if row["class_id"] == 0 or not row["visible_px"]:
+            continue
+        x0, y0, x1, y1 = (float(row[k]) for k in ("x0", "y0", "x1", "y1"))
+        a0, b0, a1, b1 = (float(row["amodal_" + k]) for k in ("x0", "y0", "x1", "y1"))
+        yield Box(
+            *(x0, y0, x1 - x0, y1 - y0),
+            truth.classes[int(row["class_id"])],
+            int(row["id"]),
+            *(int(row["visible_px"]), float(row["occluded"]), float(row["truncated"])),
+            (a0, b0, a1 - a0, b1 - b0),
+        )
+
+
+def class_numbers(sequences: Iterable[Sequence], known: tuple[str, ...] = (), first: int = 0) -> dict[str, int]:
+    """{class: number} for a whole set: names in `known` by their place there, others after them by name."""
+    cameras = [camera for sequence in sequences for camera in sequence.cameras.values() if camera.has_boxes]
+    names = {name for camera in cameras for name in camera.truth.classes.values()}
+    return {name: first + i for i, name in enumerate([*known, *sorted(names - set(known))])}
