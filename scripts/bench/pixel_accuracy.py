@@ -8,14 +8,13 @@ the smooth and the sharp part of the disk, recall, precision, bias, and whether 
 
 import argparse
 import json
-import subprocess
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pecs
 from pecs_lab import scenes
-from pecs_lab.peers import build_esim
+from pecs_lab.peers import build_esim, run_esim
 
 THRESHOLD = 0.2
 GROUP_US = 1e8  # longer than any sequence: keeps pixels and polarities apart on one axis
@@ -76,15 +75,11 @@ def score(events: np.ndarray, true: np.ndarray, smooth: np.ndarray, frame_us: fl
 
 def esim(checkout: Path, frames: np.ndarray, t_us: np.ndarray) -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
-        driver, raw, out = (Path(folder) / name for name in ("esim", "frames.f32", "out.f64"))
+        driver = Path(folder) / "esim"
         build_esim(checkout, driver)
-        frames.tofile(raw)
-        count, height, width = frames.shape
-        step_s = (t_us[1] - t_us[0]) * 1e-6
-        numbers = (width, height, count, step_s, THRESHOLD, THRESHOLD, 0, 1e-9)
-        subprocess.run([driver, raw, *map(str, numbers), out], check=True, capture_output=True)
-        x, y, t_s, p = np.fromfile(out).reshape(-1, 4).T
-    return np.column_stack([y * width + x, t_s * 1e6, p > 0])
+        rows, _ = run_esim(driver, frames, (t_us[1] - t_us[0]) * 1e-6, (THRESHOLD, THRESHOLD), 0, 1e-9)
+    t, x, y, p = rows.T
+    return np.column_stack([y * frames.shape[2] + x, t, p])
 
 
 def measure(count: int, fps: float, size: tuple[int, int], peer: Path | None = None) -> dict:

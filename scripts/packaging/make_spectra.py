@@ -27,67 +27,40 @@ ILLUMINANTS = {
 }
 
 
-def write(name: str, about: str, columns: str, rows) -> None:
+def write(name: str, about: str, rows, columns: str = "value") -> None:
     path = FOLDER / f"{name}.csv"
     path.parent.mkdir(exist_ok=True)
-    lines = [f"# {about}, {AS_TABULATED}", columns] + [",".join(f"{v:.6g}" for v in row) for row in rows]
-    path.write_text("\n".join(lines) + "\n")
+    lines = [f"# {about}, {AS_TABULATED}", f"wavelength_nm,{columns}"]
+    path.write_text("\n".join([*lines, *(",".join(f"{v:.6g}" for v in row) for row in rows)]) + "\n")
 
 
-def rows(distribution, step_nm=None):
+def rows(distribution, step_nm=None, visible=False):
+    """visible: only 380 to 780 nm."""
     values = distribution.values if distribution.values.ndim > 1 else distribution.values[:, None]
-    return [
-        (nm, *v) for nm, v in zip(distribution.wavelengths, values, strict=True) if not step_nm or nm % step_nm == 0
-    ]
+    every = [(nm, *v) for nm, v in zip(distribution.wavelengths, values, strict=True)]
+    kept = [row for row in every if not step_nm or row[0] % step_nm == 0]
+    return [row for row in kept if not visible or 380 <= row[0] <= 780]
 
 
 def main() -> None:
     for name, (key, about) in ILLUMINANTS.items():
-        write(
-            name,
-            f"{about}: relative spectral power, {CIE_15}",
-            "wavelength_nm,value",
-            rows(colour.SDS_ILLUMINANTS[key], 5),
-        )
-    photopic = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
-    write(
-        "photopic",
-        "CIE 1924 photopic luminous efficiency V(lambda), CIE 018:2019",
-        "wavelength_nm,value",
-        [row for row in rows(photopic, 5) if 380 <= row[0] <= 780],
-    )
+        write(name, f"{about}: relative spectral power, {CIE_15}", rows(colour.SDS_ILLUMINANTS[key], 5))
+    photopic = rows(colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"], 5, visible=True)
+    write("photopic", "CIE 1924 photopic luminous efficiency V(lambda), CIE 018:2019", photopic)
     for patch, distribution in colour.SDS_COLOURCHECKERS["ISO 17321-1"].items():
-        write(
-            f"colorchecker/{patch.split('(')[0].strip().replace(' ', '_').replace('.', 'p')}",
-            f"ColorChecker Classic, patch '{patch}': reflectance, ISO 17321-1:2012 Table D.1",
-            "wavelength_nm,value",
-            rows(distribution),
-        )
-    write(
-        "basis/srgb",
+        name = patch.split("(")[0].strip().replace(" ", "_").replace(".", "p")
+        about = f"ColorChecker Classic, patch '{patch}': reflectance, ISO 17321-1:2012 Table D.1"
+        write(f"colorchecker/{name}", about, rows(distribution))
+    about = (
         "Reflectances of the sRGB primaries: Mallett & Yuksel, Spectral Primary Decomposition for Rendering with sRGB "
-        "Reflectance, EGSR 2019",
-        "wavelength_nm,red,green,blue",
-        rows(colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019),
     )
-    write(
-        "basis/daylight",
-        f"Daylight components S0, S1, S2, {CIE_15}",
-        "wavelength_nm,s0,s1,s2",
-        daylight_rows(),
-    )
-    cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    write(
-        "basis/cie1931",
-        "CIE 1931 2 degree colour matching functions, CIE 018:2019",
-        "wavelength_nm,x,y,z",
-        [row for row in rows(cmfs, 5) if 380 <= row[0] <= 780],
-    )
-
-
-def daylight_rows():
+    about += "Reflectance, EGSR 2019"
+    write("basis/srgb", about, rows(colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019), "red,green,blue")
     parts = [colour.colorimetry.SDS_BASIS_FUNCTIONS_CIE_ILLUMINANT_D_SERIES[key] for key in ("S0", "S1", "S2")]
-    return [(nm, *(part[nm] for part in parts)) for nm in parts[0].wavelengths]
+    daylight = [(nm, *(part[nm] for part in parts)) for nm in parts[0].wavelengths]
+    write("basis/daylight", f"Daylight components S0, S1, S2, {CIE_15}", daylight, "s0,s1,s2")
+    cmfs = rows(colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"], 5, visible=True)
+    write("basis/cie1931", "CIE 1931 2 degree colour matching functions, CIE 018:2019", cmfs, "x,y,z")
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def spectrum(info, chip, path):
     weights = np.array([band["weight_nm"] for band in bands])
     axes.bar([b["lambda_nm"] for b in bands], weights / weights.max(), 5, color=GREY, alpha=0.6, label="6 bands")
     axes.set(xlim=(380, 1000), ylim=(0, 1.35), xlabel="wavelength (nm)", ylabel="relative to its greatest")
-    axes.legend(frameon=False, loc="upper right", fontsize=8, ncols=3)
+    axes.legend(loc="upper right", ncols=3)
     save(fig, path)
 
 
@@ -88,6 +88,15 @@ def reference_steps(v, on, off):
     return events, np.array(line)
 
 
+def mark(axes, x, y, events, down_to=None):
+    """Events on a curve; with lines down to a value."""
+    for polarity, colour, name in ((True, ON, "ON event"), (False, OFF, "OFF event")):
+        at = [i for i, p in events if p == polarity]
+        axes.plot(x[at], y[at], "^" if polarity else "v", color=colour, ms=6, label=name)
+        if down_to is not None:
+            axes.vlines(x[at], down_to, y[at], color=colour, lw=0.7)
+
+
 def light_to_events(stack, chip, folder):
     t_us = np.arange(*WINDOW_US, STEP_US)
     x, y = PIXEL
@@ -102,7 +111,7 @@ def light_to_events(stack, chip, folder):
     for voltage, lux, colour in zip(voltages, LUX, (OFF, "#e67e22"), strict=True):
         axes.plot(ms, voltage - base, color=colour, label=f"photoreceptor, {lux:,} lx")
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
-    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=3)
+    axes.legend(loc="upper center", ncols=3)
     save(fig, folder / "photoreceptor.svg")
 
     v = voltages[0] - base
@@ -110,11 +119,9 @@ def light_to_events(stack, chip, folder):
     fig, axes = figure()
     axes.plot(ms, v, color=INK, label="photoreceptor V")
     axes.step(ms, reference, color=GREY, lw=1, where="post", label="reference")
-    for polarity, colour, name in ((True, ON, "ON event"), (False, OFF, "OFF event")):
-        at = [i for i, p in events if p == polarity]
-        axes.plot(ms[at], v[at], "^" if polarity else "v", color=colour, ms=6, label=name)
+    mark(axes, ms, v, events)
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
-    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=4)
+    axes.legend(loc="upper center", ncols=4)
     save(fig, folder / "threshold.svg")
 
 
@@ -151,12 +158,9 @@ def curve_between_frames(folder):
     fig, axes = figure()
     axes.plot(fine, curve, color=INK, label="light between the frames")
     axes.plot(frames_ms, values, "s", color=GREY, label="frames")
-    for polarity, colour, name in ((True, ON, "ON event"), (False, OFF, "OFF event")):
-        at = [i for i, p in events if p == polarity]
-        axes.plot(fine[at], curve[at], "^" if polarity else "v", color=colour, ms=7, label=name)
-        axes.vlines(fine[at], -0.1, curve[at], color=colour, lw=0.7)
+    mark(axes, fine, curve, events, down_to=-0.1)
     axes.set(xlabel="time (ms)", ylabel="ln(photocurrent)", ylim=(-0.1, 1.35))
-    axes.legend(frameon=False, fontsize=8, ncols=4, loc="upper center")
+    axes.legend(ncols=4, loc="upper center")
     save(fig, folder / "between_frames.svg")
 
 
@@ -197,7 +201,7 @@ def bands(ablation, folder):
     axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)")
     axes.set_xticks([1, 3, 6, 12, 31], labels=["1", "3", "6", "12", "31"])
     axes.minorticks_off()
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend()
     save(fig, folder / "bands.svg")
 
 

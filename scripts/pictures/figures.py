@@ -9,7 +9,9 @@ import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[2]
 ON, OFF, INK, GREY = "#c0392b", "#2471a3", "#1b1f24", "#8a9199"
-plt.rcParams.update({"font.size": 9, "svg.hashsalt": "pecs", "svg.fonttype": "path"})
+plt.rcParams.update(
+    {"font.size": 9, "legend.frameon": False, "legend.fontsize": 8, "svg.hashsalt": "pecs", "svg.fonttype": "path"}
+)
 
 
 def figure(width=7.0, height=2.6):

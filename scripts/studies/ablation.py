@@ -19,6 +19,7 @@ import numpy as np
 import pecs
 from pecs_blender.render.spectra import load
 from pecs_lab.measure import by_pixel
+from pecs_lab.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)
@@ -169,19 +170,12 @@ def page(result) -> str:
         return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
 
     keys = ("log_rms_percent", "events", "chamfer", "gaussian", "paired_percent", "delay_us_median", "delay_us_p95")
-    head = "| " + " | ".join(keys) + " |\n"
-    lines = [
-        "# Wavelengths and light: events against 61 bands\n",
-        "| scene | placement | N " + head,
-        "|---" * 10 + "|\n",
-    ]
-    for row in result["bands"]:
-        cells = [row["scene"], row["placement"], str(row["n"])] + [number(row.get(k)) for k in keys]
-        lines.append("| " + " | ".join(cells) + " |\n")
-    lines += ["\n## Light level (Table 3's C, in %)\n", "| C " + head, "|---" * 8 + "|\n"]
-    for row in result["light"]:
-        lines.append("| " + " | ".join([str(row["c"])] + [number(row.get(k)) for k in keys]) + " |\n")
-    return "".join(lines)
+    bands = [[r["scene"], r["placement"], r["n"], *(number(r.get(k)) for k in keys)] for r in result["bands"]]
+    light = [[r["c"], *(number(r.get(k)) for k in keys)] for r in result["light"]]
+    return (
+        f"# Wavelengths and light: events against 61 bands\n{table(('scene', 'placement', 'N', *keys), bands)}\n\n"
+        f"## Light level (Table 3's C, in %)\n{table(('C', *keys), light)}\n"
+    )
 
 
 if __name__ == "__main__":

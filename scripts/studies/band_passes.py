@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs_lab.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
 PASSES, BANDS_PER_PASS = 4, 3
@@ -67,11 +68,11 @@ def main() -> None:
         rows[f"and pass {i} at every one"] = every[:, i] * far[:, 0] / far[:, i]
         rows[f"and pass {i} without noise"] = truth[:, i] * far[:, 0] / far[:, i]
     print(f"{len(between_us)} keyframes between; bands {np.round(lambda_nm)} nm\n")
-    print("| | RMS % | median % | p95 % |\n|---|---|---|---|")
     for name, estimate in rows.items():
         error = 100 * np.abs(np.log(estimate / truth[:, 0]))[:, moving]
         found = (np.sqrt((error**2).mean()), np.median(error), np.percentile(error, 95))
-        print(f"| {name} | " + " | ".join(f"{value:.1f}" for value in found) + " |")
+        rows[name] = [name, *(f"{value:.1f}" for value in found)]
+    print(table(("", "RMS %", "median %", "p95 %"), rows.values()))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 import pecs
 from pecs_lab import lab_views
 from pecs_lab.disk import Disk
+from pecs_lab.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -139,10 +140,9 @@ def main() -> None:
     rows["black sectors 3 times as bright"] = measured(real, recordings([7], black=3 * lab_views.BLACK)[0], disk)
     rows["a third of the light"] = measured(real, recordings([7], white_a=WHITE_A / 3)[0], disk)
 
-    print("| | " + " | ".join(MEASURES) + " |\n" + "|---" * (len(MEASURES) + 1) + "|")
-    for name, values in rows.items():
-        print(f"| {name} | " + " | ".join(f"{v:.3g}" for v in values) + " |")
-    print("| (standard deviation by chance) | " + " | ".join(f"{v:.1g}" for v in chance.std(axis=0, ddof=1)) + " |")
+    shown = [[name, *(f"{v:.3g}" for v in values)] for name, values in rows.items()]
+    shown.append(["(standard deviation by chance)", *(f"{v:.1g}" for v in chance.std(axis=0, ddof=1))])
+    print(table(["", *MEASURES], shown))
     if args.picture:
         names = list(rows)[1:]
         away = np.abs(np.array([rows[n] for n in names]) - chance.mean(axis=0)) / chance.std(axis=0, ddof=1)

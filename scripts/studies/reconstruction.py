@@ -36,7 +36,7 @@ from pecs.learning.footage import Footage, read_footage
 from pecs.learning.networks import NetworkConfig
 from pecs.learning.reconstruct import Filter, Network
 from pecs.learning.train import TrainConfig, train
-from pecs_lab import real_disk
+from pecs_lab import real_disk, report
 from pecs_lab.video_scores import picture_scores
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
@@ -251,10 +251,9 @@ def on_disk(work: Work, name: str, seed: int, real: Path) -> dict[str, float]:
 def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tuple[str, str]]) -> str:
     """keys: (tested on, metric), one column each. Mean ± standard deviation over seeds; in brackets the mean of the
     paired differences to ours ± its standard error."""
-    lines = ["| trained on | " + " | ".join(f"{on}: {metric}" for on, metric in keys) + " |"]
-    lines.append("|---|" + "---|" * len(keys))
+    lines = []
     for name, row in results.items():
-        cells = []
+        cells = [name]
         for on, metric in keys:
             values = np.array([r[metric] for r in row[on]])
             ours = np.array([r[metric] for r in results.get(OURS, {}).get(on, [])])
@@ -263,8 +262,8 @@ def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tupl
                 apart = values - ours
                 cell += f" ({apart.mean():+.3f} ± {apart.std(ddof=1) / math.sqrt(len(apart)):.3f})"
             cells.append(cell)
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return report.table(["trained on", *(f"{on}: {metric}" for on, metric in keys)], lines)
 
 
 def picture(work: Work, path: Path, names: list[str], seed: int, real: Path | None, more: Path | None) -> None:

@@ -29,6 +29,7 @@ from pecs.learning.train import TrainConfig, train
 from pecs_lab import real_disk, sequences
 from pecs_lab.disk import RADII, Disk, edges
 from pecs_lab.drawn_disk import Drawn, Turning, sensed, shown
+from pecs_lab.report import table
 
 STUDY = json.loads(Path(__file__).with_name("reconstruction.json").read_text())
 PLAN, DISKS = STUDY["real"], STUDY["disks"]
@@ -156,9 +157,8 @@ def main() -> None:
     out = {"plan": STUDY, "positions": found.rows, "delays_deg": late, "delay_taken_off_px": corrected}
     write_json(args.root / "edges.json", out)
     keys = list(found.rows["the light"])
-    print("| pictures | " + " | ".join(keys) + " |\n|---|" + "---|" * len(keys))
-    for name, row in found.rows.items():
-        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |")
+    rows = [[name, *(f"{value:.2f}" for value in row.values())] for name, row in found.rows.items()]
+    print(table(["pictures", *keys], rows))
     for name, (on, off) in late.items():
         count = len(found.events[name])
         print(f"{name}: {count} events; delays ON {np.round(on, 1)}, OFF {np.round(off, 1)} degrees")

@@ -4,7 +4,7 @@ there is one, else against `pecs`. Stacks come from scripts/tools/sequences.py.
 
     scripts/studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
 
-Writes table1.json, .csv, .html and .tex into the folder. Published numbers stand beside ours in the paper's arithmetic
+Writes table1.json, .csv and .md into the folder. Published numbers stand beside ours in the paper's arithmetic
 and in shared normalisation (docs/reference/metrics.md), with 95 % intervals. On the disk, delays behind the edge too:
 the earth mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
 recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
@@ -13,7 +13,6 @@ recording's pixels at its pixels' centres, in the sensor's coordinates. Default 
 
 import argparse
 import csv
-import html
 import json
 import sys
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 import pecs
 from pecs_lab import sequences
 from pecs_lab.disk import Disk
+from pecs_lab.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 720
@@ -150,16 +150,9 @@ def write(rows: list[dict], folder: Path) -> None:
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in flat for key in row)))
         writer.writeheader()
         writer.writerows(flat)
-    table = [[title for _, title in COLUMNS], *map(cells, rows)]
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in line) + "</tr>\n" for line in table)
-    style = "table{border-collapse:collapse;font:13px sans-serif}td{border:1px solid #ccc;padding:3px 8px}"
-    (folder / "table1.html").write_text(
-        f'<!doctype html><meta charset="utf-8"><title>Table 1</title><style>{style}</style><table>\n{body}</table>\n'
-    )
-    tex = [" & ".join(c.replace("_", "\\_").replace("°", "$^\\circ$") for c in line) + " \\\\" for line in table]
-    columns = "lll" + "r" * (len(COLUMNS) - 3)
-    lines = [f"\\begin{{tabular}}{{{columns}}}", "\\hline", tex[0], "\\hline", *tex[1:], "\\hline", "\\end{tabular}"]
-    (folder / "table1.tex").write_text("\n".join(lines) + "\n")
+    shown = table([title for _, title in COLUMNS], map(cells, rows))
+    (folder / "table1.md").write_text(shown + "\n")
+    print(shown)
 
 
 def main() -> None:
@@ -186,8 +179,6 @@ def main() -> None:
         folder = args.output / name
         rows += rows_of(name, onto_sensor(folder) if args.onto_sensor else folder, real.get(name))
     write(rows, args.output)
-    for row in rows:
-        print(" | ".join(cells(row)))
 
 
 if __name__ == "__main__":

@@ -19,10 +19,14 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from numpy.lib.recfunctions import unstructured_to_structured
 from pecs_lab import scenes
-from pecs_lab.peers import build_esim
+from pecs_lab.measure import by_pixel
+from pecs_lab.peers import build_esim, run_esim
+from pecs_lab.report import table
 
 HERE = Path(__file__).resolve().parent
+EVENTS = np.dtype([("t", "<f8"), ("x", "<i8"), ("y", "<i8"), ("p", "<i8")])
 
 
 @dataclass
@@ -93,10 +97,14 @@ class Peers:
         np.save(folder / "t_us.npy", t_us)
 
     def run(self, case: Case, seed: int = 1) -> tuple[np.ndarray, float]:
-        """Events as rows t [us], x, y, p; seconds."""
+        """Events, times in whole us as ours are (v2e's single-precision seconds scatter about them); seconds."""
+        rows, seconds = (self.esim if case.peer == "esim" else self.other)(case, seed)
+        events = unstructured_to_structured(rows, EVENTS)
+        events["t"] = np.round(events["t"])
+        return events, seconds
+
+    def other(self, case: Case, seed: int) -> tuple[np.ndarray, float]:
         checkout = getattr(self.args, case.peer)
-        if case.peer == "esim":
-            return self.esim(Path(checkout), case.options)
         files = [str(self.folder / n) for n in ("frames.npy", "t_us.npy", "out.npy")]
         command = [
             self.args.peer_python,
@@ -111,35 +119,13 @@ class Peers:
             raise SystemExit(f"{case.peer}: {done.stderr.strip()[-2000:]}")
         return np.load(files[2]), float(done.stdout.split()[-1])
 
-    def esim(self, checkout: Path, options: dict) -> tuple[np.ndarray, float]:
-        driver = self.folder / "esim_driver"
+    def esim(self, case: Case, _seed: int) -> tuple[np.ndarray, float]:
+        driver, options = self.folder / "esim_driver", case.options
         if not driver.exists():
-            build_esim(checkout, driver)
-        raw, out = self.folder / "frames.f32", self.folder / "out.f64"
-        (self.frames.astype(np.float32) / np.float32(255)).tofile(raw)
-        count, height, width = self.frames.shape
-        step_s = (self.t_us[1] - self.t_us[0]) * 1e-6
-        numbers = [width, height, count, step_s, options.get("on", 0.2), options.get("off", 0.2)]
-        done = subprocess.run(
-            [driver, raw, *map(str, numbers), str(options["refractory_s"]), "0.001", out],
-            check=True, capture_output=True, text=True,
-        )  # fmt: skip
-        x, y, t, p = np.fromfile(out).reshape(-1, 4).T
-        return np.stack([t * 1e6, x, y, p > 0], axis=1), float(done.stdout)
-
-
-def in_whole_us(run: tuple[np.ndarray, float]) -> tuple[np.ndarray, float]:
-    """As ours are: v2e's single-precision seconds fall to both sides of a bin's edge at 1000 us."""
-    events, seconds = run
-    events[:, 0] = np.round(events[:, 0])
-    return events, seconds
-
-
-def by_pixel(events: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Keys (pixel, polarity) and times, by key and time."""
-    key = ((events[:, 2] * width + events[:, 1]) * 2 + events[:, 3]).astype(np.int64)
-    order = np.lexsort((events[:, 0], key))
-    return key[order], events[order, 0]
+            build_esim(Path(self.args.esim), driver)
+        thresholds = options.get("on", 0.2), options.get("off", 0.2)
+        frames, step_s = self.frames.astype(np.float32) / np.float32(255), (self.t_us[1] - self.t_us[0]) * 1e-6
+        return run_esim(driver, frames, step_s, thresholds, options["refractory_s"], 0.001)
 
 
 def matched(ours: np.ndarray, theirs: np.ndarray, width: int, tolerance_us: float) -> float:
@@ -171,9 +157,24 @@ def interval_overlap(ours: np.ndarray, theirs: np.ndarray, width: int) -> float:
 def phase_overlap(ours: np.ndarray, theirs: np.ndarray, step_us: float) -> float:
     """The same of the delays behind the last frame, 100 bins."""
     histograms = [
-        np.histogram(np.mod(e[:, 0] - 1e-3, step_us), 100, (0, step_us))[0] / max(len(e), 1) for e in (ours, theirs)
+        np.histogram(np.mod(e["t"] - 1e-3, step_us), 100, (0, step_us))[0] / max(len(e), 1) for e in (ours, theirs)
     ]
     return float(np.minimum(*histograms).sum())
+
+
+HEAD = ("model", "setting", "events of the peer", "ours/peer", "ON", "OFF", "same within 1 µs", "intervals", "delays")
+
+
+def cells(row: dict) -> list[str]:
+    again = row.get("peer_again")
+
+    def beside(key: str, digits: int) -> str:
+        return f"{row[key]:.{digits}f}" + (f" ({again[key]:.{digits}f})" if again else "")
+
+    counts = [row["model"], row["setting"], f"{row['peer_events']:,}", beside("events_ratio", 4)]
+    same = "random" if again else f"{100 * row['matched_1us']:.3f} %"
+    overlaps = beside("interval_overlap", 3), beside("phase_overlap", 3)
+    return [*counts, f"{row['on_ratio']:.4f}", f"{row['off_ratio']:.4f}", same, *overlaps]
 
 
 def main() -> None:
@@ -195,49 +196,35 @@ def main() -> None:
         for case in CASES:
             if not getattr(args, case.peer):
                 continue
-            theirs, seconds = in_whole_us(peers.run(case))
-            e = pecs.simulate(frames, t_us, chip="ideal", model=case.peer, encoding="linear", **case.model)
-            ours = np.stack([e["t"], e["x"], e["y"], e["p"]], axis=1).astype(np.float64)
+            theirs, seconds = peers.run(case)
+            ours = pecs.simulate(frames, t_us, chip="ideal", model=case.peer, encoding="linear", **case.model)
             later = t_us[1] if case.peer == "esim" else 0  # esim's first interval is wrong (docs/reference/models.md)
             row = {
                 "model": case.peer,
                 "setting": case.name,
                 "peer_events": len(theirs),
                 "events_ratio": len(ours) / len(theirs),
-                "on_ratio": float((ours[:, 3] > 0).sum() / (theirs[:, 3] > 0).sum()),
-                "off_ratio": float((ours[:, 3] == 0).sum() / (theirs[:, 3] == 0).sum()),
+                "on_ratio": float((ours["p"] > 0).sum() / (theirs["p"] > 0).sum()),
+                "off_ratio": float((ours["p"] == 0).sum() / (theirs["p"] == 0).sum()),
                 "interval_overlap": interval_overlap(ours, theirs, width),
                 "phase_overlap": phase_overlap(ours, theirs, t_us[1]),
                 "peer_seconds": seconds,
             }
             if not case.deterministic:
-                again = in_whole_us(peers.run(case, seed=2))[0]
+                again, _ = peers.run(case, seed=2)
                 row["peer_again"] = {
                     "events_ratio": len(again) / len(theirs),
                     "interval_overlap": interval_overlap(again, theirs, width),
                     "phase_overlap": phase_overlap(again, theirs, t_us[1]),
                 }
             else:
-                a, b = ours[ours[:, 0] > later], theirs[theirs[:, 0] > later]
+                a, b = ours[ours["t"] > later], theirs[theirs["t"] > later]
                 row["matched_1us"] = matched(a, b, width, 1.01)
             rows.append(row)
             print(json.dumps(row), file=sys.stderr)
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
-    print("| model | setting | events of the peer | ours/peer | ON | OFF | same within 1 µs | intervals | delays |")
-    print("|---|---|---|---|---|---|---|---|---|")
-    for r in rows:
-        self = r.get("peer_again")
-        same = f"{100 * r['matched_1us']:.3f} %" if not self else "random"
-
-        def beside(key: str, digits: int, self: dict | None = self, r: dict = r) -> str:
-            return f"{r[key]:.{digits}f}" + (f" ({self[key]:.{digits}f})" if self else "")
-
-        print(
-            f"| {r['model']} | {r['setting']} | {r['peer_events']:,} | {beside('events_ratio', 4)} | "
-            f"{r['on_ratio']:.4f} | {r['off_ratio']:.4f} | {same} | "
-            f"{beside('interval_overlap', 3)} | {beside('phase_overlap', 3)} |"
-        )
+    print(table(HEAD, map(cells, rows)))
 
 
 if __name__ == "__main__":
