@@ -51,206 +51,123 @@ def _parser() -> argparse.ArgumentParser:
         examples=["pecs_blender render FILE.blend -o out/stack", "pecs_blender run FILE.blend -o events.raw"],
     )
     commands = parser.add_commands()
-    _add_render(commands)
-    _add_run(commands)
-    _add_survey(commands)
-    _add_light(commands)
-    bands = commands.add_parser(
-        "bands",
-        help="list wavelengths to render for a chip, and their weights",
-        description="Lists wavelengths to render for a chip, and their weights.",
-        examples=["pecs_blender bands -n 6", "pecs_blender bands --chip davis346 --max-wavelength 700nm"],
-    )
-    for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
-        add_argument(bands, name, *(["-n"] if name == "bands" else []))
-    bands.add_argument("--json", action="store_true", help="machine-readable output")
-    _add_reconstruct(commands)
-    merge = commands.add_parser(
-        "merge",
-        help="join shards of a stack",
-        description="Joins stacks that differ only in their instants into the stack that one run would have written.",
-        examples=["pecs_blender merge out/part_0 out/part_1 -o out/stack"],
-    )
-    merge.add_argument("shards", type=Path, nargs="+", help="folders of stacks")
-    merge.add_argument("-o", "--output", type=Path, required=True, help="folder of the joined stack")
+    for name, (_, add_options, text, description, *examples) in COMMANDS.items():
+        add_options(commands.add_parser(name, help=text, description=description, examples=examples))
     return parser
 
 
-def _add_render(commands) -> None:
-    command = commands.add_parser(
-        "render",
-        help="render a scene into an EXR stack",
-        description="Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). To "
-        "continue a stopped job, run it again. The .blend is never written.",
-        examples=[
-            "pecs_blender render FILE.blend -o out/stack --frames all --fps 1kHz --lens pecs_lab_15mm --focus 0.5m",
-            "pecs_blender render scenes/rotating_disk -o out/stack --frames period --width 320 --plan",
-            "pecs_blender render FILE.blend -o out/stack --time adaptive --layers depth,objects",
-        ],
-    )
+def _render_options(command) -> None:
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
     add("--plan", action="store_true", help="print the number of instants, time and disk space, and render nothing")
-    _add_job(command)
+    _job_options(command)
 
 
-def _add_run(commands) -> None:
-    command = commands.add_parser(
-        "run",
-        help="render a scene and simulate its events",
-        description="Renders a .blend file or a scene folder like `render`, and passes the stack to `pecs sense`. "
-        "To continue a stopped job, run it again.",
-        examples=[
-            "pecs run FILE.blend -o events.raw --frames all --width 346 --chip davis346",
-            "pecs run FILE.blend -o events.raw --lux 500lx --sense --seed 2 --no-noise",
-        ],
-    )
+def _run_options(command) -> None:
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
-    add(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        metavar="EVENTS",
-        help="event file; the extension selects the format",
-    )
+    text = "event file; the extension selects the format"
+    add("-o", "--output", type=Path, required=True, metavar="EVENTS", help=text)
     add("--stack", type=Path, help="folder of the stack, which is kept; by default EVENTS with the extension .stack")
-    _add_job(command)
-    add(
-        "--sense",
-        nargs=argparse.REMAINDER,
-        default=[],
-        metavar="…",
-        help="options that follow are passed to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise",
-    )
+    _job_options(command)
+    text = "options that follow are passed to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise"
+    add("--sense", nargs=argparse.REMAINDER, default=[], metavar="…", help=text)
     command.set_defaults(time="adaptive")
 
 
-def _add_job(command) -> None:
+def _job_options(command) -> None:
     add_arguments(command)
-    _add_scene(command)
+    _scene_options(command)
     exists = command.add_mutually_exclusive_group()
     add = exists.add_argument
     add("--overwrite", action="store_true", help="remove an existing stack instead of continuing it")
     add("--new-version", action="store_true", help="if a different stack exists, write STACK_002, STACK_003, …")
 
 
-def _add_scene(command) -> None:
+def _scene_options(command) -> None:
     add = command.add_argument
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="set a parameter of the scene folder; @FILE sets those of an aligned.json",
-    )
+    text = "set a parameter of the scene folder; @FILE sets those of an aligned.json"
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
     add("--place", type=Path, metavar="FILE", help="JSON file of objects from other .blend files to add to the scene")
     add("--scene-name", help="scene of the .blend; by default the active one")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
 
 
-def _add_survey(commands) -> None:
-    command = commands.add_parser(
-        "survey",
-        help="sample points on the surfaces of a scene",
-        description="Writes points on all surfaces of a scene, at several instants, into an .npz file "
-        "(docs/reference/render.md), for planning a camera trajectory outside Blender.",
-        examples=["pecs_blender survey FILE.blend -o points.npz --fps 10 --spacing 5cm"],
-    )
+def _survey_options(command) -> None:
     add = command.add_argument
     add("scene", type=Path, help="FILE.blend, or a scene folder")
     add("-o", "--output", type=Path, required=True, metavar="FILE.npz", help="file of the points")
     add("--frames", help=f"{RULES['frames'].help}; by default the period or the range")
     add("--fps", type=Quantity("Hz", above=0, below=1e9), default=10.0, help="instants per second")
-    add(
-        "--spacing",
-        dest="spacing_m",
-        type=Quantity("m", above=0, below=1e9),
-        help="distance of neighbouring points; by default chosen for 200,000 points",
-    )
-    _add_scene(command)
+    text = "distance of neighbouring points; by default chosen for 200,000 points"
+    add("--spacing", dest="spacing_m", type=Quantity("m", above=0, below=1e9), help=text)
+    _scene_options(command)
 
 
-def _add_reconstruct(commands) -> None:
-    command = commands.add_parser(
-        "reconstruct",
-        help="reconstruct video from an event file with a filter",
-        description="Writes a video reconstructed from events with the filter of `pecs reconstruct` "
-        "(docs/reference/reconstruct.md), which also supports networks.",
-        examples=["pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25"],
-    )
-    add = command.add_argument
+def _light_options(command) -> None:
+    command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
+    command.add_argument("--json", action="store_true", help="machine-readable output")
+    add_arguments(command)
+    _scene_options(command)
+
+
+def _bands_options(command) -> None:
+    for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
+        add_argument(command, name, *(["-n"] if name == "bands" else []))
+    command.add_argument("--json", action="store_true", help="machine-readable output")
+
+
+def _merge_options(command) -> None:
+    command.add_argument("shards", type=Path, nargs="+", help="folders of stacks")
+    command.add_argument("-o", "--output", type=Path, required=True, help="folder of the joined stack")
+
+
+def _reconstruct_options(command) -> None:
+    add, rate = command.add_argument, Quantity("Hz", above=0, below=1e9)
     add("events", type=Path, help="event file of any format")
     add("-o", "--output", type=Path, required=True, metavar="VIDEO.mp4", help="video file")
-    rate = Quantity("Hz", above=0, below=1e9)
     add("--fps", type=rate, default=50.0, help="video frames per second of recorded time")
     add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="frame rate of the video (default: as --fps)")
     add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
 
 
-def _add_light(commands) -> None:
-    command = commands.add_parser(
-        "light",
-        help="measure the light of a scene and its effect on a chip",
-        description="Renders a small picture of the first instant with the scene's own camera, and prints the "
-        "illuminance of the surfaces in view, the photocurrent and the photoreceptor's corner frequency: 5 %, median "
-        "and 95 % over the pixels. Options are those of `render`.",
-        examples=["pecs_blender light FILE.blend", "pecs_blender light FILE.blend --chip davis346 --json"],
-    )
-    command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
-    command.add_argument("--json", action="store_true", help="machine-readable output")
-    add_arguments(command)
-    _add_scene(command)
-
-
 def _render(args: dict) -> Path:
     """The stack's folder."""
-    where, output, cost_only = _where(args), args.pop("output"), args.pop("plan")
-    overwrite, new_version = args.pop("overwrite"), args.pop("new_version")
-    options = Options(**args)
-    if options.lux and where[0] and where[0].suffix != ".blend":
+    options = _options(args)
+    if options.lux and args["scene"] and args["scene"].suffix != ".blend":
         raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
-    source = _source(*where, options.illuminant)
+    source = _source(args, options.illuminant)
     from .render.plan import resolve
     from .render.render import render
 
-    exists = "overwrite" if overwrite else "new" if new_version else "continue"
-    folder = render(source, output, resolve(options, source), exists, cost_only)
-    if folder != output:
+    exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
+    folder = render(source, args["output"], resolve(options, source), exists, args["plan"])
+    if folder != args["output"]:
         report(f"render: into {folder}", folder=str(folder))
     return folder
 
 
 def _run(args: dict) -> None:
-    events, stack, sense = args.pop("output"), args.pop("stack"), args.pop("sense")
+    events, stack, sense = args["output"], args["stack"], args["sense"]
     if args["no_light"] or args["only"]:
         name = "--no-light" if args["no_light"] else "--only"
         message = f"{name} cannot be combined with run, which needs the whole stack; use render, then sense"
         raise UsageError(message)
     pecs = programs.pecs()  # before hours of rendering
-    chip = args["chip"]
     folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
-    words = ["--chip", chip, "--threads", str(args["threads"]), *sense]
+    words = ["--chip", args["chip"], "--threads", str(args["threads"]), *sense]
     if not {"--quiet", "--verbose"} & set(sense):
         words += [f"--{name}" for name in ("quiet", "verbose") if args[name]]
     programs.become([pecs, "sense", str(folder), "-o", str(events), *words])
 
 
-def _where(args: dict) -> tuple:
-    """Arguments of _source."""
-    return tuple(args.pop(key) for key in ("scene", "set", "place", "scene_name", "allow_scripts"))
+def _options(args: dict) -> Options:
+    return Options(**{name: args[name] for name in DEFAULTS})
 
 
-def _source(
-    path: Path | None,
-    overrides: list[str],
-    place: Path | None,
-    scene_name: str | None,
-    allow_scripts: bool,
-    illuminant: str,
-):
+def _source(args: dict, illuminant: str):
+    """The scene of _scene_options."""
     try:
         import bpy
     except ImportError as e:
@@ -259,7 +176,7 @@ def _source(
     from .render.folder import FolderScene
     from .render.placed import Placed
 
-    path = path or Path(bpy.data.filepath)
+    path, overrides = args["scene"] or Path(bpy.data.filepath), args["set"]
     if path == Path():
         raise UsageError("render requires a scene: FILE.blend or a scene folder")
     if path.suffix != ".blend":
@@ -267,8 +184,9 @@ def _source(
     elif overrides:
         raise UsageError(f"--set {overrides[0]}: only scene folders have parameters, not a .blend")
     else:
-        source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
-    source.placed = Placed(place, source.scene, source.unit_m) if place else None
+        lamp = spectrum(illuminant, path.absolute().parent)
+        source = BlendScene(path, args["scene_name"], lamp, args["allow_scripts"])
+    source.placed = Placed(args["place"], source.scene, source.unit_m) if args["place"] else None
     return source
 
 
@@ -276,21 +194,20 @@ def _survey(args: dict) -> None:
     output = args["output"]
     if output.suffix != ".npz":
         raise UsageError(f"-o {output}: the extension must be .npz")
-    source = _source(*_where(args), DEFAULTS["illuminant"])
+    source = _source(args, DEFAULTS["illuminant"])
     from .render.survey import survey
 
     survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
 
 def _light(args: dict) -> None:
-    where, as_json = _where(args), args.pop("json")
-    options = Options(**args)
-    source = _source(*where, options.illuminant)
+    options = _options(args)
+    source = _source(args, options.illuminant)
     from .render.plan import resolve
     from .render.probe import probe
 
     found = probe(source, resolve(options, source))
-    write_out(json.dumps(found) + "\n" if as_json else light_words(found))
+    write_out(json.dumps(found) + "\n" if args["json"] else light_words(found))
 
 
 def _reconstruct(args: dict) -> None:
@@ -316,14 +233,67 @@ def _merge(args: dict) -> None:
     merge(args["shards"], args["output"])
 
 
-COMMANDS = {
-    "render": _render,
-    "run": _run,
-    "survey": _survey,
-    "light": _light,
-    "bands": _bands,
-    "merge": _merge,
-    "reconstruct": _reconstruct,
+COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
+    "render": (
+        _render,
+        _render_options,
+        "render a scene into an EXR stack",
+        "Renders a .blend file or a scene folder into an EXR stack (docs/reference/exr_stack.md). To continue a "
+        "stopped job, run it again. The .blend is never written.",
+        "pecs_blender render FILE.blend -o out/stack --frames all --fps 1kHz --lens pecs_lab_15mm --focus 0.5m",
+        "pecs_blender render scenes/rotating_disk -o out/stack --frames period --width 320 --plan",
+        "pecs_blender render FILE.blend -o out/stack --time adaptive --layers depth,objects",
+    ),
+    "run": (
+        _run,
+        _run_options,
+        "render a scene and simulate its events",
+        "Renders a .blend file or a scene folder like `render`, and passes the stack to `pecs sense`. To continue a "
+        "stopped job, run it again.",
+        "pecs run FILE.blend -o events.raw --frames all --width 346 --chip davis346",
+        "pecs run FILE.blend -o events.raw --lux 500lx --sense --seed 2 --no-noise",
+    ),
+    "survey": (
+        _survey,
+        _survey_options,
+        "sample points on the surfaces of a scene",
+        "Writes points on all surfaces of a scene, at several instants, into an .npz file (docs/reference/render.md), "
+        "for planning a camera trajectory outside Blender.",
+        "pecs_blender survey FILE.blend -o points.npz --fps 10 --spacing 5cm",
+    ),
+    "light": (
+        _light,
+        _light_options,
+        "measure the light of a scene and its effect on a chip",
+        "Renders a small picture of the first instant with the scene's own camera, and prints the illuminance of the "
+        "surfaces in view, the photocurrent and the photoreceptor's corner frequency: 5 %, median and 95 % over the "
+        "pixels. Options are those of `render`.",
+        "pecs_blender light FILE.blend",
+        "pecs_blender light FILE.blend --chip davis346 --json",
+    ),
+    "bands": (
+        _bands,
+        _bands_options,
+        "list wavelengths to render for a chip, and their weights",
+        "Lists wavelengths to render for a chip, and their weights.",
+        "pecs_blender bands -n 6",
+        "pecs_blender bands --chip davis346 --max-wavelength 700nm",
+    ),
+    "reconstruct": (
+        _reconstruct,
+        _reconstruct_options,
+        "reconstruct video from an event file with a filter",
+        "Writes a video reconstructed from events with the filter of `pecs reconstruct` "
+        "(docs/reference/reconstruct.md), which also supports networks.",
+        "pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25",
+    ),
+    "merge": (
+        _merge,
+        _merge_options,
+        "join shards of a stack",
+        "Joins stacks that differ only in their instants into the stack that one run would have written.",
+        "pecs_blender merge out/part_0 out/part_1 -o out/stack",
+    ),
 }
 
 
@@ -336,7 +306,7 @@ def main(argv: list[str]) -> int:
         used, command = dict(args), args.pop("command")
         if command in ("render", "run", "reconstruct"):
             stop.install()
-        COMMANDS[command](args)
+        COMMANDS[command][0](args)
         if used["verbose"]:
             sys.stderr.write(account(command, used, time.monotonic() - begin))
     except SystemExit as e:  # --help

@@ -72,41 +72,30 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
     def _format_usage(self, usage: object, actions: Sequence[argparse.Action], groups: object, prefix: object) -> str:
         """Arguments without the options, which are listed below."""
-        words = ["[options]"]
-        for action in actions:
-            if not action.option_strings:
-                name, many = self._metavar(action), action.nargs in ("*", "+")
-                words.append(f"[{name}]" if action.nargs in ("?", "*") else f"{name} ..." if many else name)
-        return f"usage: {' '.join([self._prog, *words])}\n\n"
+        arguments = [action for action in actions if not action.option_strings]
+        words = [self._format_args(action, action.dest.upper()) for action in arguments]
+        return f"usage: {' '.join([self._prog, '[options]', *words])}\n\n"
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         """Wraps all paragraphs but the examples."""
         parts = text.split("\n\n")
         return "\n\n".join(part if part.startswith("examples:") else textwrap.fill(part, width) for part in parts)
 
-    def _metavar(self, action: argparse.Action) -> str:
-        if isinstance(action, argparse._SubParsersAction):
-            return "COMMAND ..."
-        name = action.metavar or action.dest.upper()
-        return name if isinstance(name, str) else " ".join(name)
+    def _get_default_metavar_for_positional(self, action: argparse.Action) -> str:
+        return action.dest.upper()
+
+    def _get_default_metavar_for_optional(self, action: argparse.Action) -> str:
+        if isinstance(action.type, Quantity):
+            return f"{action.type.kind}[{action.type.unit}]"
+        return {int: "N", float: "NUMBER"}.get(action.type, action.dest.upper())  # type: ignore[arg-type]
 
     def _format_action_invocation(self, action: argparse.Action) -> str:
+        """All names, then the value once."""
         if not action.option_strings:
-            return self._metavar(action)
-        names = ", ".join(action.option_strings)
-        return names if action.nargs == 0 else f"{names} {self._value(action)}"
-
-    def _value(self, action: argparse.Action) -> str:
-        if isinstance(action.type, Quantity):
-            name: str | tuple[str, ...] = action.metavar or f"{action.type.kind}[{action.type.unit}]"
-            name = name if isinstance(name, str) else f"{' '.join(name)} [{action.type.unit}]"
-        elif action.choices:
-            name = action.metavar or "{" + ",".join(map(str, action.choices)) + "}"
-        elif action.type in (int, float):
-            name = action.metavar or ("N" if action.type is int else "NUMBER")
-        else:
-            name = action.metavar or action.dest.upper()
-        return name if isinstance(name, str) else " ".join(name)
+            return super()._format_action_invocation(action)
+        value = self._format_args(action, self._get_default_metavar_for_optional(action)) if action.nargs != 0 else ""
+        unit = f"[{action.type.unit}]" if isinstance(action.type, Quantity) and action.metavar else ""
+        return " ".join(filter(None, (", ".join(action.option_strings), value, unit)))
 
     def _get_help_string(self, action: argparse.Action) -> str:
         unit = action.type.unit if isinstance(action.type, Quantity) else ""

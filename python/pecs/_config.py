@@ -166,6 +166,12 @@ class Fields:
             raise self.wrong(key, wanted)
         return value
 
+    def _each(self, key: str, default: Any, wanted: str, good: Callable[[Any], bool]) -> list[Any]:
+        values = list(self._typed(key, default, (list, tuple), wanted))
+        if not all(map(good, values)):
+            raise self.wrong(key, wanted)
+        return values
+
     def numbers(
         self,
         key: str,
@@ -178,18 +184,15 @@ class Fields:
         """A list of `count` numbers; 0: of any length."""
         each = "" if low == -math.inf and high == math.inf else f", each {wanted_number(low, high)}"
         wanted = f"a list of {count or ''} numbers{each}".replace("  ", " ")
-        values = list(self._typed(key, default, (list, tuple), wanted))
-        if (count and len(values) != count) or not all(is_number(v) and low <= v <= high for v in values):
+        good = self._each(key, default, wanted, lambda v: is_number(v) and low <= v <= high)
+        if count and len(good) != count:
             raise self.wrong(key, wanted)
-        return values
+        return good
 
     def texts(self, key: str, default: list[str] | None = None, choices: tuple[str, ...] = ()) -> list[str]:
         """A list of texts, each one of `choices` if there are any."""
         wanted = f"a list of {', '.join(choices) or 'texts'}"
-        values = list(self._typed(key, default, (list, tuple), wanted))
-        if not all(isinstance(v, str) and (not choices or v in choices) for v in values):
-            raise self.wrong(key, wanted)
-        return values
+        return self._each(key, default, wanted, lambda v: isinstance(v, str) and (not choices or v in choices))
 
     def array(self, key: str, *shape: int) -> NDArray[np.float64]:
         """Finite numbers; -1 in `shape` is any length."""

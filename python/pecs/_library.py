@@ -166,6 +166,11 @@ class Handle:
             if handle is not None:
                 self._free(handle)
 
+    def _call(self, function: Callable[..., Any], *args: Any) -> Any:
+        """A function of the library on the handle."""
+        with self._use() as handle:
+            return function(handle, *args)
+
     @contextmanager
     def _use(self) -> Iterator[int]:
         """The handle, for this thread alone."""

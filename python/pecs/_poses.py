@@ -114,7 +114,7 @@ def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray
 def write_tum(path: str | PathLike, t_s: ArrayLike, positions_m: ArrayLike, quaternions: ArrayLike) -> None:
     """Poses at t_s [n]: positions [n, 3], quaternions [n, 4]. Numbers have as many digits as they need."""
     rows = np.column_stack([np.asarray(v, float) for v in (t_s, positions_m, quaternions)])
-    _write(path, [TUM_HEADER, *(" ".join(map(repr, row)) for row in rows.tolist())])
+    write_text(Path(path), "\n".join([TUM_HEADER, *(" ".join(map(repr, row)) for row in rows.tolist())]) + "\n")
 
 
 def read_tum(path: str | PathLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -132,23 +132,16 @@ def read_euroc_poses(path: str | PathLike) -> tuple[NDArray[np.int64], NDArray[n
 
 def write_euroc_imu(path: str | PathLike, t_ns: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
     """imu0/data.csv: angular rate [n, 3] and specific force [n, 3] at t_ns [n]."""
-    _write_csv(path, EUROC_IMU_HEADER, t_ns, np.column_stack([gyro_rad_s, accel_m_s2]))
+    rows = np.column_stack([np.asarray(v, float) for v in (gyro_rad_s, accel_m_s2)]).tolist()
+    times = np.asarray(t_ns).astype(np.int64).tolist()
+    lines = [",".join([str(t), *map(repr, row)]) for t, row in zip(times, rows, strict=True)]
+    write_text(Path(path), "\n".join([EUROC_IMU_HEADER, *lines]) + "\n")
 
 
 def read_euroc_imu(path: str | PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """t_ns [n], gyro_rad_s [n, 3], accel_m_s2 [n, 3]."""
     rows = _table(Path(path), ",", 7, EUROC_IMU_HEADER[1:])
     return _nanoseconds(Path(path)), rows[:, 1:4], rows[:, 4:7]
-
-
-def _write_csv(path, header: str, t_ns: ArrayLike, columns: ArrayLike) -> None:
-    rows = np.asarray(columns, float).tolist()
-    times = np.asarray(t_ns).astype(np.int64).tolist()
-    _write(path, [header, *(",".join([str(t), *map(repr, row)]) for t, row in zip(times, rows, strict=True))])
-
-
-def _write(path: str | PathLike, lines: list[str]) -> None:
-    write_text(Path(path), "\n".join(lines) + "\n")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

@@ -22,23 +22,6 @@ _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)
 _sense = function("pecs_sense", POINTER, TEXT, TEXT, TEXT, _Progress, POINTER)
 
 
-class _Watched:
-    """A progress function for C, through which an exception (Ctrl-C too) stops the work and comes out behind it."""
-
-    def __init__(self, progress: Callable[[float], object] | None):
-        self.progress = progress
-        self.raised: BaseException | None = None
-        self.function = _Progress(self._call)
-
-    def _call(self, done: float, _user: int | None) -> int:
-        try:
-            if self.progress:
-                self.progress(done)
-        except BaseException as e:
-            self.raised = e
-        return self.raised is None
-
-
 def sense(
     stack: str | PathLike[str],
     output: str | PathLike[str],
@@ -70,15 +53,23 @@ def sense(
     PecsInputError and PecsOutputError; warns of values that no light has, of events that the readout lost, and of a
     duration beyond the end of the stack.
     """
-    watched = _Watched(progress)
-    paths = path_bytes(stack), path_bytes(output)
+    raised: list[BaseException] = []  # by progress (Ctrl-C too): it stops the work, and comes out behind it
+
+    @_Progress
+    def watch(done: float, _user: int | None) -> int:
+        try:
+            if progress:
+                progress(done)
+        except BaseException as e:
+            raised.append(e)
+        return not raised
+
+    paths, given = (path_bytes(stack), path_bytes(output)), library_options(chip, options, SenseOptions)
     try:
-        report: dict[str, Any] = take_json(
-            _sense(*paths, json.dumps(library_options(chip, options, SenseOptions)).encode(), watched.function, None)
-        )
+        report: dict[str, Any] = take_json(_sense(*paths, json.dumps(given).encode(), watch, None))
     except PecsError:
-        if watched.raised:
-            raise watched.raised from None
+        if raised:
+            raise raised[0] from None
         raise
     for line in report.pop("warnings"):
         warnings.warn(line, stacklevel=2)

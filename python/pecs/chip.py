@@ -58,8 +58,7 @@ class Chip(Handle):
         self.name = fspath(name)
         self.overrides = {key: float(value) for key, value in (overrides or {}).items()}
         super().__init__(_open(path_bytes(self.name), json.dumps(self.overrides).encode()))
-        with self._use() as handle:
-            self.info: dict[str, Any] = take_json(_info(handle))
+        self.info: dict[str, Any] = take_json(self._call(_info))
 
     def __getattr__(self, key: str) -> Any:
         entry = self.__dict__.get("info", {}).get("values", {}).get(key)
@@ -84,10 +83,9 @@ class Chip(Handle):
         neither).
         """
         pairs = [{key: float(band[key]) for key in ("lambda_nm", "weight_nm")} for band in bands]
-        with self._use() as handle:
-            options = {"bands": pairs, "quantity": quantity, **scale}
-            amperes: list[float] = _amperes(handle, options)["amperes_per_unit"]
-            return amperes
+        options = {"bands": pairs, "quantity": quantity, **scale}
+        amperes: list[float] = self._call(_amperes, options)["amperes_per_unit"]
+        return amperes
 
     def photocurrent(
         self,
@@ -140,14 +138,6 @@ def bands(
     pairs: Any = illuminant
     if illuminant is not None and not isinstance(illuminant, str):
         pairs = [[float(x), float(p)] for x, p in illuminant]
-    chosen: list[dict[str, float]] = _bands(
-        {
-            "chip": chip_options(chip)["chip"],
-            "n": n,
-            "placement": placement,
-            "illuminant": pairs,
-            "min_nm": min_nm,
-            "max_nm": max_nm,
-        }
-    )["bands"]
+    options = {"chip": chip_options(chip)["chip"], "n": n, "placement": placement, "illuminant": pairs}
+    chosen: list[dict[str, float]] = _bands({**options, "min_nm": min_nm, "max_nm": max_nm})["bands"]
     return chosen

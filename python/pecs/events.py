@@ -110,9 +110,8 @@ class EventReader(Handle):
     def info(self) -> dict[str, Any]:
         """format, width, height, camera. If the file does not state its size, width and height are 0 until all events
         are read."""
-        with self._use() as handle:
-            info: dict[str, Any] = take_json(_info(handle))
-            return info
+        info: dict[str, Any] = take_json(self._call(_info))
+        return info
 
     def read(self, count: int = _BLOCK) -> Events:
         """At most `count` events; empty at the end."""
@@ -129,9 +128,8 @@ class EventReader(Handle):
         """Fills an array of EVENT_DTYPE; returns how many events, 0 only at the end."""
         if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
             raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
-        with self._use() as handle:
-            count: int = _read(handle, block.ctypes.data, len(block))
-            return count
+        count: int = self._call(_read, block.ctypes.data, len(block))
+        return count
 
     def __iter__(self) -> Iterator[Events]:
         while len(block := self.read()):
@@ -158,8 +156,7 @@ class EventWriter(Handle):
     def write(self, events: NDArray[Any]) -> None:
         """A structured array with the fields t, x, y and p, of integers (p also boolean)."""
         events = as_events(events)
-        with self._use() as handle:
-            _write(handle, events.ctypes.data, len(events))
+        self._call(_write, events.ctypes.data, len(events))
 
     def finish(self) -> None:
         """Completes the file and gives it its name."""

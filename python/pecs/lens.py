@@ -55,9 +55,7 @@ class Camera:
     fnumber: float
     efl_mm: float
     entrance_pupil_z_mm: float
-    channel_mode: (
-        str  # "mean": all channels traced at the pass's mean wavelength; "per_channel": one channel per sample
-    )
+    channel_mode: str  # "mean": channels traced at the pass's mean wavelength; "per_channel": one per sample
     colour_shift_px: float  # how far the bands' pictures lie from that of the mean wavelength
     acceptance: list[float]  # draws that get through: film centre, half way, corner
     missed_fraction: list[float]
@@ -181,8 +179,7 @@ class Lens(Handle):
 
     def draw(self, **options: Unpack[DrawOptions]) -> str:
         """The lens in section with its rays, as SVG text. Options: `DrawOptions`."""
-        with self._use() as handle:
-            return take_text(_draw(handle, json.dumps(_plain(options)).encode()))
+        return take_text(self._call(_draw, json.dumps(_plain(options)).encode()))
 
     def camera(self, *, bands_nm: Sequence[float], **options: Unpack[CameraOptions]) -> Camera:
         """The OSL camera of one pass of up to three bands. Options: `CameraOptions`."""
@@ -202,9 +199,8 @@ class Lens(Handle):
         return self._mapped(_pixels, _image_json(options), directions, 3, 2)
 
     def _answer(self, call: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-        with self._use() as handle:
-            answer: dict[str, Any] = call(handle, _plain(options))
-            return answer
+        answer: dict[str, Any] = self._call(call, _plain(options))
+        return answer
 
     def _mapped(self, call: Any, setting: bytes, given: ArrayLike, size: int, result_size: int) -> NDArray[np.float64]:
         given = np.ascontiguousarray(given, np.float64)
@@ -212,6 +208,5 @@ class Lens(Handle):
             raise ValueError(f"got an array of shape {given.shape}, wanted [..., {size}]")
         result = np.empty((*given.shape[:-1], result_size))
         count = given.size // size
-        with self._use() as handle:
-            call(handle, setting, given, count, result, count)
+        self._call(call, setting, given, count, result, count)
         return result

@@ -59,8 +59,7 @@ class Light(Handle):
         options = {"chips": [chip_options(chip) for chip in several], "fps": fps, "motion": motion, **scale}
         options |= {"threads": threads}
         super().__init__(_open(path_bytes(stack), json.dumps(options).encode()))
-        with self._use() as handle:
-            info: dict[str, Any] = take_json(_info(handle))
+        info: dict[str, Any] = take_json(self._call(_info))
         self.shape: tuple[int, int, int] = (info["chips"], info["height"], info["width"])
         self.end_us: float | None = info["end_us"]
         self.along_motion: bool = info["motion"]
@@ -71,8 +70,7 @@ class Light(Handle):
         if times.ndim > 1:
             raise ValueError(f"t_us: got shape {times.shape}, wanted one time or a list")
         out = np.empty((*times.shape, *self.shape), np.float32)
-        with self._use() as handle:
-            _at(handle, np.ascontiguousarray(times), times.size, out.ctypes.data, out.size)
+        self._call(_at, np.ascontiguousarray(times), times.size, out.ctypes.data, out.size)
         return out
 
     def mean(self, begin_us: float, end_us: float, steps: int | None = None) -> NDArray[np.float32]:
@@ -94,6 +92,5 @@ class Light(Handle):
         if steps is not None and steps < 1:
             raise ValueError(f"steps: got {steps}, wanted 1 or more")
         out = np.empty(self.shape, np.float32)
-        with self._use() as handle:
-            _exposure(handle, begin_us, exposure_us, row_delay_us, steps or 0, out, out.size)
+        self._call(_exposure, begin_us, exposure_us, row_delay_us, steps or 0, out, out.size)
         return out

@@ -62,15 +62,13 @@ def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
     if encoding not in (None, "linear", "srgb"):
         raise ValueError(f"encoding: got {encoding!r}, wanted 'linear' or 'srgb'")
     srgb = encoding == "srgb" or (encoding is None and frames.dtype == np.uint8)
+    if frames.dtype.kind != "f" and frames.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
     if frames.dtype.kind == "u":
         top = np.iinfo(frames.dtype).max
-        table = np.arange(top + 1, dtype=np.float64) / top if top < 1 << 16 else None
-        if table is None:
-            raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
+        table = np.arange(top + 1) / top
         linear: NDArray[np.float32] = (_from_srgb(table) if srgb else table).astype(np.float32)[frames]
         return linear
-    if frames.dtype.kind != "f":
-        raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
     return np.ascontiguousarray(_from_srgb(frames) if srgb else frames, np.float32)
 
 
@@ -171,8 +169,7 @@ class Sensor(Handle):
                 labels = np.empty(len(out), np.uint8)
                 _labels(handle, labels.ctypes.data, len(labels))
                 plain, out = out, np.empty(len(out), LABELLED_DTYPE)
-                for name in "txyp":
-                    out[name] = plain[name]
+                out[list("txyp")] = plain
                 out["label"] = labels
             self._count_bad_values(handle)
             if last:

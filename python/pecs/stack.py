@@ -52,8 +52,7 @@ class StackWriter(Handle):
 
     def has_layer(self, name: str, index: int) -> bool:
         """Whether a layer's frame is complete on disk."""
-        with self._use() as handle:
-            return bool(_has_frame(handle, name.encode(), index))
+        return bool(self._call(_has_frame, name.encode(), index))
 
     def write_frame(self, index: int, values: NDArray[np.float32]) -> None:
         """values: [bands, height, width], row 0 at the top, in the stack's unit."""
@@ -65,13 +64,11 @@ class StackWriter(Handle):
         shape = (self._channels.get(name, self.shape[0]), *self.shape[1:])
         if values.shape != shape:
             raise ValueError(f"{name}: got shape {values.shape}, wanted {shape} (channels, height, width)")
-        with self._use() as handle:
-            _write_frame(handle, name.encode(), index, values, values.size)
+        self._call(_write_frame, name.encode(), index, values, values.size)
 
     def has_between(self, interval: int, number: int, time_ns: int) -> bool:
         """Whether the light at a time between two frames is complete on disk."""
-        with self._use() as handle:
-            return bool(_has_between(handle, interval, number, time_ns))
+        return bool(self._call(_has_between, interval, number, time_ns))
 
     def write_between(self, interval: int, number: int, time_ns: int, values: NDArray[np.float32]) -> None:
         """The light at an instant within an interval, [bands, height, width], NaN where it was not rendered; `number`
@@ -79,8 +76,7 @@ class StackWriter(Handle):
         values = np.ascontiguousarray(values, np.float32)
         if values.shape != self.shape:
             raise ValueError(f"between: got shape {values.shape}, wanted {self.shape} (bands, height, width)")
-        with self._use() as handle:
-            _write_between(handle, interval, number, time_ns, values, values.size)
+        self._call(_write_between, interval, number, time_ns, values, values.size)
 
 
 class StackReader(Handle):
@@ -91,8 +87,7 @@ class StackReader(Handle):
 
     def __init__(self, folder: str | PathLike[str], fps: float | None = None):
         super().__init__(_open(path_bytes(folder), fps or 0.0))
-        with self._use() as handle:
-            self.info: dict[str, Any] = take_json(_info(handle))
+        self.info: dict[str, Any] = take_json(self._call(_info))
         self.layers: list[dict[str, Any]] = self.info["layers"]
         self.shape = _shape(self.info)
 
@@ -102,28 +97,19 @@ class StackReader(Handle):
 
     def between_ns(self, interval: int) -> list[int]:
         """Times at which light was rendered within the interval that begins at a frame."""
-        with self._use() as handle:
-            times = np.empty(_between_ns(handle, interval, None, 0), np.int64)
-            _between_ns(handle, interval, times.ctypes.data, len(times))
+        times = np.empty(self._call(_between_ns, interval, None, 0), np.int64)
+        self._call(_between_ns, interval, times.ctypes.data, len(times))
         return [int(t) for t in times]
 
     def read_between(self, interval: int, which: int) -> NDArray[np.float32]:
         """The light at one of these times, [bands, height, width]; NaN where it was not rendered."""
         frame = np.empty(self.shape, np.float32)
-        with self._use() as handle:
-            _read_between(handle, interval, which, frame, frame.size)
+        self._call(_read_between, interval, which, frame, frame.size)
         return frame
 
     def read_layer(self, name: str, index: int) -> NDArray[np.float32]:
         """[channels, height, width], float32."""
         channels = next((len(layer["channels"]) for layer in self.layers if layer["name"] == name), 0)
         frame = np.empty((channels, *self.shape[1:]), np.float32)
-        with self._use() as handle:
-            _read_frame(handle, name.encode(), index, frame, frame.size)
+        self._call(_read_frame, name.encode(), index, frame, frame.size)
         return frame
-
-
-def read_frame(folder: str | PathLike[str], index: int) -> NDArray[np.float32]:
-    """One frame of a stack with stack.json, as [bands, height, width], float32."""
-    with StackReader(folder) as stack:
-        return stack.read_frame(index)

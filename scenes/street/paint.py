@@ -24,21 +24,10 @@ class Paint:
             for scale in scales:
                 texture = self._texture(nodes, links, "ShaderNodeTexNoise", scale)
                 texture.inputs["Detail"].default_value = 6.0
-                value = (
-                    texture.outputs["Fac"]
-                    if value is None
-                    else math_node(nodes, links, "ADD", value, texture.outputs["Fac"])
-                )
-            middle = 0.5 * len(scales)
-            return ramp(
-                nodes,
-                links,
-                math_node(nodes, links, "DIVIDE", value, 2 * middle),
-                0.5 - contrast / 2,
-                0.5 + contrast / 2,
-                dark,
-                light,
-            )
+                factor = texture.outputs["Fac"]
+                value = math_node(nodes, links, "ADD", value, factor) if value else factor
+            mean = math_node(nodes, links, "DIVIDE", value, float(len(scales)))
+            return ramp(nodes, links, mean, 0.5 - contrast / 2, 0.5 + contrast / 2, dark, light)
 
         return self._get((name, dark, light), colour, roughness)
 

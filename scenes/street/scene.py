@@ -31,14 +31,8 @@ GROUND_M, KERB_M, BACK_M, AHEAD_M = -1.5, 0.12, -45.0, 110.0
 ROAD_M, PAVEMENT_M = 5.5, 9.0  # half widths; houses begin where the pavement ends
 LANE_M, PARKED_M, TREES_M, WALK_M = 1.75, 4.4, 6.0, 7.9  # |x| of what stands and moves
 CAR_M = (4.3, 1.76, 1.46)
-CAR_COLOURS = (
-    (0.5, 0.02, 0.02),
-    (0.02, 0.06, 0.3),
-    (0.6, 0.6, 0.58),
-    (0.03, 0.03, 0.035),
-    (0.75, 0.75, 0.72),
-    (0.08, 0.2, 0.1),
-)
+CAR_COLOURS = ((0.5, 0.02, 0.02), (0.02, 0.06, 0.3), (0.6, 0.6, 0.58), (0.03, 0.03, 0.035))
+CAR_COLOURS += ((0.75, 0.75, 0.72), (0.08, 0.2, 0.1))
 CLOTHES = ((0.5, 0.1, 0.08), (0.08, 0.12, 0.35), (0.6, 0.5, 0.1), (0.1, 0.3, 0.15), (0.7, 0.7, 0.7), (0.05, 0.05, 0.06))
 SKIN = ((0.55, 0.32, 0.22), (0.3, 0.16, 0.1), (0.12, 0.06, 0.04))
 
@@ -55,9 +49,8 @@ def build(p):
     furniture(paint, rng)
     parked = [(side, y) for y in (13, 6.5, 21, 32, -7, 40, 52, -15) for side in (1, -1)]
     for k, (side, y) in enumerate(parked[: int(p["parked_cars"])]):
-        car(f"parked car {k:02d}", paint, rng).matrix_world = placed(
-            side * PARKED_M, y + rng.uniform(-0.8, 0.8), side > 0
-        )
+        where = placed(side * PARKED_M, y + rng.uniform(-0.8, 0.8), side > 0)
+        car(f"parked car {k:02d}", paint, rng).matrix_world = where
     movers = [moving_car(k, p["car_speed_m_per_s"], paint, rng) for k in range(int(p["cars"]))]
     movers += [walker(k, p["walk_speed_m_per_s"], paint, rng) for k in range(int(p["people"]))]
 
@@ -72,6 +65,11 @@ def build(p):
         illuminance_lux=p["illuminance_lux"],
         bounces=1,
     )
+
+
+def mirrored(side, start, end):
+    """An interval on the right (side 1) or left (side -1), lower end first."""
+    return sorted((side * start, side * end))
 
 
 def placed(x, y, away):
@@ -111,9 +109,8 @@ def sky_and_sun(p, rng):
     light.angle = math.radians(0.53)
     light["pecs_spectrum"] = p["sun_spectrum"].source
     sun = bpy.data.objects.new("sun", light)
-    towards = Vector(
-        (math.sin(azimuth) * math.cos(elevation), -math.cos(azimuth) * math.cos(elevation), math.sin(elevation))
-    )
+    level = math.cos(elevation)
+    towards = Vector((math.sin(azimuth) * level, -math.cos(azimuth) * level, math.sin(elevation)))
     sun.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
     bpy.context.scene.collection.objects.link(sun)
 
@@ -125,13 +122,8 @@ def road(paint):
     for y, side in ((3, 1), (26, -1), (47, 1)):  # patches and manholes
         patch = paint.noise("patch", (0.02, 0.02, 0.02), (0.06, 0.06, 0.06), (30.0,), contrast=0.3)
         ground.box((side * 0.4, side * 2.6), (y, y + 2.5), (GROUND_M, GROUND_M + 0.002), patch)
-        ground.tube(
-            (side * 1.5, y + 5, GROUND_M - 0.01),
-            (side * 1.5, y + 5, GROUND_M + 0.004),
-            (0.32, 0.32),
-            paint.plain((0.09, 0.08, 0.07)),
-            20,
-        )
+        ends = ((side * 1.5, y + 5, GROUND_M + z) for z in (-0.01, 0.004))
+        ground.tube(*ends, (0.32, 0.32), paint.plain((0.09, 0.08, 0.07)), 20)
     ground.object("road", "road")
     white = paint.noise("paint", (0.5, 0.5, 0.48), (0.75, 0.75, 0.73), (60.0, 5.0), contrast=0.15)
     marks = Shape()
@@ -147,21 +139,11 @@ def road(paint):
     slabs = paint.bricks("slabs", (0.3, 0.29, 0.27), (0.38, 0.37, 0.35), (0.1, 0.1, 0.1), (0.6, 0.4), 0.008, level=True)
     stone = paint.noise("kerb", (0.3, 0.3, 0.3), (0.5, 0.5, 0.48), (25.0, 2.0))
     for name, side in (("right", 1), ("left", -1)):
-        walk = Shape()
-        walk.box(
-            sorted((side * (ROAD_M + 0.15), side * (PAVEMENT_M + 0.5))),
-            (BACK_M, AHEAD_M),
-            (GROUND_M, GROUND_M + KERB_M),
-            slabs,
-        )
+        walk, height = Shape(), (GROUND_M, GROUND_M + KERB_M)
+        walk.box(mirrored(side, ROAD_M + 0.15, PAVEMENT_M + 0.5), (BACK_M, AHEAD_M), height, slabs)
         for k in range(155):
             at = BACK_M + k
-            walk.box(
-                sorted((side * ROAD_M, side * (ROAD_M + 0.15))),
-                (at + 0.01, at + 0.99),
-                (GROUND_M, GROUND_M + KERB_M),
-                stone,
-            )
+            walk.box(mirrored(side, ROAD_M, ROAD_M + 0.15), (at + 0.01, at + 0.99), height, stone)
         walk.object(f"pavement {name}", "pavement")
 
 
@@ -245,7 +227,7 @@ def furniture(paint, rng):
         lamp = Shape()
         lamp.tube((side * 5.9, y, low), (side * 5.9, y, low + 6), (0.07, 0.05), steel, 10)
         lamp.tube((side * 5.9, y, low + 6), (side * 4.6, y, low + 6.3), (0.04, 0.03), steel, 8)
-        lamp.box(sorted((side * 4.1, side * 4.7)), (y - 0.12, y + 0.12), (low + 6.25, low + 6.35), steel)
+        lamp.box(mirrored(side, 4.1, 4.7), (y - 0.12, y + 0.12), (low + 6.25, low + 6.35), steel)
         lamp.object(f"lamp {k:02d}", "pole")
     for k, (side, y) in enumerate(((1, 11.0), (-1, 23.5), (1, 35.0), (-1, -4.0))):
         sign = Shape()
@@ -254,23 +236,14 @@ def furniture(paint, rng):
             for face in (-1, 1):
                 disk = (side * 5.85, y, low + 2.3), (side * 5.85, y + face * out, low + 2.3)
                 sign.tube(*disk, (radius, radius), paint.plain(rgb), 24)
-        sign.box(
-            (side * 5.85 - 0.16, side * 5.85 + 0.16),
-            (y - 0.06, y + 0.06),
-            (low + 2.26, low + 2.34),
-            paint.plain((0.02, 0.02, 0.02)),
-        )
+        bar, black = (side * 5.85 - 0.16, side * 5.85 + 0.16), paint.plain((0.02, 0.02, 0.02))
+        sign.box(bar, (y - 0.06, y + 0.06), (low + 2.26, low + 2.34), black)
         sign.object(f"sign {k:02d}", "traffic_sign")
     for k in range(5):
         bin_shape = Shape()
         x, y = (-1) ** k * 8.6, 4.0 + 9 * k + rng.uniform(-1, 1)
-        bin_shape.tube(
-            (x, y, low),
-            (x, y, low + 0.9),
-            (0.22, 0.27),
-            paint.noise("bin", (0.02, 0.08, 0.04), (0.06, 0.2, 0.1), (8.0,)),
-            16,
-        )
+        green = paint.noise("bin", (0.02, 0.08, 0.04), (0.06, 0.2, 0.1), (8.0,))
+        bin_shape.tube((x, y, low), (x, y, low + 0.9), (0.22, 0.27), green, 16)
         bin_shape.object(f"bin {k:02d}", "bin")
 
 
@@ -280,47 +253,23 @@ def car(name, paint, rng):
     length, width, height = CAR_M
     h, w = length / 2, width / 2
     shape = Shape()
-    lower = [
-        (-h, 0.32),
-        (-h, 0.82),
-        (-h + 0.25, 0.93),
-        (h - 1.3, 0.93),
-        (h - 0.15, 0.74),
-        (h, 0.6),
-        (h, 0.32),
-        (h - 0.2, 0.24),
-        (-h + 0.2, 0.24),
-    ]
-    shape.prism(lower, (-w, w), body)
+    back = [(-h + 0.2, 0.24), (-h, 0.32), (-h, 0.82), (-h + 0.25, 0.93)]
+    front = [(h - 1.3, 0.93), (h - 0.15, 0.74), (h, 0.6), (h, 0.32), (h - 0.2, 0.24)]
+    shape.prism([*back[1:], *front, back[0]], (-w, w), body)
     cabin = [(-h + 0.35, 0.93), (-h + 0.75, height - 0.04), (h - 2.05, height - 0.04), (h - 1.25, 0.93)]
     shape.prism(cabin, (-w + 0.1, w - 0.1), paint.glass())
     shape.box((-w + 0.1, w - 0.1), (-h + 0.72, h - 2.0), (height - 0.05, height), body)
     for side in (-1, 1):
-        x = sorted((side * (w - 0.11), side * (w - 0.08)))
-        shape.box(x, (-0.42, -0.34), (0.93, height - 0.04), body)  # pillar
-        shape.box(sorted((side * w, side * (w + 0.012))), (-0.3, -0.14), (0.78, 0.82), dark)  # handle
-        shape.box(sorted((side * (w - 0.02), side * (w + 0.16))), (0.72, 0.8), (0.92, 1.05), body)  # mirror
+        shape.box(mirrored(side, w - 0.11, w - 0.08), (-0.42, -0.34), (0.93, height - 0.04), body)  # pillar
+        shape.box(mirrored(side, w, w + 0.012), (-0.3, -0.14), (0.78, 0.82), dark)  # handle
+        shape.box(mirrored(side, w - 0.02, w + 0.16), (0.72, 0.8), (0.92, 1.05), body)  # mirror
         for y in (-h + 0.8, h - 0.8):
-            shape.tube((side * (w - 0.2), y, 0.32), (side * (w + 0.015), y, 0.32), (0.32, 0.32), dark, 20)
-            shape.tube(
-                (side * (w - 0.1), y, 0.32),
-                (side * (w + 0.025), y, 0.32),
-                (0.2, 0.2),
-                paint.plain((0.45, 0.45, 0.45), 0.3),
-                10,
-            )
-        shape.box(
-            sorted((side * (w - 0.45), side * (w - 0.08))),
-            (h - 0.2, h + 0.01),
-            (0.58, 0.7),
-            paint.plain((0.8, 0.8, 0.75), 0.1),
-        )
-        shape.box(
-            sorted((side * (w - 0.35), side * (w - 0.05))),
-            (-h - 0.01, -h + 0.2),
-            (0.66, 0.8),
-            paint.plain((0.45, 0.01, 0.01), 0.2),
-        )
+            tyre, rim = ([(side * (w + x), y, 0.32) for x in ends] for ends in ((-0.2, 0.015), (-0.1, 0.025)))
+            shape.tube(*tyre, (0.32, 0.32), dark, 20)
+            shape.tube(*rim, (0.2, 0.2), paint.plain((0.45, 0.45, 0.45), 0.3), 10)
+        white, red = paint.plain((0.8, 0.8, 0.75), 0.1), paint.plain((0.45, 0.01, 0.01), 0.2)
+        shape.box(mirrored(side, w - 0.45, w - 0.08), (h - 0.2, h + 0.01), (0.58, 0.7), white)
+        shape.box(mirrored(side, w - 0.35, w - 0.05), (-h - 0.01, -h + 0.2), (0.66, 0.8), red)
     for end in (-1, 1):
         shape.box((-0.26, 0.26), sorted((end * h, end * (h + 0.015))), (0.42, 0.53), paint.plain((0.75, 0.75, 0.7)))
         shape.box((-w + 0.05, w - 0.05), sorted((end * h, end * (h + 0.008))), (0.32, 0.38), dark)
@@ -330,14 +279,11 @@ def car(name, paint, rng):
 def moving_car(k, speed, paint, rng):
     """Right lane: first two ahead, then behind; left lane: from far ahead. None starts next to the camera."""
     thing, row = car(f"car {k:02d}", paint, rng), k // 2
-    if k % 2 == 0:
-        start, rate, away = (
-            (16 + 13 * (row // 2) if row % 2 == 0 else -14 - 13 * (row // 2)) + rng.uniform(-2, 2),
-            speed,
-            True,
-        )
+    away = k % 2 == 0
+    if away:
+        start, rate = (16 if row % 2 == 0 else -14) + 13 * (-1) ** row * (row // 2) + rng.uniform(-2, 2), speed
     else:
-        start, rate, away = 20 + 16 * row + rng.uniform(-3, 3), -1.2 * speed, False
+        start, rate = 20 + 16 * row + rng.uniform(-3, 3), -1.2 * speed
     x = (LANE_M if away else -LANE_M) + rng.uniform(-0.15, 0.15)
 
     def move(t_s):
@@ -361,41 +307,15 @@ def walker(k, speed, paint, rng):
     limb(body, (0, 0, 1.5), ((0, 0, 1.6), (0, 0.02, 1.68)), (0.1, 0.1), skin)
     for side in (-1, 1):
         hip, shoulder = 0.1 * side, 0.25 * side
-        thigh = limb(
-            None,
-            (hip, 0, 0.92),
-            ((hip, 0, 0.88), (hip, 0, 0.52)),
-            (0.09, 0.065),
-            legs,
-            lambda a, s=side: 0.45 * s * math.sin(a),
-        )
-        shin = limb(
-            thigh,
-            (hip, 0, 0.5),
-            ((hip, 0, 0.47), (hip, 0, 0.12)),
-            (0.06, 0.045),
-            legs,
-            lambda a, s=side: -0.35 * (1 + math.sin(s * a - 1.2 * s)),
-        )
-        limb(
-            shin, (hip, 0, 0.08), ((hip, -0.04, 0.06), (hip, 0.15, 0.05)), (0.05, 0.04), paint.plain((0.03, 0.02, 0.02))
-        )
-        arm = limb(
-            body,
-            (shoulder, 0, 1.42),
-            ((shoulder, 0, 1.4), (shoulder, 0, 1.15)),
-            (0.055, 0.045),
-            top,
-            lambda a, s=side: -0.4 * s * math.sin(a),
-        )
-        limb(
-            arm,
-            (shoulder, 0, 1.12),
-            ((shoulder, 0, 1.11), (shoulder, 0.03, 0.86)),
-            (0.042, 0.035),
-            skin,
-            lambda a, s=side: 0.3 - 0.2 * s * math.sin(a),
-        )
+        shoes, ends = paint.plain((0.03, 0.02, 0.02)), ((hip, 0, 0.88), (hip, 0, 0.52))
+        thigh = limb(None, (hip, 0, 0.92), ends, (0.09, 0.065), legs, lambda a, s=side: 0.45 * s * math.sin(a))
+        ends, knee = ((hip, 0, 0.47), (hip, 0, 0.12)), lambda a, s=side: -0.35 * (1 + math.sin(s * a - 1.2 * s))
+        shin = limb(thigh, (hip, 0, 0.5), ends, (0.06, 0.045), legs, knee)
+        limb(shin, (hip, 0, 0.08), ((hip, -0.04, 0.06), (hip, 0.15, 0.05)), (0.05, 0.04), shoes)
+        ends = (shoulder, 0, 1.4), (shoulder, 0, 1.15)
+        arm = limb(body, (shoulder, 0, 1.42), ends, (0.055, 0.045), top, lambda a, s=side: -0.4 * s * math.sin(a))
+        ends, elbow = ((shoulder, 0, 1.11), (shoulder, 0.03, 0.86)), lambda a, s=side: 0.3 - 0.2 * s * math.sin(a)
+        limb(arm, (shoulder, 0, 1.12), ends, (0.042, 0.035), skin, elbow)
     thing = shape.object(f"person {k:02d}", "person")
     rest, rate, phase = [Vector(v) for v in shape.vertices], speed * rng.uniform(0.8, 1.2), rng.uniform(0, 2 * math.pi)
     across, side, away = k % 3 == 2, (-1) ** k, rng.random() < 0.5
@@ -414,14 +334,12 @@ def walker(k, speed, paint, rng):
         thing.data.update()
         bob = 0.02 * math.cos(2 * swing)
         if across:
-            low = GROUND_M + (KERB_M if abs(start + rate * t_s) > ROAD_M else 0.0)
-            thing.matrix_world = Matrix.Translation((start + rate * t_s, line, low + bob)) @ Matrix.Rotation(
-                -math.pi / 2, 4, "Z"
-            )
+            kerb_m, turn = (KERB_M if abs(start + rate * t_s) > ROAD_M else 0.0), -math.pi / 2
+            x, y = start + rate * t_s, line
         else:
-            y = start + (rate if away else -rate) * t_s
-            thing.matrix_world = Matrix.Translation((line, y, GROUND_M + KERB_M + bob)) @ Matrix.Rotation(
-                0 if away else math.pi, 4, "Z"
-            )
+            kerb_m, turn = KERB_M, 0 if away else math.pi
+            x, y = line, start + (rate if away else -rate) * t_s
+        place = Matrix.Translation((x, y, GROUND_M + kerb_m + bob))
+        thing.matrix_world = place @ Matrix.Rotation(turn, 4, "Z")
 
     return move

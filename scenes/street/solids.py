@@ -27,12 +27,12 @@ class Shape:
             corners, [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)], material
         )
 
-    def prism(self, profile, x_m, material, sides=None):
-        """A profile of (y, z) points, drawn along x; `sides`: material of the two ends."""
+    def prism(self, profile, x_m, material):
+        """A profile of (y, z) points, drawn along x."""
         n = len(profile)
         corners = [(x, y, z) for x in x_m for y, z in profile]
         self.add(corners, [(i, (i + 1) % n, n + (i + 1) % n, n + i) for i in range(n)], material)
-        self.add(corners, [tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1))], sides or material)
+        self.add(corners, [tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1))], material)
 
     def tube(self, start, end, radii_m, material, segments=12, round_ends=False):
         """A frustum; with round ends a capsule."""

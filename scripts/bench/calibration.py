@@ -14,6 +14,7 @@ Remove the lines to measure another build on the same recordings, the folder aft
 """
 
 import argparse
+import contextlib
 import json
 import subprocess
 import sys
@@ -24,6 +25,7 @@ import numpy as np
 import pecs
 from pecs import program
 from pecs_lab.lab_views import Board, Camera, Disk, record, rotation, turn_of
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,9 +41,10 @@ SIZE, PITCH_MM = (640, 360), 0.00972
 
 
 def align(*arguments, cwd):
+    """Raises RuntimeError where it fails."""
     result = subprocess.run([program(), "align", *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
     if result.returncode:
-        return {"failed": result.stderr.strip()}
+        raise RuntimeError(result.stderr.strip())
     return json.loads(result.stdout)
 
 
@@ -68,10 +71,6 @@ def write_scene(folder: Path, name: str, lens, values: dict) -> Path:
 def turned(random):
     """Blender's rotation of a camera a few degrees off +y."""
     return np.array([90.0, 0.0, 0.0]) + random.uniform(-4, 4, 3)
-
-
-def turn_error_deg(a, b) -> float:
-    return float(np.degrees(np.arccos(np.clip((np.trace(turn_of(a).T @ turn_of(b)) - 1) / 2, -1, 1))))
 
 
 def board(index: int, keep: Path) -> dict:
@@ -119,18 +118,16 @@ def board(index: int, keep: Path) -> dict:
         )
         counts = [f"--columns={squares - 1}", f"--rows={squares - 1}"]
         corners = align("detect", real, "--target=checkerboard", *counts, "--json", cwd=folder)
-    for result in (found, clock, corners):
-        if "failed" in result:
-            return {"lens": lens[0], **result}
     errors = [np.array(v["points"]) - drawn.seen(camera, (v["time_us"] - clock_us) * 1e-6) for v in corners["views"]]
     got = found["parameters"]
     return {
-        "lens": lens[0],
         "speed_px_s": speed / px,
         "views": len(corners["views"]),
         "corners_rms_px": float(np.sqrt(np.mean(np.square(errors)))),
         "corner_worst_px": float(np.abs(errors).max()),
-        "rotation_error_deg": turn_error_deg(found["camera"]["rotation_deg"], rotation_deg),
+        "rotation_error_deg": float(
+            np.degrees(Rotation.from_matrix(turn_of(found["camera"]["rotation_deg"]).T @ turn).magnitude())
+        ),
         "distance_error_percent": 100 * (got["board_distance_mm"] / truth["board_distance_mm"] - 1),
         "speed_error_percent": 100 * (got["speed_m_per_s"] / truth["speed_m_per_s"] - 1),
         "clock_error_us": clock["clock"]["offset_us"] - clock_us,
@@ -164,16 +161,12 @@ def disk(index: int, keep: Path) -> dict:
         scene = write_scene(folder, "rotating_disk", lens, values)
         common = [real, "--scene", scene, "--pixel-pitch", 1000 * PITCH_MM, "--json"]
         first = align(*common, cwd=folder)
-        if "failed" in first:
-            return {"lens": lens[0], **first}
         (folder / "first.json").write_text(json.dumps(first))
         p = first["parameters"]
         place = (p["disk_right_mm"], -p["disk_up_mm"], p["disk_distance_mm"])
         again = turn_of(first["camera"]["rotation_deg"])
         write(Disk(place, radius, sectors, 6 * p["rpm"], p["phase_deg"], again), folder / "sim.npz", 1000 + index)
         second = align(*common, "--sim=sim.npz", "--sim-of=first.json", cwd=folder)
-        if "failed" in second:
-            return {"lens": lens[0], **second}
 
     def errors(found):
         p = found["parameters"]
@@ -189,7 +182,7 @@ def disk(index: int, keep: Path) -> dict:
         }
 
     before = {f"first_{k}": v for k, v in errors(first).items()}
-    return {"lens": lens[0], "sectors": sectors, "speed_deg_s": speed, "white_a": white_a, **errors(second), **before}
+    return {"sectors": sectors, "speed_deg_s": speed, "white_a": white_a, **errors(second), **before}
 
 
 def intrinsics(index: int, keep: Path) -> dict:
@@ -224,16 +217,14 @@ def intrinsics(index: int, keep: Path) -> dict:
             if view % 4:
                 continue
             counts = ["--target=checkerboard", "--columns=9", "--rows=7", "--views=1"]
-            found = align("detect", clips[-1], *counts, "--json", cwd=folder)
-            if "failed" not in found:
-                seen = board.seen(camera, found["views"][0]["time_us"] * 1e-6)
-                worst.append(np.sqrt(np.mean((np.array(found["views"][0]["points"]) - seen) ** 2)))
+            with contextlib.suppress(RuntimeError):
+                (found,) = align("detect", clips[-1], *counts, "--json", cwd=folder)["views"]
+                seen = board.seen(camera, found["time_us"] * 1e-6)
+                worst.append(np.sqrt(np.mean((np.array(found["points"]) - seen) ** 2)))
         result = align(
             "intrinsics", *clips, "--columns=9", "--rows=7", "--views=1", f"--lens={lens[0]}", f"--focus={lens[1]}",
             "--pixel-pitch=9.72", "--json", *([f"--stop-diameter={lens[2]}"] if lens[2] else []), cwd=folder,
         )  # fmt: skip
-    if "failed" in result:
-        return {"lens": lens[0], **result}
     fitted = result["camera"]
     # Distortion curve: image radii at the same field angles, the measured focal length scaled to the true one.
     r = np.linspace(5, np.hypot(width, height) / 2 * 0.95, 40)
@@ -243,7 +234,6 @@ def intrinsics(index: int, keep: Path) -> dict:
     m = fitted["focal_px"] * (x + k1 * x**3 + k2 * x**5 + k3 * x**7)
     shape = m * (m @ r) / (m @ m) - r
     return {
-        "lens": lens[0],
         "corners_rms_px": float(np.sqrt(np.mean(np.square(worst)))),
         "focal_error_percent": 100 * ((m @ r) / (r @ r) - 1),
         "principal_error_px": float(np.hypot(*(np.array(fitted["principal_px"]) - camera.axis_px))),
@@ -340,20 +330,19 @@ def main() -> None:
         done = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
         rows = [row for row in done if row["case"] in cases]
         for i in sorted(set(cases) - {row["case"] for row in rows}):
-            rows.append({"case": i, **function(i, keep)})
+            rows.append({"case": i, "lens": LENSES[i % 3][0]})
+            try:
+                rows[-1] |= function(i, keep)
+            except RuntimeError as e:
+                rows[-1]["failed"] = str(e)
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
             with lines.open("a") as out:
                 out.write(json.dumps(rows[-1]) + "\n")
         worst = {}
         for key, limit in LIMITS.items():
-            values = [abs(row[key]) for row in rows if key in row]
-            if values:
-                within = sum(v <= limit for v in values)
-                worst[key] = {
-                    "median": float(np.median(values)),
-                    "worst": max(values),
-                    "within": f"{within}/{len(rows)}",
-                }
+            if values := [abs(row[key]) for row in rows if key in row]:
+                within = f"{sum(v <= limit for v in values)}/{len(rows)}"
+                worst[key] = {"median": float(np.median(values)), "worst": max(values), "within": within}
         report[kind] = {"summary": worst, "failed": sum("failed" in row for row in rows), "cases": rows}
     json.dump(report, sys.stdout, indent=1)
 

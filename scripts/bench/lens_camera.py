@@ -1,7 +1,6 @@
-"""The lens camera in Cycles, as JSON: white furnace against quadrature, noise, cost beside the built-in camera, and the
-noise of both channel modes at equal time.
+"""The lens camera in Cycles, as JSON: cost beside the built-in camera, and noise of both channel modes at equal time.
 
-    .venv/bin/python scripts/bench/lens_camera.py [furnace|cost|modes ...] [--lens LENS ...] > lens_camera.json
+    .venv/bin/python scripts/bench/lens_camera.py [cost|modes ...] [--lens LENS ...] > lens_camera.json
 
 Needs bpy in the interpreter that runs it (it renders in child processes) and libpecs (scripts/setup.sh). Times are wall
 times of one rendering thread (another spins in wait for it, which a process' CPU time would count): run it alone.
@@ -13,24 +12,13 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs_lab.films import covered
 
 ROOT = Path(__file__).resolve().parents[2]
-
-FULL_FRAME = {  # of those shipped, the lenses that light 36 x 24 mm; the others are used with 6.2208 x 3.4992 mm
-    "angenieux_100mm_f1p1",
-    "dgauss_50mm_tronnier",
-    "double_gauss_100mm_f3p1",
-    "retrofocus_35mm_f2p8",
-    "singlet_50mm_f5_nbk7",
-    "takumar_100mm_f1p4",
-    "wide_22mm_f2p7_nakamura",
-}
-FURNACE_WIDTH, FURNACE_SAMPLES, BINS = 320, 8, 12
 
 
 def render(**job):
@@ -44,47 +32,7 @@ def render(**job):
 
 
 def film(name):
-    return {"film_width_mm": 36.0, "film_height_mm": 24.0} if name in FULL_FRAME else {}
-
-
-def furnace(name, stop):
-    lens = pecs.Lens(name)
-    start = time.perf_counter()
-    camera = lens.camera(bands_nm=[550], **stop, **film(name))
-    seconds = time.perf_counter() - start
-    width = FURNACE_WIDTH
-    height = round(width * camera.film_height_mm / camera.film_width_mm)
-    image = render(osl=camera.osl, scene="white", width=width, height=height, samples=FURNACE_SAMPLES)[0][..., 0]
-    rows = lens.pupil(lambda_nm=550, **stop, **film(name))["pupil"]
-    y, x = np.indices(image.shape)
-    r = np.hypot(((x + 0.5) / width - 0.5) * camera.film_width_mm, ((y + 0.5) / height - 0.5) * camera.film_height_mm)
-    ratio = image / np.interp(r, [p["r_mm"] for p in rows], [p["relative_illumination"] for p in rows])
-    edges = np.linspace(0, r.max() * (1 + 1e-9), BINS + 1)
-    bins = [ratio[(r >= a) & (r < b)] for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    worst = max(bins, key=lambda b: abs(b.mean() - 1))
-    return {
-        "lens": name,
-        "fnumber": camera.fnumber,
-        "surfaces": lens.info()["surfaces"],
-        "acceptance": camera.acceptance,
-        "missed_fraction": max(camera.missed_fraction),
-        "mean_error": ratio.mean() - 1,
-        "worst_bin_error": worst.mean() - 1,
-        "worst_bin_standard_error": worst.std() / np.sqrt(worst.size),
-        "noise_8spp": ratio.std(),
-        "noise_8spp_worst_bin": max(b.std() for b in bins),
-        "table_and_shader_s": seconds,
-    }
-
-
-def furnaces(names):
-    out = []
-    for name in names:
-        out.append(furnace(name, {}))
-        if out[-1]["fnumber"] < 5.5:
-            out.append(furnace(name, {"fnumber": 5.6}))
-        print(json.dumps(out[-2:]), file=sys.stderr)
-    return out
+    return dict(zip(("film_width_mm", "film_height_mm"), covered(name)[0], strict=True))
 
 
 def cost():
@@ -132,17 +80,14 @@ def modes(names):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", default=["furnace", "cost", "modes"])
-    parser.add_argument("--lens", nargs="*")
+    parser.add_argument("parts", nargs="*", default=["cost", "modes"])
+    parser.add_argument("--lens", nargs="*", default=["cmount_8mm_f2p8", "dgauss_50mm_tronnier"])
     arguments = parser.parse_args()
-    shipped = sorted(p.stem for p in (ROOT / "lens_data/lenses").glob("*.json"))
     report = {"blender": render(osl=None, hfov_deg=40, scene="empty", width=8, height=8, samples=1)[2]}
-    if "furnace" in arguments.parts:
-        report["furnace"] = furnaces(arguments.lens or shipped)
     if "cost" in arguments.parts:
         report["cost"] = cost()
     if "modes" in arguments.parts:
-        report["modes"] = modes(arguments.lens or ["cmount_8mm_f2p8", "dgauss_50mm_tronnier"])
+        report["modes"] = modes(arguments.lens)
     json.dump(report, sys.stdout, indent=1)
 
 

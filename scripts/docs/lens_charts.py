@@ -9,9 +9,10 @@ import math
 import subprocess
 from pathlib import Path
 
+import pecs
+from pecs_lab.films import covered
+
 ROOT = Path(__file__).resolve().parents[2]
-FILMS = {"36 x 24": (36.0, 24.0), "6.22 x 3.50": (6.2208, 3.4992)}  # the larger where the lens lights its corner
-LEAST_LIGHT = 0.02
 PREFACE = """# The shipped lenses
 Written by `scripts/docs/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and
 6.2208 x 3.4992 mm (1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal.
@@ -24,27 +25,14 @@ is estimated in it (housing radii, matched glasses). A C-mount leaves 17.5 mm be
 """
 
 
-def pecs(*arguments):
-    program = next(p for d in ("release", "dev") if (p := ROOT / "build" / d / "bin/pecs").is_file())
-    return subprocess.run([program, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
-
-
-def described(name):
-    for film, (width, height) in FILMS.items():
-        arguments = ("--field-rows", 9, "--film-width", width, "--film-height", height)
-        info = json.loads(pecs("lens", "info", name, "--wavelength", 587.5618, "--json", *arguments))
-        if info["field"][-1]["relative_illumination"] > LEAST_LIGHT:
-            return info, film, math.hypot(width, height) / 2
-    raise SystemExit(f"{name}: lights neither film")
-
-
 def main():
     charts = ROOT / "docs/reference/lenses"
     charts.mkdir(exist_ok=True)
     rows, sections = "", ""
     for path in sorted((ROOT / "lens_data/lenses").glob("*.json")):
         name, lens = path.stem, json.loads(path.read_text())
-        info, film, half = described(name)
+        film_mm, info = covered(name)
+        film = " x ".join(f"{side:.2f}".removesuffix(".00") for side in film_mm)
         corner, axis = info["field"][-1], info["field"][0]
         rows += (
             f"| [{name}](#{name}) | {info['efl_mm']:.3f} | {info['fnumber']:.2f} | {info['bfl_mm']:.2f} | {film} "
@@ -52,8 +40,11 @@ def main():
             f"| {corner['distortion_percent']:.2f} "
             f"| {axis['rms_spot_um'][0]:.1f} / {corner['rms_spot_um'][0]:.1f} |\n"
         )
-        pecs("lens", "chart", name, "-o", charts / f"{name}.svg", "--film-half-diagonal", f"{half:.4f}")
-        (charts / f"{name}.svg.run.json").unlink()
+        chart = charts / f"{name}.svg"
+        half_mm = f"{math.hypot(*film_mm) / 2:.4f}"
+        command = [pecs.program(), "lens", "chart", name, "-o", chart, "--film-half-diagonal", half_mm]
+        subprocess.run(command, check=True, capture_output=True)
+        chart.with_name(f"{chart.name}.run.json").unlink()
         source = "; ".join(str(v) for v in lens["source"].values())
         sections += f"\n## {name}\n{lens['name']}. {source}.\n\n![chart of {name}](lenses/{name}.svg)\n"
     (ROOT / "docs/reference/lenses.md").write_text(PREFACE + rows + sections)

@@ -99,29 +99,23 @@ def measured(real: np.ndarray, sim: np.ndarray, disk: dict, origin: str = "zero"
     return np.array(values, float)
 
 
-def picture(rows: list[str], deviations: np.ndarray) -> str:
+def picture(path: Path, rows: list[str], deviations: np.ndarray) -> None:
     """A field per row and measure: white within what chance does, dark a thousand times that."""
-    cell_w, cell_h, left, top = 46, 24, 250, 130
-    width, height = left + cell_w * len(MEASURES) + 110, top + cell_h * len(rows) + 10
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
-    svg += 'font-size="12">'
-    svg += f'<rect width="{width}" height="{height}" fill="#ffffff"/>'
-    for k, name in enumerate(MEASURES):
-        x = left + (k + 0.6) * cell_w
-        svg += f'<text transform="translate({x} {top - 8}) rotate(-50)">{name}</text>'
-    for i, name in enumerate(rows):
-        y = top + i * cell_h
-        svg += f'<text x="{left - 10}" y="{y + 16}" text-anchor="end">{name}</text>'
-        for k, d in enumerate(deviations[i]):
-            strength = 1 if np.isnan(d) else np.clip(np.log10(max(d, 1e-9) / 3) / 2.5, 0, 1)
-            shade = "#" + "".join(f"{round(255 - strength * (255 - c)):02x}" for c in (0, 90, 150))
-            ink = "#ffffff" if strength > 0.5 else "#1b1f24"
-            svg += f'<rect x="{left + k * cell_w}" y="{y}" width="{cell_w - 2}" height="{cell_h - 2}" fill="{shade}"/>'
-            text = "none" if np.isnan(d) else f"{d:.0f}" if d < 1000 else f"{d / 1000:.0f}k"
-            svg += (
-                f'<text x="{left + (k + 0.48) * cell_w}" y="{y + 15}" text-anchor="middle" fill="{ink}">{text}</text>'
-            )
-    return svg + "</svg>\n"
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(10, 0.27 * len(rows) + 1.5), layout="constrained")
+    strength = np.clip(np.log10(np.maximum(deviations, 1e-9) / 3) / 2.5, 0, 1)
+    axes.imshow(np.nan_to_num(strength, nan=1), cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    axes.set_xticks(range(len(MEASURES)), MEASURES, rotation=50, ha="left")
+    axes.set_yticks(range(len(rows)), rows)
+    axes.xaxis.tick_top()
+    for (i, k), d in np.ndenumerate(deviations):
+        text = "none" if np.isnan(d) else f"{d:.0f}" if d < 1000 else f"{d / 1000:.0f}k"
+        axes.text(k, i, text, ha="center", va="center", fontsize=8, color="white" if d > 50 or np.isnan(d) else "black")
+    figure.savefig(path)
 
 
 def main() -> None:
@@ -146,7 +140,7 @@ def main() -> None:
     if args.picture:
         names = list(rows)[1:]
         away = np.abs(np.array([rows[n] for n in names]) - chance.mean(axis=0)) / chance.std(axis=0, ddof=1)
-        args.picture.write_text(picture(names, away))
+        picture(args.picture, names, away)
 
 
 if __name__ == "__main__":

@@ -31,12 +31,12 @@ from pecs import Chip, Light, read, sense
 from pecs._files import write_json
 from pecs.datasets.sequence import Sequence, sequences
 from pecs.learning.clips import WHITE_PERCENTILE, ClipConfig, Recording
-from pecs.learning.export import export
 from pecs.learning.footage import Footage, read_footage
 from pecs.learning.networks import NetworkConfig
 from pecs.learning.reconstruct import Filter, Network
-from pecs.learning.train import TrainConfig, train
+from pecs.learning.train import TrainConfig
 from pecs_lab import real_disk, report
+from pecs_lab.training import learnt, method_of
 from pecs_lab.video_scores import picture_scores
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
@@ -141,12 +141,12 @@ def network_of(work: Work, name: str, seed: int) -> Path:
     """Trained on one simulator's events: its network.onnx."""
     run = work.folder / "runs" / f"{name}_{seed}"
     if not (run / "network.onnx").exists():
-        learnt(run, seen_by(work, name, "train"), PLAN[work.training], seed, work.device)
+        learnt(run, seen_by(work, name, "train"), config_of(PLAN[work.training], seed), work.device)
     return run / "network.onnx"
 
 
-def learnt(run: Path, sources: list[Recording], how: dict, seed: int, device: str) -> None:
-    config = TrainConfig(
+def config_of(how: dict, seed: int) -> TrainConfig:
+    return TrainConfig(
         NetworkConfig(how["network"], channels=how["channels"], levels=how.get("levels", 0)),
         ClipConfig(how["windows"], how["crop"]),
         how["steps"],
@@ -155,13 +155,6 @@ def learnt(run: Path, sources: list[Recording], how: dict, seed: int, device: st
         how.get("decay_steps", 0),
         seed=seed,
     )
-
-    def say(step: int, loss: float) -> None:
-        if step % 50 == 0:
-            print(f"{run.name}: {step}/{how['steps']}, loss {loss:.4f}", file=sys.stderr, flush=True)
-
-    train(sources, run, config, device=device, progress=say)
-    export(run, run / "network.onnx")
 
 
 def shipped(work: Work, name: Path, real: Path | None) -> None:
@@ -178,7 +171,7 @@ def shipped(work: Work, name: Path, real: Path | None) -> None:
                 sensed(sequence, path, {"model": OURS, "overrides": overrides}, None, share)
             sources.append(recording.with_events(read(path, "dsec")))
     run = work.folder / "runs" / "shipped"
-    learnt(run, sources, how["training"], how["seed"], work.device)
+    learnt(run, sources, config_of(how["training"], how["seed"]), work.device)
     shutil.copy(run / "network.onnx", name.with_suffix(".onnx"))
     found = {}
     for who, weights in (("network", run / "network.onnx"), (FILTER, None)):
@@ -190,10 +183,6 @@ def shipped(work: Work, name: Path, real: Path | None) -> None:
             found[who][footage.name] = real_disk.scores(method, footage, disk, PLAN["real"])
     record = {"plan": PLAN, "run": json.loads((run / "config.json").read_text()), "scores": found}
     write_json(name.with_suffix(".json"), record)
-
-
-def method_of(weights: Path | None, size: tuple[int, int]) -> Filter | Network:
-    return Network(weights, *size, threads=1) if weights else Filter(*size, 1.0)
 
 
 def weights_of(work: Work, name: str, seed: int) -> Path | None:

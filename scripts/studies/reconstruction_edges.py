@@ -13,7 +13,6 @@ events of the same disks by pixels without delay and noise.
 import argparse
 import json
 import math
-import sys
 from pathlib import Path
 
 import cv2
@@ -21,15 +20,15 @@ import numpy as np
 import torch
 from pecs._files import write_json
 from pecs.learning.clips import ClipConfig
-from pecs.learning.export import export
 from pecs.learning.footage import Footage
 from pecs.learning.networks import NetworkConfig
-from pecs.learning.reconstruct import WEIGHTS, Filter, Network
-from pecs.learning.train import TrainConfig, train
+from pecs.learning.reconstruct import WEIGHTS
+from pecs.learning.train import TrainConfig
 from pecs_lab import real_disk, sequences
 from pecs_lab.disk import RADII, Disk, edges
 from pecs_lab.drawn_disk import Drawn, Turning, sensed, shown
 from pecs_lab.report import table
+from pecs_lab.training import learnt, method_of
 
 STUDY = json.loads(Path(__file__).with_name("reconstruction.json").read_text())
 PLAN, DISKS = STUDY["real"], STUDY["disks"]
@@ -86,13 +85,7 @@ def trained(run: Path, steps: int, fast: bool) -> Path:
     if not (run / "network.onnx").exists():
         sources = [Turning(DISKS, CHIP, seed, fast) for seed in range(DISKS["count"])]
         config = TrainConfig(NetworkConfig(channels=8), ClipConfig(20, 64), steps, 2, decay_steps=steps // 3)
-
-        def say(step: int, loss: float) -> None:
-            if step % 50 == 0:
-                print(f"{run.name}: {step}/{steps}, loss {loss:.4f}", file=sys.stderr, flush=True)
-
-        train(sources, run, config, progress=say)
-        export(run, run / "network.onnx")
+        learnt(run, sources, config)
     return run / "network.onnx"
 
 
@@ -119,8 +112,7 @@ class Measured:
     def add_method(self, name: str, weights: Path | None) -> None:
         for sensor, events in self.events.items():
             windows = Footage(sensor, events, self.footage.times_us, self.footage.pictures).windows
-            size = self.footage.size
-            method = Network(weights, *size, threads=1) if weights else Filter(*size, 1.0)
+            method = method_of(weights, self.footage.size)
             self.add(f"{name} on {sensor}", [method(window) for window in windows])
 
 

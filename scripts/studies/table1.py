@@ -4,7 +4,7 @@ there is one, else against `pecs`. Stacks come from scripts/tools/sequences.py.
 
     scripts/studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
 
-Writes table1.json, .csv and .md into the folder. Published numbers stand beside ours in the paper's arithmetic
+Writes table1.json and table1.md into the folder. Published numbers stand beside ours in the paper's arithmetic
 and in shared normalisation (docs/reference/metrics.md), with 95 % intervals. On the disk, delays behind the edge too:
 the earth mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
 recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
@@ -12,7 +12,6 @@ recording's pixels at its pixels' centres, in the sensor's coordinates. Default 
 """
 
 import argparse
-import csv
 import json
 import sys
 from pathlib import Path
@@ -143,13 +142,6 @@ def cells(row: dict) -> list[str]:
 
 def write(rows: list[dict], folder: Path) -> None:
     (folder / "table1.json").write_text(json.dumps(rows, indent=1))
-    with open(folder / "table1.csv", "w", newline="") as file:
-        flat = [
-            {k: "/".join(map(str, v)) if isinstance(v, list) else v for k, v in r.items() if k != "floor"} for r in rows
-        ]
-        writer = csv.DictWriter(file, list(dict.fromkeys(key for row in flat for key in row)))
-        writer.writeheader()
-        writer.writerows(flat)
     shown = table([title for _, title in COLUMNS], map(cells, rows))
     (folder / "table1.md").write_text(shown + "\n")
     print(shown)

@@ -13,7 +13,7 @@ from mathutils import Matrix, Vector
 
 from ..render.plan import film_width_mm_of
 from . import field, frustum, library, settings
-from .interface import CONTEXT, Action, say
+from .interface import CONTEXT, Action, props, say
 
 BEFORE = "pecs_before"  # custom property of the camera with its state before set_up
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -62,12 +62,8 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     across = found.width_per_distance if found else _width_per_distance(scene, camera)
 
     scene.camera = thing
-    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
-    render.pixel_aspect_x = render.pixel_aspect_y = 1
-    camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
-    camera.sensor_width, camera.sensor_height = film_mm, film_mm * height / width
-    camera.shift_x = camera.shift_y = 0
-    camera.lens = film_mm / across
+    settings.set_size(render, width, height)
+    settings.set_pinhole(camera, film_mm, film_mm * height / width, film_mm / across)
     if found:
         camera.dof.use_dof, camera.dof.aperture_fstop = True, found.fnumber
         if s.focus_m:
@@ -125,8 +121,7 @@ class _SetUp(Action):
     def draw(self, _context) -> None:
         layout = self.layout
         layout.use_property_split = True
-        for name in ("lens", "chip", "fnumber", "focus"):
-            layout.prop(self, name)
+        props(layout, self, "lens", "chip", "fnumber", "focus")
 
     def take_panel(self, scene) -> None:
         """Copies set properties to the panel's settings, and fills the unset ones from there."""
@@ -153,11 +148,7 @@ class _SetUp(Action):
 
 
 _CHOICES = {
-    "lens": StringProperty(
-        name="Lens",
-        translation_context=CONTEXT,
-        search=settings.lenses,
-    ),
+    "lens": StringProperty(name="Lens", translation_context=CONTEXT, search=settings.lenses),
     "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
     "fnumber": FloatProperty(name="f-number", min=0, description="f-number of the lens; 0: wide open"),
     "focus": FloatProperty(
@@ -169,7 +160,6 @@ _CHOICES = {
 class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
     """Set the scene's camera to the film size, resolution and field of view of the chip and lens"""
 
-    bl_idname = "pecs.setup_camera"
     bl_label = "Set Up Event Camera"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -185,7 +175,6 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
 class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
     """Add a camera with the film size, resolution and field of view of the chip and lens"""
 
-    bl_idname = "pecs.add_camera"
     bl_label = "Event Camera"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -214,7 +203,6 @@ PECS_OT_add_camera.__annotations__ = dict(_CHOICES)
 class PECS_OT_restore_camera(Action, bpy.types.Operator):
     """Restore the camera, resolution and lens from before the setup"""
 
-    bl_idname = "pecs.restore_camera"
     bl_label = "Restore Camera"
     bl_options = {"REGISTER", "UNDO"}
 

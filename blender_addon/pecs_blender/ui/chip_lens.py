@@ -15,7 +15,6 @@ from .interface import Action, say
 class PECS_OT_chip_resolution(Action, bpy.types.Operator):
     """Set the scene's resolution to that of the chip"""
 
-    bl_idname = "pecs.chip_resolution"
     bl_label = "Use Chip Resolution"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -28,15 +27,13 @@ class PECS_OT_chip_resolution(Action, bpy.types.Operator):
         return "" if chip.width and chip.height else say("This chip has no fixed resolution")
 
     def act(self, context) -> None:
-        chip, render = library.chip(context.scene.pecs.chip), context.scene.render
-        render.resolution_x, render.resolution_y, render.resolution_percentage = chip.width, chip.height, 100
-        render.pixel_aspect_x = render.pixel_aspect_y = 1
+        chip = library.chip(context.scene.pecs.chip)
+        settings.set_size(context.scene.render, chip.width, chip.height)
 
 
 class PECS_OT_use_gpu(Action, bpy.types.Operator):
     """Render on the device from Cycles' preferences"""
 
-    bl_idname = "pecs.use_gpu"
     bl_label = "Use GPU"
     bl_options = {"UNDO", "INTERNAL"}
 
@@ -57,7 +54,6 @@ class _OnLens(Action):
 class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
     """Open the lens to its maximum aperture"""
 
-    bl_idname = "pecs.wide_open"
     bl_label = "Use Wide-Open Aperture"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -68,7 +64,6 @@ class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
 class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
     """Set the scene's camera to the lens's angle of view, so that the viewport shows the lens's image"""
 
-    bl_idname = "pecs.match_lens"
     bl_label = "Match Camera to Lens"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -80,19 +75,14 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
         return super().why_not(context)
 
     def act(self, context) -> None:
-        scene, camera = context.scene, context.scene.camera.data
-        width_mm, height_mm = settings.film_mm(scene)
-        info = settings.lens_now(scene)
-        camera.type, camera.sensor_fit = "PERSP", "HORIZONTAL"
-        camera.sensor_width, camera.sensor_height = width_mm, height_mm
-        camera.lens = width_mm / 2 / math.tan(math.radians(info["hfov_deg"]) / 2)
-        camera.shift_x = camera.shift_y = 0
+        width_mm, height_mm = settings.film_mm(context.scene)
+        half = math.radians(settings.lens_now(context.scene)["hfov_deg"]) / 2
+        settings.set_pinhole(context.scene.camera.data, width_mm, height_mm, width_mm / 2 / math.tan(half))
 
 
 class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
     """Draw a cross-section of the lens with its rays (SVG) and open it in the browser"""
 
-    bl_idname = "pecs.draw_lens"
     bl_label = "Draw Lens"
 
     def act(self, context) -> str:
@@ -106,7 +96,6 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
 class PECS_OT_pick_lens(Action, bpy.types.Operator):
     """Choose a lens prescription file"""
 
-    bl_idname = "pecs.pick_lens"
     bl_label = "Load Lens File"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -132,7 +121,6 @@ def _keys(_self, context, text: str) -> list[tuple[str, str]]:
 class PECS_OT_override_add(Action, bpy.types.Operator):
     """Override a parameter of the chip or pixel model"""
 
-    bl_idname = "pecs.override_add"
     bl_label = "Override Parameter"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "name"
@@ -154,7 +142,6 @@ class PECS_OT_override_add(Action, bpy.types.Operator):
 class PECS_OT_override_remove(Action, bpy.types.Operator):
     """Remove the override and use the value of the profile"""
 
-    bl_idname = "pecs.override_remove"
     bl_label = "Remove Override"
     bl_options = {"UNDO", "INTERNAL"}
 

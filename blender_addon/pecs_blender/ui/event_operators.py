@@ -28,7 +28,6 @@ def _command(*words: object) -> list[str]:
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
     """Simulate the events of the rendered stack"""
 
-    bl_idname = "pecs.sense"
     bl_label = "Simulate Events"
 
     @classmethod
@@ -60,7 +59,6 @@ class _OnEvents(operators.InBackground):
 class PECS_OT_view(_OnEvents, bpy.types.Operator):
     """View the simulated events"""
 
-    bl_idname = "pecs.view"
     bl_label = "View Events"
 
     kind: EnumProperty(name="Format", items=[(key, *words) for key, words in KINDS.items()])
@@ -116,7 +114,6 @@ def _add_strip(job: BackgroundJob) -> str:
 class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
     """Reconstruct a video from the simulated events with a filter and open it in the system's player"""
 
-    bl_idname = "pecs.reconstruct"
     bl_label = "Reconstruct Video"
 
     to_sequencer: bpy.props.BoolProperty(name="Add to Sequencer", options={"SKIP_SAVE"})
@@ -135,7 +132,6 @@ class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
 class PECS_OT_report(_OnEvents, bpy.types.Operator):
     """Write a page with the render, lens and events, and the scores if a recording is set"""
 
-    bl_idname = "pecs.report"
     bl_label = "Report"
 
     @staticmethod
@@ -155,7 +151,6 @@ def _recording(scene, *option: str) -> list[str]:
 class PECS_OT_compare(_OnEvents, bpy.types.Operator):
     """Compute similarity scores between the simulated events and a recording"""
 
-    bl_idname = "pecs.compare"
     bl_label = "Compare with Recording"
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -217,7 +212,6 @@ def _number(value: float | None, spec: str) -> str:
 class PECS_OT_close_scores(Action, bpy.types.Operator):
     """Remove the scores from the panel"""
 
-    bl_idname = "pecs.close_scores"
     bl_label = "Close"
     bl_options = {"INTERNAL"}
 
@@ -228,7 +222,6 @@ class PECS_OT_close_scores(Action, bpy.types.Operator):
 class PECS_OT_open_folder(Action, bpy.types.Operator):
     """Open the folder of the stack and events in the system's file manager"""
 
-    bl_idname = "pecs.open_folder"
     bl_label = "Open Output Folder"
 
     @classmethod

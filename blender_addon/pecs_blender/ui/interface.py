@@ -40,6 +40,18 @@ def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
 
 
+def props(layout, owner, *names: str) -> None:
+    for name in names:
+        layout.prop(owner, name)
+
+
+def progress(layout, job) -> None:
+    """Draws a background.BackgroundJob with the button that stops it."""
+    row = layout.row(align=True)
+    row.progress(factor=job.progress, text=job.text)
+    row.operator("pecs.stop", icon="CANCEL", text="")
+
+
 def problem(layout, one) -> None:
     """Draws a checks.Problem with the button that fixes it."""
     wrapped(layout, one.text, "ERROR" if one.is_error else "INFO", alert=one.is_error)
@@ -48,7 +60,12 @@ def problem(layout, one) -> None:
 
 
 class Action:
-    """An operator that does its work in act(context), which may return a message. Errors are reported."""
+    """An operator `pecs.NAME`, a class PECS_OT_NAME, that does its work in act(context), which may return a message.
+    Errors are reported."""
+
+    def __init_subclass__(cls, **more) -> None:
+        super().__init_subclass__(**more)
+        cls.bl_idname = "pecs." + cls.__name__.removeprefix("PECS_OT_")
 
     ERRORS: tuple[type[Exception], ...] = (RuntimeError, OSError)  # others are defects
 

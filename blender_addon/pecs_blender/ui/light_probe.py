@@ -33,7 +33,6 @@ class PecsLight(bpy.types.PropertyGroup):
 class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
     """Measure the illuminance in view, and the chip's photocurrent and bandwidth at this light"""
 
-    bl_idname = "pecs.probe_light"
     bl_label = "Probe Light"
 
     @staticmethod
@@ -57,7 +56,6 @@ def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
 class PECS_OT_set_lux(Action, bpy.types.Operator):
     """Set the light scale for the target illuminance"""
 
-    bl_idname = "pecs.set_lux"
     bl_label = "Set Light Scale"
     bl_options = {"REGISTER", "UNDO"}
 

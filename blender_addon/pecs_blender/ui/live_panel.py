@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import live_view
-from .interface import Action, say, wrapped
+from .interface import Action, props, say, wrapped
 from .live_view import state
 
 
@@ -75,7 +75,6 @@ class PecsLive(bpy.types.PropertyGroup):
 class PECS_OT_live(Action, bpy.types.Operator):
     """Draw simulated events over this viewport, as a preview in relative light. Press again to stop"""
 
-    bl_idname = "pecs.live"
     bl_label = "Live Events"
     ERRORS = (Exception,)
 
@@ -93,7 +92,6 @@ class PECS_OT_live(Action, bpy.types.Operator):
 class PECS_OT_live_record(Action, bpy.types.Operator):
     """Record the live events to the file until pressed again or the live view stops"""
 
-    bl_idname = "pecs.live_record"
     bl_label = "Record"
     ERRORS = (Exception,)
 
@@ -128,17 +126,9 @@ class PECS_PT_live(bpy.types.Panel):
             wrapped(layout, state.message, "ERROR")
         wrapped(layout, say("Preview in relative light, without spectra and lens"), "INFO")
 
-        column = layout.column(align=True)
-        column.prop(s, "source")
-        column.prop(s, "width")
-        column.prop(s, "height")
-        column.prop(s, "pixel")
-        if s.pixel == "QUICK":
-            column.prop(s, "threshold")
-        column = layout.column(align=True)
-        column.prop(s, "subframes")
-        column.prop(s, "decay_ms")
-        column.prop(s, "alone")
+        quick = ["threshold"] if s.pixel == "QUICK" else []
+        props(layout.column(align=True), s, "source", "width", "height", "pixel", *quick)
+        props(layout.column(align=True), s, "subframes", "decay_ms", "alone")
         layout.prop(s, "record")
 
 

@@ -143,14 +143,17 @@ class LiveSensor:
             raise
 
     def record(self, path: Path) -> None:
-        """Starts to write events to a file, whose time begins with the first of them."""
+        """Starts to write events to a file."""
         height, width = self.last_s.shape
         self.recording = EventRecording(path, width, height)
 
     def stop_recording(self) -> int:
         """Completes the file; returns its number of events."""
         recording, self.recording = self.recording, None
-        return recording.finish() if recording else 0
+        if not recording:
+            return 0
+        recording.finish()
+        return recording.count
 
     def close(self) -> None:
         try:
@@ -159,13 +162,13 @@ class LiveSensor:
             self._sensor.close()
 
 
-class EventRecording:
-    """Writes events to FILE.partial, renamed to FILE when complete."""
+class EventRecording(pecs.EventWriter):
+    """Events of a file whose time begins with the first of them."""
 
     def __init__(self, path: Path, width: int, height: int):
+        super().__init__(path, width, height)
         self.path, self.count = path, 0
         self._begin_us: int | None = None
-        self._writer = pecs.EventWriter(path, width, height)
 
     def write(self, events: np.ndarray) -> None:
         if not len(events):
@@ -174,12 +177,5 @@ class EventRecording:
             self._begin_us = int(events["t"][0])
         events = np.array(events)
         events["t"] -= self._begin_us
-        self._writer.write(events)
+        super().write(events)
         self.count += len(events)
-
-    def finish(self) -> int:
-        self._writer.finish()
-        return self.count
-
-    def close(self) -> None:
-        self._writer.close()

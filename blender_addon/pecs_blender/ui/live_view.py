@@ -301,26 +301,6 @@ def _shared(*shape: int) -> tuple[gpu.types.Buffer, np.ndarray]:
     return buffer, np.asarray(buffer).reshape(shape)
 
 
-class _GpuResources:
-    """Offscreen buffer, texture and shader, and the memory shared with NumPy."""
-
-    def __init__(self, last_s: np.ndarray) -> None:
-        height, width = last_s.shape
-        self.offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA16F")
-        self.rgba, self.rgba_array = _shared(height, width, 4)
-        self._last_s = gpu.types.Buffer("FLOAT", last_s.size, last_s.reshape(-1))
-        self._size = width, height
-        self._shader = EventShader()
-        self.texture = None  # of last_s; None if it is outdated
-
-    def draw(self, rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
-        self.texture = self.texture or gpu.types.GPUTexture(self._size, format="R32F", data=self._last_s)
-        self._shader.draw(self.texture, rectangle, now_s, decay_s, paper_alpha)
-
-    def free(self) -> None:
-        self.offscreen.free()
-
-
 def draws_offscreen(scene, space) -> bool:
     return space.shading.type != "RENDERED" or scene.render.engine in DRAWS_OFFSCREEN
 
@@ -367,18 +347,24 @@ void main() {
 """
 
 
-class EventShader:
-    """Draws the signed event times of `live_sensor.LiveSensor.last_s`."""
+class _GpuResources:
+    """Offscreen buffer; shader and texture of the signed event times `live_sensor.LiveSensor.last_s`; the memory shared
+    with NumPy."""
 
-    def __init__(self) -> None:
+    def __init__(self, last_s: np.ndarray) -> None:
+        height, width = last_s.shape
+        self.offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA16F")
+        self.rgba, self.rgba_array = _shared(height, width, 4)
+        self._last_s = gpu.types.Buffer("FLOAT", last_s.size, last_s.reshape(-1))
+        self._size = width, height
+        self.texture = None  # of last_s; None if it is outdated
         info = gpu.types.GPUShaderCreateInfo()
         passed = gpu.types.GPUStageInterfaceInfo("pecs_live_passed")
         passed.smooth("VEC2", "uv")
         info.push_constant("MAT4", "ModelViewProjectionMatrix")
-        for kind, name in (("VEC2", "corner"), ("VEC2", "size")):
-            info.push_constant(kind, name)
-        for name in ("now_s", "decay_s", "paper_alpha"):
-            info.push_constant("FLOAT", name)
+        for kind, names in (("VEC2", ("corner", "size")), ("FLOAT", ("now_s", "decay_s", "paper_alpha"))):
+            for name in names:
+                info.push_constant(kind, name)
         info.sampler(0, "FLOAT_2D", "last_s")
         info.vertex_in(0, "VEC2", "pos")
         info.vertex_out(passed)
@@ -388,17 +374,20 @@ class EventShader:
         self._shader = gpu.shader.create_from_info(info)
         self._batch = batch_for_shader(self._shader, "TRI_FAN", {"pos": ((0, 0), (1, 0), (1, 1), (0, 1))})
 
-    def draw(self, texture, rectangle: Rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
-        shader = self._shader
+    def draw(self, rectangle: Rectangle, now_s: float, decay_s: float, paper_alpha: float) -> None:
+        self.texture = self.texture or gpu.types.GPUTexture(self._size, format="R32F", data=self._last_s)
+        shader, (x, y, width, height) = self._shader, rectangle
         shader.bind()
-        shader.uniform_sampler("last_s", texture)
-        shader.uniform_float("corner", rectangle[:2])
-        shader.uniform_float("size", rectangle[2:])
-        for name, value in (("now_s", now_s), ("decay_s", decay_s), ("paper_alpha", paper_alpha)):
+        shader.uniform_sampler("last_s", self.texture)
+        values = {"corner": (x, y), "size": (width, height), "now_s": now_s, "decay_s": decay_s}
+        for name, value in (values | {"paper_alpha": paper_alpha}).items():
             shader.uniform_float(name, value)
         gpu.state.blend_set("ALPHA")
         self._batch.draw(shader)
         gpu.state.blend_set("NONE")
+
+    def free(self) -> None:
+        self.offscreen.free()
 
 
 Rectangle = tuple[float, float, float, float]  # x, y of the lower left corner, width, height in the region's pixels

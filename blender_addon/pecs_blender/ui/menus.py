@@ -9,12 +9,20 @@ from pathlib import Path
 import bpy
 
 from . import background, event_operators, paths
-from .interface import Action, say
+from .interface import Action, progress, say
 
 _PAGES = (
     Path(__file__).parents[1] / "manual/panel.html",
     Path(__file__).parents[3] / "docs/start/panel.md",
 )  # zip; checkout
+
+
+_GROUPS = (  # operators in the Render menu
+    "run render sense",
+    "check_scene probe_light plan preview stop",
+    "view reconstruct report compare open_folder",
+    "chip_resolution pick_lens wide_open match_lens draw_lens override_add",
+)
 
 
 def _page() -> Path:
@@ -30,7 +38,6 @@ def _manual_pages() -> tuple[str, tuple[tuple[str, str], ...]]:
 class PECS_OT_manual(Action, bpy.types.Operator):
     """Open the manual in the browser"""
 
-    bl_idname = "pecs.manual"
     bl_label = "Manual"
 
     def act(self, _context) -> str:
@@ -42,20 +49,14 @@ class PECS_MT_render(bpy.types.Menu):
 
     def draw(self, context) -> None:
         layout = self.layout
-        for name in ("run", "render", "sense"):
-            layout.operator(f"pecs.{name}")
-        layout.separator()
-        for name in ("check_scene", "probe_light", "plan", "preview", "stop"):
-            layout.operator(f"pecs.{name}")
-        layout.separator()
-        for kind, (label, _) in event_operators.KINDS.items():
-            layout.operator("pecs.view", text=say("View Events: {kind}", kind=say(label))).kind = kind
-        for name in ("reconstruct", "report", "compare", "open_folder"):
-            layout.operator(f"pecs.{name}")
-        layout.separator()
-        for name in ("chip_resolution", "pick_lens", "wide_open", "match_lens", "draw_lens", "override_add"):
-            layout.operator(f"pecs.{name}")
-        layout.separator()
+        for group in _GROUPS:
+            for name in group.split():
+                if name == "view":
+                    for kind, (label, _) in event_operators.KINDS.items():
+                        layout.operator("pecs.view", text=say("View Events: {kind}", kind=say(label))).kind = kind
+                else:
+                    layout.operator(f"pecs.{name}")
+            layout.separator()
         layout.operator("pecs.manual", icon="HELP")
 
 
@@ -66,10 +67,9 @@ def _in_render_menu(self, _context) -> None:
 
 def _in_status_bar(self, _context) -> None:
     if job := background.state.job:
-        row = self.layout.row(align=True)
+        row = self.layout.row()
         row.ui_units_x = 16  # fits the text
-        row.progress(factor=job.progress, text=job.text)
-        row.operator("pecs.stop", icon="CANCEL", text="")
+        progress(row, job)
 
 
 _keys: list[tuple] = []  # keymap and item

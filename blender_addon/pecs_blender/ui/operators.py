@@ -93,7 +93,6 @@ def remember_stack(scene_name: str, folder: Path) -> None:
 class PECS_OT_render(Renders, bpy.types.Operator):
     """Render the EXR stack. A stopped render resumes"""
 
-    bl_idname = "pecs.render"
     bl_label = "Render Stack"
 
     @staticmethod
@@ -112,7 +111,6 @@ class PECS_OT_render(Renders, bpy.types.Operator):
 class PECS_OT_run(Renders, bpy.types.Operator):
     """Render the EXR stack, then simulate its events. A stopped render resumes"""
 
-    bl_idname = "pecs.run"
     bl_label = "Render and Simulate"
 
     @staticmethod
@@ -133,7 +131,6 @@ class PECS_OT_run(Renders, bpy.types.Operator):
 class PECS_OT_plan(Renders, bpy.types.Operator):
     """Estimate the frames, time and disk space of the stack from a short probe render"""
 
-    bl_idname = "pecs.plan"
     bl_label = "Plan"
 
     @staticmethod
@@ -146,7 +143,6 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
 class PECS_OT_preview(Renders, bpy.types.Operator):
     """Render the current frame at low resolution and show it in CIE 1931 colours"""
 
-    bl_idname = "pecs.preview"
     bl_label = "Preview"
 
     @staticmethod
@@ -186,7 +182,6 @@ def show_image(image: bpy.types.Image) -> str:
 class PECS_OT_stop(Action, bpy.types.Operator):
     """Stop the job and keep the finished frames. Press again to kill it. Shortcut in the properties editor: Esc"""
 
-    bl_idname = "pecs.stop"
     bl_label = "Stop"
 
     @classmethod

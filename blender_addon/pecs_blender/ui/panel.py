@@ -9,25 +9,19 @@ import bpy
 from pecs._errors import PecsError
 
 from ..render.resources import readable
-from . import (
-    checks,
-    event_operators,
-    frustum,
-    library,
-    light_probe,
-    operators,
-    paths,
-    settings,
-)
+from . import checks, event_operators, frustum, library, light_probe, operators, paths, settings
 from .background import state
-from .interface import CONTEXT, problem, say, wrapped
+from .interface import CONTEXT, problem, progress, props, say, wrapped
 from .presets import PECS_PT_presets
 
 
-class SubPanel:
+class _RenderTab:
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
+
+
+class SubPanel(_RenderTab):
     bl_parent_id = "PECS_PT_render"
 
     def draw(self, context) -> None:
@@ -36,11 +30,8 @@ class SubPanel:
             self.fill(self.layout, context.scene, context.scene.pecs)
 
 
-class PECS_PT_render(bpy.types.Panel):
+class PECS_PT_render(_RenderTab, bpy.types.Panel):
     bl_label = "PECS: Event Camera"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
 
     def draw_header_preset(self, _context) -> None:
         PECS_PT_presets.draw_panel_header(self.layout)
@@ -48,9 +39,7 @@ class PECS_PT_render(bpy.types.Panel):
     def draw(self, context) -> None:
         layout = self.layout
         if job := state.job:
-            row = layout.row(align=True)
-            row.progress(factor=job.progress, text=job.text)
-            row.operator("pecs.stop", icon="CANCEL", text="")
+            progress(layout, job)
         else:
             row = layout.row()
             row.scale_y = 1.4
@@ -73,8 +62,7 @@ class PECS_PT_camera(SubPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("pecs.setup_camera", icon="CAMERA_DATA")
         row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
-        layout.prop(scene.pecs_camera, "focus_object")
-        layout.prop(scene.pecs_camera, "show_field")
+        props(layout, scene.pecs_camera, "focus_object", "show_field")
         wanted = frustum.setting(scene)
         found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
         if wrong:
@@ -98,9 +86,7 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
         width, height = settings.size(scene)
         if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
             layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
-        sensor = s.sensor
-        for name in ("model", "readout", "seed", "no_noise"):
-            layout.prop(sensor, name)
+        props(layout, s.sensor, "model", "readout", "seed", "no_noise")
 
 
 class PECS_PT_parameters(SubPanel, bpy.types.Panel):
@@ -138,9 +124,7 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
             if camera and camera.type == "CAMERA":
                 layout.label(text=say("The scene's camera, f/{number:.3g}", number=camera.data.dof.aperture_fstop))
             return
-        column = layout.column(align=True)
-        for name in ("focus_m", "fnumber", "film_width_mm"):
-            column.prop(s, name)
+        props(layout.column(align=True), s, "focus_m", "fnumber", "film_width_mm")
         info = settings.lens_now(scene)
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
@@ -156,8 +140,7 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
     bl_label = "Light and Bands"
 
     def fill(self, layout, scene, s) -> None:
-        for name in ("bands", "placement", "illuminant", "light_scale", "samples", "device"):
-            layout.prop(s, name)
+        props(layout, s, "bands", "placement", "illuminant", "light_scale", "samples", "device")
 
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):
@@ -166,21 +149,15 @@ class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        for name in ("min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "light_tree", "seed", "threads"):
-            layout.prop(s, name)
-        if settings.has_lens(s):
-            layout.prop(s, "film_shift_mm")
-        layout.prop(s, "allow_scripts")
+        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "noise_target", "denoise", "light_tree", "seed")
+        props(layout, s, "threads", *(["film_shift_mm"] if settings.has_lens(s) else []), "allow_scripts")
 
 
 class PECS_PT_time(SubPanel, bpy.types.Panel):
     bl_label = "Time"
 
     def fill(self, layout, scene, s) -> None:
-        layout.prop(s, "time")
-        layout.prop(s, "step_px" if s.time == "adaptive" else "moving_px")
-        layout.prop(s, "fps")
-        layout.prop(s, "whole_range")
+        props(layout, s, "time", "step_px" if s.time == "adaptive" else "moving_px", "fps", "whole_range")
         if not s.whole_range:
             layout.prop(s, "frames")
         count, passes = settings.frame_count(scene), s.pass_count
@@ -194,8 +171,7 @@ class PECS_PT_stack(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "output", placeholder=paths.stack(scene).name)
-        layout.prop(s, "exists")
-        layout.prop(s, "layers")
+        props(layout, s, "exists", "layers")
         width, height = settings.size(scene)
         text = "{width} x {height} pixels, up to {size}"
         layout.label(text=say(text, width=width, height=height, size=readable(settings.stack_bytes(scene))))
@@ -254,18 +230,18 @@ class PECS_PT_view(SubPanel, bpy.types.Panel):
     bl_parent_id = "PECS_PT_events"
 
     def fill(self, layout, scene, s) -> None:
-        layout.prop(s.sensor, "window_ms")
-        layout.prop(s.sensor, "slow_motion")
+        props(layout, s.sensor, "window_ms", "slow_motion")
         row = layout.row(align=True)
         for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
             row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
-        if event_operators.sequencer_scene(bpy.context):
+        sequencer = event_operators.sequencer_scene(bpy.context)
+        if sequencer:
             strip = layout.operator("pecs.view", text="Video to Sequencer", icon="SEQUENCE")
             strip.kind, strip.to_sequencer = "mp4", True
         layout.prop(s.sensor, "cutoff_hz")
         row = layout.row(align=True)
         row.operator("pecs.reconstruct", icon="RENDER_ANIMATION")
-        if event_operators.sequencer_scene(bpy.context):
+        if sequencer:
             row.operator("pecs.reconstruct", text="", icon="SEQUENCE").to_sequencer = True
         row = layout.row(align=True)
         row.operator("pecs.report", icon="TEXT")
@@ -277,8 +253,7 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
     bl_parent_id = "PECS_PT_events"
 
     def fill(self, layout, scene, s) -> None:
-        layout.prop(s.sensor, "recording")
-        layout.prop(s.sensor, "compare_ms")
+        props(layout, s.sensor, "recording", "compare_ms")
         layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
         title, rows = state.scores
         if rows:

@@ -8,6 +8,7 @@ import bpy
 from bpy.props import StringProperty
 
 from . import library
+from .interface import props
 
 _TEXTS = {
     "pecs_reflectance": ("Reflectance", "Reflectance spectrum of the surface, instead of its colours", library.spectra),
@@ -60,6 +61,11 @@ def _property(key: str):
     )
 
 
+def _holder(context, tab: str):
+    """The material, light or world in a tab of the properties editor."""
+    return getattr(context, "light" if tab == "data" else tab, None)
+
+
 class _Spectra:
     bl_label = "PECS: Spectra"
     bl_space_type = "PROPERTIES"
@@ -68,15 +74,13 @@ class _Spectra:
 
     @classmethod
     def poll(cls, context) -> bool:
-        return bool(getattr(context, cls.bl_context, None))
+        return bool(_holder(context, cls.bl_context))
 
     def draw(self, context) -> None:
         self.layout.use_property_split, self.layout.use_property_decorate = True, False
-        thing = getattr(context, self.bl_context)
-        for holder, keys in _HOLDERS.items():
-            if isinstance(thing, holder):
-                for key in keys:
-                    self.layout.prop(thing, field(key))
+        holder = _holder(context, self.bl_context)
+        keys = next(keys for kind, keys in _HOLDERS.items() if isinstance(holder, kind))
+        props(self.layout, holder, *map(field, keys))
 
 
 class PECS_PT_material(_Spectra, bpy.types.Panel):
@@ -89,14 +93,6 @@ class PECS_PT_world(_Spectra, bpy.types.Panel):
 
 class PECS_PT_lamp(_Spectra, bpy.types.Panel):
     bl_context = "data"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return bool(context.light)
-
-    def draw(self, context) -> None:
-        self.layout.use_property_split = True
-        self.layout.prop(context.light, field("pecs_spectrum"))
 
 
 def register() -> None:

@@ -17,11 +17,8 @@ def _path(text: str, extension: str) -> Path:
     """The path set in the panel, or the .blend's name in the preferred folder."""
     if text:
         return Path(bpy.path.abspath(text))
-    return Path(bpy.path.abspath(preferences().output_folder or "//"), (default_name() or "untitled") + extension)
-
-
-def default_name() -> str:
-    return Path(bpy.data.filepath).stem
+    name = Path(bpy.data.filepath).stem or "untitled"
+    return Path(bpy.path.abspath(preferences().output_folder or "//"), name + extension)
 
 
 def stack(scene) -> Path:

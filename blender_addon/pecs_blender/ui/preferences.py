@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import bpy
 from bpy.props import BoolProperty, IntProperty, StringProperty
 
+from .interface import props
+
 ROOT = __package__.rpartition(".")[0]
 _DEFAULTS = {"threads": 0, "output_folder": "//", "lens_folder": "", "chip_folder": "", "save_first": False}
 
@@ -47,8 +49,7 @@ class PecsPreferences(bpy.types.AddonPreferences):
 
     def draw(self, _context) -> None:
         self.layout.use_property_split = True
-        for name in _DEFAULTS:
-            self.layout.prop(self, name)
+        props(self.layout, self, *_DEFAULTS)
 
 
 def preferences() -> PecsPreferences | SimpleNamespace:

@@ -23,6 +23,7 @@ MOST_PX = 1.0  # motion between frames above which the light jumps
 MOST_NOISE, NOISE_TARGET = 0.3, 0.1  # in contrast thresholds: visible in the events; not visible
 GRID = 32, 24  # rays across and down
 SHOWN = 5  # names listed
+SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "VOLUME")
 
 
 def check(scene, view_layer) -> list[Problem]:
@@ -39,18 +40,11 @@ def _files(scene) -> Iterator[Problem]:
 
 
 def _lamps(scene) -> Iterator[Problem]:
-    lamps = sorted(
-        {o.data.name for o in scene.objects if o.type == "LIGHT" and not o.hide_render and _has_no_spectrum(o.data)}
-    )
-    if lamps:
-        yield Problem(
-            _list(say("Lamps without a spectrum, rendered as {spectrum}", spectrum=scene.pecs.illuminant), lamps),
-            is_error=False,
-        )
-
-
-def _has_no_spectrum(light) -> bool:
-    return "pecs_spectrum" not in light and not getattr(light, "use_temperature", False)
+    lights = {o.data for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
+    white = [light for light in lights if "pecs_spectrum" not in light and not getattr(light, "use_temperature", False)]
+    if white:
+        text = say("Lamps without a spectrum, rendered as {spectrum}", spectrum=scene.pecs.illuminant)
+        yield Problem(_list(text, sorted(light.name for light in white)), is_error=False)
 
 
 def _nodes() -> Iterator[Problem]:
@@ -87,25 +81,19 @@ def _clip(scene, view_layer) -> Iterator[Problem]:
     camera = scene.camera
     if not camera or camera.type != "CAMERA" or settings.has_lens(scene.pecs):
         return
-    ahead = -(np.array(camera.matrix_world.normalized().inverted()) @ _corners(view_layer))[2]
-    if ahead.size and ahead.max() > camera.data.clip_end:
+    far = _farthest(camera, view_layer)
+    if far > camera.data.clip_end:
         text = "The camera's clip end is {end:g}, but objects extend to {far:.4g}"
-        text = say(text, end=camera.data.clip_end, far=ahead.max())
+        text = say(text, end=camera.data.clip_end, far=far)
         yield Problem(text, is_error=False, fix="pecs.extend_clip_end")
 
 
-def _visible_objects(view_layer) -> list:
-    shown = (o for o in view_layer.objects if o.visible_get(view_layer=view_layer) and not o.hide_render)
-    return [o for o in shown if o.type in ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "VOLUME")]
-
-
-def _corners(view_layer) -> np.ndarray:
-    """[4, n] world coordinates of the corners of all bounding boxes at the current frame."""
-    corners = [
-        np.array(o.matrix_world) @ np.vstack([np.array(o.bound_box).T, np.ones(8)])
-        for o in _visible_objects(view_layer)
-    ]
-    return np.concatenate(corners, axis=1) if corners else np.empty((4, 0))
+def _farthest(camera, view_layer) -> float:
+    """Greatest depth of a bounding box's corner at the current frame; 0 if nothing is ahead."""
+    solid = [o for o in view_layer.objects if o.type in SOLID and not o.hide_render]
+    shown = [o for o in solid if o.visible_get(view_layer=view_layer)]
+    back = camera.matrix_world.normalized().inverted()
+    return max((-(back @ o.matrix_world @ Vector(corner)).z for o in shown for corner in o.bound_box), default=0.0)
 
 
 def _motion(scene, view_layer) -> Iterator[Problem]:
@@ -135,7 +123,7 @@ def _motion_px(scene, view_layer, from_s: float, to_s: float) -> float:
     points = []
     for y in np.linspace(-0.98, 0.98, GRID[1]):
         for x in np.linspace(-0.98, 0.98, GRID[0]):
-            near, far = (_dehomogenize(world_from_clip @ Vector((x, y, z, 1))) for z in (-1, 1))
+            near, far = (point.xyz / point.w for point in (world_from_clip @ Vector((x, y, z, 1)) for z in (-1, 1)))
             hit, at, _, _, thing, matrix = scene.ray_cast(depsgraph, near, (far - near).normalized())
             if hit:
                 # An instance has another matrix; its points do not move.
@@ -158,10 +146,6 @@ def _set_time(scene, t_s: float, width: int, height: int) -> Matrix:
     return projection @ camera.matrix_world.normalized().inverted()
 
 
-def _dehomogenize(point: Vector) -> Vector:
-    return point.xyz / point.w
-
-
 def _list(what: str, names: list[str]) -> str:
     text = f"{what}: {', '.join(names[:SHOWN])}"
     return text if len(names) <= SHOWN else say("{names}, and {count} more", names=text, count=len(names) - SHOWN)
@@ -170,7 +154,6 @@ def _list(what: str, names: list[str]) -> str:
 class PECS_OT_check_scene(Action, bpy.types.Operator):
     """Check the scene for causes of wrong events: fast motion, missing files, lamps without a spectrum, noise, …"""
 
-    bl_idname = "pecs.check_scene"
     bl_label = "Check Scene"
 
     def act(self, context) -> str:
@@ -196,7 +179,6 @@ class _Fix(Action):
 class PECS_OT_use_adaptive(_Fix, bpy.types.Operator):
     """Render keyframes and the motion between them"""
 
-    bl_idname = "pecs.use_adaptive"
     bl_label = "Use Adaptive Steps"
     setting = "time", "adaptive"
 
@@ -204,7 +186,6 @@ class PECS_OT_use_adaptive(_Fix, bpy.types.Operator):
 class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
     """Run the file's Python scripts in the render"""
 
-    bl_idname = "pecs.allow_scripts"
     bl_label = "Allow Scripts"
     setting = "allow_scripts", True
 
@@ -212,7 +193,6 @@ class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
 class PECS_OT_turn_off_denoising(_Fix, bpy.types.Operator):
     """Render without denoising"""
 
-    bl_idname = "pecs.turn_off_denoising"
     bl_label = "Turn Off Denoising"
     setting = "denoise", False
 
@@ -220,7 +200,6 @@ class PECS_OT_turn_off_denoising(_Fix, bpy.types.Operator):
 class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):
     """Let the render choose the samples for a noise of a tenth of the contrast threshold"""
 
-    bl_idname = "pecs.set_noise_target"
     bl_label = "Set a Noise Target"
     setting = "noise_target", NOISE_TARGET
 
@@ -228,10 +207,8 @@ class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):
 class PECS_OT_extend_clip_end(_Fix, bpy.types.Operator):
     """Extend the camera's clip end to the farthest object"""
 
-    bl_idname = "pecs.extend_clip_end"
     bl_label = "Extend Clip End"
 
     def fix(self, scene, view_layer) -> None:
         camera = scene.camera
-        ahead = -(np.array(camera.matrix_world.normalized().inverted()) @ _corners(view_layer))[2]
-        camera.data.clip_end = max(camera.data.clip_end, 1.1 * float(ahead.max(initial=0)))
+        camera.data.clip_end = max(camera.data.clip_end, 1.1 * _farthest(camera, view_layer))

@@ -303,6 +303,19 @@ def size(scene: bpy.types.Scene) -> tuple[int, int]:
     return width, height
 
 
+def set_size(render: bpy.types.RenderSettings, width: int, height: int) -> None:
+    """Square pixels."""
+    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
+    render.pixel_aspect_x = render.pixel_aspect_y = 1
+
+
+def set_pinhole(camera: bpy.types.Camera, width_mm: float, height_mm: float, focal_mm: float) -> None:
+    """A perspective camera with this film, centred."""
+    camera.type, camera.sensor_fit, camera.lens = "PERSP", "HORIZONTAL", focal_mm
+    camera.sensor_width, camera.sensor_height = width_mm, height_mm
+    camera.shift_x = camera.shift_y = 0
+
+
 def frame_count(scene: bpy.types.Scene) -> int:
     settings = scene.pecs
     if not settings.whole_range:

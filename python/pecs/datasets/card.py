@@ -48,16 +48,9 @@ def _croissant(recipe: Recipe, manifest: dict[str, Any]) -> dict[str, Any]:
         "encodingFormat": "inode/directory",
         "sha256": recipe.sha256,
     }
+    inside = {"@type": "cr:FileSet", "containedIn": {"@id": "set"}}
     files = [
-        {
-            "@type": "cr:FileSet",
-            "@id": name,
-            "name": name,
-            "description": what,
-            "containedIn": {"@id": "set"},
-            "encodingFormat": kind,
-            "includes": pattern,
-        }
+        inside | {"@id": name, "name": name, "description": what, "encodingFormat": kind, "includes": pattern}
         for name, (what, pattern, kind) in SETS.items()
     ]
     return {

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._poses import interpolate
+from ._bilinear import neighbours
 from .imu import integrate
 from .rig import along, rig_from_camera, transformed
 from .sequence import Camera, Sequence
@@ -92,11 +93,10 @@ def _smooth(depth: NDArray[np.floating[Any]], x: NDArray[np.float64], y: NDArray
     """Depth between four pixels' centres, by its inverse (linear on planes); NaN where these see several surfaces."""
     with np.errstate(divide="ignore"):
         inverse = 1 / depth.astype(np.float64)
-    u, v = np.floor(x).astype(int), np.floor(y).astype(int)
-    corners = np.stack([inverse[v + b, u + a] for b in (0, 1) for a in (0, 1)])
-    fx, fy = x - u, y - v
+    around, weights = neighbours(np.stack([x, y], -1), depth.shape[1], depth.shape[0])
+    corners = np.stack([inverse[pixel] for pixel in around])
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (1 - fy) * ((1 - fx) * corners[0] + fx * corners[1]) + fy * ((1 - fx) * corners[2] + fx * corners[3])
+        mean = (weights[..., 0] * corners).sum(0)
         flat = np.ptp(corners, 0) < 0.02 * mean
         return np.where(flat & (mean > 0), 1 / mean, np.nan)
 

@@ -28,6 +28,7 @@ from .._errors import PecsInputError
 from .paths import GRAVITY_M_S2, Trajectory
 
 PARTS = Path(__file__).parent / "imus"
+UNITS = {"dps": math.radians(1), "g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "ug": 1e-6 * GRAVITY_M_S2}  # in SI units
 # Allan deviation's peak over the standard deviation of a first-order Gauss-Markov process: 0.437 q_c sqrt(T) with
 # sigma = q_c sqrt(T / 2) (IEEE 952-1997, B.4.5).
 GAUSS_MARKOV_PEAK = 0.437 * math.sqrt(2)
@@ -90,14 +91,16 @@ class Imu:
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
         if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
             raise PecsInputError(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
-        part = None if name == "ideal" else _part(name)
+        if name not in parts():
+            raise PecsInputError(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
+        part = None if name == "ideal" else json.loads((PARTS / f"{name}.json").read_text())
         fields = Fields({"turn_on": turn_on, "rate_hz": rate_hz}, "imu")
         fields.number("turn_on", low=0, high=10)
         rate = fields.number("rate_hz", part["rate_hz"] if part else 1000.0, low=1, high=1e6)
         if not part:
             return cls(rate, rig_from_imu=rig)
-        gyro = _errors(part["gyro"], "gyro", "dps", math.radians(1), math.radians(1), gyro_range_dps)
-        accel = _errors(part["accel"], "accel", "g", 1e-6 * GRAVITY_M_S2, 1e-3 * GRAVITY_M_S2, accel_range_g)
+        gyro = _errors(part["gyro"], "gyro_range_dps", gyro_range_dps)
+        accel = _errors(part["accel"], "accel_range_g", accel_range_g)
         return cls(rate, gyro, accel, rig, turn_on, name)
 
     def kalibr(self) -> dict[str, float]:
@@ -115,29 +118,21 @@ def parts() -> list[str]:
     return [*sorted(path.stem for path in PARTS.glob("*.json")), "ideal"]
 
 
-def _part(name: str) -> Mapping:
-    if name not in parts():
-        raise PecsInputError(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
-    return json.loads((PARTS / f"{name}.json").read_text())
-
-
-def _errors(data: Mapping, sensor: str, unit: str, small: float, turn_on: float, wanted: float | None) -> Errors:
-    """Of a part's file. `small`: SI units of the noise's unit, `turn_on`: of the turn-on bias's."""
-    small_name, turn_on_name = ("dps", "dps") if unit == "dps" else ("ug", "mg")
+def _errors(data: Mapping, option: str, wanted: float | None) -> Errors:
+    """Of a part's file, whose keys end with a unit. wanted: the full range, one of the part's."""
+    unit = option.rpartition("_")[2]
     ranges = data[f"ranges_{unit}"]
     if wanted is not None and wanted not in ranges:
         listed = ", ".join(f"{r:g}" for r in ranges)
-        raise PecsInputError(f"imu: {sensor}_range_{unit}: got {wanted!r}, wanted one of {listed}")
-    full = (ranges[-1] if wanted is None else wanted) * (math.radians(1) if unit == "dps" else GRAVITY_M_S2)
-    return Errors(
-        noise=data[f"noise_{small_name}_per_sqrt_hz"] * small,
-        bias_floor=data[f"bias_floor_{small_name}"] * small,
-        bias_time_s=data["bias_time_s"],
-        bias_walk=data[f"bias_walk_{small_name}_per_sqrt_s"] * small,
-        turn_on=data[f"turn_on_{turn_on_name}"] * turn_on,
-        range=full,
-        step=full / 2 ** (data["bits"] - 1),
-    )
+        raise PecsInputError(f"imu: {option}: got {wanted!r}, wanted one of {listed}")
+    full = (ranges[-1] if wanted is None else wanted) * UNITS[unit]
+
+    def si(name: str) -> float:
+        key = next(key for key in data if key.startswith(f"{name}_"))
+        return data[key] * UNITS[key.removeprefix(f"{name}_").partition("_")[0]]
+
+    values = {name: si(name) for name in ("noise", "bias_floor", "bias_walk", "turn_on")}
+    return Errors(**values, bias_time_s=data["bias_time_s"], range=full, step=full / 2 ** (data["bits"] - 1))
 
 
 @dataclass(frozen=True)

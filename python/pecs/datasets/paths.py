@@ -197,10 +197,6 @@ class Waves:
             c += a * (np.cos(phase) * sine.c + np.sin(phase) * cosine.c)
         return [Series(row) for row in c]
 
-    @classmethod
-    def none(cls, rows: int) -> Waves:
-        return cls(np.zeros(0), np.zeros((rows, 0)), np.zeros((rows, 0)))
-
 
 # Paths
 

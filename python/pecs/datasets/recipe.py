@@ -26,6 +26,7 @@ RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
 )
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 
+TRAJECTORY_LISTS = ("step_m", "speed")  # pairs that are no range
 MOST_SEQUENCES = 1_000_000
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -239,16 +240,10 @@ def _trajectory(table: Table) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key in table.keys():
         value = table.any(key)
-        drawn = isinstance(value, dict) or (_is_pair(value) and key not in TRAJECTORY_LISTS)
+        pair = isinstance(value, list) and len(value) == 2 and not any(isinstance(v, (list, str)) for v in value)
+        drawn = isinstance(value, dict) or (pair and key not in TRAJECTORY_LISTS)
         found[key] = table.drawn(key) if drawn else value
     return found
-
-
-TRAJECTORY_LISTS = ("step_m", "speed")  # pairs that are no range
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and not any(isinstance(v, (list, str)) for v in value)
 
 
 def _options(table: Table) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from .writers._pictures import depth_picture, event_picture
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1180px; padding: 0 1em; color: #222; }
 table { border-collapse: collapse; margin: 0.5em 0 1.5em; } td, th { padding: 0.25em 0.8em; text-align: left;
-border-bottom: 1px solid #ddd; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
+border-bottom: 1px solid #ddd; }
 figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: 13px; color: #555; }
 img { image-rendering: pixelated; background: #eee; } .card { display: inline-block; margin: 0 1em 1.2em 0;
 vertical-align: top; width: 346px; } .card img { width: 346px; } svg { background: #fafafa; }
@@ -114,18 +115,17 @@ def _facts(sequence: Sequence) -> str:
     times, world = sequence.poses()
     speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / np.diff(times) * 1e6
     flat["speed of the rig [m/s]"] = f"{speed.min():.2f} to {speed.max():.2f}"
-    rows = "".join(f"<tr><td>{_text(k)}</td><td>{_text(_short(v))}</td></tr>" for k, v in flat.items())
-    return f"<table>{rows}</table>"
+    return _table(flat.items())
 
 
 def _numbers(groups: dict[str, Any]) -> str:
-    rows = []
-    for group, values in groups.items():
-        for name, value in (values or {}).items():
-            if not isinstance(value, list):
-                words = f"<td>{_text(group)}</td><td>{_text(name)}</td><td class='n'>{_text(_short(value))}</td>"
-                rows.append(f"<tr>{words}</tr>")
-    return f"<table>{''.join(rows)}</table>"
+    named = [(group, name, value) for group, values in groups.items() for name, value in (values or {}).items()]
+    return _table(row for row in named if not isinstance(row[2], list))
+
+
+def _table(rows: Iterable[tuple[Any, ...]]) -> str:
+    cells = ("".join(f"<td>{_text(_short(value))}</td>" for value in row) for row in rows)
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
 def _short(value: Any) -> str:

@@ -38,10 +38,6 @@ class Optics:
     lens: Lens  # it keeps the image map
     setting: dict[str, Any]
 
-    def directions_at(self, pixels: Array) -> Array:
-        """[..., 3] of any pixels [..., 2]."""
-        return self.lens.directions(pixels, **self.setting)
-
     def pixels(self, directions: Array) -> Array:
         """[..., 2], pecs' pixels (first centre at 0.5)."""
         return self.lens.pixels(directions, **self.setting)

@@ -139,7 +139,7 @@ class Camera:
         y, x = np.mgrid[: self.height, : self.width] + 0.5
         with np.errstate(invalid="ignore"):
             ends = np.stack([x + move[2], y + move[3]], -1)
-        directions = self.view.directions, self.view.directions_at(ends)
+        directions = self.view.directions, self.view.lens.directions(ends, **self.view.setting)
         poses = self.poses_at(self.truth.times_us[i : i + 2])
         here, there = (transformed(p, along(d, z)) for p, d, z in zip(poses, directions, move[4:6], strict=True))
         with np.errstate(invalid="ignore"):
@@ -206,22 +206,15 @@ class Sequence:
             self._check_partner(path, camera)
 
     def _check_partner(self, path: Path, camera: Camera) -> None:
-        owner = self.cameras.get(camera.pixels_of)
+        owner, other, wanted = self.cameras.get(camera.pixels_of), self.cameras.get(camera.partner or ""), {}
         if owner is None or not same_pixels(owner, camera):
-            raise bad_input(
-                path, f"camera {camera.name}: pixels_of", camera.pixels_of, "a camera of the same place, lens and size"
-            )
-        if camera.partner is None:
-            return
-        other = self.cameras.get(camera.partner)
-        if other is None or other is camera or other.partner != camera.name:
-            raise bad_input(
-                path, f"camera {camera.name}: partner", camera.partner, "a camera whose partner is this one"
-            )
-        if not camera.baseline_m or camera.baseline_m != other.baseline_m:
-            raise bad_input(
-                path, f"camera {camera.name}: baseline_m", camera.baseline_m, "metres, the same for both partners"
-            )
+            wanted["pixels_of"] = "a camera of the same place, lens and size"
+        elif camera.partner and (other is None or other is camera or other.partner != camera.name):
+            wanted["partner"] = "a camera whose partner is this one"
+        elif other and (not camera.baseline_m or camera.baseline_m != other.baseline_m):
+            wanted["baseline_m"] = "metres, the same for both partners"
+        for key, text in wanted.items():
+            raise bad_input(path, f"camera {camera.name}: {key}", getattr(camera, key), text)
 
     def __repr__(self) -> str:
         return f"<Sequence {self.name!r}: {self.duration_us / 1e6:g} s, {', '.join(self.cameras)}>"

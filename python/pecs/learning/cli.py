@@ -29,18 +29,15 @@ def _size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _positive(text: str) -> float:
-    value = float(text)
+def _positive(text: str, kind: type = float, wanted: str = "a number above 0") -> float:
+    value: float = kind(text)
     if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
+        raise argparse.ArgumentTypeError(f"got {text}, wanted {wanted}")
     return value
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if not 0 < value < 10**9:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a whole number above 0")
-    return value
+    return int(_positive(text, int, "a whole number above 0"))
 
 
 def _parser() -> Parser:

@@ -6,6 +6,7 @@ import inspect
 import io
 import json
 import warnings
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def export(run: Path, output: Path) -> dict[str, Any]:
     options |= {"dynamic_axes": free, "opset_version": OPSET}
     if "dynamo" in inspect.signature(torch.onnx.export).parameters:
         options["dynamo"] = False  # the other exporter asks for packages more
-    record = {"network": net.config.record(), **record}
+    record = {"network": asdict(net.config), **record}
     traced = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PyTorch's own, of shapes that it need not know

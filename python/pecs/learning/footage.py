@@ -76,7 +76,8 @@ def _evreal(folder: Path) -> Footage:
             folder / "images.npy", "shape and type", (pictures.shape, str(pictures.dtype)), "(N, H, W, 1), uint8"
         )
     shown_s = column("images_ts", "times of pictures").reshape(-1)
-    return _checked(folder, _us(seconds), places[:, 0], places[:, 1], signs, shown_s * 1e6, pictures)
+    times_us = np.round(seconds.astype(np.float64) * 1e6).astype(np.int64)
+    return _checked(folder, times_us, places[:, 0], places[:, 1], signs, shown_s * 1e6, pictures)
 
 
 def _hs_ergb(folder: Path) -> Footage:
@@ -104,10 +105,6 @@ def _hs_ergb(folder: Path) -> Footage:
         raise bad_input(folder / "events_aligned", "files", 0, "*.npz")
     t, x, y, p = (np.concatenate(parts) for parts in zip(*columns, strict=True))
     return _checked(folder, t, x, y, p, times_us, pictures)
-
-
-def _us(seconds: NDArray[Any]) -> NDArray[np.int64]:
-    return np.round(np.asarray(seconds, np.float64) * 1e6).astype(np.int64)
 
 
 def _checked(

@@ -6,9 +6,8 @@ before the first window; state i has the size of the picture over 2**state_level
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -22,9 +21,6 @@ class NetworkConfig:
     bins: int = 5
     channels: int = 16  # of FireNet's layers; of E2VID's first one
     levels: int = 0  # halvings of the picture: E2VID's encoders; FireNet has none
-
-    def record(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Conv2d:

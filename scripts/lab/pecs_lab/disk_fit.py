@@ -40,10 +40,6 @@ class Seen:
         return self.delays["regions"]["around"], self.delays["regions"]["along"]
 
     @property
-    def region_events(self) -> np.ndarray:
-        return np.array(self.delays["regions"]["events"])
-
-    @property
     def passes(self) -> np.ndarray:
         """[region, ON or OFF, bin]: pixels times passing edges."""
         return np.stack([self.delays[p]["passes"] for p in ("on", "off")], axis=1)
@@ -107,7 +103,7 @@ def light_map(table: Table, seen: Seen) -> np.ndarray:
     expected = np.einsum("lb,rb->rl", table.on, passes[:, 0]) + np.einsum("lb,rb->rl", table.off, passes[:, 1])
     rising = np.maximum.accumulate(expected, axis=1) + 1e-6 * np.arange(len(table.corner_hz))
     log_corner = np.log(table.corner_hz)
-    return np.exp([np.interp(n, r, log_corner) for n, r in zip(seen.region_events, rising, strict=True)])
+    return np.exp([np.interp(n, r, log_corner) for n, r in zip(seen.delays["regions"]["events"], rising, strict=True)])
 
 
 def predicted(table: Table, corner_hz: np.ndarray, passes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

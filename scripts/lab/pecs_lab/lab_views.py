@@ -53,8 +53,8 @@ class Camera:
 
 @dataclass
 class Board:
-    """Squares, white at the top left, on a white plate; or black dots at the squares' inner corners, every second one
-    if asymmetric. Axes: u right, v down, origin in the middle; moves as at_mm + velocity_mm_s t."""
+    """Squares, white at the top left, on a white plate. Axes: u right, v down, origin in the
+    middle; moves as at_mm + velocity_mm_s t."""
 
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     at_mm: tuple = (0.0, 0.0, 1560.0)
@@ -63,13 +63,11 @@ class Board:
     rows: int = 4
     square_mm: float = 41.7
     plate_mm: float = 40.0  # beyond the squares
-    dots: str = ""  # "symmetric", "asymmetric"
 
     def corners(self) -> np.ndarray:
-        """Inner corners or dots [n, 3] on the board, row by row."""
-        v, u = np.mgrid[1 : self.rows, 1 : self.columns]
-        keep = (u + v) % 2 == 0 if self.dots == "asymmetric" else np.ones_like(u, bool)
-        u, v = u[keep] - self.columns / 2, v[keep] - self.rows / 2
+        """Inner corners [n, 3] on the board, row by row."""
+        v, u = np.mgrid[1 : self.rows, 1 : self.columns].reshape(2, -1)
+        u, v = u - self.columns / 2, v - self.rows / 2
         return np.stack([u, v, 0 * u], axis=-1) * self.square_mm
 
     def place(self, t_s: float) -> np.ndarray:
@@ -90,28 +88,20 @@ class Board:
         def light(t_s: float) -> np.ndarray:
             at = self.place(t_s)
             depth = np.float32(normal @ at)
-            u, v = (
-                a_u * depth - np.float32(self.rotation[:, 0] @ at),
-                a_v * depth - np.float32(self.rotation[:, 1] @ at),
-            )
+            u, v = (a * depth - np.float32(self.rotation[:, k] @ at) for k, a in enumerate((a_u, a_v)))
             soft = SOFT_PX * at[2] / camera.focal_px
 
             edge = partial(_edge, soft=soft)
             plate = edge(np.minimum(half_u + self.plate_mm - np.abs(u), half_v + self.plate_mm - np.abs(v)))
-            if self.dots:
-                black = np.zeros_like(u)
-                for cu, cv, _ in self.corners():
-                    black = np.maximum(black, edge(0.3 * self.square_mm - np.hypot(u - cu, v - cv)))
-            else:
 
-                def wave(x, half):  # +1 in the first square, -1 in the next
-                    part = np.mod(x + half, 2 * self.square_mm)
-                    distance = self.square_mm / 2 - np.abs(part - self.square_mm / 2)
-                    distance = np.where(part > 1.5 * self.square_mm, part - 2 * self.square_mm, distance)
-                    return 2 * edge(distance) - 1
+            def wave(x, half):  # +1 in the first square, -1 in the next
+                part = np.mod(x + half, 2 * self.square_mm)
+                distance = self.square_mm / 2 - np.abs(part - self.square_mm / 2)
+                distance = np.where(part > 1.5 * self.square_mm, part - 2 * self.square_mm, distance)
+                return 2 * edge(distance) - 1
 
-                inside = edge(np.minimum(half_u - np.abs(u), half_v - np.abs(v)))
-                black = inside * (0.5 - 0.5 * wave(u, half_u) * wave(v, half_v))
+            inside = edge(np.minimum(half_u - np.abs(u), half_v - np.abs(v)))
+            black = inside * (0.5 - 0.5 * wave(u, half_u) * wave(v, half_v))
             return (WALL + plate * (WHITE + (BLACK - WHITE) * black - WALL)).astype(np.float32)
 
         return light

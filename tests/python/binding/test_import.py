@@ -37,14 +37,14 @@ IMPORT_PECS = "import pecs"
 CALL_PECS = """
 import json
 import numpy as np
-from pecs.stack import StackWriter, read_frame
+from pecs.stack import StackReader, StackWriter
 stack = {"pecs_stack": 1, "quantity": "irradiance", "width": 20, "height": 17, "pixel_pitch_m": 1e-5,
     "bands": [{"lambda_nm": 550, "weight_nm": 1}], "times_ns": [0, 1000000], "period_ns": None,
     "lens": None, "scene": {}, "render": {}, "versions": {}}
 with StackWriter(folder, stack) as writer:
     for i in range(2):
         writer.write_frame(i, np.full((1, 17, 20), 1e-6 * (i + 1), np.float32))
-assert np.allclose(read_frame(folder, 1), 2e-6, rtol=1e-3)
+assert np.allclose(StackReader(folder).read_frame(1), 2e-6, rtol=1e-3)
 pecs.sense(folder, folder + "/events.raw")
 """
 IMPORT_BPY = "import bpy"

@@ -143,7 +143,7 @@ def test_a_recording_that_fails_ends_alone(tmp_path):
         sensor.record(tmp_path / "no_folder" / "live.raw")
     assert sensor.recording is None
     sensor.record(tmp_path / "live.raw")
-    sensor.recording._writer.close()  # as a disk that fails under it
+    sensor.recording.close()  # as a disk that fails under it
     with pytest.raises(ValueError, match="closed"):
         pushed(sensor, pictures())
     assert sensor.recording is None and not (tmp_path / "live.raw").exists()

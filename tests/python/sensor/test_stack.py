@@ -7,7 +7,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs import _library
-from pecs.stack import StackReader, StackWriter, read_frame
+from pecs.stack import StackReader, StackWriter
 from support.moving_scene import Scene, write_stack
 
 BANDS = [{"lambda_nm": 486.25, "weight_nm": 120.0}, {"lambda_nm": 550.0, "weight_nm": 80.5}]
@@ -41,7 +41,7 @@ def test_round_trip_within_12_bits(tmp_path):
         assert not stack.has_frame(0)
         stack.write_frame(0, values)
         assert stack.has_frame(0)
-    back = read_frame(tmp_path / "s", 0)
+    back = StackReader(tmp_path / "s").read_frame(0)
     finite = np.isfinite(values)
     np.testing.assert_array_equal(np.isfinite(back), finite)
     np.testing.assert_allclose(back[finite], values[finite], rtol=2**-13)
@@ -196,10 +196,10 @@ def test_frame_that_is_not_of_the_stack(tmp_path):
     b.write_frame(0, frame(shape=(2, 17, 21)))
     (tmp_path / "a/frame_000001.exr").write_bytes((tmp_path / "a/frame_000000.exr").read_bytes())
     with pytest.raises(pecs.PecsError, match="pecsTimeNs: got 0, wanted 100001"):
-        read_frame(tmp_path / "a", 1)
+        StackReader(tmp_path / "a").read_frame(1)
     (tmp_path / "a/frame_000001.exr").write_bytes((tmp_path / "b/frame_000000.exr").read_bytes())
     with pytest.raises(pecs.PecsError, match="got 21x17, wanted 20x17"):
-        read_frame(tmp_path / "a", 1)
+        StackReader(tmp_path / "a").read_frame(1)
 
 
 def test_colour_science_reads_our_frames(tmp_path):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..sequence import Camera, Sequence
 
@@ -54,6 +55,11 @@ def truth_at(camera: Camera, t_us: float) -> int | None:
     times = camera.truth.times_us
     i = int(np.abs(times - t_us).argmin())
     return i if abs(times[i] - t_us) <= 1 else None
+
+
+def four(K: NDArray[np.float64]) -> list[float]:
+    """fx fy cx cy."""
+    return [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])]
 
 
 @dataclass(frozen=True)

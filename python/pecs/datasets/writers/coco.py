@@ -30,8 +30,8 @@ from ._shared import Report, boxes, class_numbers, truth_at
 _LEFT_OUT = ("depth, flow, normals, poses, IMU", "causes and objects of events")
 
 
-def write(sequences: list[Sequence], folder: Path, min_px: int = 1) -> Report:
-    """min_px: annotations of fewer visible pixels are left out."""
+def write(sequences: list[Sequence], folder: Path) -> Report:
+    """No options."""
     report = Report(dict.fromkeys(_LEFT_OUT, "COCO has no place for them"))
     numbers = class_numbers(sequences, first=1)
     report.more["classes"] = numbers
@@ -43,7 +43,7 @@ def write(sequences: list[Sequence], folder: Path, min_px: int = 1) -> Report:
                 continue
             empty = {"info": {"description": f"camera {camera.name}"}, "licenses": [], "images": [], "annotations": []}
             coco = files.setdefault((sequence.split, camera.name), empty)
-            _add_camera(coco, folder, sequence, camera, numbers, min_px, report)
+            _add_camera(coco, folder, sequence, camera, numbers, report)
     categories = [{"id": i, "name": name, "supercategory": "object"} for name, i in numbers.items()]
     for (split, name), coco in files.items():
         write_json(folder / "annotations" / f"{split}_{name}.json", coco | {"categories": categories})
@@ -65,38 +65,22 @@ def _pictures(camera: Camera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
 
 
 def _add_camera(
-    coco: dict[str, Any],
-    folder: Path,
-    sequence: Sequence,
-    camera: Camera,
-    numbers: dict[str, int],
-    min_px: int,
-    report: Report,
+    coco: dict[str, Any], folder: Path, sequence: Sequence, camera: Camera, numbers: dict[str, int], report: Report
 ) -> None:
     mask = optional_module("pycocotools.mask", "pycocotools", "writing COCO")
     for i, picture in _pictures(camera):
         image_id = len(coco["images"]) + 1
         name = f"images/{camera.name}/{sequence.name}_{i:06d}.png"
         write_png(folder / name, picture)
-        coco["images"].append(
-            {
-                **{"id": image_id, "file_name": name, "width": camera.width, "height": camera.height},
-                **{"sequence": sequence.name, "t_us": float(camera.truth.times_us[i])},
-            }
-        )
+        image = {"id": image_id, "file_name": name, "width": camera.width, "height": camera.height}
+        coco["images"].append(image | {"sequence": sequence.name, "t_us": float(camera.truth.times_us[i])})
         ids = camera.truth.instances(i)
         for box in boxes(camera, i):
-            if box.visible_px < min_px:
-                continue
             rle = mask.encode(np.asfortranarray(ids == box.track, np.uint8))
-            coco["annotations"].append(
-                {
-                    **{"id": len(coco["annotations"]) + 1, "image_id": image_id, "category_id": numbers[box.name]},
-                    **{"bbox": [box.x, box.y, box.w, box.h], "area": int(mask.area(rle)), "iscrowd": 0},
-                    "segmentation": {"size": list(rle["size"]), "counts": rle["counts"].decode()},
-                    **{"track_id": box.track, "amodal_bbox": list(box.amodal)},
-                    **{"occluded": box.occluded, "truncated": box.truncated},
-                }
-            )
+            found = {"id": len(coco["annotations"]) + 1, "image_id": image_id, "category_id": numbers[box.name]}
+            found |= {"bbox": [box.x, box.y, box.w, box.h], "area": int(mask.area(rle)), "iscrowd": 0}
+            found["segmentation"] = {"size": list(rle["size"]), "counts": rle["counts"].decode()}
+            found |= {"track_id": box.track, "amodal_bbox": list(box.amodal)}
+            coco["annotations"].append(found | {"occluded": box.occluded, "truncated": box.truncated})
             report.count(sequence.name, annotations=1)
         report.count(sequence.name, images=1)

@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._errors import PecsInputError, UsageError
+from ..._files import write_json
 from ..files import read_picture
 from ..rectify import Rectifier, Stereo
 from ..sequence import Camera, Sequence
 from ._files import event_columns, hdf5, put, put_events, write_lines, write_png
-from ._shared import Report
+from ._shared import Report, four
 
 UNEQUAL_TIMES = "the pictures of the left and right camera have different times"
 _ROLES = ("cam0", "cam1", "cam2", "cam3")
@@ -188,41 +189,24 @@ def _whole_us(camera: Camera) -> list[int]:
     return [int(t) for t in np.rint(camera.truth.times_us)]
 
 
-def _rows(matrix: NDArray[np.float64], indent: str) -> list[str]:
-    return [f"{indent}- [{', '.join(repr(float(v)) for v in row)}]" for row in matrix]
-
-
-def _list(values: Any) -> str:
-    return f"[{', '.join(repr(v) for v in values)}]"
-
-
 def _write_calibration(path: Path, cameras: dict[str, Camera]) -> None:
-    """cam_to_cam.yaml. T_ba takes points of camera a to camera b; R_rectN those of camera N to its rectified axes."""
-    lines = ["intrinsics:"]
+    """cam_to_cam.yaml (as JSON, which is YAML). T_ba takes points of camera a to camera b; R_rectN those of camera N to
+    its rectified axes."""
+    intrinsics: dict[str, Any] = {}
+    extrinsics: dict[str, Any] = {}
     for role, camera in cameras.items():
-        K, R = camera.K, camera.K_rect
-        lines += [
-            f"  {role}:",
-            f"    camera_matrix: {_list([float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])])}",
-            "    camera_model: pinhole",
-            f"    distortion_coeffs: {_list(camera.distortion.tolist())}",
-            f"    distortion_model: {camera.distortion_model}",
-            f"    resolution: {_list([camera.width, camera.height])}",
-            f"  camRect{role[3:]}:",
-            f"    camera_matrix: {_list([float(R[0, 0]), float(R[1, 1]), float(R[0, 2]), float(R[1, 2])])}",
-            "    camera_model: pinhole",
-            f"    resolution: {_list([camera.width, camera.height])}",
-        ]
-    lines.append("extrinsics:")
+        common = {"camera_model": "pinhole", "resolution": [camera.width, camera.height]}
+        distortion = {"distortion_coeffs": camera.distortion.tolist(), "distortion_model": camera.distortion_model}
+        intrinsics[role] = common | distortion | {"camera_matrix": four(camera.K)}
+        intrinsics[f"camRect{role[3:]}"] = common | {"camera_matrix": four(camera.K_rect)}
     present = [role for role in _ROLES if role in cameras]
     for a, b in zip(present, present[1:], strict=False):
         b_from_a = np.linalg.inv(cameras[b].rig_from_camera) @ cameras[a].rig_from_camera
-        lines += [f"  T_{b[3:]}{a[3:]}:", *_rows(b_from_a, "  ")]
-    for role in present:
-        lines += [f"  R_rect{role[3:]}:", *_rows(cameras[role].R_rect, "  ")]
-    pairs = [pair for pair in (("cam0", "cam3"), ("cam1", "cam2")) if set(pair) <= set(cameras)]
-    lines += ["disparity_to_depth:"] if pairs else []
-    for a, b in pairs:
-        left, right = cameras[a], cameras[b]
-        lines += [f"  cams_{a[3:]}{b[3:]}:", *_rows(Stereo(left, right).depth_of_disparity(left), "  ")]
-    write_lines(path, lines)
+        extrinsics[f"T_{b[3:]}{a[3:]}"] = b_from_a.tolist()
+    extrinsics |= {f"R_rect{role[3:]}": cameras[role].R_rect.tolist() for role in present}
+    content: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": extrinsics}
+    for a, b in (("cam0", "cam3"), ("cam1", "cam2")):
+        if a in cameras and b in cameras:
+            Q = Stereo(cameras[a], cameras[b]).depth_of_disparity(cameras[a])
+            content.setdefault("disparity_to_depth", {})[f"cams_{a[3:]}{b[3:]}"] = Q.tolist()
+    write_json(path, content)

@@ -26,7 +26,7 @@ from ..._poses import position_quaternion, write_euroc_imu
 from ..files import npy_bytes, read_picture
 from ..sequence import Camera, Sequence, frames_of
 from ._files import BLOCK, grey, write_lines, write_png
-from ._shared import NO_FRAMES, Report, event_cameras
+from ._shared import NO_FRAMES, Report, event_cameras, four
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
@@ -46,16 +46,12 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
     return report
 
 
-def _seconds(t_us: int) -> str:
-    return f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}"
-
-
 def _write_events(folder: Path, camera: Camera, sequence: Sequence, report: Report) -> None:
     with camera.event_file() as events:
         with (folder / "events.txt").open("w") as file:
             for block in events.blocks(BLOCK):
                 rows = zip(*(block[c].tolist() for c in "txyp"), strict=True)
-                file.writelines(f"{_seconds(t)} {x} {y} {p}\n" for t, x, y, p in rows)
+                file.writelines(f"{t // 1_000_000}.{t % 1_000_000:06d} {x} {y} {p}\n" for t, x, y, p in rows)
         with event_io.EventWriter(folder / "e2vid.txt", camera.width, camera.height, "e2vid") as writer:
             for block in events.blocks(BLOCK):
                 writer.write(block)
@@ -81,8 +77,7 @@ def _write_poses(folder: Path, camera: Camera) -> None:
     positions, quaternions = position_quaternion(poses)
     rows = np.column_stack([positions, quaternions])
     write_lines(folder / "groundtruth.txt", [f"{t * 1e-6:.9f} {_row(row)}" for t, row in zip(t_us, rows, strict=True)])
-    K = camera.K
-    write_lines(folder / "calib.txt", [_row([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *camera.distortion])])
+    write_lines(folder / "calib.txt", [_row([*four(camera.K), *camera.distortion])])
 
 
 def _row(values: NDArray[np.float64] | list[Any]) -> str:

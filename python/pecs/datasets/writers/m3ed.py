@@ -29,7 +29,7 @@ from ..files import read_picture
 from ..sequence import Camera, Sequence
 from . import dsec
 from ._files import event_columns, grey, hdf5, put, put_events, stack
-from ._shared import Report
+from ._shared import Report, four
 
 _LEFT_OUT = {
     "flow, normals, masks, boxes, object poses": "no place for them",
@@ -68,8 +68,7 @@ def _put_calibration(file: Any, group: str, camera: Camera, left: Camera) -> Non
     file[h + "camera_model"] = "pinhole"
     file[h + "distortion_model"] = camera.distortion_model
     file[h + "distortion_coeffs"] = D if np.any(D[4:]) else D[:4]  # M3ED's have four
-    K = camera.K
-    file[h + "intrinsics"] = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
+    file[h + "intrinsics"] = np.array(four(camera.K))
     file[h + "resolution"] = np.array([camera.width, camera.height])
     file[h + "T_to_prophesee_left"] = np.linalg.inv(left.rig_from_camera) @ camera.rig_from_camera
 
