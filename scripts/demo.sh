@@ -21,7 +21,7 @@ for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--
   scenes/rotating_disk/sequences/R_360_L.json)
 # shellcheck disable=SC2086
 stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
-  $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --bands 6 --fps 2800 --frames period \
+  $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --fps 2800 --frames period \
   --width 320 --height 180 --samples 8 --time adaptive --colour-tolerance 0.2px \
   $settings
 

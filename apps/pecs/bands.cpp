@@ -18,8 +18,7 @@ void add_bands(CLI::App& app, Console&) {
   CLI::App* sub = app.add_subcommand("bands", "choose wavelengths to render for a chip, and their weights");
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
   sub->add_option("-n", o->n, "number of bands")->capture_default_str();
-  sub->add_option("--placement", o->placement, "gauss, strata (of equal light, at their medians) or uniform")
-      ->capture_default_str();
+  sub->add_option("--placement", o->placement, "gauss or uniform")->capture_default_str();
   sub->add_option(
       "--illuminant", o->illuminant,
       "lamp: a name from lens_data/spectra, a CSV file (wavelength in nm, power), blackbody:T or daylight:T");

@@ -19,7 +19,7 @@ from pecs._progress import report
 
 from .render import programs, stop
 from .render.brightness import light_words
-from .render.options import DEFAULTS, RULES, Options, add_argument, add_arguments
+from .render.options import DEFAULTS, POINTS, RULES, Options, add_argument, add_arguments
 from .render.resources import Restart
 from .render.scene_file import load_scene
 from .render.shards import merge
@@ -113,8 +113,10 @@ def _light_options(command) -> None:
 
 
 def _bands_options(command) -> None:
-    for name in ("chip", "bands", "placement", "illuminant", "min_nm", "max_nm"):
-        add_argument(command, name, *(["-n"] if name == "bands" else []))
+    command.add_argument("-n", "--bands", type=int, default=6, help="number of wavelengths")
+    command.add_argument("--placement", default="gauss", choices=POINTS, help="placement of the wavelengths")
+    for name in ("chip", "illuminant", "min_nm", "max_nm"):
+        add_argument(command, name)
     command.add_argument("--json", action="store_true", help="machine-readable output")
 
 

@@ -131,7 +131,7 @@ def bands(
 
         pecs.bands("imx636", n=3)[0]["lambda_nm"]
 
-    `placement`: "gauss", "strata" (of equal light, at their medians) or "uniform". `illuminant`: a name of
+    `placement`: "gauss" (quadrature) or "uniform". `illuminant`: a name of
     lens_data/spectra, a .csv file, "blackbody:T", "daylight:T", or (lambda_nm, power) pairs, linear in between; the
     bands then integrate reflectances under it.
     """

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 import bpy
-import numpy as np
 from pecs_blender.render import cycles
+from pecs_blender.render.bands import points
 from pecs_blender.render.folder import FolderScene
 from pecs_blender.render.resources import resident_mb
 from pecs_blender.render.scene_file import load_scene
@@ -20,7 +20,7 @@ from pecs_blender.render.spectra import load
 from pecs_blender.render.spectral import SpectralScene
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "room"
-PASSES_NM = np.array([[430.0, 480.0, 520.0], [560.0, 610.0, 680.0]])
+PASSES = points([430.0, 480.0, 520.0]), points([560.0, 610.0, 680.0])
 
 
 def seconds(film) -> float:
@@ -39,9 +39,9 @@ def measure(args, banded: bool) -> list[list[float]]:
     for frame in range(args.frames + 1):
         source.set_time(frame * 1e-3)
         row = []
-        for rgb_nm in PASSES_NM:
+        for bands in PASSES:
             if spectral:
-                spectral.set_pass(rgb_nm)
+                spectral.set_pass(bands)
             row.append(seconds(film))
         rows.append(row)
     return rows[1:]

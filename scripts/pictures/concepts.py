@@ -194,7 +194,7 @@ def bands(ablation, folder):
     """RMS error of ln(photocurrent) of the ColorChecker over the number of bands."""
     found = [row for row in json.loads(ablation.read_text())["bands"] if row["scene"] == "colour"]
     fig, axes = figure()
-    for placement, name, colour in (("gauss", "Gauss", ON), ("uniform", "uniform", GREY)):
+    for placement, name, colour in (("means", "means over", INK), ("gauss", "Gauss", ON), ("uniform", "uniform", GREY)):
         rows = [row for row in found if row["placement"] == placement and row["n"] <= 31]
         error = [row["log_rms_percent"] for row in rows]
         axes.loglog([row["n"] for row in rows], error, "o-", color=colour, label=f"{name} bands")

@@ -1,8 +1,8 @@
 """Tables 2 and 3 of the paper on a scene where they can mean something: how many wavelengths, placed how, give the
 events of 61 bands? A ColorChecker on the rotating disk, and the same disk in grey; the same light, 400-700 nm for all.
 
-One dense stack (5 nm) per scene is rendered by Cycles; radiance over the lamp is smooth, so every choice of bands is
-read off it as Cycles would render it. No noise, so what differs is the wavelengths.
+One dense stack (5 nm) per scene is rendered by Cycles; radiance over the lamp is smooth, so single wavelengths are read
+off it as Cycles would render them. Means over bands are rendered. No noise, so what differs is the wavelengths.
 
     .venv/bin/python scripts/studies/ablation.py -o out/ablation [--width 64] [--frames 40]
 
@@ -23,6 +23,8 @@ from pecs_lab.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)
+MEANS = (1, 3, 6, 12)  # bands
+PLACEMENTS = {"uniform": COUNTS, "gauss": COUNTS, "means": MEANS}
 LIGHT = (10, 30, 60, 80, 100, 120, 140, 160)  # C of Table 3, in % of the light
 LO_NM, HI_NM = 400.0, 700.0
 WITHIN_US = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 2000, 5000, 10000)
@@ -41,14 +43,18 @@ def bands(placement: str, n: int, lamp) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.array([b[key] for b in chosen]) for key in ("lambda_nm", "weight_nm"))
 
 
-def render(folder: Path, args, grey: int) -> np.ndarray:
-    """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
+def render(folder: Path, args, grey: int, placement: str, count: int) -> None:
     command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
-    command += ["--lens", "none", "--focal", 25, "--placement", "uniform", "--bands", 61, "--min-wavelength", LO_NM]
+    command += ["--lens", "none", "--focal", 25, "--placement", placement, "--bands", count, "--min-wavelength", LO_NM]
     command += ["--max-wavelength", HI_NM, "--width", args.width, "--samples", 4, "--fps", args.fps]
     command += ["--frames", args.frames]
     command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={args.lamp}"]
     subprocess.run(list(map(str, command)), check=True)
+
+
+def dense(folder: Path, args, grey: int) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
+    render(folder, args, grey, "uniform", 61)
     with pecs.StackReader(folder) as stack:
         nm = np.array([b["lambda_nm"] for b in stack.info["bands"]])
         frames = np.array([stack.read_frame(i) for i in range(args.frames)])
@@ -61,9 +67,17 @@ def photocurrent(nm, frames, placement, n, lamp):
     factor = np.zeros(len(nm))
     for wavelength, w in zip(at, weight, strict=True):  # linear in between
         unit = np.array([np.interp(wavelength, nm, row) for row in np.eye(len(nm))])
-        factor += w * response(wavelength) * lamp(wavelength) * unit
+        factor += w * response([wavelength])[0] * lamp(wavelength) * unit
     light = np.einsum("k,tkyx->tyx", factor, frames)
     return (light / light.mean()).astype(np.float32)
+
+
+def of_means(folder: Path, args, grey: int, n: int) -> np.ndarray:
+    """[T, H, W]: of a render with n bands, gain removed."""
+    render(folder, args, grey, "means", n)
+    with pecs.Chip("imx636") as chip:
+        light = chip.photocurrent(folder, fnumber=8.0)
+    return light / light.mean()
 
 
 def events(light, args):
@@ -113,12 +127,15 @@ def main() -> None:
     lamp = load(args.lamp)
     result = {"lamp": args.lamp, "width": args.width, "frames": args.frames, "fps": args.fps, "bands": [], "light": []}
     for scene, grey in (("colour", 0), ("grey", 1)):
-        nm, frames = render(args.output / f"stack_{scene}", args, grey)
+        nm, frames = dense(args.output / f"stack_{scene}", args, grey)
         truth = photocurrent(nm, frames, "gauss", 61, lamp)
         reference = events(truth, args)
-        for placement in ("uniform", "strata", "gauss"):
-            for n in COUNTS:
-                light = photocurrent(nm, frames, placement, n, lamp)
+        for placement, counts in PLACEMENTS.items():
+            for n in counts:
+                if placement == "means":
+                    light = of_means(args.output / f"means_{scene}_{n}", args, grey, n)
+                else:
+                    light = photocurrent(nm, frames, placement, n, lamp)
                 row = {"scene": scene, "placement": placement, "n": n, **score(reference, light, truth, args)}
                 result["bands"].append(row)
         if scene == "colour":
@@ -147,19 +164,20 @@ def plot(result, path: Path) -> None:
         strict=True,
     ):
         for scene, style in (("colour", "-"), ("grey", ":")):
-            for placement, colour in (("uniform", "C0"), ("strata", "C1"), ("gauss", "C2")):
-                ys = [max(rows[scene, placement, n].get(key) or 0, 1e-3) for n in COUNTS]
+            for placement, colour in (("uniform", "C0"), ("gauss", "C2"), ("means", "C1")):
+                counts = PLACEMENTS[placement]
+                ys = [max(rows[scene, placement, n].get(key) or 0, 1e-3) for n in counts]
                 label_line = placement if scene == "colour" else None
-                axis.loglog(COUNTS, ys, style, marker=".", color=colour, label=label_line)
+                axis.loglog(counts, ys, style, marker=".", color=colour, label=label_line)
         axis.set(xlabel="bands N", ylabel=label, xticks=(1, 3, 6, 12, 31), xticklabels=(1, 3, 6, 12, 31))
         axis.minorticks_off()
-    axes[0, 0].legend(title="solid: colour, dotted: grey", loc=(0.02, 0.22), fontsize=7)
-    for axis, placement in ((axes[1, 0], "uniform"), (axes[1, 1], "gauss")):
-        for i, n in enumerate(COUNTS):
-            colour = plt.get_cmap("viridis")(i / len(COUNTS))
+    axes[0, 0].legend(title="solid: colour, dotted: grey", loc="upper right", fontsize=7)
+    for axis, placement in ((axes[1, 0], "gauss"), (axes[1, 1], "means")):
+        for n in PLACEMENTS[placement]:
+            colour = plt.get_cmap("viridis")(COUNTS.index(n) / len(COUNTS))
             axis.semilogx(WITHIN_US, rows["colour", placement, n]["within_percent"], color=colour, label=n)
         axis.set(xlabel="|delay|, µs", ylabel="events with a partner within, %", title=f"{placement}, colour")
-    axes[1, 1].legend(title="N", ncols=2, fontsize=7)
+    axes[1, 0].legend(title="N", ncols=2, fontsize=7)
     axes[1, 2].plot([r["c"] for r in result["light"]], [r["chamfer"] for r in result["light"]], ".-")
     axes[1, 2].set(xlabel="light (Table 3's C), %", ylabel="Chamfer distance")
     figure.savefig(path, dpi=110)

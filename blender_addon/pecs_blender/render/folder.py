@@ -9,6 +9,7 @@ import bpy
 from pecs._errors import bad_input
 
 from . import build, cycles
+from .bands import points
 from .scene_file import SceneFile
 from .source import Source
 from .spectra import constant, illuminance_lux
@@ -72,11 +73,12 @@ class FolderScene(Source):
         with cycles.changed((small, (scene.cycles, {"samples": METER_SAMPLES // 64}))):
             scene.camera = camera
             self.set_time(0.0)
-            spectral.set_pass(METER_LAMBDA_NM)
+            spectral.set_pass(points(METER_LAMBDA_NM))
             # Lambert: E = pi L / reflectance
             irradiance = math.pi / METER_REFLECTANCE * cycles.Film(scene).render().astype(float).mean(axis=(1, 2))
         for thing in (camera, plane):
             bpy.data.objects.remove(thing, do_unlink=True)
-        lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), spectral.emitters.norm)
+        norm = spectral.emitters.norm
+        lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), lambda nm: norm(points(nm)))
         # Rounded, so that a job continued on another machine computes the same number.
         return float(f"{self._parts.illuminance_lux / lux:.4g}")

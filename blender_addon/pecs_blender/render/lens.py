@@ -19,6 +19,7 @@ import pecs
 from pecs._errors import UsageError
 
 from . import cycles
+from .bands import BandSet
 from .options import flag
 from .plan import Sampling, View
 from .source import Source
@@ -51,7 +52,7 @@ class Pass:
     """One RGB render of up to three bands with one camera. blurs: diffraction of each band's picture."""
 
     bands: slice
-    rgb_nm: np.ndarray
+    channels: BandSet  # of red, green and blue; a pass of fewer bands repeats its last
     camera: bpy.types.Object
     blurs: tuple = ()  # none without diffraction
 
@@ -95,14 +96,10 @@ def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
         raise UsageError(f"{flag(option)}: got {value:g}, wanted {limit}, where {name} is wide open") from None
 
 
-def rgb_nm(lambda_nm: np.ndarray) -> np.ndarray:
-    """Wavelengths of the three channels; a pass of fewer bands repeats its last."""
-    return np.pad(lambda_nm, (0, 3 - len(lambda_nm)), mode="edge")
-
-
 def cameras(
-    lens: Lens, lambda_nm: np.ndarray, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
+    lens: Lens, band_set: BandSet, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
 ) -> LensCameras:
+    lambda_nm = band_set.lambda_nm
     made = [
         lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
@@ -122,7 +119,7 @@ def cameras(
         count = bands.stop - bands.start
         thing = cycles.osl_camera(f"{camera.shader_name}_{k}", camera.osl, scratch)
         blurs = tuple(partial(camera.diffract, band=band) for band in range(count)) if diffraction else ()
-        passes.append(Pass(bands, rgb_nm(lambda_nm[bands]), thing, blurs))
+        passes.append(Pass(bands, band_set.of_pass(bands), thing, blurs))
         e0 += camera.e0[:count]
         working += camera.working_fnumber[:count]
     per_channel = any(camera.channel_mode == "per_channel" for camera in made)

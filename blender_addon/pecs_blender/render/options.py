@@ -16,7 +16,9 @@ from pecs._errors import UsageError
 from .layers import LAYERS
 
 TIMES = ("uniform", "adaptive")
-PLACEMENTS = ("gauss", "strata", "uniform")
+POINTS = ("gauss", "uniform")  # placements of single wavelengths
+PLACEMENTS = ("means", *POINTS)
+MOST_BANDS = 256
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 
 
@@ -25,6 +27,14 @@ def _range(text: str) -> slice:
     if not (colon and begin.isdecimal() and end.isdecimal() and int(begin) < int(end)):
         raise argparse.ArgumentTypeError(f"got {text}, wanted A:B with A < B")
     return slice(int(begin), int(end))
+
+
+def _bands(text: str) -> int | None:
+    if text == "auto":
+        return None
+    if not (text.isdecimal() and 1 <= int(text) <= MOST_BANDS):
+        raise argparse.ArgumentTypeError(f"got {text}, wanted auto or 1 to {MOST_BANDS}")
+    return int(text)
 
 
 def _box(text: str) -> tuple[int, ...]:
@@ -73,8 +83,20 @@ def option(default: Any, help: str, **rule: Any) -> Any:
 
 @dataclass(frozen=True)
 class Options:
-    bands: int = option(6, "number of wavelengths; an RGB pass renders three", low=1, high=256, recorded=False)
-    placement: str = option("gauss", "placement of the bands", choices=PLACEMENTS)
+    bands: int | None = option(
+        None,
+        "number of bands; a pass renders three; auto: as few as the scene's colours and lamps allow",
+        parse=_bands,
+        low=1,
+        high=MOST_BANDS,
+        metavar="N|auto",
+        recorded=False,
+    )
+    placement: str = option(
+        "means",
+        "means: colours are means over intervals of the spectrum; gauss, uniform: values at single wavelengths",
+        choices=PLACEMENTS,
+    )
     bands_per_pass: int = option(
         3, "wavelengths per RGB pass; 1 makes dispersion in glass objects exact", choices=(1, 2, 3)
     )

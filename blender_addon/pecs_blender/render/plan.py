@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pecs
 from pecs._errors import UsageError
 
+from .bands import TOLERANCE
 from .camera_path import CameraPath, read_camera_path
 from .options import Options
 from .spectra import Spectrum, spectrum
@@ -50,7 +51,7 @@ class Bands:
     """The light and the wavelengths at which it is rendered."""
 
     chip: pecs.Chip
-    count: int
+    count: int | None  # None: as many as the scene's colours and lamps require
     placement: str
     per_pass: int
     min_nm: float | None
@@ -58,6 +59,7 @@ class Bands:
     illuminant: Spectrum  # of emitters that name no spectrum
     light_scale: float
     lux: float | None  # replaces light_scale
+    tolerance: float  # RMS error of ln(photocurrent), for count None
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ def resolve(options: Options, source: Source) -> Plan:
         spectrum(options.illuminant, source.folder),
         options.light_scale,
         options.lux,
+        TOLERANCE * threshold,
     )
     noise = options.noise_target and options.noise_target * threshold * subpixels
     sampling = Sampling(
@@ -171,6 +174,8 @@ def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
 
 
 def _check(options: Options) -> None:
+    if options.bands is None and options.placement != "means":
+        raise UsageError(f"--placement {options.placement} requires a number of --bands")
     if options.lux and options.no_light:
         raise UsageError("--lux cannot be combined with --no-light")
     if options.lux and options.light_scale != 1:

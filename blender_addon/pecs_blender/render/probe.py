@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -22,6 +23,8 @@ import pecs
 from pecs._errors import PecsInputError
 
 from . import cycles, lens
+from .bands import BandSet, points
+from .palette import choose
 from .plan import Plan, Sampling, View, lower_threshold
 from .source import Source
 from .spectra import illuminance_lux
@@ -52,17 +55,15 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     lux, luminance = _photometry(source.scene, spectral)
     found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
-    lamps = spectral.emitters.mean_pairs()
-    bands = pecs.bands(chip, 3, plan.bands.placement, lamps, plan.bands.min_nm, plan.bands.max_nm)
-    lambda_nm = np.array([band["lambda_nm"] for band in bands])
-    amperes, fnumber = _amperes(source, plan.view, chip, bands)
+    chosen = choose(replace(plan.bands, count=3), spectral)
+    amperes, fnumber = _amperes(source, plan.view, chip, chosen.entries)
     current = rate = noise = None
     all_samples = own.samples * plan.view.subpixels**2
     if amperes is not None:
-        weights = amperes * spectral.emitters.norm(lambda_nm) * scale
+        weights = amperes * spectral.emitters.norm(chosen.bands) * scale
 
         def look() -> np.ndarray:
-            return _current(source.scene, spectral, lambda_nm, weights)
+            return _current(source.scene, spectral, chosen.bands, weights)
 
         current = look()
         # Measured with the render's samples up to SAMPLES: at few samples, noise exceeds 1 / sqrt(samples).
@@ -99,9 +100,9 @@ def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
     return float(f"{lux / (median * source.radiance_per_unit(spectral)):.4g}")
 
 
-def _current(scene, spectral: SpectralScene, lambda_nm: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _current(scene, spectral: SpectralScene, bands: BandSet, weights: np.ndarray) -> np.ndarray:
     """[height, width] photocurrent [A] of what is seen now; weights: A per rendered 1 in each band."""
-    spectral.set_pass(lambda_nm)
+    spectral.set_pass(bands)
     return np.tensordot(weights, cycles.Film(scene).render().astype(float), 1)
 
 
@@ -141,14 +142,17 @@ def _size(source: Source) -> tuple[int, int]:
 def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.ndarray, np.ndarray]:
     """Per light scale: illuminance [lux] of the pixels that scatter light, and luminance [cd/m^2] of all."""
     norm = spectral.emitters.norm
-    weights = [illuminance_lux(cycles.interpolated(METER_NM, one), norm) for one in np.eye(len(METER_NM))]
+    weights = [
+        illuminance_lux(cycles.interpolated(METER_NM, one), lambda nm: norm(points(nm)))
+        for one in np.eye(len(METER_NM))
+    ]
     names = "Combined", "Diffuse Direct", "Diffuse Indirect", "Diffuse Color"
     layer = scene.view_layers[0]
     wanted = dict.fromkeys(("use_pass_diffuse_direct", "use_pass_diffuse_indirect", "use_pass_diffuse_color"), True)
     luminance = white = colour = 0.0
     with cycles.changed(((layer, wanted),)):
         for k in range(0, len(METER_NM), 3):
-            spectral.set_pass(METER_NM[k : k + 3])
+            spectral.set_pass(points(METER_NM[k : k + 3]))
             seen, direct, indirect, reflects = cycles.Film(scene).passes(*names).values()
             luminance = luminance + np.tensordot(weights[k : k + 3], seen[:3].astype(float), 1)
             white = white + np.tensordot(weights[k : k + 3], direct.astype(float) + indirect, 1)

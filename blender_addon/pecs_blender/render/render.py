@@ -97,6 +97,8 @@ class Render:
 
     def write_frames(self) -> None:
         with Output(self.folder, self._stack, self._plan.instants.only, self._overwrite) as output:
+            if self._light and not self._plan.verbosity["quiet"]:
+                self._stage.print_bands()
             if self._keyframes:
                 tolerance = self._plan.instants.tolerance
                 frames: Frames = adaptive.Adaptive(
@@ -114,6 +116,8 @@ class Render:
         needed_bytes = self._needed_bytes(lambda file: True)
         held = ADAPTIVE_PICTURES if self._keyframes else UNIFORM_PICTURES
         memory_bytes = peak_mb() * 1e6 + held * needed_bytes / max(1, len(self._wanted))
+        if self._plan.light:
+            self._stage.print_bands()
         count, of = len(self._instants.times_ns), len(self._plan.instants.grid.times_ns)
         frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
         between = ", plus pictures between keyframes; still parts cost nothing" if count < of else ""
@@ -172,7 +176,7 @@ class Render:
         stage.set_time(self._instants.times_ns[0] * 1e-9)
         scene.camera = stage.passes[0].camera
         scene.cycles.samples *= stage.rays_per_sample
-        stage.spectral.set_pass(stage.passes[0].rgb_nm)
+        stage.spectral.set_pass(stage.passes[0].channels)
         strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)
         cycles.set_border(scene, strip)
         film.render()  # builds scene and shaders

@@ -83,6 +83,14 @@ def basis(name: str) -> tuple[np.ndarray, np.ndarray]:
     return lambda_nm, np.stack(columns, axis=1)
 
 
+def srgb_reflectances(lambda_nm: np.ndarray) -> np.ndarray:
+    """[n, 3]: reflectances = matrix @ linear Rec. 709. Mallett & Yuksel 2019: a reflectance is r R(lambda) +
+    g G(lambda) + b B(lambda), R + G + B = 1; outside the table (380-780 nm) its end values."""
+    at_nm, primaries = basis("srgb")
+    rows = np.array([np.interp(lambda_nm, at_nm, primary) for primary in primaries.T]).T
+    return rows / rows.sum(axis=1, keepdims=True)
+
+
 def illuminance_lux(irradiance_per_unit, spectral_irradiance) -> float:
     """E_v = K_cd * integral V(lambda) E(lambda) dlambda, both arguments functions of lambda_nm (arrays)."""
     v = load("photopic")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes an open scene spectral: in each pass, every colour input of a shader is replaced by its values at the pass's
-three wavelengths (docs/reference/render.md lists all nodes).
+"""Makes an open scene spectral: in each pass, every colour input of a shader is replaced by its values in the pass's
+three bands (docs/reference/render.md lists all nodes).
 
 Colours are computed in RGB as in the file, and multiplied by the pass's 3x3 matrix at the shader's input: an unlinked
 socket gets its value times the matrix, a linked one gets a node group in between. Custom properties name spectra:
@@ -19,7 +19,8 @@ import bpy
 import numpy as np
 from pecs._errors import PecsError, bad_input
 
-from .emitters import LUMINANCE, Emitters, band_matrix
+from .bands import BandSet
+from .emitters import LUMINANCE, Emitters
 from .glass import glass
 from .spectra import Spectrum, spectrum
 
@@ -47,6 +48,14 @@ PER_CHANNEL = {
 REFRACTIVE = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdfPrincipled")
 
 
+Matrix = Callable[[BandSet, Spectrum | None], np.ndarray]  # bands of a pass, and the lamp whose light is coloured
+
+
+def band_matrix(bands: BandSet, lamp: Spectrum | None) -> np.ndarray:
+    """[3, 3]: values in three bands = matrix @ linear Rec. 709."""
+    return bands.filtered(lamp) if lamp else bands.srgb()
+
+
 @dataclass(frozen=True)
 class ColourRole:
     """Meaning of a colour: it reflects (no emitter) or emits with a spectrum. `reflectance` replaces the colour by a
@@ -57,20 +66,37 @@ class ColourRole:
     reflectance: Spectrum | None = None
     strength: float = 1.0
 
-    def matrix(self, of_colours: np.ndarray, rgb_nm: np.ndarray, emitters: Emitters) -> np.ndarray:
-        rows = self.strength * (np.tile(LUMINANCE, (3, 1)) if self.named else of_colours)
-        return rows if self.emitter is None else emitters.relative(self.emitter, rgb_nm)[:, None] * rows
+    def matrix(self, matrix: Matrix, bands: BandSet, emitters: Emitters) -> np.ndarray:
+        if self.emitter is None:
+            return self.strength * matrix(bands, None)
+        rows = np.tile(LUMINANCE, (3, 1)) if self.named else matrix(bands, emitters.spectrum(self.emitter))
+        return self.strength * emitters.relative(self.emitter, bands)[:, None] * rows
+
+
+@dataclass(frozen=True)
+class Linked:
+    """A colour that nodes compute; node: the last of them. socket_node, socket_name: type of the shader and name of its
+    socket, `owner`. dark: as of Constant."""
+
+    node: object
+    owner: object
+    socket_node: str
+    socket_name: str
+    role: ColourRole
+    dark: bool
 
 
 @dataclass
-class _Constant:
-    """A colour property. base: its value in the file, at the current time if animated."""
+class Constant:
+    """A colour property. base: its value in the file, at the current time if animated. dark: of an emission without
+    strength."""
 
     owner: object
     key: str
     role: ColourRole
     base: np.ndarray
     movers: list
+    dark: bool = False
 
     def read(self) -> None:
         self.base = np.array(getattr(self.owner, self.key)[:3])
@@ -83,18 +109,20 @@ class _Constant:
 class SpectralScene:
     """Rewrites all materials, lamps and worlds of bpy.data. illuminant: spectrum of emitters that name none. folder: of
     relative CSV paths. unit_m: metres per unit of coordinates; the power of lamps in watts scales with its square.
-    matrix: from RGB colours to values at the three wavelengths of a pass."""
+    matrix: from RGB colours to values in the three bands of a pass."""
 
-    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix=band_matrix):
+    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix: Matrix = band_matrix):
         self.emitters = Emitters(illuminant)
         self.approximated: list[str] = []
         self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
-        self._constants: list[_Constant] = []
+        self.constants: list[Constant] = []
+        self.linked: list[Linked] = []
         self._groups: dict[ColourRole, bpy.types.NodeTree] = {}
         self._glasses: list[tuple[object, Callable[[float], float]]] = []
         groups = [group for group in bpy.data.node_groups if group.bl_idname == "ShaderNodeTree"]
         for material in bpy.data.materials:
-            self._material(material)
+            if material.users > material.use_fake_user:
+                self._material(material)
         for light in bpy.data.lights:
             self._light(light)
         for world in bpy.data.worlds:
@@ -108,33 +136,33 @@ class SpectralScene:
 
     def before_instant(self) -> None:
         """Enables the animation of colours; `after_instant` reads them and disables it."""
-        for constant in self._constants:
+        for constant in self.constants:
             for mover in constant.movers:
                 mover.mute = False
 
     def after_instant(self) -> None:
-        for constant in self._constants:
+        for constant in self.constants:
             if constant.movers:
                 constant.read()
                 for mover in constant.movers:
                     mover.mute = True
 
-    def set_pass(self, rgb_nm: np.ndarray) -> None:
-        """rgb_nm: wavelengths of the red, green and blue channels."""
-        of_colours, matrices = self._matrix(rgb_nm), {}
-        for constant in self._constants:
+    def set_pass(self, bands: BandSet) -> None:
+        """bands: of the red, green and blue channels."""
+        matrices = {}
+        for constant in self.constants:
             role = constant.role
             if role.reflectance:
-                constant.write(role.reflectance.reflectance(rgb_nm))
+                constant.write(bands.reflectance(role.reflectance))
                 continue
             if role not in matrices:
-                matrices[role] = role.matrix(of_colours, rgb_nm, self.emitters)
+                matrices[role] = role.matrix(self._matrix, bands, self.emitters)
             constant.write(matrices[role] @ constant.base)
         for role, group in self._groups.items():
-            for channel, row in zip("rgb", role.matrix(of_colours, rgb_nm, self.emitters), strict=True):
+            for channel, row in zip("rgb", role.matrix(self._matrix, bands, self.emitters), strict=True):
                 group.nodes[channel].inputs[1].default_value = row
         for socket, index in self._glasses:
-            socket.default_value = index(float(np.mean(rgb_nm)))
+            socket.default_value = index(float(np.mean(bands.lambda_nm)))
 
     # Finding the colours
 
@@ -188,17 +216,17 @@ class SpectralScene:
         for socket in node.inputs:
             key = (node.bl_idname, socket.name)
             if socket.type == "RGBA" or key in PER_CHANNEL:
-                self._socket(tree, socket, self._role(key, named), named)
+                self._socket(tree, socket, self._role(key, named, _is_dark(node)), named)
             elif socket.name == "IOR" and node.bl_idname in REFRACTIVE and named.glass is not None:
                 _unlink(tree, socket)
                 self._glasses.append((socket, glass(named.glass, socket.default_value)))
         self.approximated += beyond_reach(node, named.owner.name)
 
-    def _role(self, key, named) -> ColourRole:
+    def _role(self, key, named, dark: bool = False) -> ColourRole:
         if key in EMISSION:
             if named.filters:
                 return ColourRole()
-            return ColourRole(self._emitter(named.emission), named=named.emission is not None)
+            return ColourRole(self._emitter(named.emission, dark), named=named.emission is not None)
         return ColourRole(reflectance=named.reflectance if key[1] in BASE_COLOUR else None)
 
     def _socket(self, tree, socket, role, named) -> None:
@@ -225,6 +253,17 @@ class SpectralScene:
                         self._insert(tree, link, role)
 
     def _insert(self, tree, link, role) -> None:
+        socket, shader = link.to_socket, link.to_node
+        self.linked.append(
+            Linked(
+                link.from_node,
+                socket,
+                shader.bl_idname,
+                socket.name,
+                role,
+                role.emitter is not None and _is_dark(shader),
+            )
+        )
         node = tree.nodes.new("ShaderNodeGroup")
         node.node_tree = self._group(role)
         from_socket, to_socket = link.from_socket, link.to_socket
@@ -249,9 +288,10 @@ class SpectralScene:
 
     def _constant(self, owner, key, id_block, role) -> None:
         path = key if isinstance(owner, bpy.types.ID) else f"{owner.path_from_id()}.{key}"
-        constant = _Constant(owner, key, role, np.zeros(3), self._animation(id_block, path))
+        dark = role.emitter is not None and isinstance(owner, bpy.types.NodeSocket) and _is_dark(owner.node)
+        constant = Constant(owner, key, role, np.zeros(3), self._animation(id_block, path), dark)
         constant.read()
-        self._constants.append(constant)
+        self.constants.append(constant)
 
     @staticmethod
     def _animation(id_block, path) -> list:
@@ -278,9 +318,9 @@ class SpectralScene:
         except PecsError as e:
             raise PecsError(f"{owner.name}: {key}: {e}", e.code) from None
 
-    def _emitter(self, s: Spectrum | None) -> float | str:
+    def _emitter(self, s: Spectrum | None, dark: bool = False) -> float | str:
         s = s or self.emitters.illuminant
-        self.emitters.add(s)
+        self.emitters.add(s, dark)
         return s.source
 
 
@@ -312,6 +352,15 @@ def beyond_reach(node, owner: str) -> list[str]:
     if film and (film.default_value > 0 or film.is_linked):
         kinds.append("thin film")
     return [f"{owner}: {node.name}: {kind}: RGB used as bands" for kind in kinds]
+
+
+def _is_dark(node) -> bool:
+    """A shader whose emission has the constant strength 0, as a principled one has by default."""
+    strength = next((node.inputs[n] for n in ("Emission Strength", "Strength") if n in node.inputs), None)
+    if strength is None or strength.is_linked or strength.default_value:
+        return False
+    animation = node.id_data.animation_data
+    return not (animation and (animation.action or animation.drivers or animation.nla_tracks))
 
 
 def _unlink(tree, socket) -> None:

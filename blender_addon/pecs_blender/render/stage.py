@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pecs
 
 from . import cycles, lens
+from .palette import choose, words
 from .plan import Bands, Plan, Sampling, View
 from .probe import light_scale
 from .source import Source
@@ -42,9 +43,8 @@ class Stage:
 
     def _choose_bands(self, bands: Bands) -> None:
         self.spectral = SpectralScene(bands.illuminant, self.source.folder, self.source.unit_m)
-        lamps = self.spectral.emitters.mean_pairs()
-        self.bands = pecs.bands(bands.chip, bands.count, bands.placement, lamps, bands.min_nm, bands.max_nm)
-        self.lambda_nm = np.array([band["lambda_nm"] for band in self.bands])
+        self._chosen = chosen = choose(bands, self.spectral)
+        self.bands, self.lambda_nm = chosen.entries, chosen.bands.lambda_nm
         self.weights = np.array(bands.chip.amperes_per_unit(self.bands))
 
     def _pose_first_instant(self, view: View) -> None:
@@ -57,16 +57,15 @@ class Stage:
         self.radiance_per_unit = self.source.radiance_per_unit(self.spectral) * self.light_scale if light else 1.0
 
     def _build_cameras(self, view: View, per_pass: int) -> None:
-        self.unit = self.spectral.emitters.norm(self.lambda_nm) * self.radiance_per_unit
+        band_set = self._chosen.bands
+        self.unit = self.spectral.emitters.norm(band_set) * self.radiance_per_unit
         slices = passes(len(self.bands), per_pass)
         self.lens, self.lens_record, self.rays_per_sample = lens.choose(self.source, view), None, 1
         if not self.lens:
             camera = self.source.camera(view.focal_mm, view.film_width_mm)
-            self.passes = tuple(lens.Pass(one, lens.rgb_nm(self.lambda_nm[one]), camera) for one in slices)
+            self.passes = tuple(lens.Pass(one, band_set.of_pass(one), camera) for one in slices)
             return
-        made = lens.cameras(
-            self.lens, self.lambda_nm, slices, view.colour_tolerance_px, self.source.unit_m, self.scratch
-        )
+        made = lens.cameras(self.lens, band_set, slices, view.colour_tolerance_px, self.source.unit_m, self.scratch)
         self.passes, self.rays_per_sample, self.lens_record = made.passes, made.rays_per_sample, made.record
         self.lens_record["colour_shift_px"] /= self.subpixels
         self.unit = self.unit * made.e0
@@ -78,10 +77,16 @@ class Stage:
         if self.lens:
             self.source.place([one.camera for one in self.passes])
 
+    def print_bands(self) -> None:
+        """Their number, and the estimated error."""
+        if self._chosen.edges_nm:
+            print(f"render: {words(self._chosen, len(self.passes))}", file=sys.stderr)
+
     def record(self, plan: Plan) -> dict[str, Any]:
         """Entries of stack.json's "render" that the scene decides."""
         source, bands = self.source, plan.bands
         return {
+            **self._chosen.record,
             "light_scale": self.light_scale,
             **({"lux": bands.lux} if bands.lux else {}),
             **({"camera_path_sha256": source.path.sha256} if source.path else {}),

@@ -42,7 +42,10 @@ SHOWN = {
         {"precision": 4, "description": "Film width of the lens camera; 0: width of the chip"},
     ),
     "film_shift_mm": ("Film Shift (mm)", {"size": 2, "precision": 3}),
-    "bands": ("Bands", {}),
+    "bands": (
+        "Bands",
+        {"description": "Number of bands; a pass renders three. 0: as few as the scene's colours and lamps allow"},
+    ),
     "bands_per_pass": ("Bands per Pass", {}),
     "placement": ("Placement", {}),
     "min_nm": ("Min Wavelength (nm)", {}),
@@ -89,9 +92,9 @@ SHOWN = {
     ),
 }
 _DESCRIPTIONS = {
-    "gauss": "Quadrature nodes for the chip's response to the sum of all lamps",
-    "strata": "Medians of strata of equal light",
-    "uniform": "Equally spaced",
+    "means": "Means over intervals of the spectrum",
+    "gauss": "Single wavelengths: quadrature nodes for the chip's response to the sum of all lamps",
+    "uniform": "Single wavelengths, equally spaced",
     "adaptive": "Keyframes, and the motion between them",
 }
 _LENS_OPTIONS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
@@ -116,7 +119,7 @@ def _property(name: str):
         return EnumProperty(name=label, items=items, default=str(default), description=text)
     if kind == "bool":
         return BoolProperty(name=label, default=default, description=text, **more)
-    if kind == "str" or rule.parse:
+    if kind == "str" or rule.parse and kind != "int":
         return StringProperty(name=label, default=default or "", description=text, **more)
     low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
     bounds = {"min": low} if low > -math.inf else {}
@@ -280,12 +283,13 @@ class PecsSettings(bpy.types.PropertyGroup):
 
     @property
     def pass_count(self) -> int:
-        return len(passes(self.bands, int(self.bands_per_pass)))
+        """At least; the render chooses the number of bands if it is 0."""
+        return len(passes(self.bands or 3, int(self.bands_per_pass)))
 
     @property
     def channels(self) -> int:
         """Channels per frame, of the light and all layers."""
-        return self.bands + sum(len(layer_class(name).channels) for name in self.layers)
+        return (self.bands or 3) + sum(len(layer_class(name).channels) for name in self.layers)
 
 
 # After the class body, which has no annotations yet from Python 3.14 (Blender 5.2) on.

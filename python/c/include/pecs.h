@@ -91,7 +91,7 @@ PECS_API int64_t pecs_glass_index(const char* options_json, const double* lambda
  * ...], ...] at increasing wavelengths, linear in between. */
 PECS_API char* pecs_spectrum(const char* name_or_path, pecs_error* error);
 
-/* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "strata" | "uniform",
+/* Wavelengths and weights. options: {"chip": "imx636" | path, "n": 6, "placement": "gauss" | "uniform",
  * "illuminant": null | "d65", "lamp.csv", "blackbody:T", "daylight:T" | [[lambda_nm, relative power], ...], "min_nm":
  * .., "max_nm": ..} (default range: where the QE and the illuminant are tabulated; the illuminant is linear between its
  * points: use it so in the scene too). result: {"bands": [{"lambda_nm": .., "weight_nm": ..}, ...]}: integral over

@@ -84,25 +84,6 @@ std::vector<Band> gauss_bands(const Spectrum& qe, const Spectrum* illuminant, in
   return bands;
 }
 
-std::vector<Band> strata_bands(const Spectrum& qe, const Spectrum* illuminant, int n, double min_nm, double max_nm) {
-  const Measure measure(qe, illuminant, n, min_nm, max_nm);
-  std::vector<Band> bands;
-  Eigen::Index i = 0;  // the step from i to i + 1 holds the median; below(i) is the share below point i
-  const auto& w = measure.w;
-  double below = 0;
-  const auto step = [&](Eigen::Index j) {  // trapezoid between points j and j + 1
-    const double left = j == 0 ? w(0) : w(j) / 2;
-    return left + (j + 2 == w.size() ? w(j + 1) : w(j + 1) / 2);
-  };
-  for (int k = 0; k < n; ++k) {
-    const double median = (k + 0.5) / n * measure.mass;
-    while (i + 2 < w.size() && below + step(i) < median) below += step(i++);
-    const double f = std::clamp((median - below) / step(i), 0.0, 1.0);
-    bands.push_back(measure.band((1 - f) * measure.lambda_nm(i) + f * measure.lambda_nm(i + 1), 1.0 / n));
-  }
-  return bands;
-}
-
 std::vector<Band> uniform_bands(int n, double min_nm, double max_nm) {
   check_range(n, min_nm, max_nm);
   std::vector<Band> bands;

@@ -33,7 +33,7 @@ Json choose_bands(const Json& json) {
   JsonObject o(json, "options");
   const Chip chip = load_chip(o.text_or("chip", "imx636"));
   const int n = static_cast<int>(o.integer_or("n", 6, 1, 1000));
-  const std::string placement = o.has("placement") ? o.one_of("placement", {"gauss", "strata", "uniform"}) : "gauss";
+  const std::string placement = o.has("placement") ? o.one_of("placement", {"gauss", "uniform"}) : "gauss";
   const Json& given = o.any("illuminant");
   if (!given.is_null() && !given.is_array() && !given.is_string())
     o.fail("illuminant", "no list", "a name, or [[lambda_nm, power], ...]");
@@ -48,10 +48,9 @@ Json choose_bands(const Json& json) {
   min_nm = o.number_or("min_nm", min_nm, {min_nm, max_nm});
   max_nm = o.number_or("max_nm", max_nm, {min_nm, max_nm});
   o.done();
-  const auto by_light = placement == "strata" ? strata_bands : gauss_bands;
   const auto chosen = placement == "uniform"
                           ? uniform_bands(n, min_nm, max_nm)
-                          : by_light(chip.relative_qe, given.is_null() ? nullptr : &lamp, n, min_nm, max_nm);
+                          : gauss_bands(chip.relative_qe, given.is_null() ? nullptr : &lamp, n, min_nm, max_nm);
   Json out = Json::array();
   for (const Band& b : chosen) out.push_back({{"lambda_nm", b.lambda_nm}, {"weight_nm", b.weight_nm}});
   return {{"bands", out}};

@@ -96,10 +96,11 @@ def test_lens_and_pinhole_pictures_agree_in_orientation(disk):
 
 
 def test_the_light_is_absolute(disk):
-    """A Lambertian white of reflectance r under E_v lux: the radiance's luminance is r E_v / pi. The picture's white
-    sectors are brighter above and darker below the disk's centre, where the illuminance is defined."""
+    """A Lambertian white of reflectance r under E_v lux: the radiance's luminance is r E_v / pi, and a band has the
+    lamp's mean weighted by the chip's response. The picture's white sectors are brighter above and darker below the
+    disk's centre, where the illuminance is defined."""
     stack, values = frames(disk / "pinhole")
-    lambda_nm = np.array([b["lambda_nm"] for b in stack["bands"]])
+    edges_nm, chip = stack["render"]["band_edges_nm"], pytest.importorskip("pecs").Chip("imx636")
     sys_path_spectra = pytest.importorskip("pecs_blender.render.spectra")
     lamp = sys_path_spectra.load("led_b3")
     v = sys_path_spectra.load("photopic")
@@ -107,7 +108,10 @@ def test_the_light_is_absolute(disk):
     centre = values[0][:, 88:93, 237:242]
     white = centre.reshape(3, -1).max(axis=1)
     for k in range(3):  # radiance in band k = r/pi * E_v * lamp(k) / (683 integral V lamp)
-        expected = 0.84 / np.pi * 100 * lamp(lambda_nm[k]) / (683 * np.sum(v(grid) * lamp(grid)))
+        nm = np.arange(edges_nm[k] + 0.5, edges_nm[k + 1])
+        response = chip.amperes_per_unit([{"lambda_nm": x, "weight_nm": 1.0} for x in nm])
+        mean = np.average(lamp(nm), weights=response)
+        expected = 0.84 / np.pi * 100 * mean / (683 * np.sum(v(grid) * lamp(grid)))
         assert white[k] == pytest.approx(expected, rel=0.1)
 
 

@@ -38,7 +38,7 @@ def test_daylight_is_the_cies(colour):
 def test_the_band_matrix_gives_back_its_rgb(colour):
     """Under D65, a reflectance made from sRGB has that sRGB (Mallett & Yuksel: exactly; the 5 nm table: nearly)."""
     nm = np.arange(380.0, 781.0, 5)
-    matrix = light.band_matrix(nm)
+    matrix = spectra.srgb_reflectances(nm)
     assert matrix.sum(axis=1) == pytest.approx(1, abs=1e-12) and matrix.min() >= 0
     cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     d65 = spectra.load("d65")(nm)
@@ -58,7 +58,7 @@ def test_lamps_of_different_spectra_are_equally_bright():
     for name in ("a", "fl2", "blackbody:5000"):
         emitters.add(spectra.load(name))
         v = spectra.load("photopic")(spectra.VISIBLE_NM)
-        assert np.sum(v * emitters(name, spectra.VISIBLE_NM)) == pytest.approx(1)
+        assert np.sum(v * emitters.power(name, spectra.VISIBLE_NM)) == pytest.approx(1)
     assert len(emitters.mean_pairs()) > 100
 
 

@@ -46,23 +46,6 @@ def test_uniform():
     np.testing.assert_allclose(w, 10)
 
 
-def test_strata_hold_equal_light(root):
-    """Each at its stratum's median: as much of lambda QE E lies on either side; weight * density is one n-th."""
-    chip = json.loads((root / "sensor/chips/imx636.json").read_text())["relative_qe"]
-    dense = np.arange(400.0, 901.0)
-    lamp = 1 + 0.9 * np.sin(dense / 40)
-    lam, w = weights(n=7, placement="strata", illuminant=list(zip(dense, lamp, strict=True)))
-
-    def density(at):
-        return at * np.interp(at, chip["lambda_nm"], chip["value"]) * np.interp(at, dense, lamp)
-
-    fine = np.linspace(400, 900, 500001)
-    share = np.cumsum(density(fine)) / density(fine).sum()
-    np.testing.assert_allclose(np.interp(lam, fine, share), (np.arange(7) + 0.5) / 7, atol=1e-4)
-    shares = w * density(lam) / (density(fine).sum() * (fine[1] - fine[0]))
-    np.testing.assert_allclose(shares, 1 / 7, rtol=1e-3)
-
-
 def test_lamps_have_names(root, pecs_program):
     """The library's table and its name are one; a name that is not there is answered with those that are."""
     by_name, by_file = (

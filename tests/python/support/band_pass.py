@@ -10,14 +10,15 @@ from pathlib import Path
 import bpy  # noqa: F401  before pecs
 import numpy as np
 from pecs_blender.render import cycles
+from pecs_blender.render.bands import points
 from pecs_blender.render.blend import BlendScene
 from pecs_blender.render.spectra import load
 from pecs_blender.render.spectral import SpectralScene
 
 SAMPLES, T_S = 8, 0.125
 MATRICES = {
-    "identity": lambda nm: np.eye(3),
-    "grey": lambda nm: np.full((3, 3), 1 / 3),
+    "identity": lambda bands, lamp: np.eye(3),
+    "grey": lambda bands, lamp: np.full((3, 3), 1 / 3),
     "spectral": None,
 }
 
@@ -40,8 +41,8 @@ def banded(path, matrix):
     spectral.before_instant()
     source.set_time(T_S)
     spectral.after_instant()
-    spectral.set_pass(np.array([620.0, 540.0, 460.0]) if not matrix else np.full(3, 560.0))
-    return cycles.Film(source.scene).render(), spectral.emitters.norm([620.0, 540.0, 460.0])
+    spectral.set_pass(points([620.0, 540.0, 460.0] if not matrix else [560.0] * 3))
+    return cycles.Film(source.scene).render(), spectral.emitters.norm(points([620.0, 540.0, 460.0]))
 
 
 def main(out, paths):

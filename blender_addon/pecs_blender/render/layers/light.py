@@ -63,7 +63,7 @@ class Light(Layer):
         for one in self._stage.passes[passes]:
             if self._stage.lens:
                 scene.camera = one.camera
-            self._stage.spectral.set_pass(one.rgb_nm)
+            self._stage.spectral.set_pass(one.channels)
             for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
                 cycles.set_border(scene, box if boxes_px else None)
                 at = (slice(box[1], box[3]), slice(box[0], box[2]))

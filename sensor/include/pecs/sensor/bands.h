@@ -19,11 +19,6 @@ struct Band {
 // Throws bad_input when n does not fit the range or the lamp gives no light there.
 std::vector<Band> gauss_bands(const Spectrum& qe, const Spectrum* illuminant, int n, double min_nm, double max_nm);
 
-// Strata of equal shares of the integral of lambda QE E over [min_nm, max_nm], each rendered at its median (Monte
-// Carlo's stratified sampling without the chance): no band far from the light, however steep its spectrum. Throws as
-// gauss_bands.
-std::vector<Band> strata_bands(const Spectrum& qe, const Spectrum* illuminant, int n, double min_nm, double max_nm);
-
 // The centres of n equal intervals of [min_nm, max_nm].
 std::vector<Band> uniform_bands(int n, double min_nm, double max_nm);
 

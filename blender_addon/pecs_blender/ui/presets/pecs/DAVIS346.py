@@ -5,8 +5,8 @@ pecs = bpy.context.scene.pecs
 
 render.resolution_x, render.resolution_y, render.resolution_percentage = 346, 260, 100
 pecs.chip = "davis346"
-pecs.bands = 6
-pecs.placement = "gauss"
+pecs.bands = 0
+pecs.placement = "means"
 pecs.samples = 8
 pecs.time = "adaptive"
 pecs.fps = 10000.0

@@ -5,7 +5,7 @@ pecs = bpy.context.scene.pecs
 
 render.resolution_x, render.resolution_y, render.resolution_percentage = 320, 180, 100
 pecs.bands = 3
-pecs.placement = "gauss"
+pecs.placement = "means"
 pecs.samples = 4
 pecs.time = "uniform"
 pecs.fps = 1000.0

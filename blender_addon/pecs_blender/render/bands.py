@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bands: the parts of the spectrum that a pass renders, and the value that a spectrum has in each.
+
+Placement "means": a band is an interval. In it, light has its mean weighted by the chip's response lambda QE, and a
+reflectance its mean weighted by response and lamp (Ward & Eydelberg-Vileshin, Picture Perfect RGB Rendering Using
+Spectral Prefiltering and Sharp Color Primaries, Eurographics Workshop on Rendering 2002). The photocurrent of direct
+light of one lamp is then exact with any number of bands; what remains is the error of products of reflectances, and of
+lamps that differ from their mixture. The intervals are chosen so that this error is small for the scene's own colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pecs
+from pecs._errors import bad_input
+
+from .spectra import Spectrum, srgb_reflectances
+
+STEP_NM = 1.0  # of the integrals
+LEAST_STEPS = 4  # of a band
+CANDIDATES = (3, 6, 9, 12, 15, 18, 21, 24)  # numbers of bands for --bands auto: whole passes
+TOLERANCE = 0.1  # of --bands auto, in contrast thresholds
+FINE = 1e-3  # RMS error of ln(photocurrent) below which edges are not moved
+RGB_EDGES_NM = (493.0, 588.0)  # between the blue, green and red of RGB colours (spectra.srgb_reflectances)
+MOST_MOVED = 12  # bands; with more, equal shares of the light suffice
+
+
+@dataclass(frozen=True)
+class BandSet:
+    """lambda_nm [k]: wavelengths at which lens and glass are traced. grid_nm [n]. of_light, of_reflectance [k, n]: the
+    mean in each band of values on the grid; rows have the sum 1."""
+
+    lambda_nm: np.ndarray
+    grid_nm: np.ndarray
+    of_light: np.ndarray
+    of_reflectance: np.ndarray
+
+    def light(self, s: Spectrum) -> np.ndarray:
+        return self.of_light @ s(self.grid_nm)
+
+    def reflectance(self, s: Spectrum) -> np.ndarray:
+        return self.of_reflectance @ s.reflectance(self.grid_nm)
+
+    def srgb(self) -> np.ndarray:
+        """[k, 3]: reflectances = matrix @ linear Rec. 709."""
+        return self.of_reflectance @ srgb_reflectances(self.grid_nm)
+
+    def filtered(self, s: Spectrum) -> np.ndarray:
+        """[k, 3]: light of s through filters of linear Rec. 709, relative to light(s)."""
+        rows = self.of_light * s(self.grid_nm)
+        total = rows.sum(axis=1, keepdims=True)
+        rows = np.divide(rows, total, out=self.of_light.copy(), where=total > 0)
+        return rows @ srgb_reflectances(self.grid_nm)
+
+    def of_pass(self, bands: slice) -> BandSet:
+        """The bands of an RGB pass; one of fewer than three bands repeats its last."""
+        three = np.arange(bands.start, bands.start + 3).clip(max=bands.stop - 1)
+        return BandSet(self.lambda_nm[three], self.grid_nm, self.of_light[three], self.of_reflectance[three])
+
+
+def points(lambda_nm) -> BandSet:
+    """Single wavelengths."""
+    at = np.asarray(lambda_nm, float)
+    return BandSet(at, at, np.eye(len(at)), np.eye(len(at)))
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Spectra of a scene, from which its bands follow. surfaces: reflectances as functions of a grid, `weights` how
+    often each occurs; lamps: powers, with their `shares` of the light."""
+
+    surfaces: list
+    weights: np.ndarray
+    lamps: list
+    shares: np.ndarray
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """entries: bands as stack.json lists them. edges_nm, rms, largest: of placement "means"; the errors are those of
+    ln(photocurrent)."""
+
+    bands: BandSet
+    entries: list[dict[str, float]]
+    edges_nm: list[float] | None = None
+    rms: float | None = None
+    largest: float | None = None
+
+    @property
+    def record(self) -> dict:
+        """For stack.json."""
+        if not self.edges_nm:
+            return {}
+        errors = {"rms": round(self.rms, 4), "largest": round(self.largest, 4)}  # equal on every machine
+        return {"band_edges_nm": self.edges_nm, "band_error": errors}
+
+
+def at_points(chip: pecs.Chip, count: int, placement: str, lamps, min_nm: float | None, max_nm: float | None) -> Chosen:
+    entries = pecs.bands(chip, count, placement, lamps, min_nm, max_nm)
+    return Chosen(points([band["lambda_nm"] for band in entries]), entries)
+
+
+def means(
+    chip: pecs.Chip,
+    count: int | None,
+    colours: Colours,
+    min_nm: float | None,
+    max_nm: float | None,
+    tolerance: float,
+) -> Chosen:
+    """count None: the smallest number of CANDIDATES whose RMS error of ln(photocurrent) is below the tolerance."""
+    problem = Problem(chip, colours, min_nm, max_nm)
+    if count:
+        cells = problem.edges(count, tolerance)
+    else:
+        for candidate in CANDIDATES:
+            cells = problem.edges(min(candidate, problem.most), tolerance)
+            if problem.error(cells)[0] <= tolerance:
+                break
+    return problem.chosen(cells)
+
+
+class Problem:
+    """The spectra on a grid of equal cells; band edges are indices of cells."""
+
+    def __init__(self, chip: pecs.Chip, colours: Colours, min_nm: float | None, max_nm: float | None):
+        curve = chip.info["relative_qe"]["lambda_nm"]
+        low, high = float(curve[0]), float(curve[-1])
+        wide = np.arange(low, high + STEP_NM, STEP_NM)
+        lit = wide[_mixture(colours, wide) * _response(chip, wide) > 0]
+        if not lit.size:
+            raise bad_input("bands", "illuminant", "no light where the chip sees", "lamps inside the QE's range")
+        low, high = max(low, lit[0] - STEP_NM), min(high, lit[-1] + STEP_NM)
+        low, high = _inside(min_nm, low, high, "--min-wavelength"), _inside(max_nm, low, high, "--max-wavelength")
+        if not low < high:
+            raise bad_input("bands", "range", f"{low:g} to {high:g} nm", "an increasing range")
+        cells = max(LEAST_STEPS, round((high - low) / STEP_NM))
+        self._bounds_nm = np.linspace(low, high, cells + 1)
+        self.grid_nm = (self._bounds_nm[1:] + self._bounds_nm[:-1]) / 2
+        self.most = min(256, cells // LEAST_STEPS)
+        self._chip, self._step_nm = chip, (high - low) / cells
+        self._response = _response(chip, self.grid_nm) * self._step_nm
+        lamps = np.array([lamp(self.grid_nm) for lamp in colours.lamps])
+        surfaces = np.array([surface(self.grid_nm) for surface in colours.surfaces]).reshape(-1, cells)
+        seen = colours.shares > 0
+        self._shares, lamps = colours.shares[seen] / colours.shares[seen].sum(), lamps[seen]
+        self._weights = np.outer(colours.weights, colours.weights).ravel() / colours.weights.sum() ** 2
+        self._mixture = self._shares @ lamps
+        if not (self._mixture * self._response).sum() > 0:
+            raise bad_input("bands", "range", f"{low:g} to {high:g} nm, without light", "a range with light")
+        twice = 1 + surfaces + surfaces**2
+        self._truth = np.array([(surfaces * self._response * lamp) @ twice.T for lamp in lamps])
+        self._sums = (_sums(self._response), _sums(self._response * lamps), _sums(self._response * self._mixture))
+        self._surface_sums = _sums(self._response * self._mixture * surfaces)
+
+    def error(self, cells: np.ndarray) -> tuple[float, float]:
+        """RMS and largest error of ln(photocurrent), a common factor removed: each surface lit by each lamp, directly
+        and by two bounces on each other surface, which fills its view."""
+        direct = self._sums[1][:, cells]
+        light, lit = np.diff(direct), np.diff(self._sums[2][cells])
+        reflectance = np.diff(self._surface_sums[:, cells])
+        reflectance = np.divide(reflectance, lit, out=np.zeros_like(reflectance), where=lit > 0)
+        twice = (1 + reflectance + reflectance**2).T
+        current = np.array([(reflectance * one) @ twice for one in light])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = np.log(current / self._truth).reshape(len(light), -1)
+        weights = np.where(np.isfinite(errors), self._shares[:, None] * self._weights, 0)
+        if not (total := weights.sum()) > 0:
+            return 0.0, 0.0
+        errors = np.where(weights > 0, errors, 0)
+        errors = np.where(weights > 0, errors - (weights * errors).sum() / total, 0)
+        return float(np.sqrt((weights * errors**2).sum() / total)), float(np.abs(errors).max())
+
+    def edges(self, count: int, tolerance: float) -> np.ndarray:
+        """Three bands: blue, green and red if the error is tolerable, so that pictures of the stack have colours. Else
+        equal shares of the light, unless edges where the scene's colours change have a smaller error: one edge after
+        another is added where it helps most, and all are moved while that helps."""
+        if not 1 <= count <= self.most:
+            raise bad_input("--bands", "count", count, f"1 to {self.most} in this range of wavelengths")
+        inner = np.round((np.array(RGB_EDGES_NM) - self._bounds_nm[0]) / self._step_nm).astype(int)
+        rgb = np.array([0, *inner, len(self.grid_nm)])
+        if count == 3 and np.diff(rgb).min() >= LEAST_STEPS and self.error(rgb)[0] <= tolerance:
+            return rgb
+        equal = self._equal(count)
+        rms = self.error(equal)[0]
+        if rms <= FINE or count > MOST_MOVED:
+            return equal
+        cells = np.array([0, len(self.grid_nm)])
+        while len(cells) <= count:
+            cells = self._moved(min(self._split(cells), key=lambda one: self.error(one)[0]))
+        return cells if self.error(cells)[0] < rms else equal
+
+    def chosen(self, cells: np.ndarray) -> Chosen:
+        inside = (np.arange(len(self.grid_nm)) >= cells[:-1, None]) & (np.arange(len(self.grid_nm)) < cells[1:, None])
+        of_light = inside * self._response
+        share = of_light.sum(axis=1)
+        if not (share > 0).all():
+            raise bad_input("bands", "range", "a band that the chip does not see", "a range inside its response")
+        of_light /= share[:, None]
+        lit = inside * self._response * self._mixture
+        power = lit.sum(axis=1, keepdims=True)
+        of_reflectance = np.divide(lit, power, out=of_light.copy(), where=power > 0)
+        lambda_nm = of_reflectance @ self.grid_nm
+        weights_nm = share / _response(self._chip, lambda_nm)
+        entries = [
+            {"lambda_nm": float(nm), "weight_nm": float(weight)}
+            for nm, weight in zip(lambda_nm, weights_nm, strict=True)
+        ]
+        edges_nm = [float(f"{nm:.7g}") for nm in self._bounds_nm[cells]]
+        return Chosen(BandSet(lambda_nm, self.grid_nm, of_light, of_reflectance), entries, edges_nm, *self.error(cells))
+
+    def _equal(self, count: int) -> np.ndarray:
+        """Bands of equal light, each of LEAST_STEPS cells at least."""
+        light = self._sums[2]
+        cells = np.interp(np.linspace(0, light[-1], count + 1), light, np.arange(len(light))).round().astype(int)
+        cells[0], cells[-1] = 0, len(self.grid_nm)
+        for k in range(1, count):
+            cells[k] = max(cells[k], cells[k - 1] + LEAST_STEPS)
+        for k in range(count - 1, 0, -1):
+            cells[k] = min(cells[k], cells[k + 1] - LEAST_STEPS)
+        return cells
+
+    def _split(self, cells: np.ndarray) -> Iterator[np.ndarray]:
+        for begin, end in zip(cells, cells[1:], strict=False):
+            step = max(LEAST_STEPS, (end - begin) // 16)
+            for at in range(begin + LEAST_STEPS, end - LEAST_STEPS + 1, step):
+                yield np.sort(np.append(cells, at))
+
+    def _moved(self, cells: np.ndarray) -> np.ndarray:
+        """Coordinate descent. Gains below a thousandth do not count, so that every machine finds the same edges."""
+        best, step = self.error(cells)[0], 16
+        while step:
+            gained = False
+            for k in range(1, len(cells) - 1):
+                for by in (-step, step):
+                    tried = cells.copy()
+                    tried[k] += by
+                    if min(tried[k] - tried[k - 1], tried[k + 1] - tried[k]) < LEAST_STEPS:
+                        continue
+                    if (error := self.error(tried)[0]) < 0.999 * best:
+                        best, cells, gained = error, tried, True
+            step = step if gained else step // 2
+        return cells
+
+
+def _mixture(colours: Colours, nm: np.ndarray) -> np.ndarray:
+    return sum(share * lamp(nm) for share, lamp in zip(colours.shares, colours.lamps, strict=True))
+
+
+def _response(chip: pecs.Chip, nm: np.ndarray) -> np.ndarray:
+    """Photocurrent per spectral irradiance and nm, lambda QE up to a factor."""
+    return np.array(chip.amperes_per_unit([{"lambda_nm": float(one), "weight_nm": 1.0} for one in nm]))
+
+
+def _inside(nm: float | None, low: float, high: float, name: str) -> float:
+    if nm is None:
+        return low if name == "--min-wavelength" else high
+    if not low <= nm <= high:
+        raise bad_input("bands", name, f"{nm:g} nm", f"{low:g} to {high:g} nm, where lamps and chip's response overlap")
+    return nm
+
+
+def _sums(values: np.ndarray) -> np.ndarray:
+    """Sums up to each edge of cells, along the last axis."""
+    return np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
