@@ -171,7 +171,7 @@ def plot(result, path: Path) -> None:
                 axis.loglog(counts, ys, style, marker=".", color=colour, label=label_line)
         axis.set(xlabel="bands N", ylabel=label, xticks=(1, 3, 6, 12, 31), xticklabels=(1, 3, 6, 12, 31))
         axis.minorticks_off()
-    axes[0, 0].legend(title="solid: colour, dotted: grey", loc="upper right", fontsize=7)
+    axes[0, 0].legend(title="solid: colour, dotted: grey", loc=(0.02, 0.36), fontsize=6)
     for axis, placement in ((axes[1, 0], "gauss"), (axes[1, 1], "means")):
         for n in PLACEMENTS[placement]:
             colour = plt.get_cmap("viridis")(COUNTS.index(n) / len(COUNTS))
