@@ -16,7 +16,6 @@ import pecs
 
 SCENES = ("room", "rotating_disk", "board")
 PHASES, PLACES, GROUPS = 8, 10, 32
-REFERENCE_SAMPLES = 4  # those that motion.py compares with, whatever --samples says
 
 
 def count(events: np.ndarray, begin_us: float, keyframes_us: np.ndarray) -> np.ndarray:
@@ -33,7 +32,7 @@ def count(events: np.ndarray, begin_us: float, keyframes_us: np.ndarray) -> np.n
 def seams(scene: motion.Scene, output: Path, made: Path, samples: int) -> dict:
     step_us, last = 1e6 / scene.fps, round(scene.seconds * scene.fps) + 1
     options = ("--samples", samples, "--time", "adaptive", "--frames")
-    truth = motion.reference_events(scene, output, made, REFERENCE_SAMPLES)
+    truth = motion.reference_events(scene, output, made)
     found, expected = np.zeros((2, GROUPS, PHASES))
     interval, first = PLACES, 0
     while first < interval:

@@ -4,6 +4,9 @@ light (docs/reference/motion.md).
 
 A keyframe is complete when its layers are written, the light last; the interval after it is complete when its motion is
 written, which follows the pictures between.
+
+The light that is written is denoised. Decisions (what changed, which samples are shared, what is rendered between) are
+made on the light as rendered: a denoiser's error has no known distribution, that of samples has.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import TILE_PX, boxes, differing, differing_tiles, grown, probe_strips, tiles_with
+from .tiles import BLOCK_PX, boxes, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -79,8 +82,8 @@ class Judge:
     subpixels: int
 
     def photocurrent(self, light: np.ndarray, bands: slice = slice(None)) -> np.ndarray:
-        """[height, width] of some bands of [bands, height, width]."""
-        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[bands])
+        """[height, width] of some bands of [bands, height, width]; further channels are ignored."""
+        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[: len(self.weights)][bands])
 
     def strips_differing(
         self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
@@ -123,8 +126,8 @@ class Adaptive:
         self._changes = ChangedParts(stage, light, hits, self._judge)
         self._grid_s = [t * 1e-9 for t in keyframes.grid.bounds_ns]
         self._between = Between(stage, light, self._judge, self._grid_s, output)
-        self._own: dict[int, np.ndarray] = {}  # light before samples are shared
-        self._shared: dict[int, np.ndarray] = {}
+        self._own: dict[int, Picture] = {}  # before samples are shared
+        self._shared: dict[int, Picture] = {}
         hits.keep = 2 * SHARED + 2
 
     def is_written(self, index: int) -> bool:
@@ -138,27 +141,24 @@ class Adaptive:
             if not layer.is_written(output, index):
                 self._stage.set_time(t_s)
                 layer.write(output, index, t_s)
-        first = self._light(index)
+        first = self._picture(index)
         if not output.has_layer("light", index):
-            output.write_layer("light", index, first)
+            output.write_layer("light", index, first.clean)
         if index < len(ends):
-            second = self._light((index + 1) % len(keys))
+            second = self._picture((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
             self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, motion))
             output.write_layer("motion", index, motion)
 
-    def _light(self, index: int) -> np.ndarray:
-        """A keyframe's light after sample sharing, rounded as in the file."""
+    def _picture(self, index: int) -> Picture:
+        """A keyframe after sample sharing."""
         if index not in self._shared:
-            if self._output.has_layer("light", index):
-                self._shared[index] = self._output.read_layer("light", index)
-            else:
-                self._shared[index] = as_written(self._share_samples(index))
+            self._shared[index] = self._share_samples(index)
             while len(self._shared) > 3:
                 self._shared.pop(next(iter(self._shared)))
         return self._shared[index]
 
-    def _share_samples(self, index: int) -> np.ndarray:
+    def _share_samples(self, index: int) -> Picture:
         """Averages a keyframe with its neighbours, each warped to the keyframe's instant, where they show the same
         surface in the same light.
 
@@ -170,7 +170,7 @@ class Adaptive:
         near = [i % count if periodic else i for i in near]
         near = list(dict.fromkeys(i for i in near if 0 <= i < count))
         at_ends = {*range(SHARED), *range(count - SHARED, count)} if periodic else set()
-        self._own = {i: frame for i, frame in self._own.items() if i in near or i in at_ends}
+        self._own = {i: own for i, own in self._own.items() if i in near or i in at_ends}
         time_s = self._keyframes.time_s
         for i in near:
             if i not in self._own:
@@ -178,8 +178,25 @@ class Adaptive:
         if len(near) == 1:
             return self._own[index]
         hits = {i: self._hits.at(time_s(i)) for i in near}
-        neighbours = [(self._own[i], hits[i]) for i in near if i != index]
-        return average_samples(self._own[index], hits[index], neighbours, self._hits.surfaces, self._judge)
+        own, bands = self._own[index], len(self._judge.weights)
+        neighbours = [(self._own[i].light, hits[i]) for i in near if i != index]
+        shared = average_samples(own.light, hits[index], neighbours, self._hits.surfaces, self._judge)
+        return Picture(own.frame, shared[:bands], shared[-bands:])
+
+
+@dataclass(frozen=True)
+class Picture:
+    """frame: as rendered, before diffraction, with the denoiser's guides. raw, clean: [bands, height, width] of it with
+    diffraction, before and after denoising; one array if nothing is denoised."""
+
+    frame: np.ndarray
+    raw: np.ndarray
+    clean: np.ndarray
+
+    @property
+    def light(self) -> np.ndarray:
+        """Raw and clean, one after the other."""
+        return self.raw if self.raw is self.clean else np.concatenate([self.raw, self.clean])
 
 
 class ChangedParts:
@@ -189,17 +206,18 @@ class ChangedParts:
 
     def __init__(self, stage: Stage, light: Light, hits: HitCache, judge: Judge):
         self._stage, self._light, self._hits, self._judge = stage, light, hits, judge
-        self._anchor: tuple[float, np.ndarray, SurfaceHits] | None = None  # time, light before diffraction, hits
+        self._anchor: tuple[float, np.ndarray, np.ndarray, SurfaceHits] | None = None  # time, frame, denoised, hits
 
-    def render(self, index: int, t_s: float, anchor_s: float) -> np.ndarray:
-        """[bands, height, width] of keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
+    def render(self, index: int, t_s: float, anchor_s: float) -> Picture:
+        """Keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
         if self._anchor is None or self._anchor[0] != anchor_s:
             hits = self._hits.at(anchor_s)
             self._stage.set_time(anchor_s)
-            self._anchor = anchor_s, self._light.fresh(), hits
-        _, still, before = self._anchor
+            frame = self._light.fresh()
+            self._anchor = anchor_s, frame, self._light.clean(frame), hits
+        _, still, still_clean, before = self._anchor
         if t_s == anchor_s:
-            return self._light.blur(still.copy())
+            return self._picture(still, still_clean)
         now = self._hits.at(t_s)
         self._stage.set_time(t_s)
         changed = self._judge.strips_differing(
@@ -211,11 +229,23 @@ class ChangedParts:
         while more.any():
             done |= more
             if done.mean() > MAX_CHANGED:
-                return self._light.blur(self._light.fresh())
+                frame = self._light.fresh()
+                return self._picture(frame, self._light.clean(frame))
             fresh = self._light.fresh(boxes(more, *self._stage.size))
             frame = np.where(np.isnan(fresh), frame, fresh)
             more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
-        return self._light.blur(frame)
+        if not done.any():
+            return self._picture(still, still_clean)
+        different = tiles_with((frame != still).any(0), BLOCK_PX)
+        clean = np.where(pixels_of(different, self._stage.size, BLOCK_PX), self._light.clean(frame), still_clean)
+        return self._picture(frame, clean)
+
+    def _picture(self, frame: np.ndarray, clean: np.ndarray) -> Picture:
+        """clean: denoised light before diffraction, with the anchor's values in blocks where no sample changed, so that
+        still parts stay bit-identical."""
+        light = self._light
+        raw = light.blur(frame[: len(self._judge.weights)].copy())
+        return Picture(frame, raw, light.blur(clean.copy()) if light.denoises else raw)
 
     def _moved(self, before: SurfaceHits, now: SurfaceHits) -> np.ndarray:
         """Tiles with a surface point that has moved, or whose place at the other instant is unknown."""
@@ -233,7 +263,8 @@ def average_samples(
     surfaces: Surfaces,
     judge: Judge,
 ) -> np.ndarray:
-    """Mean light [bands, height, width] of a keyframe and those parts of its neighbours that show the same light."""
+    """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light in
+    the first channels, the judge's bands; rounded as in the file."""
     depth = np.minimum(hits.depth, SKY_M)
     total, count, current = own.astype(np.float64), np.ones(own.shape[1:]), judge.photocurrent(own)
     for light, there in neighbours:
@@ -244,10 +275,10 @@ def average_samples(
         same = np.isfinite(warped).all(0) & (np.abs(z - depth) <= SAME_DEPTH * depth)
         agree = judge.same_light(np.where(same, current, np.nan), np.where(same, judge.photocurrent(warped), np.nan))
         height, width = same.shape
-        same &= np.kron(agree, np.ones((TILE_PX, TILE_PX), bool))[:height, :width]
+        same &= pixels_of(agree, (width, height))
         total[:, same] += warped[:, same]
         count[same] += 1
-    return (total / count).astype(np.float32)
+    return as_written((total / count).astype(np.float32))
 
 
 def _warped(light: np.ndarray, there: SurfaceHits, hits: SurfaceHits, surfaces: Surfaces) -> np.ndarray | None:
@@ -265,13 +296,13 @@ def _warped(light: np.ndarray, there: SurfaceHits, hits: SurfaceHits, surfaces: 
 
 @dataclass
 class KeyframeInterval:
-    """Between keyframes `first` and `second` (light [bands, height, width]) at grid indices `start` and `end`."""
+    """Between keyframes `first` and `second` at grid indices `start` and `end`."""
 
     index: int
     start: int
     end: int
-    first: np.ndarray
-    second: np.ndarray
+    first: Picture
+    second: Picture
     motion: np.ndarray
     photocurrents: tuple[np.ndarray, ...] = ()  # of both
     residual: dict[int, np.ndarray] = field(default_factory=dict)  # ln(rendered / warped), NaN where not rendered
@@ -291,7 +322,7 @@ class Between:
 
     def refine(self, it: KeyframeInterval) -> None:
         if it.end - it.start > 1:
-            it.photocurrents = self._judge.photocurrent(it.first), self._judge.photocurrent(it.second)
+            it.photocurrents = self._judge.photocurrent(it.first.raw), self._judge.photocurrent(it.second.raw)
             self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
 
     def _fraction(self, it: KeyframeInterval, step: int) -> float:
@@ -309,7 +340,7 @@ class Between:
         middle = (it.start + it.end) // 2
 
         def warped(bands: slice) -> np.ndarray:
-            photocurrents = (self._judge.photocurrent(light, bands) for light in (it.first, it.second))
+            photocurrents = (self._judge.photocurrent(light, bands) for light in (it.first.raw, it.second.raw))
             return pecs.carry(*photocurrents, it.motion, self._fraction(it, middle))
 
         self._stage.set_time(self._grid_s[middle])
@@ -317,7 +348,7 @@ class Between:
 
     def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
         """The sensor's prediction: warped photocurrent, times the residual interpolated between rendered pictures."""
-        shape = it.first.shape[1:]
+        shape = warped.shape
         before, after = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         t_before = np.full(shape, self._grid_s[it.start])
         t_after = np.full(shape, self._grid_s[it.end])
@@ -340,19 +371,23 @@ class Between:
         self._stage.set_time(self._grid_s[middle])
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
-        wanted, picture = np.zeros_like(wrong), np.full(it.first.shape, np.nan, np.float32)
+        wanted, raw = np.zeros_like(wrong), np.full(it.first.raw.shape, np.nan, np.float32)
+        under, frame = it.first.frame, np.full(it.first.frame.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
             more = grown(wrong) & ~wanted
             if not more.any():
                 break
             if (wanted | more).mean() > MAX_BETWEEN:
                 more = ~wanted
-            fresh = self._light.parts(boxes(more, *self._stage.size), it.first)
-            picture = np.where(np.isnan(fresh), picture, fresh)
+            fresh, part = self._light.parts(boxes(more, *self._stage.size), under)
+            frame, raw = np.where(np.isnan(fresh), frame, fresh), np.where(np.isnan(part), raw, part)
             wanted |= more
-            current = self._judge.photocurrent(picture)
+            current = self._judge.photocurrent(raw)
             wrong = self._judge.differing(predicted, current)
-        self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), picture)
+        clean = raw
+        if self._light.denoises:
+            clean = self._light.clean_parts(boxes(wanted, *self._stage.size), frame, under)
+        self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), clean)
 
         with np.errstate(divide="ignore", invalid="ignore"):
             residual = np.log(current / warped)

@@ -89,6 +89,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.cycles.use_light_tree = sampling.light_tree
     for layer in scene.view_layers:
         layer.samples = 0  # use the scene's
+        layer.cycles.denoising_store_passes = sampling.denoise  # denoise.GUIDES
     scene.cycles.seed = sampling.seed
     scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
     scene.render.resolution_x, scene.render.resolution_y = width, height
@@ -103,9 +104,6 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.render.threads_mode = "FIXED" if sampling.threads else "AUTO"
     if sampling.threads:
         scene.render.threads = sampling.threads
-    if sampling.denoise:
-        scene.cycles.use_denoising, scene.cycles.denoiser = True, "OPENIMAGEDENOISE"
-        scene.cycles.denoising_input_passes, scene.cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
     image = scene.render.image_settings  # for save_picture
     image.file_format, image.color_mode, image.color_depth, image.exr_codec = "OPEN_EXR", "RGB", "32", "NONE"
     scene.view_settings.view_transform = "Raw"
@@ -265,8 +263,9 @@ def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple
     changes = (
         (scene, {"camera": camera}),
         (render, {"use_border": False, "resolution_x": width, "resolution_y": height} | aspect),
-        (cycles, ray | {"use_denoising": False}),
+        (cycles, ray),
         (layer, {"use_pass_position": True, "use_pass_z": True}),
+        (layer.cycles, {"denoising_store_passes": False}),
     )
     with changed(changes):
         yield

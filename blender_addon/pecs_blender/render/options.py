@@ -188,7 +188,9 @@ class Options:
     noise_target: float | None = option(
         None, "target noise of ln(light), in contrast thresholds of the chip; replaces --samples", above=0
     )
-    denoise: bool = option(False, "denoise with OpenImageDenoise, guided by albedo and normals")
+    no_denoise: bool = option(
+        False, "adaptive: keep the noise of few samples; by default Open Image Denoise removes it"
+    )
     light_tree: bool = option(
         False, "reduces noise in scenes with several lamps; if a lamp moves, noise changes in the whole picture"
     )

@@ -64,7 +64,8 @@ class Bands:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How Cycles samples. samples: per rendered pixel. bounces: Cycles settings. threads 0: all cores."""
+    """How Cycles samples. samples: per rendered pixel. bounces: Cycles settings. threads 0: all cores. denoise: whether
+    the light is denoised (denoise.py), with adaptive steps only: the remaining noise flickers from frame to frame."""
 
     samples: int
     seed: int
@@ -144,7 +145,7 @@ def resolve(options: Options, source: Source) -> Plan:
         source.bounces,
         options.threads,
         options.device,
-        options.denoise,
+        options.is_adaptive and not options.no_denoise,
         options.light_tree,
         noise and noise**2,
     )

@@ -67,7 +67,7 @@ class Render:
             return
         pilots = []
         for seed in (self._sampling.seed + 1, self._sampling.seed + 2):
-            light = Light(self._stage, replace(self._sampling, samples=PILOT_SAMPLES, seed=seed))
+            light = Light(self._stage, replace(self._sampling, samples=PILOT_SAMPLES, seed=seed, denoise=False))
             self._stage.set_time(0.0)
             pilots.append(np.einsum("k,kyx->yx", self._stage.weights, light.render(0.0)))
         lit = (pilots[0] > 0) & (pilots[1] > 0)

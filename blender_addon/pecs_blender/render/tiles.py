@@ -72,12 +72,14 @@ def _median(values: np.ndarray) -> np.ndarray:
         return np.nanmedian(around, axis=(2, 3))
 
 
-def tiles_with(pixels: np.ndarray) -> np.ndarray:
+def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:
     """Tiles that contain any of the pixels [height, width]."""
-    rows, columns = tiles_of(*pixels.shape[::-1])
-    padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
-    padded[: pixels.shape[0], : pixels.shape[1]] = pixels
-    return padded.reshape(rows, TILE_PX, columns, TILE_PX).any((1, 3))
+    return _blocks(pixels, side).any(-1)
+
+
+def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> np.ndarray:
+    """Pixels [height, width] of the tiles; size: width, height."""
+    return np.kron(tiles, np.ones((side, side), bool))[: size[1], : size[0]]
 
 
 def grown(tiles: np.ndarray) -> np.ndarray:

@@ -57,11 +57,8 @@ def _nodes() -> Iterator[Problem]:
 
 
 def _noise(scene) -> Iterator[Problem]:
-    """Frames share their samples, so noise flickers only at moving objects; with denoising, everywhere."""
+    """Frames share their samples, so noise flickers only at moving objects."""
     s = scene.pecs
-    if s.denoise:
-        text = "Denoising flickers between frames, also in static pixels, and causes false events"
-        yield Problem(say(text), is_error=False, fix="pecs.turn_off_denoising")
     found = state.light.get(scene.name)
     if s.noise_target or not found or found["noise_thresholds"] is None:
         return
@@ -188,13 +185,6 @@ class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
 
     bl_label = "Allow Scripts"
     setting = "allow_scripts", True
-
-
-class PECS_OT_turn_off_denoising(_Fix, bpy.types.Operator):
-    """Render without denoising"""
-
-    bl_label = "Turn Off Denoising"
-    setting = "denoise", False
 
 
 class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):

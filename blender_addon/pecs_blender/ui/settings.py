@@ -69,7 +69,7 @@ SHOWN = {
             "chip; 0: off",
         },
     ),
-    "denoise": ("Denoise", {}),
+    "no_denoise": ("Keep Render Noise", {}),
     "light_tree": ("Light Tree", {}),
     "seed": ("Seed", {}),
     "device": ("Device", {}),

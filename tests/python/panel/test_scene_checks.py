@@ -87,11 +87,7 @@ assert only("Approximated: soap: Principled BSDF: thin film")
 tree.nodes["Principled BSDF"].inputs["Thin Film Thickness"].default_value = 0
 assert remarks() == []
 
-# Noise: denoised, and by a probe's word.
-s.denoise = True
-assert only("Denoising flickers")
-bpy.ops.pecs.turn_off_denoising()
-assert not s.denoise and remarks() == []
+# Noise, as a probe measured it.
 background.state.light[scene.name] = {"noise_thresholds": 0.5, "samples": 4}
 s.samples = 4
 assert "Use at least 12 samples" in only("Render noise of about 0.5 contrast thresholds")

@@ -68,8 +68,22 @@ def test_fewer_frames_give_the_same_events(blends, bench):
     every = bench.score(truth, bench.events(render(blends, "room")), 1000)
     few = bench.score(truth, bench.events(adaptive(blends, "room")), 1000)
     alone = bench.score(truth, bench.events(adaptive(blends, "room"), motion=False), 1000)
-    assert few["recall"] > every["recall"] - 0.03 and few["precision"] > every["precision"] - 0.08
+    assert few["recall"] > every["recall"] - 0.03 and few["precision"] > every["precision"] + 0.1
     assert few["recall"] > 2 * alone["recall"]
+
+
+def test_denoising_removes_the_noise_and_threads_change_nothing(blends):
+    """Relative, against many samples; by half at least."""
+    clean, noisy = adaptive(blends, "room"), adaptive(blends, "room", "--no-denoise")
+    error = []
+    with pecs.StackReader(adaptive(blends, "room", "--no-denoise", "--samples", 256, "--seed", 9)) as reader:
+        truth = reader.read_frame(0).mean(0)
+    for folder in (noisy, clean):
+        with pecs.StackReader(folder) as reader:
+            error.append(np.std(reader.read_frame(0).mean(0) / truth))
+    print(f"noise {error[0]:.3f}, denoised {error[1]:.3f}")
+    assert error[1] < error[0] / 2
+    assert files(adaptive(blends, "room", "--threads", 1)) == files(clean)
 
 
 @pytest.mark.parametrize("name", ["shadow", "flicker"])

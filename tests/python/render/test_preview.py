@@ -154,7 +154,8 @@ def test_subpixels_are_averaged(root, pecs_program, tmp_path):
     """The files of such a stack are larger than its picture; the picture is that of their means."""
     checker_stack(root, tmp_path / "plain")
     stack = json.loads((tmp_path / "plain/stack.json").read_text()) | {"subpixels": 2}
-    frame = pecs.stack.read_frame(tmp_path / "plain", 0)
+    with pecs.StackReader(tmp_path / "plain") as reader:
+        frame = reader.read_frame(0)
     fine = np.repeat(np.repeat(frame, 2, 1), 2, 2) * np.tile([0.5, 1.5], WIDTH)  # a pixel's mean stays
     with pecs.StackWriter(tmp_path / "fine", stack) as writer:
         writer.write_frame(0, fine)

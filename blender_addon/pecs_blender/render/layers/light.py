@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from pecs._errors import bad_input
 
-from .. import cycles
+from .. import cycles, denoise
 from .. import lens as lenses
 from ..plan import Sampling
 from ..stage import Stage
@@ -22,17 +22,21 @@ from .layer import Layer
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
 BLUR_PX, HALO_PX = 16, 64  # around a part, diffraction uses light of the same instant, and further out of another
+DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
 
 class Light(Layer):
     name, unit, at = "light", "as stack.json's quantity", "instant"
 
     def __init__(self, stage: Stage, sampling: Sampling):
-        """Sets samples and seed, and renders what is the same in every frame: lens normalisation and still parts."""
+        """Sets samples and seed, and renders what is the same in every frame: lens normalisation and still parts. With
+        `sampling.denoise`, what `fresh` renders has the denoiser's guides as further channels."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
-        self._shape = (len(stage.lambda_nm), *stage.size[::-1])
+        self._denoiser = denoise.Denoiser(sampling.threads) if sampling.denoise else None
+        self._guides = denoise.GUIDES if sampling.denoise else ()
+        self._shape = (len(stage.lambda_nm) + denoise.CHANNELS * len(self._guides), *stage.size[::-1])
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
         scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
         to_film = stage.unit[:, None, None]
@@ -41,7 +45,7 @@ class Light(Layer):
         self._to_film = to_film.astype(np.float32)
         self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * stage.subpixels) for gain in self._to_film]
         self._to_film[~np.isfinite(self._to_film)] = 0
-        if stage.moving_px:
+        if stage.moving_px:  # with uniform steps only, which are not denoised
             stage.set_time(0.0)
             self._still = self.fresh()
 
@@ -55,46 +59,74 @@ class Light(Layer):
         return self.blur(frame)
 
     def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
-        """[channels, height, width] of the current instant in these boxes (None: everywhere), before diffraction; NaN
-        elsewhere and in the bands of other passes."""
+        """[bands + guides, height, width] of the current instant in these boxes (None: everywhere), before diffraction;
+        NaN elsewhere and in the bands of other passes. Guides are means over the passes."""
         (width, height), scene = self._stage.size, self._stage.source.scene
-        frame = np.full(self._shape, np.nan, np.float32)
-        to_film = np.broadcast_to(self._to_film, self._shape)
-        for one in self._stage.passes[passes]:
+        frame, bands = np.full(self._shape, np.nan, np.float32), len(self._to_film)
+        to_film = np.broadcast_to(self._to_film, (bands, height, width))
+        for count, one in enumerate(self._stage.passes[passes], 1):
             if self._stage.lens:
                 scene.camera = one.camera
             self._stage.spectral.set_pass(one.channels)
             for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
                 cycles.set_border(scene, box if boxes_px else None)
                 at = (slice(box[1], box[3]), slice(box[0], box[2]))
-                picture = self._film.render()[: one.bands.stop - one.bands.start]
-                frame[one.bands, at[0], at[1]] = picture[:, at[0], at[1]] * to_film[one.bands, at[0], at[1]]
+                pictures = self._film.passes("Combined", *self._guides)
+                picture = pictures["Combined"][: one.bands.stop - one.bands.start, at[0], at[1]]
+                frame[one.bands, at[0], at[1]] = picture * to_film[one.bands, at[0], at[1]]
+                for first, name in enumerate(self._guides):
+                    guide = frame[bands + denoise.CHANNELS * first :][: denoise.CHANNELS, at[0], at[1]]
+                    new = pictures[name][:, at[0], at[1]]
+                    guide[:] = new if count == 1 else guide + (new - guide) / count
         cycles.set_border(scene, None)
         self._light_up(frame)
         return frame
 
+    @property
+    def denoises(self) -> bool:
+        return self._denoiser is not None
+
+    def clean(self, frame: np.ndarray) -> np.ndarray:
+        """Denoised light [bands, height, width] of a frame or a part of one, before diffraction; a copy of the light if
+        nothing is denoised."""
+        bands = len(self._to_film)
+        return self._denoiser(frame[:bands], frame[bands:]) if self._denoiser else frame.copy()
+
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
-        for picture, (dark, near) in zip(frame, self._dark, strict=True):
+        for picture, (dark, near) in zip(frame, self._dark, strict=False):  # guides follow
             picture.ravel()[dark] = picture.ravel()[near]
 
     def blur(self, frame: np.ndarray) -> np.ndarray:
-        """Applies diffraction, in place."""
+        """Applies diffraction to [bands, height, width], in place."""
         for one in self._stage.passes:
             for picture, blur in zip(frame[one.bands], one.blurs, strict=False):  # none without diffraction
                 blur(picture)
         return frame
 
-    def parts(self, boxes_px: list[Box], under: np.ndarray) -> np.ndarray:
-        """[channels, height, width] of the current instant in these boxes, NaN elsewhere. under: light of another
-        instant, used around the boxes for diffraction."""
-        if not any(one.blurs for one in self._stage.passes):
-            return self.fresh(boxes_px)
-        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
-        around, result = np.where(np.isnan(frame), under, frame), np.full_like(frame, np.nan)
+    def parts(self, boxes_px: list[Box], under: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Renders the current instant in these boxes: the frame, NaN elsewhere, and its light [bands, height, width]
+        with diffraction. under: frame of another instant, which diffraction uses around the boxes."""
+        blurs = any(one.blurs for one in self._stage.passes)
+        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px] if blurs else boxes_px)
+        return frame, self._in_boxes(_over(under, frame)[: len(self._to_film)], boxes_px)
+
+    def clean_parts(self, boxes_px: list[Box], frame: np.ndarray, under: np.ndarray) -> np.ndarray:
+        """Denoised light [bands, height, width] with diffraction of a frame that was rendered in these boxes, NaN
+        elsewhere. under: frame of another instant, which denoiser and diffraction use around the boxes."""
+        corners = np.array([self._grown(box, DENOISE_PX) for box in boxes_px])
+        (left, top), (right, bottom) = corners[:, :2].min(0), corners[:, 2:].max(0)
+        around = _over(under, frame)
+        clean = around[: len(self._to_film)].copy()
+        clean[:, top:bottom, left:right] = self.clean(around[:, top:bottom, left:right])
+        return self._in_boxes(clean, boxes_px)
+
+    def _in_boxes(self, light: np.ndarray, boxes_px: list[Box]) -> np.ndarray:
+        """Light with diffraction in the boxes, NaN elsewhere."""
+        result = np.full_like(light, np.nan)
         for box in boxes_px:
             left, top, right, bottom = self._grown(box, HALO_PX)
-            part = self.blur(np.ascontiguousarray(around[:, top:bottom, left:right]))
+            part = self.blur(np.ascontiguousarray(light[:, top:bottom, left:right]))
             x, y = slice(box[0] - left, box[2] - left), slice(box[1] - top, box[3] - top)
             result[:, box[1] : box[3], box[0] : box[2]] = part[:, y, x]
         return result
@@ -102,6 +134,10 @@ class Light(Layer):
     def _grown(self, box: Box, by_px: int) -> Box:
         (left, top, right, bottom), (width, height) = box, self._stage.size
         return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
+
+
+def _over(under: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    return np.where(np.isnan(frame), under, frame)
 
 
 def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Open Image Denoise 2 (https://www.openimagedenoise.org), the library that Blender includes, through its C interface.
+
+Cycles' own denoiser works on what one call renders: a part of a picture. This one filters whole pictures, which were
+composed of parts. Guides are not filtered first: on 4 samples per pixel of scenes/street that triples the time (9.2
+instead of 3.2 CPU s for 692 x 520 pixels) and lowers the RMS error of ln(photocurrent) from 0.202 to 0.200.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+
+import bpy
+import numpy as np
+from pecs._errors import ExitCode, PecsError
+
+_LIBRARY = "libOpenImageDenoise.so.2"
+_CPU, _FLOAT3 = 1, 3  # OIDN_DEVICE_TYPE_CPU, OIDN_FORMAT_FLOAT3
+_MEMORY_MB = 3000  # decides the tiles and so the last bits of the result: the same on every machine
+GUIDES = ("Denoising Albedo", "Denoising Normal")  # passes of Cycles
+CHANNELS = 3  # of each guide
+
+
+def _library() -> ctypes.CDLL:
+    """The copy that this process has loaded with Blender."""
+    try:
+        library = ctypes.CDLL(_LIBRARY, mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+    except OSError:
+        raise PecsError(
+            f"Blender {bpy.app.version_string} has no {_LIBRARY}: use blender.org's or `pip install bpy` "
+            "(--no-denoise renders without it)",
+            ExitCode.UNSUPPORTED,
+        ) from None
+    handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
+    signatures = {
+        "oidnNewDevice": (handle, ctypes.c_int),
+        "oidnSetDeviceInt": (None, handle, text, ctypes.c_int),
+        "oidnSetDeviceBool": (None, handle, text, ctypes.c_bool),
+        "oidnCommitDevice": (None, handle),
+        "oidnReleaseDevice": (None, handle),
+        "oidnGetDeviceError": (ctypes.c_int, handle, ctypes.POINTER(text)),
+        "oidnNewFilter": (handle, handle, text),
+        "oidnSetSharedFilterImage": (None, handle, text, handle, ctypes.c_int, size, size, size, size, size),
+        "oidnSetFilterBool": (None, handle, text, ctypes.c_bool),
+        "oidnSetFilterInt": (None, handle, text, ctypes.c_int),
+        "oidnSetFilterFloat": (None, handle, text, ctypes.c_float),
+        "oidnCommitFilter": (None, handle),
+        "oidnExecuteFilter": (None, handle),
+        "oidnReleaseFilter": (None, handle),
+    }
+    for name, (result, *arguments) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+class Denoiser:
+    """threads: 0 for all cores; does not change the result."""
+
+    def __init__(self, threads: int = 0):
+        self._oidn = _library()
+        self._device = self._oidn.oidnNewDevice(_CPU)
+        self._oidn.oidnSetDeviceBool(self._device, b"setAffinity", False)
+        if threads:
+            self._oidn.oidnSetDeviceInt(self._device, b"numThreads", threads)
+        self._oidn.oidnCommitDevice(self._device)
+
+    def __del__(self):
+        if hasattr(self, "_device"):
+            self._oidn.oidnReleaseDevice(self._device)
+
+    def __call__(self, light: np.ndarray, guides: np.ndarray) -> np.ndarray:
+        """light: [bands, height, width], finite, of any unit. guides: [6, height, width], albedo and normal. Returns
+        the denoised light."""
+        albedo, normal = (_interleaved(part) for part in (guides[:CHANNELS], guides[CHANNELS:]))
+        out = np.empty_like(light)
+        for first in range(0, len(light), CHANNELS):
+            bands = light[first : first + CHANNELS]
+            color = _interleaved(bands[np.minimum(np.arange(CHANNELS), len(bands) - 1)])
+            clean = np.empty_like(color)
+            self._filter(_exposure(bands), color=color, albedo=albedo, normal=normal, output=clean)
+            out[first : first + CHANNELS] = clean.transpose(2, 0, 1)[: len(bands)]
+        return out
+
+    def _filter(self, exposure: float, **images: np.ndarray) -> None:
+        oidn, one = self._oidn, self._oidn.oidnNewFilter(self._device, b"RT")
+        for name, image in images.items():
+            height, width, _ = image.shape
+            oidn.oidnSetSharedFilterImage(one, name.encode(), image.ctypes.data, _FLOAT3, width, height, 0, 0, 0)
+        oidn.oidnSetFilterInt(one, b"maxMemoryMB", _MEMORY_MB)
+        oidn.oidnSetFilterBool(one, b"hdr", True)
+        oidn.oidnSetFilterFloat(one, b"inputScale", exposure)
+        oidn.oidnCommitFilter(one)
+        oidn.oidnExecuteFilter(one)
+        message = ctypes.c_char_p()
+        failed = oidn.oidnGetDeviceError(self._device, ctypes.byref(message))
+        oidn.oidnReleaseFilter(one)
+        if failed:
+            raise PecsError(f"Open Image Denoise: {(message.value or b'').decode()}", ExitCode.UNSUPPORTED)
+
+
+def _interleaved(planes: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(planes.transpose(1, 2, 0), np.float32)
+
+
+def _exposure(light: np.ndarray) -> float:
+    """Factor that brings the geometric mean of the light to 0.18, middle grey."""
+    lit = light[light > 0]
+    return float(0.18 / np.exp(np.mean(np.log(lit)))) if lit.size else 1.0
