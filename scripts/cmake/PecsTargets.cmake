@@ -42,6 +42,11 @@ function(pecs_add_program name)
   target_link_libraries(${name} PRIVATE ${ARG_LIBS})
 endfunction()
 
+# pecs_quick_build(<name>): for fuzzers, which cost more to compile than to run.
+function(pecs_quick_build name)
+  target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
+endfunction()
+
 # pecs_add_test(<name> SOURCES ... LIBS ...): a GoogleTest program. Tests find the checkout by PECS_SOURCE_DIR and
 # the shared folder (absent on a user's machine: skip with a message) by tests/shared.h.
 function(pecs_add_test name)
@@ -52,25 +57,34 @@ function(pecs_add_test name)
   gtest_discover_tests(${name} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60)
 endfunction()
 
-# pecs_add_fuzzer(<name> SOURCES ... LIBS ... [DEFINE ...] [WORDS dictionary] [RUNS n]): a fuzzer, bin/fuzz_<name>; see
-# tests/fuzz. With clang it is libFuzzer's, else driver.cpp's and a test of RUNS mutants.
-function(pecs_add_fuzzer name)
-  cmake_parse_arguments(ARG "" "WORDS;RUNS" "SOURCES;LIBS;DEFINE" ${ARGN})
-  pecs_add_program(fuzz_${name} SOURCES ${ARG_SOURCES} LIBS ${ARG_LIBS})
-  target_compile_definitions(fuzz_${name} PRIVATE ${ARG_DEFINE})
-  add_dependencies(fuzzers fuzz_${name})
-  set(words ${PROJECT_BINARY_DIR}/fuzz_words/${name}.dict)
+# pecs_add_fuzzer(<kind> SOURCE <file> LIBS ... [WORDS dictionary] [RUNS n]): a fuzzer, bin/fuzz_<kind>; see tests/fuzz.
+# Kinds of one source share its object, fuzz_<file>, and its libraries. With clang it is libFuzzer's, else driver.cpp's
+# and a test of RUNS mutants.
+function(pecs_add_fuzzer kind)
+  cmake_parse_arguments(ARG "" "SOURCE;WORDS;RUNS" "LIBS" ${ARGN})
+  get_filename_component(object fuzz_${ARG_SOURCE} NAME)
+  if(NOT TARGET ${object})
+    add_library(${object} OBJECT ${ARG_SOURCE})
+    pecs_target_defaults(${object})
+    pecs_quick_build(${object})
+    target_link_libraries(${object} PUBLIC ${ARG_LIBS})
+  endif()
+  set(name fuzz_${kind})
+  pecs_add_program(${name} SOURCES kind.cpp LIBS ${object})
+  target_compile_definitions(${name} PRIVATE PECS_FUZZ_KIND="${kind}")
+  add_dependencies(fuzzers ${name})
+  set(words ${PROJECT_BINARY_DIR}/fuzz_words/${kind}.dict)
   if(ARG_WORDS)
     configure_file(${CMAKE_CURRENT_SOURCE_DIR}/dict/${ARG_WORDS}.dict ${words} COPYONLY)
   endif()
   if(CMAKE_CXX_COMPILER_ID MATCHES Clang)
-    target_link_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
+    target_link_options(${name} PRIVATE -fsanitize=fuzzer)
     return()
   endif()
-  target_link_libraries(fuzz_${name} PRIVATE fuzz_driver)
-  add_test(NAME test_fuzz.${name} COMMAND fuzz_${name} ${ARG_RUNS} ${words} ${PROJECT_BINARY_DIR}/fuzz_seeds/${name}
-    ${CMAKE_CURRENT_SOURCE_DIR}/corpus/${name})
+  target_link_libraries(${name} PRIVATE fuzz_driver)
+  add_test(NAME test_fuzz.${kind} COMMAND ${name} ${ARG_RUNS} ${words} ${PROJECT_BINARY_DIR}/fuzz_seeds/${kind}
+    ${CMAKE_CURRENT_SOURCE_DIR}/corpus/${kind})
   # Libraries that are not ours leak on damaged files; HDF5 keeps lists of what it freed.
-  set_tests_properties(test_fuzz.${name} PROPERTIES FIXTURES_REQUIRED fuzz_seeds
+  set_tests_properties(test_fuzz.${kind} PROPERTIES FIXTURES_REQUIRED fuzz_seeds
     ENVIRONMENT "PECS_DATA=${PROJECT_SOURCE_DIR};ASAN_OPTIONS=detect_leaks=0:hard_rss_limit_mb=2048;UBSAN_OPTIONS=print_stacktrace=1")
 endfunction()

@@ -1,11 +1,11 @@
-// The reader of one format of event files: PECS_FUZZ_FORMAT.
+// The reader of one format of event files: fuzz::kKind.
 #include "fuzz.h"
 #include "pecs/events/format.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace pecs;
   static const fuzz::MemoryFile file;
-  static const events::Codec& codec = events::codec_for_output(file.path(), PECS_FUZZ_FORMAT);
+  static const events::Codec& codec = events::codec_for_output(file.path(), fuzz::kKind);
   file.hold(fuzz::text(data, size));
   fuzz::try_to([&] {
     const auto reader = codec.open_reader(file.path());

@@ -17,7 +17,12 @@
 
 #include "pecs/error.h"
 
+extern "C" const char* pecs_fuzz_kind();
+
 namespace pecs::fuzz {
+
+// What this fuzzer reads, of the kinds that its source can: a line of CMakeLists.txt each.
+inline const std::string kKind = pecs_fuzz_kind();
 
 [[noreturn]] inline void defect(const std::string& what) {
   std::fprintf(stderr, "fuzz: %s\n", what.c_str());

@@ -87,10 +87,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes in(fuzz::text(data, size));
     const Handle hdf5(H5Fcreate(file.path().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
     if (!hdf5) fuzz::defect("HDF5 cannot write to memory");
-    (std::string_view(PECS_FUZZ_FORMAT) == "dsec" ? put_dsec : put_metavision)(hdf5.get(), in);
+    (fuzz::kKind == "dsec" ? put_dsec : put_metavision)(hdf5.get(), in);
   }
   fuzz::try_to([&] {
-    const auto reader = events::open_reader(file.path(), PECS_FUZZ_FORMAT);
+    const auto reader = events::open_reader(file.path(), fuzz::kKind);
     std::vector<events::Event> block(1000);
     for (std::size_t all = 0; const std::size_t n = reader->read(block);)
       if ((all += n) > UINT16_MAX) fuzz::defect("more events than were declared");

@@ -1,4 +1,4 @@
-// A picture in a folder, or a video, through OpenCV. PECS_FUZZ_FILE: its name.
+// A picture in a folder, or a video, through OpenCV.
 #include "pecs/input/pictures.h"
 
 #include <fstream>
@@ -8,7 +8,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace pecs;
   static const fuzz::MemoryFolder folder;
-  const std::filesystem::path file = folder.path() + "/" PECS_FUZZ_FILE;
+  const std::filesystem::path file = folder.path() + (fuzz::kKind == "video" ? "/a.mp4" : "/a.png");
   std::ofstream(file, std::ios::binary) << fuzz::text(data, size);
   fuzz::try_to([&] {
     input::PictureOptions options;

@@ -1,4 +1,4 @@
-// The reader of one kind of text: PECS_FUZZ_TEXT.
+// The reader of one kind of text: fuzz::kKind.
 #include "fuzz.h"
 #include "pecs/lens/exchange.h"
 #include "pecs/lens/prescription.h"
@@ -17,7 +17,7 @@ void load_lens(const fuzz::MemoryFile& file, const std::string& json) {
 }
 
 void read(const fuzz::MemoryFile& file, const std::string& text) {
-  constexpr std::string_view kKind = PECS_FUZZ_TEXT;
+  using fuzz::kKind;
   if (kKind == "chip") {
     file.hold(text);
     sensor::load_chip(file.path());
