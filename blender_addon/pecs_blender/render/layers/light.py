@@ -86,11 +86,11 @@ class Light(Layer):
     def denoises(self) -> bool:
         return self._denoiser is not None
 
-    def clean(self, frame: np.ndarray) -> np.ndarray:
+    def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray:
         """Denoised light [bands, height, width] of a frame or a part of one, before diffraction; a copy of the light if
         nothing is denoised."""
         bands = len(self._to_film)
-        return self._denoiser(frame[:bands], frame[bands:]) if self._denoiser else frame.copy()
+        return self._denoiser(frame[:bands], frame[bands:], fast) if self._denoiser else frame.copy()
 
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
@@ -118,7 +118,7 @@ class Light(Layer):
         (left, top), (right, bottom) = corners[:, :2].min(0), corners[:, 2:].max(0)
         around = _over(under, frame)
         clean = around[: len(self._to_film)].copy()
-        clean[:, top:bottom, left:right] = self.clean(around[:, top:bottom, left:right])
+        clean[:, top:bottom, left:right] = self.clean(around[:, top:bottom, left:right], fast=True)
         return self._in_boxes(clean, boxes_px)
 
     def _in_boxes(self, light: np.ndarray, boxes_px: list[Box]) -> np.ndarray:
