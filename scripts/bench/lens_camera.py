@@ -1,4 +1,5 @@
-"""The lens camera in Cycles, as JSON: cost beside the built-in camera, and noise of both channel modes at equal time.
+"""The lens camera in Cycles, as JSON: its cost relative to the built-in camera, and noise of both channel modes at
+equal time.
 
     .venv/bin/python scripts/bench/lens_camera.py [cost|modes ...] [--lens LENS ...] > lens_camera.json
 

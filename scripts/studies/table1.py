@@ -4,7 +4,7 @@ there is one, else against `pecs`. Stacks come from scripts/tools/sequences.py.
 
     scripts/studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
 
-Writes table1.json and table1.md into the folder. Published numbers stand beside ours in the paper's arithmetic
+Writes table1.json and table1.md into the folder. They list published numbers, and ours in the paper's arithmetic
 and in shared normalisation (docs/reference/metrics.md), with 95 % intervals. On the disk, delays behind the edge too:
 the earth mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
 recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:

@@ -206,7 +206,7 @@ class ChangedParts:
 
     def __init__(self, stage: Stage, light: Light, hits: HitCache, judge: Judge):
         self._stage, self._light, self._hits, self._judge = stage, light, hits, judge
-        self._anchor: tuple[float, np.ndarray, np.ndarray, SurfaceHits] | None = None  # time, frame, denoised, hits
+        self._anchor: tuple[float, np.ndarray, np.ndarray | None, SurfaceHits] | None = None  # time, frame, clean, hits
 
     def render(self, index: int, t_s: float, anchor_s: float) -> Picture:
         """Keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
@@ -236,16 +236,16 @@ class ChangedParts:
             more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
         if not done.any():
             return self._picture(still, still_clean)
-        different = tiles_with((frame != still).any(0), BLOCK_PX)
-        clean = np.where(pixels_of(different, self._stage.size, BLOCK_PX), self._light.clean(frame), still_clean)
+        clean = self._light.clean(frame)
+        if clean is not None:  # where no sample of a block changed, the anchor's values: still parts stay bit-identical
+            different = tiles_with((frame != still).any(0), BLOCK_PX)
+            clean = np.where(pixels_of(different, self._stage.size, BLOCK_PX), clean, still_clean)
         return self._picture(frame, clean)
 
-    def _picture(self, frame: np.ndarray, clean: np.ndarray) -> Picture:
-        """clean: denoised light before diffraction, with the anchor's values in blocks where no sample changed, so that
-        still parts stay bit-identical."""
-        light = self._light
-        raw = light.blur(frame[: len(self._judge.weights)].copy())
-        return Picture(frame, raw, light.blur(clean.copy()) if light.denoises else raw)
+    def _picture(self, frame: np.ndarray, clean: np.ndarray | None) -> Picture:
+        """clean: denoised light before diffraction; None if nothing is denoised."""
+        raw = self._light.blur(frame[: len(self._judge.weights)].copy())
+        return Picture(frame, raw, raw if clean is None else self._light.blur(clean.copy()))
 
     def _moved(self, before: SurfaceHits, now: SurfaceHits) -> np.ndarray:
         """Tiles with a surface point that has moved, or whose place at the other instant is unknown."""
@@ -384,10 +384,9 @@ class Between:
             wanted |= more
             current = self._judge.photocurrent(raw)
             wrong = self._judge.differing(predicted, current)
-        clean = raw
-        if self._light.denoises:
-            clean = self._light.clean_parts(boxes(wanted, *self._stage.size), frame, under)
-        self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), clean)
+        clean = self._light.clean_parts(boxes(wanted, *self._stage.size), frame, under)
+        light = raw if clean is None else clean
+        self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):
             residual = np.log(current / warped)

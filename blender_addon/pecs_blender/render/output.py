@@ -44,10 +44,6 @@ class Output:
         self.write_between = self._writer.write_between
         self.times_ns: list[int] = stack["times_ns"]
 
-    def read_layer(self, name: str, index: int) -> np.ndarray:
-        with pecs.StackReader(self.folder) as stack:
-            return stack.read_layer(name, index)
-
     def _locked(self, path: Path, frames: slice) -> BinaryIO:
         """stack.json, open and locked. Byte i stands for frame i (a lock may lie beyond a file's end; slice(0, 0) locks
         all bytes). The lock belongs to this open file: a POSIX record lock would end when any reader in this process

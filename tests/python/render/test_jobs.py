@@ -93,6 +93,8 @@ def test_frames_stay_locked_while_their_process_reads_the_stack(whole, tmp_path)
     import json
     import shutil
 
+    import pecs
+
     folder = shutil.copytree(whole, tmp_path / "s")
     stack = json.loads((folder / "stack.json").read_text())
     body = """
@@ -102,8 +104,9 @@ from pecs_blender.render.output import Output
 folder = Path(sys.argv[1])
 Output(folder, json.loads((folder / "stack.json").read_text()), slice(2, 3), sys.argv[2] == "overwrite")
 """
-    with Output(folder, stack, slice(0, 3), False) as output:
-        output.read_layer("light", 0)
+    with Output(folder, stack, slice(0, 3), False):
+        with pecs.StackReader(folder) as reader:
+            reader.read_layer("light", 0)
         for exists in ("continue", "overwrite"):
             second = run(sys.executable, "-c", body, folder, exists, check=False)
             assert "another process renders these frames" in second.stderr, exists

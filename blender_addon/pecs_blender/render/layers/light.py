@@ -82,15 +82,11 @@ class Light(Layer):
         self._light_up(frame)
         return frame
 
-    @property
-    def denoises(self) -> bool:
-        return self._denoiser is not None
-
-    def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray:
-        """Denoised light [bands, height, width] of a frame or a part of one, before diffraction; a copy of the light if
-        nothing is denoised."""
+    def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray | None:
+        """Denoised light [bands, height, width] of a frame or a part of one, before diffraction; None if nothing is
+        denoised."""
         bands = len(self._to_film)
-        return self._denoiser(frame[:bands], frame[bands:], fast) if self._denoiser else frame.copy()
+        return self._denoiser(frame[:bands], frame[bands:], fast) if self._denoiser else None
 
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
@@ -107,13 +103,19 @@ class Light(Layer):
     def parts(self, boxes_px: list[Box], under: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Renders the current instant in these boxes: the frame, NaN elsewhere, and its light [bands, height, width]
         with diffraction. under: frame of another instant, which diffraction uses around the boxes."""
-        blurs = any(one.blurs for one in self._stage.passes)
-        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px] if blurs else boxes_px)
-        return frame, self._in_boxes(_over(under, frame)[: len(self._to_film)], boxes_px)
+        bands = len(self._to_film)
+        if not any(one.blurs for one in self._stage.passes):
+            frame = self.fresh(boxes_px)
+            return frame, frame[:bands]
+        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
+        return frame, self._in_boxes(_over(under[:bands], frame[:bands]), boxes_px)
 
-    def clean_parts(self, boxes_px: list[Box], frame: np.ndarray, under: np.ndarray) -> np.ndarray:
+    def clean_parts(self, boxes_px: list[Box], frame: np.ndarray, under: np.ndarray) -> np.ndarray | None:
         """Denoised light [bands, height, width] with diffraction of a frame that was rendered in these boxes, NaN
-        elsewhere. under: frame of another instant, which denoiser and diffraction use around the boxes."""
+        elsewhere; None if nothing is denoised. under: frame of another instant, which denoiser and diffraction use
+        around the boxes."""
+        if not self._denoiser:
+            return None
         corners = np.array([self._grown(box, DENOISE_PX) for box in boxes_px])
         (left, top), (right, bottom) = corners[:, :2].min(0), corners[:, 2:].max(0)
         around = _over(under, frame)
