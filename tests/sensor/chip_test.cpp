@@ -57,6 +57,9 @@ TEST(Chip, DamageIsNamed) {
   EXPECT_NE(with([](Json& j) { j["values"]["noise_std"]["value"] = 7; }).find("values.noise_std.value"),
             std::string::npos);
   EXPECT_NE(with([](Json& j) { j["values"]["noise_std"]["unit"] = "V"; }).find("unit"), std::string::npos);
+  EXPECT_EQ(with([](Json& j) { j["values"]["noise_std"]["interval"] = {0.01, 0.2}; }), "");
+  EXPECT_NE(with([](Json& j) { j["values"]["noise_std"]["interval"] = {0.5, 0.6}; }).find("no interval"),
+            std::string::npos);
   EXPECT_NE(with([](Json& j) { j["values"].erase("leak_rate_hz"); }).find("leak_rate_hz"), std::string::npos);
   EXPECT_NE(with([](Json& j) { j["relative_qe"]["lambda_nm"][3] = 1; }).find("relative_qe.lambda_nm"),
             std::string::npos);

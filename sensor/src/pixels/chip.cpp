@@ -29,6 +29,7 @@ constexpr std::array kValues = {
     Value{"peak_qe", "electron/photon", 0.01, 1, &Chip::peak_qe},
     Value{"dark_current_a", "A", 0, 1e-6, &Chip::dark_current_a},
     Value{"corner_hz_per_a", "Hz/A", 0, 1e18, &Chip::corner_hz_per_a},
+    Value{"amplifier_cutoff_hz", "Hz", 0, 1e9, &Chip::amplifier_cutoff_hz},
     Value{"noise_std", "ln", 0, 1, &Chip::noise_std},
     Value{"contrast_threshold_on", "ln", 1e-3, 5, &Chip::contrast_threshold_on},
     Value{"contrast_threshold_off", "ln", 1e-3, 5, &Chip::contrast_threshold_off},
@@ -41,6 +42,7 @@ constexpr std::array kValues = {
     Value{"hot_pixel_hz", "Hz", 0, 1e4, &Chip::hot_pixel_hz},
     Value{"readout_rate_hz", "Hz", 0, 1e12, &Chip::readout_rate_hz},
     Value{"readout_row_s", "s", 0, 1e-3, &Chip::readout_row_s},
+    Value{"readout_group_rows", "px", 1, 8192, &Chip::readout_group_rows},
     Value{"timestamp_s", "s", 1e-6, 1e-2, &Chip::timestamp_s},
     Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
 };
@@ -106,6 +108,11 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     if (range.size() != 2 || range[0] > range[1]) entry.fail("range", "no range", "[min, max]");
     chip.*v.member = entry.number("value", {range[0], range[1]});
     entry.one_of("unit", {v.unit});
+    if (entry.has("interval")) {  // where the true value lies, as far as the sources know
+      const std::vector<double> interval = entry.numbers("interval", {range[0], range[1]});
+      if (interval.size() != 2 || interval[0] > chip.*v.member || interval[1] < chip.*v.member)
+        entry.fail("interval", "no interval with the value", "[least, most]");
+    }
     entry.text("source");
     entry.done();
     chip.ranges[v.key] = {range[0], range[1]};

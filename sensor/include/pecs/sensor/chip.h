@@ -28,8 +28,9 @@ struct Chip {
   double peak_qe = 0;  // electrons per photon where relative_qe is 1
   // Photoreceptor.
   double dark_current_a = 0;
-  double corner_hz_per_a = 0;  // 0: infinitely fast. f_w = corner_hz_per_a * (photocurrent + dark current)
-  double noise_std = 0;        // of the photoreceptor's output, in ln units
+  double corner_hz_per_a = 0;      // 0: infinitely fast. f_w = corner_hz_per_a * (photocurrent + dark current)
+  double amplifier_cutoff_hz = 0;  // of the stage behind the photoreceptor, in all light; 0: infinitely fast
+  double noise_std = 0;            // of the photoreceptor's output, in ln units
   // Pixel.
   double contrast_threshold_on = 0, contrast_threshold_off = 0;  // ln units
   double threshold_mismatch = 0;                                 // standard deviation / threshold
@@ -40,6 +41,7 @@ struct Chip {
   double hot_pixel_fraction = 0, hot_pixel_hz = 0;     // pixels that fire ON at random, whatever they see
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
+  double readout_group_rows = 1;                  // rows that are read at once
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 
   std::map<std::string, Range> ranges;  // of the profile's values, by their keys
