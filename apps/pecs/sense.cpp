@@ -53,6 +53,10 @@ void add_frames(CLI::App* sub, Options* o) {
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
+  sub->add_option("--render-noise", o->render_noise,
+                  "factor on the renderer's noise in the estimate of its events; 0: no estimate")
+      ->check(CLI::Range(0.0, sensor::kMostRenderNoise))
+      ->capture_default_str();
   sub->add_option("--fnumber", o->light.fnumber, "f-number of the lens, for a stack of radiance")->check(positive());
   sub->add_option("--gain", o->light.gain,
                   "relative light: photocurrent [A] per sum of wavelength_nm QE L weight_nm (Eq. 6's C)")
@@ -82,7 +86,9 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
       ->check(CLI::IsMember({"chip", "ideal"}))
       ->capture_default_str();
-  add_output(*sub, "--labels", o->labels, "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel");
+  add_output(*sub, "--labels", o->labels,
+             "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
+             "the renderer");
 }
 
 void add_window(CLI::App* sub, Options* o) {
@@ -159,6 +165,9 @@ void print(const Options& o, const sensor::SenseReport& report, const Console& c
   }
   fmt::print("{}: {} events, {}x{}\n", o.output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
              r["height"].get<int>());
+  if (const auto noise = r.find("render_noise"); noise != r.end() && (*noise)["share"].is_number())
+    fmt::print("render noise: {:.1f} % of the events would not come again in another render\n",
+               100 * (*noise)["share"].get<double>());
   if (const auto dropped = r["dropped"].get<std::int64_t>())
     console.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
   for (const auto& warning : r["warnings"]) console.warn(warning.get<std::string>());

@@ -42,6 +42,7 @@ class SenseOptions(PixelOptions, total=False):
     warmup_loops: int  # of a periodic stack, before the output begins; default 0
     start_us: int  # begin of the output; default 0
     duration_us: int | None  # length of the output; default: to the end of the stack
+    render_noise: float  # factor on the renderer's noise in the estimate of its events, 0: no estimate; default 1
     motion: bool  # light between frames follows the stack's layer `motion`, if there is one; default True
 
 

@@ -47,6 +47,7 @@ def sense(
     - labels: an NPY file for each event's cause (`pecs.sensor.LABELS`).
     - warmup_loops: of a periodic stack, before the output begins (0). start_us, duration_us: begin (0) and length of
       the output.
+    - render_noise: factor on the renderer's noise in the estimate of the events that come from it (1); 0: no estimate.
     - motion: light between frames follows the stack's layer `motion`, if there is one (True).
 
     `progress` is called with the share done, 0 to 1; an exception from it stops the work. Raises PecsNotFoundError,

@@ -31,7 +31,7 @@ _reader_close = function("pecs_stack_reader_close", None, POINTER, error=False)
 
 
 def _shape(info: dict[str, Any]) -> tuple[int, int, int]:
-    """Shape of the light in a file."""
+    """Shape of the light in a file, without its noise."""
     side = info.get("subpixels") or 1
     return len(info["bands"]), info["height"] * side, info["width"] * side
 
@@ -44,6 +44,7 @@ class StackWriter(Handle):
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
         super().__init__(_create(path_bytes(folder), json.dumps(stack).encode()))
         self.shape = _shape(stack)
+        self._written = self.shape[0] + bool(stack.get("noise")), *self.shape[1:]
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
     def has_frame(self, index: int) -> bool:
@@ -55,13 +56,14 @@ class StackWriter(Handle):
         return bool(self._call(_has_frame, name.encode(), index))
 
     def write_frame(self, index: int, values: NDArray[np.float32]) -> None:
-        """values: [bands, height, width], row 0 at the top, in the stack's unit."""
+        """values: [bands, height, width], row 0 at the top, in the stack's unit; in a stack with noise, this follows
+        the bands."""
         self.write_layer(LIGHT, index, values)
 
     def write_layer(self, name: str, index: int, values: NDArray[np.float32]) -> None:
         """values: [channels, height, width], row 0 at the top, in the layer's unit."""
         values = np.ascontiguousarray(values, np.float32)
-        shape = (self._channels.get(name, self.shape[0]), *self.shape[1:])
+        shape = (self._channels.get(name, self._written[0]), *self.shape[1:])
         if values.shape != shape:
             raise ValueError(f"{name}: got shape {values.shape}, wanted {shape} (channels, height, width)")
         self._call(_write_frame, name.encode(), index, values, values.size)
@@ -71,11 +73,11 @@ class StackWriter(Handle):
         return bool(self._call(_has_between, interval, number, time_ns))
 
     def write_between(self, interval: int, number: int, time_ns: int, values: NDArray[np.float32]) -> None:
-        """The light at an instant within an interval, [bands, height, width], NaN where it was not rendered; `number`
-        rises with the time."""
+        """The light at an instant within an interval, as of write_frame, NaN where it was not rendered; `number` rises
+        with the time."""
         values = np.ascontiguousarray(values, np.float32)
-        if values.shape != self.shape:
-            raise ValueError(f"between: got shape {values.shape}, wanted {self.shape} (bands, height, width)")
+        if values.shape != self._written:
+            raise ValueError(f"between: got shape {values.shape}, wanted {self._written} (bands, height, width)")
         self._call(_write_between, interval, number, time_ns, values, values.size)
 
 

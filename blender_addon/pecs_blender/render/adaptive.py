@@ -40,6 +40,7 @@ SKY_M = 1e6  # depth of the sky: finite, so that it can be warped
 ALMOST_ONE = 1 - 2.0**-20  # at 1 itself, pecs.carry returns the other keyframe unchanged
 SAME_LIGHT = 0.02  # relative difference of light within which samples are averaged
 SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
+MOST_NOISE = 0.99  # difference of the halves' photocurrents over their sum
 
 # Pictures between keyframes
 ROUNDS = 3  # of growing the rendered tiles until they agree with the prediction at their border
@@ -65,6 +66,13 @@ class Keyframes:
     def time_s(self, index: int) -> float:
         return self.grid.times_ns[self.keys[index]] * 1e-9
 
+    def middle(self, count: int) -> Keyframes:
+        """At most this many keyframes in the middle."""
+        first = max(0, (len(self.keys) - count) // 2)
+        keys = self.keys[first : first + count]
+        times_ns = self.grid.times_ns[keys[0] : keys[-1] + 1]
+        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys])
+
 
 def choose_keyframes(stage: Stage, instants: Instants) -> Keyframes:
     scale = PLAN_SCALE / stage.subpixels
@@ -85,6 +93,15 @@ class Judge:
         """[height, width] of some bands of [bands, height, width]; further channels are ignored."""
         return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[: len(self.weights)][bands])
 
+    def with_noise(self, clean: np.ndarray) -> np.ndarray:
+        """[bands + 1, height, width] of light as Light.clean returns it: the mean of the halves, and ln(photocurrent)
+        of the first half minus that of the second, halved."""
+        mean, difference = np.split(clean, 2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = self.photocurrent(difference) / self.photocurrent(mean)
+        noise = np.arctanh(np.clip(np.nan_to_num(share), -MOST_NOISE, MOST_NOISE))
+        return np.concatenate([mean, np.where(np.isnan(mean[:1]), np.nan, noise).astype(np.float32)])
+
     def strips_differing(
         self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
     ) -> np.ndarray:
@@ -92,7 +109,7 @@ class Judge:
         that `expected` gives for the pass's bands. index: selects the strips' rows."""
         brightest = int(np.argmax([self.weights[one.bands].sum() for one in stage.passes]))
         bands = stage.passes[brightest].bands
-        rendered = light.fresh(probe_strips(*stage.size, index), slice(brightest, brightest + 1))
+        rendered = light.strips(probe_strips(*stage.size, index), brightest)
         return self.differing(expected(bands), self.photocurrent(rendered, bands))
 
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -143,7 +160,7 @@ class Adaptive:
                 layer.write(output, index, t_s)
         first = self._picture(index)
         if not output.has_layer("light", index):
-            output.write_layer("light", index, first.clean)
+            output.write_layer("light", index, first.written)
         if index < len(ends):
             second = self._picture((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
@@ -181,22 +198,27 @@ class Adaptive:
         own, bands = self._own[index], len(self._judge.weights)
         neighbours = [(self._own[i].light, hits[i]) for i in near if i != index]
         shared = average_samples(own.light, hits[index], neighbours, self._hits.surfaces, self._judge)
-        return Picture(own.frame, shared[:bands], shared[-bands:])
+        return Picture(own.frame, shared[:bands], None if own.clean is None else shared[bands:])
 
 
 @dataclass(frozen=True)
 class Picture:
-    """frame: as rendered, before diffraction, with the denoiser's guides. raw, clean: [bands, height, width] of it with
-    diffraction, before and after denoising; one array if nothing is denoised."""
+    """frame: as Light.fresh renders it, before diffraction. raw: [bands, height, width] of it with diffraction. clean:
+    [bands + 1, height, width], the same after denoising, and the noise that is left (Judge.noise); None if nothing is
+    denoised."""
 
     frame: np.ndarray
     raw: np.ndarray
-    clean: np.ndarray
+    clean: np.ndarray | None
 
     @property
     def light(self) -> np.ndarray:
         """Raw and clean, one after the other."""
-        return self.raw if self.raw is self.clean else np.concatenate([self.raw, self.clean])
+        return self.raw if self.clean is None else np.concatenate([self.raw, self.clean])
+
+    @property
+    def written(self) -> np.ndarray:
+        return self.raw if self.clean is None else self.clean
 
 
 class ChangedParts:
@@ -245,7 +267,7 @@ class ChangedParts:
     def _picture(self, frame: np.ndarray, clean: np.ndarray | None) -> Picture:
         """clean: denoised light before diffraction; None if nothing is denoised."""
         raw = self._light.blur(frame[: len(self._judge.weights)].copy())
-        return Picture(frame, raw, raw if clean is None else self._light.blur(clean.copy()))
+        return Picture(frame, raw, None if clean is None else self._judge.with_noise(self._light.blur(clean.copy())))
 
     def _moved(self, before: SurfaceHits, now: SurfaceHits) -> np.ndarray:
         """Tiles with a surface point that has moved, or whose place at the other instant is unknown."""
@@ -385,7 +407,7 @@ class Between:
             current = self._judge.photocurrent(raw)
             wrong = self._judge.differing(predicted, current)
         clean = self._light.clean_parts(boxes(wanted, *self._stage.size), frame, under)
-        light = raw if clean is None else clean
+        light = raw if clean is None else self._judge.with_noise(clean)
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -137,6 +137,14 @@ def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None)
         render.border_min_y, render.border_max_y = 1 - bottom / height, 1 - top / height
 
 
+@contextlib.contextmanager
+def sample_subset(scene: bpy.types.Scene, first: int, count: int):
+    """Renders only these samples of the sequence of scene.cycles.samples."""
+    subset = {"use_sample_subset": True, "sample_offset": first, "sample_subset_length": count}
+    with changed([(scene.cycles, subset)]):
+        yield
+
+
 def _no_engine_traceback(unraisable) -> None:
     """Hides a harmless error: Blender 4.5 frees a persistent engine before its Python object, whose __del__ fails."""
     if not (unraisable.exc_type is ReferenceError and "CyclesRender" in str(unraisable.exc_value)):

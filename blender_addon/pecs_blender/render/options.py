@@ -37,6 +37,13 @@ def _bands(text: str) -> int | None:
     return int(text)
 
 
+def _share(text: str) -> float:
+    try:
+        return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a share such as 10%") from None
+
+
 def _box(text: str) -> tuple[int, ...]:
     numbers = text.split(":")
     if len(numbers) != 4 or not all(n.isdecimal() for n in numbers):
@@ -185,8 +192,13 @@ class Options:
         unit="deg",
     )
     samples: int = option(8, "paths per sensor pixel and band", low=1, high=65536)
-    noise_target: float | None = option(
-        None, "target noise of ln(light), in contrast thresholds of the chip; replaces --samples", above=0
+    noise_events: float | None = option(
+        None,
+        "adaptive: chooses --samples so that at most this share of the events comes from the noise of the renderer",
+        above=0,
+        high=1,
+        parse=_share,
+        metavar="SHARE",
     )
     no_denoise: bool = option(
         False, "adaptive: keep the noise of few samples; by default Open Image Denoise removes it"

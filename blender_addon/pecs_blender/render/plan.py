@@ -65,7 +65,8 @@ class Bands:
 @dataclass(frozen=True)
 class Sampling:
     """How Cycles samples. samples: per rendered pixel. bounces: Cycles settings. threads 0: all cores. denoise: whether
-    the light is denoised (denoise.py), with adaptive steps only: the remaining noise flickers from frame to frame."""
+    the light is denoised (denoise.py), with adaptive steps only: the remaining noise flickers from frame to frame. The
+    number of samples is even then, so that they can be halved."""
 
     samples: int
     seed: int
@@ -74,7 +75,7 @@ class Sampling:
     device: str = "CPU"
     denoise: bool = False
     light_tree: bool = False
-    variance: float | None = None  # of ln(light) per rendered pixel; replaces samples
+    noise_events: float | None = None  # highest share of events that come from noise; replaces samples
 
 
 @dataclass(frozen=True)
@@ -138,16 +139,17 @@ def resolve(options: Options, source: Source) -> Plan:
         options.lux,
         TOLERANCE * threshold,
     )
-    noise = options.noise_target and options.noise_target * threshold * subpixels
+    denoise = options.is_adaptive and not options.no_denoise
+    least = 2 if denoise else 1
     sampling = Sampling(
-        -(-options.samples // subpixels**2),
+        least * -(-options.samples // (least * subpixels**2)),
         options.seed,
         source.bounces,
         options.threads,
         options.device,
-        options.is_adaptive and not options.no_denoise,
+        denoise,
         options.light_tree,
-        noise and noise**2,
+        options.noise_events,
     )
     instants = Instants(
         timeline(options.frames, options.fps, source.period_s, source.duration_s),
@@ -184,9 +186,10 @@ def _check(options: Options) -> None:
     if options.no_light:
         if not options.layers:
             raise UsageError("--no-light requires --layers")
-        for name, given in (("--time adaptive", options.is_adaptive), ("--noise-target", options.noise_target)):
-            if given:
-                raise UsageError(f"{name} cannot be combined with --no-light")
+        if options.is_adaptive:
+            raise UsageError("--time adaptive cannot be combined with --no-light")
+    if options.noise_events and (not options.is_adaptive or options.no_denoise):
+        raise UsageError("--noise-events requires --time adaptive without --no-denoise")
     if options.is_adaptive and options.moving_px:
         raise UsageError("--moving-px requires --time uniform; adaptive steps find what moves by themselves")
 

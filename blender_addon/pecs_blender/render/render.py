@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import bpy
-import numpy as np
 import pecs
 from pecs._progress import Progress
 
-from . import adaptive, cycles, stop
+from . import adaptive, cycles, noise, stop
 from .layers import layer_class
 from .layers.layer import Layer
 from .layers.light import Light
@@ -28,7 +27,6 @@ from .stage import Stage
 from .surfaces import HitCache
 from .timeline import Timeline
 
-PILOT_SAMPLES = 8
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * adaptive.SHARED + 8  # held in memory at a time
 
 
@@ -39,8 +37,8 @@ def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", c
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
         job.set_up(Path(scratch))
-        job.choose_samples()
         job.choose_instants()
+        job.choose_samples()
         if cost_only:
             job.print_cost()
             return folder
@@ -60,22 +58,6 @@ class Render:
         """Makes the scene spectral, measures its light, and builds a camera for each pass."""
         self._stage = Stage(self._source, self._plan, scratch)
 
-    def choose_samples(self) -> None:
-        """Chooses samples for the wanted variance of ln(photocurrent) from two pilot frames of other seeds; variance
-        falls as 1/samples. A power of two, so that rounding on another machine chooses the same number."""
-        if not self._sampling.variance:
-            return
-        pilots = []
-        for seed in (self._sampling.seed + 1, self._sampling.seed + 2):
-            light = Light(self._stage, replace(self._sampling, samples=PILOT_SAMPLES, seed=seed, denoise=False))
-            self._stage.set_time(0.0)
-            pilots.append(np.einsum("k,kyx->yx", self._stage.weights, light.render(0.0)))
-        lit = (pilots[0] > 0) & (pilots[1] > 0)
-        difference = np.log(pilots[1][lit] / pilots[0][lit])
-        variance = float(np.mean(difference**2)) / 2 if difference.size else 0.0
-        needed = max(PILOT_SAMPLES * variance / self._sampling.variance, 1)
-        self._sampling = replace(self._sampling, samples=int(2 ** np.clip(np.ceil(np.log2(needed)), 0, 16)))
-
     def choose_instants(self) -> None:
         """Keyframes for adaptive steps, or all instants; `_wanted` are those that this process renders."""
         asked, self._keyframes = self._plan.instants, None
@@ -83,6 +65,29 @@ class Render:
             self._keyframes = adaptive.choose_keyframes(self._stage, asked)
         self._instants = self._keyframes.timeline if self._keyframes else asked.grid
         self._wanted = range(len(self._instants.times_ns))[asked.only or slice(None)]
+
+    def choose_samples(self) -> None:
+        """Chooses samples for the wanted share of noise events, from a pilot stack of some keyframes."""
+        share = self._sampling.noise_events
+        if not share:
+            return
+        stage, plan = self._stage, self._plan
+        pilot = Render(self._source, replace(plan, layers=("motion",), verbosity={"quiet": True, "verbose": False}))
+        pilot._stage, pilot._keyframes = stage, self._keyframes.middle(noise.PILOT_KEYFRAMES)
+        pilot._instants, pilot._sampling = pilot._keyframes.timeline, noise.pilot_sampling(self._sampling)
+        pilot._wanted = range(len(pilot._instants.times_ns))
+        with tempfile.TemporaryDirectory(prefix="pecs_pilot_") as folder:
+            stop.remove_at_exit(Path(folder))
+            pilot.open(Path(folder) / "stack", "continue")
+            pilot.make_layers()
+            pilot.write_frames()
+            has_none = not stage.lens_record and not pilot._stack.get("fnumber")
+            fnumber = noise.FNUMBER if has_none else None
+            samples = noise.samples_for(share, pilot.folder, plan.bands.chip, fnumber)
+        if not plan.verbosity["quiet"]:
+            of_pixel = samples * plan.view.subpixels**2
+            print(f"render: {of_pixel} samples per pixel for {share:.3g} noise events", file=sys.stderr)
+        self._sampling = replace(self._sampling, samples=samples)
 
     def open(self, folder: Path, exists: str) -> None:
         """Chooses the stack's folder, and checks that the disk has room for the frames that are missing there."""
@@ -147,6 +152,7 @@ class Render:
             **({} if through_lens or not fnumber else {"fnumber": fnumber}),
             **({"subpixels": view.subpixels} if view.subpixels > 1 else {}),
             **({"between": True} if self._keyframes else {}),
+            **({"noise": True} if plan.light and self._sampling.denoise else {}),
             **({} if plan.light else {"light": False}),
             "bands": stage.bands,
             "times_ns": self._instants.times_ns,

@@ -149,7 +149,7 @@ class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "noise_target", "no_denoise", "light_tree", "seed")
+        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "noise_events", "no_denoise", "light_tree", "seed")
         props(layout, s, "threads", *(["film_shift_mm"] if settings.has_lens(s) else []), "allow_scripts")
 
 

@@ -20,7 +20,7 @@ from .interface import Action, say
 
 TIMES = 8  # sampled times of the rendered range
 MOST_PX = 1.0  # motion between frames above which the light jumps
-MOST_NOISE, NOISE_TARGET = 0.3, 0.1  # in contrast thresholds: visible in the events; not visible
+MOST_NOISE, NOISE_EVENTS = 0.3, 0.1  # in contrast thresholds: visible in the events; not visible
 GRID = 32, 24  # rays across and down
 SHOWN = 5  # names listed
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "VOLUME")
@@ -60,17 +60,17 @@ def _noise(scene) -> Iterator[Problem]:
     """Frames share their samples, so noise flickers only at moving objects."""
     s = scene.pecs
     found = state.light.get(scene.name)
-    if s.noise_target or not found or found["noise_thresholds"] is None:
+    if s.noise_events or not found or found["noise_thresholds"] is None:
         return
     noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
     if noise > MOST_NOISE:
         wanted = math.ceil(s.samples * (noise / MOST_NOISE) ** 2)
         text = (
             "Render noise of about {noise:.2g} contrast thresholds flickers at moving objects and causes false events. "
-            "Use at least {samples} samples, or a noise target of {target:g}"
+            "Use at least {samples} samples, or limit the noise events"
         )
-        text = say(text, noise=noise, samples=wanted, target=NOISE_TARGET)
-        yield Problem(text, is_error=False, fix="pecs.set_noise_target")
+        text = say(text, noise=noise, samples=wanted)
+        yield Problem(text, is_error=False, fix="pecs.set_noise_events")
 
 
 def _clip(scene, view_layer) -> Iterator[Problem]:
@@ -187,11 +187,11 @@ class PECS_OT_allow_scripts(_Fix, bpy.types.Operator):
     setting = "allow_scripts", True
 
 
-class PECS_OT_set_noise_target(_Fix, bpy.types.Operator):
-    """Let the render choose the samples for a noise of a tenth of the contrast threshold"""
+class PECS_OT_set_noise_events(_Fix, bpy.types.Operator):
+    """Let the render choose the samples so that at most a tenth of the events comes from its noise"""
 
-    bl_label = "Set a Noise Target"
-    setting = "noise_target", NOISE_TARGET
+    bl_label = "Limit Noise Events"
+    setting = "noise_events", NOISE_EVENTS
 
 
 class PECS_OT_extend_clip_end(_Fix, bpy.types.Operator):

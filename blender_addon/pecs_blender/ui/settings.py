@@ -61,12 +61,12 @@ SHOWN = {
     ),
     "light_scale": ("Light Scale", {}),
     "samples": ("Samples", {}),
-    "noise_target": (
-        "Noise Target",
+    "noise_events": (
+        "Noise Events",
         {
-            "precision": 3,
-            "description": "Chooses the number of samples for this noise in log light, in contrast thresholds of the "
-            "chip; 0: off",
+            "precision": 2,
+            "description": "Chooses the number of samples so that at most this share of the events comes from the "
+            "noise of the renderer; 0: off",
         },
     ),
     "no_denoise": ("Keep Render Noise", {}),
@@ -119,7 +119,7 @@ def _property(name: str):
         return EnumProperty(name=label, items=items, default=str(default), description=text)
     if kind == "bool":
         return BoolProperty(name=label, default=default, description=text, **more)
-    if kind == "str" or rule.parse and kind != "int":
+    if kind == "str" or rule.parse and kind not in ("int", "float"):
         return StringProperty(name=label, default=default or "", description=text, **more)
     low = 0 if default is None else max(rule.low, 1e-6 if rule.above == 0 else rule.above)
     bounds = {"min": low} if low > -math.inf else {}

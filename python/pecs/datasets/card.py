@@ -24,7 +24,11 @@ CONTEXT = {
 }
 SETS = {  # of files: id, what, pattern, type
     "events": ("events in DSEC's HDF5 layout", "sequences/*/*/events.h5", "application/x-hdf5"),
-    "causes": ("cause of each event: signal, leak, noise, hot", "sequences/*/*/causes.npy", "application/octet-stream"),
+    "causes": (
+        "cause of each event (`pecs.sensor.LABELS`)",
+        "sequences/*/*/causes.npy",
+        "application/octet-stream",
+    ),
     "objects": ("object of each event at its own time", "sequences/*/*/objects.npy", "application/octet-stream"),
     "pictures": ("pictures of RGB cameras", "sequences/*/*/rgb/*.png", "image/png"),
     "truth": ("depth, normals, objects, flow (EXR)", "sequences/*/*/truth/*.exr", "image/x-exr"),

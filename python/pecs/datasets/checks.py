@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._poses import interpolate
+from ..sensor import LABELS
 from ._bilinear import neighbours
 from .imu import integrate
 from .rig import along, rig_from_camera, transformed
@@ -147,17 +148,19 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
 
 
 def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
-    """Rates, causes, and the share of signal events that lie where the picture's light changes."""
+    """Rates, causes, and the share of signal events that lie where the picture's light changes. noise_share: of the
+    sensor's noise; render_noise_share: of the renderer's."""
     found, causes = camera.events(), np.asarray(camera.causes())
     seconds = sequence.duration_us * 1e-6
     bins = np.histogram(found["t"], bins=50, range=(0, sequence.duration_us))[0] / (seconds / 50)
-    signal = causes == 0
+    signal, render = causes == LABELS.index("signal"), causes == LABELS.index("render")
     out: dict[str, Any] = {
         "count": len(found),
         "rate_hz": len(found) / seconds,
         "rate_over_time_hz": bins.tolist(),
         "on_share": float(np.mean(found["p"])) if len(found) else 0.0,
-        "noise_share": float(1 - np.mean(signal)) if len(found) else 0.0,
+        "noise_share": float(np.mean(~signal & ~render)) if len(found) else 0.0,
+        "render_noise_share": float(np.mean(render)) if len(found) else 0.0,
         "pixels_with_events": len(np.unique(_at(found, camera))) / (camera.width * camera.height),
     }
     if _has(camera, "motion") and len(camera.truth) > 1 and signal.any():

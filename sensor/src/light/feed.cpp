@@ -123,7 +123,8 @@ void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region reg
   }
 }
 
-void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const LightSink& sink) {
+void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again,
+                 const LightSink& sink) {
   const StackInfo& info = light.info();
   const std::int64_t steps = *timeline.steps(), frames = timeline.source().frames();
   const std::size_t pixels = static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height);
@@ -131,8 +132,16 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const Ligh
     const double start = timeline.t_us(step);
     return fraction == 0 ? start : start + (timeline.t_us(step + 1) - start) * fraction;
   };
-  IntervalReader reader({&light}, true, 1);
-  MovingLight moving(info.width, info.height, info.subpixels);
+  std::vector<PhotocurrentReader*> readers{&light};
+  if (again) readers.push_back(again);
+  const std::size_t chips = readers.size();
+  IntervalReader reader(readers, true, 1);
+  MovingLight moving(info.width, info.height, info.subpixels, chips);
+  const auto add_plane = [](LightBatch& batch, std::span<const float* const> of_chips, double t) {
+    batch.planes.push_back(of_chips[0]);
+    if (of_chips.size() > 1) batch.again.push_back(of_chips[1]);
+    batch.t_us.push_back(t);
+  };
   HeldLoop loop{.is_on = timeline.loops()};
   std::shared_ptr<const LightInterval> now, next;
   const auto read = [&](std::int64_t step) {
@@ -144,9 +153,10 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const Ligh
     if (loop.is_on && step >= frames) {
       const HeldLoop::Interval& held = loop.intervals[static_cast<std::size_t>(timeline.frame(step))];
       LightBatch batch{{}, {}, step + 1, is_last};
-      for (std::size_t k = 0; k < (is_last ? 1 : held.planes.size()); ++k) {
-        batch.planes.push_back(held.planes[k].data());
-        batch.t_us.push_back(t_us(step, held.instants[k]));
+      for (std::size_t k = 0; k < (is_last ? 1 : held.instants.size()); ++k) {
+        std::vector<const float*> of_chips;
+        for (std::size_t c = 0; c < chips; ++c) of_chips.push_back(held.planes[k * chips + c].data());
+        add_plane(batch, of_chips, t_us(step, held.instants[k]));
       }
       if (!sink(batch)) return;
       continue;
@@ -160,9 +170,11 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const Ligh
     if (info.subpixels == 1 && !is_last && !(loop.is_on && step + 1 == frames))
       prefetch.run([&read, step] { read(step + 1); });
     const auto give = [&](std::size_t first, std::span<const float* const> planes) {
-      const bool ends = first + planes.size() == now->instants.size();
-      LightBatch batch{{planes.begin(), planes.end()}, {}, step + (ends ? 1 : 0), ends && is_last};
-      for (std::size_t k = 0; k < planes.size(); ++k) batch.t_us.push_back(t_us(step, now->instants[first + k]));
+      const std::size_t count = planes.size() / chips;
+      const bool ends = first + count == now->instants.size();
+      LightBatch batch{{}, {}, step + (ends ? 1 : 0), ends && is_last};
+      for (std::size_t k = 0; k < count; ++k)
+        add_plane(batch, planes.subspan(k * chips, chips), t_us(step, now->instants[first + k]));
       if (loop.is_on) loop.keep(step, now->instants, planes, pixels);
       return sink(batch);
     };

@@ -14,6 +14,7 @@ struct LightBatch {
   std::vector<double> t_us;
   std::int64_t steps = 0;  // of the timeline, up to the end of this batch
   bool last = false;
+  std::vector<const float*> again{};  // planes of a second reader, or none
 };
 using LightSink = std::function<bool(const LightBatch&)>;  // false: no further batches
 
@@ -23,7 +24,8 @@ void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region reg
 
 // Whole pictures at the source's instants and between them, warped along its motion so often that nothing moves more
 // than half a pixel from plane to plane. The next interval is read while one is worked on, unless it has subpixels: two
-// would hold too much memory. A loop whose planes fit into kLoopBytes is computed once.
-void feed_moving(const Timeline& timeline, PhotocurrentReader& light, const LightSink& sink);
+// would hold too much memory. A loop whose planes fit into kLoopBytes is computed once. again: a second reader of the
+// same source, or none.
+void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink);
 
 }  // namespace pecs::sensor

@@ -105,8 +105,8 @@ DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& ampe
   return {drawn, first.log_difference(drawn, amperes)};
 }
 
-PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes)
-    : source_(source) {
+PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes, double noise)
+    : source_(source), noise_(static_cast<float>(noise)) {
   for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
 }
 
@@ -116,10 +116,20 @@ void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* pla
 
 void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
   source_.read_fine_rows(frame, sums(info().file_width(), 0, plane));
+  if (noise_ != 0) source_.read_noise(frame, disturbance(plane));
 }
 
 void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, float* plane) {
   source_.read_between(frame, which, sums(info().file_width(), 0, plane, true));
+  if (noise_ != 0) source_.read_between_noise(frame, which, disturbance(plane));
+}
+
+RowSink PhotocurrentReader::disturbance(float* plane) const {
+  return [this, plane](int y, int, std::span<const float> noise) {
+    float* out = plane + static_cast<std::size_t>(y) * static_cast<std::size_t>(info().file_width());
+    for (std::size_t i = 0; i < noise.size(); ++i)
+      if (std::isfinite(noise[i])) out[i] *= std::exp(noise_ * noise[i]);
+  };
 }
 
 // has_holes: values that are not finite were not rendered, and are not counted as bad.

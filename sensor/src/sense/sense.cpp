@@ -5,6 +5,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <numbers>
 
 #include "light/feed.h"
 #include "pecs/error.h"
@@ -12,9 +13,12 @@
 #include "pecs/sensor/sensor.h"
 #include "pecs/sensor/stack.h"
 #include "sense/event_sink.h"
+#include "sense/repeats.h"
 
 namespace pecs::sensor {
 namespace {
+
+constexpr double kMuchRenderNoise = 0.1;  // share of the events; more is a warning
 
 // Reports progress to the terminal and to `options.progress`.
 class ProgressReporter {
@@ -93,6 +97,8 @@ class SenseRun {
  private:
   std::vector<double> amperes();
   ModelChoice model() const;
+  PixelArray pixels() const;
+  EventSorter sorter() const;
   void run_streaming();
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
@@ -112,6 +118,21 @@ class SenseRun {
   PixelArray pixels_;
   EventSorter sorter_;
   EventSink sink_;
+  // A second run for the renderer's noise: of its light, pixels and events.
+  struct Again {
+    // The noise of two renders is in the difference of the lights.
+    explicit Again(const SenseRun& run)
+        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise),
+          pixels(run.pixels()),
+          sorter(run.sorter()),
+          repeats(run.source_->info().width, run.timeline_.from_us(), run.timeline_.to_us()) {}
+    PhotocurrentReader light;
+    PixelArray pixels;
+    EventSorter sorter;
+    Repeats repeats;
+    LabelledEvents events{};
+  };
+  std::unique_ptr<Again> again_;
   std::vector<float> first_fa_;    // light of the first frame
   std::int64_t light_planes_ = 0;  // given to the pixels
 };
@@ -125,11 +146,21 @@ SenseRun::SenseRun(const SenseOptions& options)
       model_(model()),
       moves_(options.motion && source_->has_motion()),
       light_(*source_, amperes_),
-      pixels_(model_, chip_, source_->info().width, source_->info().height, options.seed, 1.0,
-              options.labels.has_value()),
-      // The readout of a loop begins after its warm-up.
-      sorter_(source_->info().width, options.labels.has_value(), timeline_.loops() ? timeline_.from_us() : 0),
-      sink_(options, chip_, timeline_) {}
+      pixels_(pixels()),
+      sorter_(sorter()),
+      sink_(options, chip_, timeline_) {
+  if (moves_ && source_->info().has_noise && options_.render_noise > 0) again_ = std::make_unique<Again>(*this);
+}
+
+PixelArray SenseRun::pixels() const {
+  const StackInfo& info = source_->info();
+  return {model_, chip_, info.width, info.height, options_.seed, 1.0, options_.labels.has_value()};
+}
+
+EventSorter SenseRun::sorter() const {
+  // The readout of a loop begins after its warm-up.
+  return EventSorter(source_->info().width, options_.labels.has_value(), timeline_.loops() ? timeline_.from_us() : 0);
+}
 
 // Per unit of each band's value: of all bands, or of those drawn.
 std::vector<double> SenseRun::amperes() {
@@ -166,6 +197,14 @@ SenseReport SenseRun::run() {
                    {"warnings", timeline_.warnings()},
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
+  if (again_) {
+    results_["render_noise"] = again_->repeats.report();
+    if (again_->repeats.share() > kMuchRenderNoise)
+      results_["warnings"].push_back(fmt::format(
+          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another "
+          "render); render with more --samples, or with --noise-events 10%",
+          100 * again_->repeats.share()));
+  }
   return {config(), results_};
 }
 
@@ -176,16 +215,24 @@ void SenseRun::run_streaming() {
   LabelledEvents events;
   const auto step = [&](const LightBatch& light) {
     note_light(light, pixels_of(all));
-    const FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
-    sorter_.begin(frames.t_us);
-    pixels_.advance(frames, pixels_of(all), sorter_);
-    sorter_.take(clock.final_us(), events);
+    FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
+    const auto simulate = [&](PixelArray& pixels, EventSorter& sorter, LabelledEvents& out) {
+      sorter.begin(frames.t_us);
+      pixels.advance(frames, pixels_of(all), sorter);
+      sorter.take(clock.final_us(), out);
+    };
+    simulate(pixels_, sorter_, events);
+    if (again_) {
+      frames.planes = light.again;
+      simulate(again_->pixels, again_->sorter, again_->events);
+      again_->repeats.match(events, again_->events, clock.final_us(), frames.last);
+    }
     if (!sink_.write(events, frames.last)) return false;
     progress.at(light.steps);
     return true;
   };
   if (moves_)
-    feed_moving(timeline_, light_, step);
+    feed_moving(timeline_, light_, again_ ? &again_->light : nullptr, step);
   else
     feed_frames(timeline_, light_, all, step);
 }
@@ -252,7 +299,8 @@ Json SenseRun::config() const {
                                : light.fnumber ? light.fnumber
                                                : source_->info().fnumber)},
           {"fps", optional(options_.times.fps)},
-          {"motion", moves_}};
+          {"motion", moves_},
+          {"render_noise", again_ ? options_.render_noise : 0}};
 }
 
 }  // namespace

@@ -46,9 +46,10 @@ Layer light(const StackInfo& info) {
   return layer;
 }
 
-// The light, then the layers listed in stack.json.
+// The light, its noise, then the layers listed in stack.json.
 std::vector<Layer> layers(JsonObject& o, const StackInfo& info) {
   std::vector<Layer> all{light(info)};
+  if (info.has_noise) all.push_back({kNoise, all[0].prefix, {kNoise}, "1"});
   if (!o.has("layers")) return all;
   for (JsonObject& entry : o.objects("layers")) {
     Layer layer;
@@ -104,6 +105,7 @@ StackInfo parse_stack_info(const Json& json, const std::string& file) {
            fmt::format("at most {}", kMaxSide));
   info.has_between = o.boolean_or("between", false);
   info.has_light = o.boolean_or("light", true);
+  info.has_noise = o.boolean_or("noise", false);
   for (JsonObject& band : o.objects("bands")) {
     const Band b{band.number("lambda_nm", {100, 20000}), band.number("weight_nm", {0, 1e6})};
     if (!info.bands.empty() && b.lambda_nm < info.bands.back().lambda_nm + 2 * kSameLambda_nm)

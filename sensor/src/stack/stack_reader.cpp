@@ -207,6 +207,10 @@ void StackReader::read_between(std::int64_t interval, std::size_t which, const R
   read_file(between_path(interval, which), info_.layers[0], {}, sink, 0, info_.file_height());
 }
 
+void StackReader::read_between_noise(std::int64_t interval, std::size_t which, const RowSink& sink) const {
+  read_file(between_path(interval, which), layer_of(info_, kNoise, folder_), {}, sink, 0, info_.file_height());
+}
+
 void StackReader::will_read(std::int64_t index) const {
   const int fd = ::open(frame_path(index).c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return;
@@ -243,6 +247,10 @@ void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, 
 
 void StackReader::read_fine_rows(std::int64_t index, const RowSink& sink) const {
   read_rows(index, info_.layers[0], sink, 0, 0);
+}
+
+void StackReader::read_noise(std::int64_t index, const RowSink& sink) const {
+  read_rows(index, layer_of(info_, kNoise, folder_), sink, 0, 0);
 }
 
 void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const {

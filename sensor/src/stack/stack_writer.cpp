@@ -19,13 +19,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Rounds to 12 of the 23 mantissa bits, to nearest even: relative error <= 2^-13.
-float rounded(float v) {
+// Rounds to some of the 23 mantissa bits, to nearest even: relative error <= 2^-(kept + 1).
+float rounded(float v, int kept) {
   auto bits = std::bit_cast<std::uint32_t>(v);
   if ((bits & 0x7f800000u) == 0x7f800000u) return v;  // inf, NaN
-  bits += 0x3ffu + ((bits >> 11) & 1u);
-  return std::bit_cast<float>(bits & ~0x7ffu);
+  const int lost = 23 - kept;
+  bits += (1u << (lost - 1)) - 1 + ((bits >> lost) & 1u);
+  return std::bit_cast<float>(bits >> lost << lost);
 }
+constexpr int kLightBits = 12, kNoiseBits = 4;  // of the mantissa; few, since noise does not compress
 
 // Collects a file in memory, so that write_file() writes it and detects every error (OpenEXR's own stream ignores those
 // in its destructor).
@@ -98,13 +100,13 @@ StackWriter::StackWriter(fs::path folder, const Json& stack_json)
 }
 
 bool StackWriter::has_frame(std::int64_t index, std::string_view name) const {
-  const Layer& layer = layer_of(info_, name, folder_);
+  const Layer layer = written(layer_of(info_, name, folder_));
   return index >= 0 && index < planned_frames(info_, layer) &&
          is_whole(folder_ / frame_name(layer, index), layer, info_.times_ns[static_cast<std::size_t>(index)]);
 }
 
 void StackWriter::write_frame(std::int64_t index, std::span<const float> values, std::string_view name) const {
-  const Layer& layer = layer_of(info_, name, folder_);
+  const Layer layer = written(layer_of(info_, name, folder_));
   const std::int64_t count = planned_frames(info_, layer);
   if (index < 0 || index >= count)
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
@@ -112,7 +114,7 @@ void StackWriter::write_frame(std::int64_t index, std::span<const float> values,
 }
 
 bool StackWriter::has_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns) const {
-  return is_whole(folder_ / between_name(interval, number), info_.layers[0], time_ns);
+  return is_whole(folder_ / between_name(interval, number), written(info_.layers[0]), time_ns);
 }
 
 void StackWriter::write_between(std::int64_t interval, std::int64_t number, std::int64_t time_ns,
@@ -122,7 +124,7 @@ void StackWriter::write_between(std::int64_t interval, std::int64_t number, std:
   if (time_ns <= begin_ns || time_ns >= end_ns)
     throw bad_input(folder_.string(), "between", fmt::format("{} ns", time_ns),
                     fmt::format("more than {} and less than {}", begin_ns, end_ns));
-  write(folder_ / between_name(interval, number), info_.layers[0], time_ns, values);
+  write(folder_ / between_name(interval, number), written(info_.layers[0]), time_ns, values);
 }
 
 bool StackWriter::is_whole(const fs::path& path, const Layer& layer, std::int64_t time_ns) const {
@@ -145,6 +147,14 @@ bool StackWriter::is_whole(const fs::path& path, const Layer& layer, std::int64_
   }
 }
 
+Layer StackWriter::written(const Layer& layer) const {
+  if (layer.name == kNoise && info_.has_noise)
+    throw bad_input(folder_.string(), "layer", kNoise, "the light, whose last channel it is");
+  Layer file = layer;
+  if (layer.name == kLight && info_.has_noise) file.channels.emplace_back(kNoise);
+  return file;
+}
+
 void StackWriter::write(const fs::path& path, const Layer& layer, std::int64_t time_ns,
                         std::span<const float> values) const {
   if (values.size() != frame_values(info_, layer))
@@ -152,7 +162,10 @@ void StackWriter::write(const fs::path& path, const Layer& layer, std::int64_t t
                     fmt::format("{} x {} x {}", layer.channels.size(), info_.file_height(), info_.file_width()));
   limit_exr();
   std::vector<float> copy(values.begin(), values.end());
-  if (layer.name == kLight) std::transform(copy.begin(), copy.end(), copy.begin(), rounded);
+  const std::size_t plane = values.size() / layer.channels.size();
+  for (std::size_t c = 0; layer.name == kLight && c < layer.channels.size(); ++c)
+    for (float& v : std::span(copy).subspan(c * plane, plane))
+      v = rounded(v, layer.channels[c] == kNoise ? kNoiseBits : kLightBits);
 
   MemoryStream stream;
   try {

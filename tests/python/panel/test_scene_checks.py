@@ -94,8 +94,8 @@ assert "Use at least 12 samples" in only("Render noise of about 0.5 contrast thr
 s.samples = 16
 assert remarks() == []
 s.samples = 4
-bpy.ops.pecs.set_noise_target()
-assert abs(s.noise_target - 0.1) < 1e-6 and remarks() == []
+bpy.ops.pecs.set_noise_events()
+assert abs(s.noise_events - 0.1) < 1e-6 and remarks() == []
 background.state.light.clear()
 
 # Files and scripts.

@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -86,6 +87,28 @@ def test_denoising_removes_the_noise_and_threads_change_nothing(blends):
     assert files(adaptive(blends, "room", "--threads", 1)) == files(clean)
 
 
+def render_noise(bench, folder):
+    out = folder / "events.npz"
+    options = {"fnumber": 2.0, "readout": "ideal", "noise": False, "overrides": bench.SENSOR}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of the share
+        return pecs.sense(folder, out, **options)["results"]["render_noise"]
+
+
+def test_the_share_of_noise_events_is_that_between_two_renders(blends, bench):
+    first = adaptive(blends, "room")
+    events = [bench.events(folder) for folder in (first, adaptive(blends, "room", "--seed", 2))]
+    found = render_noise(bench, first)
+    wanted = 1 - bench.score(events[1], events[0], found["window_us"])["precision"]
+    assert 0.1 < wanted < 0.3 and abs(found["share"] / wanted - 1) < 1 / 3
+
+
+def test_samples_are_chosen_for_a_share_of_noise_events(blends, bench):
+    folder = adaptive(blends, "room", "--noise-events", "12%")
+    samples = json.loads((folder / "stack.json").read_text())["render"]["samples"]
+    assert samples >= 16 and 0.05 < render_noise(bench, folder)["share"] < 0.15
+
+
 @pytest.mark.parametrize("name", ["shadow", "flicker"])
 def test_what_motion_does_not_explain_is_rendered_between(blends, bench, name):
     folder = adaptive(blends, name)
@@ -118,7 +141,7 @@ def test_what_stands_still_stays_bit_by_bit(blends):
     with pecs.StackReader(folder) as reader:
         first, last = reader.read_frame(0), reader.read_frame(reader.info["frames"] - 1)
     same = (first == last).all(0)
-    assert 0.5 < same.mean() < 1
+    assert 0.3 < same.mean() < 1  # the ball changes the light on what is near it
 
 
 def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):

@@ -84,8 +84,8 @@ def test_the_plan_counts_layers_alone(blends, tmp_path):
             "--time adaptive cannot be combined",
         ),
         (
-            ("--no-light", "--layers", "depth", "--noise-target", 0.1),
-            "--noise-target cannot be combined",
+            ("--no-light", "--layers", "depth", "--noise-events", 0.1),
+            "--noise-events requires --time adaptive",
         ),
     ],
 )

@@ -1,6 +1,7 @@
 """`pecs sense` on stacks with the layer `motion`: events as from many more frames, loops, threads, wrong files."""
 
 import json
+import warnings
 
 import numpy as np
 import pecs
@@ -55,6 +56,49 @@ def test_events_are_those_of_many_frames(tmp_path, pecs_program, keyframes):
     # The longest path bends: the ellipse turns.
     assert 17 <= records[0]["results"]["dense_steps"] - 1 <= 25
     assert "dense_steps" not in records[1]["results"]
+
+
+def test_events_of_the_renderers_noise(tmp_path):
+    """The estimated share is that of events that differ between two stacks with independent noise."""
+    noise_of, frames = np.random.default_rng(3).normal, [SCENE.frame(t) for t in (0.0, 1.0)]
+    lights = [[1e-3 * np.exp(noise_of(0, 0.04, f.shape)) * f for f in frames] for _ in range(2)]
+
+    def run(name, light, noise, **options):
+        folder = write_stack(tmp_path / f"stack_{name}", frames, [0, STEP_NS], [SCENE.motion()], light=False)
+        stack = json.loads((folder / "stack.json").read_text())
+        (folder / "stack.json").write_text(json.dumps(stack | {"light": True, "noise": True}))
+        with pecs.StackWriter(folder, stack | {"light": True, "noise": True}) as writer:
+            for i in range(2):
+                writer.write_frame(i, np.stack([light[i], noise * noise_of(0, 0.04, light[i].shape)]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of the share
+            report = pecs.sense(folder, tmp_path / f"{name}.npz", chip="ideal", **options)
+        return report["results"].get("render_noise"), pecs.read(tmp_path / f"{name}.npz")
+
+    found, events = run("a", lights[0], 1.0, labels=tmp_path / "labels.npy")
+    _, others = run("b", lights[1], 1.0)
+
+    def nearest(of, among):
+        same = (of["x"][:, None] == among["x"]) & (of["p"][:, None] == among["p"])
+        apart = np.where(same, np.abs(of["t"][:, None] - among["t"]), 1 << 40)
+        return apart.argmin(1), apart.min(1)
+
+    alone = 0
+    for row in range(SCENE.height):
+        a, b = (e[e["y"] == row] for e in (events, others))
+        if not (len(a) and len(b)):
+            alone += len(a)
+            continue
+        (to_b, apart), (to_a, _) = nearest(a, b), nearest(b, a)
+        alone += int(((to_a[to_b] != np.arange(len(a))) | (apart > found["window_us"])).sum())
+    wanted = alone / len(events)
+    assert len(events) > 3000 and 0.1 < wanted < 0.6 and found["share"] == pytest.approx(wanted, rel=0.15)
+    labels = np.load(tmp_path / "labels.npy")
+    assert (labels == pecs.sensor.LABELS.index("render")).mean() == pytest.approx(found["share"], abs=1e-9)
+
+    assert run("still", lights[0], 0.0)[0]["share"] == 0
+    with_noise, without = run("one thread", lights[0], 1.0, threads=1)[1], run("off", lights[0], 1.0, render_noise=0)
+    assert without[0] is None and (with_noise == without[1]).all()
 
 
 def test_threads_change_nothing(tmp_path, pecs_program, keyframes):

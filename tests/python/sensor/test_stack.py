@@ -262,6 +262,28 @@ def test_pictures_between_frames(tmp_path):
             stack.write_between(1, 4, 150_000, part)
 
 
+def test_noise_beside_the_light(tmp_path):
+    oiio = pytest.importorskip("OpenImageIO")
+    light, noise = frame(), np.random.default_rng(1).normal(0, 0.1, (1, 17, 20)).astype(np.float32)
+    with StackWriter(tmp_path, stack_json() | {"between": True, "noise": True}) as stack:
+        stack.write_frame(0, np.concatenate([light, noise]))
+        stack.write_between(0, 1, 50_000, np.concatenate([2 * light, noise]))
+        assert stack.has_frame(0) and stack.has_between(0, 1, 50_000)
+        with pytest.raises(ValueError, match="wanted"):
+            stack.write_frame(1, light)
+        with pytest.raises(pecs.PecsError, match="got noise, wanted the light, whose last channel it is"):
+            stack.write_layer("noise", 0, np.concatenate([light, noise]))
+    with StackReader(tmp_path) as reader:
+        assert [layer["name"] for layer in reader.layers] == ["light", "noise"]
+        np.testing.assert_allclose(reader.read_frame(0), light, rtol=2**-12)
+        np.testing.assert_allclose(reader.read_layer("noise", 0), noise, rtol=2**-5)
+        np.testing.assert_allclose(reader.read_between(0, 0), 2 * light, rtol=2**-12)
+    for name in ("frame_000000.exr", "between_000000_000001.exr"):
+        file = oiio.ImageBuf(str(tmp_path / name))
+        seen = file.get_pixels(oiio.FLOAT)[..., file.spec().channelnames.index("noise")]
+        np.testing.assert_allclose(seen, noise[0], rtol=2**-5)
+
+
 def test_the_times_of_pictures_between_need_an_array(tmp_path):
     scene = Scene(24, 16, samples=1)
     between = [(0, 0, 1_000, scene.frame(0.25)), (0, 1, 3_000, scene.frame(0.75))]

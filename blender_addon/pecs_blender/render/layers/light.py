@@ -29,22 +29,23 @@ class Light(Layer):
     name, unit, at = "light", "as stack.json's quantity", "instant"
 
     def __init__(self, stage: Stage, sampling: Sampling):
-        """Sets samples and seed, and renders what is the same in every frame: lens normalisation and still parts. With
-        `sampling.denoise`, what `fresh` renders has the denoiser's guides as further channels."""
+        """Sets samples and seed, and renders what is the same in every frame: lens normalisation and still parts.
+
+        With `sampling.denoise` the samples of a pixel are rendered in two halves of one sequence, which are denoised
+        alike: half of their difference has the standard deviation of the error that is left. A frame then has further
+        channels: half the difference of the halves' bands (first minus second), and the denoiser's guides of each."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
         self._denoiser = denoise.Denoiser(sampling.threads) if sampling.denoise else None
-        self._guides = denoise.GUIDES if sampling.denoise else ()
-        self._shape = (len(stage.lambda_nm) + denoise.CHANNELS * len(self._guides), *stage.size[::-1])
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
-        scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
+        scene.cycles.samples, scene.cycles.seed, self._samples = rays.samples, rays.seed, rays.samples
         to_film = stage.unit[:, None, None]
         if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
-        self._to_film = to_film.astype(np.float32)
-        self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * stage.subpixels) for gain in self._to_film]
-        self._to_film[~np.isfinite(self._to_film)] = 0
+        to_film = to_film.astype(np.float32)
+        self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * stage.subpixels) for gain in to_film]
+        self._to_film = np.broadcast_to(np.where(np.isfinite(to_film), to_film, 0), (len(to_film), *stage.size[::-1]))
         if stage.moving_px:  # with uniform steps only, which are not denoised
             stage.set_time(0.0)
             self._still = self.fresh()
@@ -58,46 +59,74 @@ class Light(Layer):
         self._light_up(frame)  # across the border of the box
         return self.blur(frame)
 
-    def fresh(self, boxes_px: list[Box] | None = None, passes: slice = slice(None)) -> np.ndarray:
-        """[bands + guides, height, width] of the current instant in these boxes (None: everywhere), before diffraction;
-        NaN elsewhere and in the bands of other passes. Guides are means over the passes."""
-        (width, height), scene = self._stage.size, self._stage.source.scene
-        frame, bands = np.full(self._shape, np.nan, np.float32), len(self._to_film)
-        to_film = np.broadcast_to(self._to_film, (bands, height, width))
-        for count, one in enumerate(self._stage.passes[passes], 1):
+    def fresh(self, boxes_px: list[Box] | None = None) -> np.ndarray:
+        """[bands (and what __init__ lists), height, width] of the current instant in these boxes (None: everywhere),
+        before diffraction; NaN elsewhere."""
+        passes = range(len(self._stage.passes))
+        if not self._denoiser:
+            frame = self._rendered(passes, boxes_px)
+        else:
+            half, bands = self._samples // 2, len(self._to_film)
+            halves = []
+            for first in (0, half):
+                with cycles.sample_subset(self._stage.source.scene, first, half):
+                    halves.append(self._rendered(passes, boxes_px, denoise.GUIDES))
+            a, b = (one[:bands] for one in halves)
+            frame = np.concatenate([(a + b) / 2, (a - b) / 2, *(one[bands:] for one in halves)])
+        self._light_up(frame)
+        return frame
+
+    def strips(self, boxes_px: list[Box], which: int) -> np.ndarray:
+        """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN
+        elsewhere."""
+        frame = self._rendered(range(which, which + 1), boxes_px)
+        self._light_up(frame)
+        return frame
+
+    def _rendered(self, passes: range, boxes_px: list[Box] | None, guides: tuple[str, ...] = ()) -> np.ndarray:
+        """[bands + guides, height, width]; guides are means over the passes."""
+        (width, height), scene, bands = self._stage.size, self._stage.source.scene, len(self._to_film)
+        frame = np.full((bands + denoise.CHANNELS * len(guides), height, width), np.nan, np.float32)
+        for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
             if self._stage.lens:
                 scene.camera = one.camera
             self._stage.spectral.set_pass(one.channels)
             for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
                 cycles.set_border(scene, box if boxes_px else None)
                 at = (slice(box[1], box[3]), slice(box[0], box[2]))
-                pictures = self._film.passes("Combined", *self._guides)
+                pictures = self._film.passes("Combined", *guides)
                 picture = pictures["Combined"][: one.bands.stop - one.bands.start, at[0], at[1]]
-                frame[one.bands, at[0], at[1]] = picture * to_film[one.bands, at[0], at[1]]
-                for first, name in enumerate(self._guides):
+                frame[one.bands, at[0], at[1]] = picture * self._to_film[one.bands, at[0], at[1]]
+                for first, name in enumerate(guides):
                     guide = frame[bands + denoise.CHANNELS * first :][: denoise.CHANNELS, at[0], at[1]]
                     new = pictures[name][:, at[0], at[1]]
                     guide[:] = new if count == 1 else guide + (new - guide) / count
         cycles.set_border(scene, None)
-        self._light_up(frame)
         return frame
 
     def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray | None:
-        """Denoised light [bands, height, width] of a frame or a part of one, before diffraction; None if nothing is
-        denoised."""
+        """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], that of all
+        samples, and half the difference of the halves; None if nothing is denoised."""
+        if not self._denoiser:
+            return None
         bands = len(self._to_film)
-        return self._denoiser(frame[:bands], frame[bands:], fast) if self._denoiser else None
+        mean, difference, guides = np.split(frame, (bands, 2 * bands))
+        of_first, of_second = np.split(guides, 2)
+        first = self._denoiser(mean + difference, of_first, fast=True)
+        second = self._denoiser(mean - difference, of_second, fast=True)
+        return np.concatenate([self._denoiser(mean, (of_first + of_second) / 2, fast), (first - second) / 2])
 
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
-        for picture, (dark, near) in zip(frame, self._dark, strict=False):  # guides follow
+        for picture, (dark, near) in zip(frame, self._dark, strict=False):  # further channels follow
             picture.ravel()[dark] = picture.ravel()[near]
 
     def blur(self, frame: np.ndarray) -> np.ndarray:
-        """Applies diffraction to [bands, height, width], in place."""
-        for one in self._stage.passes:
-            for picture, blur in zip(frame[one.bands], one.blurs, strict=False):  # none without diffraction
-                blur(picture)
+        """Applies diffraction to [bands, height, width], or to several of them one after the other, in place."""
+        for first in range(0, len(frame), len(self._to_film)):
+            for one in self._stage.passes:
+                for picture, blur in zip(frame[first:][one.bands], one.blurs, strict=False):  # none without diffraction
+                    blur(picture)
         return frame
 
     def parts(self, boxes_px: list[Box], under: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,15 +140,14 @@ class Light(Layer):
         return frame, self._in_boxes(_over(under[:bands], frame[:bands]), boxes_px)
 
     def clean_parts(self, boxes_px: list[Box], frame: np.ndarray, under: np.ndarray) -> np.ndarray | None:
-        """Denoised light [bands, height, width] with diffraction of a frame that was rendered in these boxes, NaN
-        elsewhere; None if nothing is denoised. under: frame of another instant, which denoiser and diffraction use
-        around the boxes."""
+        """As `clean`, with diffraction, of a frame that was rendered in these boxes, NaN elsewhere. under: frame of
+        another instant, which denoiser and diffraction use around the boxes."""
         if not self._denoiser:
             return None
         corners = np.array([self._grown(box, DENOISE_PX) for box in boxes_px])
         (left, top), (right, bottom) = corners[:, :2].min(0), corners[:, 2:].max(0)
         around = _over(under, frame)
-        clean = around[: len(self._to_film)].copy()
+        clean = around[: 2 * len(self._to_film)].copy()
         clean[:, top:bottom, left:right] = self.clean(around[:, top:bottom, left:right], fast=True)
         return self._in_boxes(clean, boxes_px)
 

@@ -40,8 +40,9 @@ DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& ampe
 // Reads planes of photocurrent [fA], without dark current. Thread-safe.
 class PhotocurrentReader {
  public:
-  // amperes: per unit of each band's value. The source must outlive the reader.
-  PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes);
+  // amperes: per unit of each band's value. noise: read_fine() and read_between() return light * exp(noise * n), where
+  // n is the source's noise. The source must outlive the reader.
+  PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes, double noise = 0);
   const FrameSource& source() const { return source_; }
   const StackInfo& info() const { return source_.info(); }
   // Rows [begin, end) of a frame into plane: [(end - begin) * width]. Values that are not finite become NaN (a pixel
@@ -56,10 +57,12 @@ class PhotocurrentReader {
 
  private:
   RowSink sums(int width, int begin, float* plane, bool has_holes = false);
+  RowSink disturbance(float* plane) const;
   void count_bad(const float* values, std::size_t n, float* out, bool has_holes);
 
   const FrameSource& source_;
   std::vector<float> femtoamperes_;
+  float noise_;
   std::atomic<std::int64_t> not_finite_{0}, negative_{0};
 };
 

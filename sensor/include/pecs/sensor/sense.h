@@ -32,9 +32,11 @@ struct SenseOptions {
   std::shared_ptr<FrameSource> source;          // instead of `stack`
   ModelChoice model;                            // white_fa 0: the 99.5 % quantile of the first frame
   bool ideal_readout = false;                   // instead of the chip's (readout.h)
-  std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's cause (0 signal, 1 leak, 2 noise, 3 hot)
-  Window window;                                // of the output
-  bool motion = true;                           // warp light between frames along the source's motion, if it has any
+  std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's Cause
+  // Events that come from the renderer's noise are estimated, with this factor on the stack's noise; 0: they are not.
+  double render_noise = 1;
+  Window window;       // of the output
+  bool motion = true;  // warp light between frames along the source's motion, if it has any
   bool quiet = false;
   // Called with the events that are written, their times from the window's start. False ends the output there.
   std::function<bool(std::span<const events::Event>)> watch;

@@ -13,6 +13,9 @@ constexpr std::int64_t kLongestTime_us = 86'400'000'000;
 // Largest seed: the largest integer that JSON readers of all languages hold.
 constexpr std::uint64_t kLargestSeed = std::numeric_limits<std::int64_t>::max();
 
+// Largest factor on the renderer's noise.
+constexpr double kMostRenderNoise = 100;
+
 // N for "mc:N" (Eq. 8-11), 1 to 999999; 0 for "all"; nothing for other texts.
 std::optional<int> monte_carlo_bands(std::string_view text);
 

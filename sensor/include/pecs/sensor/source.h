@@ -33,7 +33,7 @@ struct Layer {
   std::string unit;
   bool per_interval = false;
 };
-inline constexpr const char *kLight = "light", *kMotion = "motion";
+inline constexpr const char *kLight = "light", *kNoise = "noise", *kMotion = "motion";
 
 struct StackInfo {
   Quantity quantity = Quantity::irradiance;
@@ -42,6 +42,7 @@ struct StackInfo {
   int file_width() const { return width * subpixels; }
   int file_height() const { return height * subpixels; }
   bool has_between = false;  // there may be pictures between frames
+  bool has_noise = false;    // files of light have the channel kNoise: the layer of that name, after the light
   bool has_light = true;     // false: only other layers; reading the light throws
   std::optional<double> pixel_pitch_m;
   std::optional<double> fnumber;  // of the camera, for radiance
@@ -79,6 +80,10 @@ class FrameSource {
   // all rows of one of them with its subpixels, NaN where it was not rendered.
   virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }
   virtual void read_between(std::int64_t, std::size_t, const RowSink&) const {}
+  // With info().has_noise, the renderer's noise in ln(photocurrent), a signed sample of its standard deviation: all
+  // rows with subpixels, of a frame and of a picture within an interval.
+  virtual void read_noise(std::int64_t, const RowSink&) const {}
+  virtual void read_between_noise(std::int64_t, std::size_t, const RowSink&) const {}
 
   // A live source (a camera, a video as it plays) holds only its newest frame, and its end is unknown. next_us() waits
   // for a frame, which read_rows then reads, and returns its time [us], or nothing at the end. The first frame can be

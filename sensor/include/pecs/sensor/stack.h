@@ -43,8 +43,8 @@ class StackWriter {
   const std::filesystem::path& folder() const { return folder_; }
   // Whether the frame is complete on disk: its last row can be read and its time is right.
   bool has_frame(std::int64_t index, std::string_view layer = kLight) const;
-  // values: [channels][rows][columns]. The file appears complete or not at all. Light is rounded to 12 bits of
-  // mantissa.
+  // values: [channels][rows][columns]; of light with noise, the noise follows the bands. The file appears complete or
+  // not at all. Light is rounded to 12 bits of mantissa, its noise to 4.
   void write_frame(std::int64_t index, std::span<const float> values, std::string_view layer = kLight) const;
   // A picture within an interval, NaN where it was not rendered; `number` increases with the time. has_between: whether
   // it is complete on disk.
@@ -53,6 +53,7 @@ class StackWriter {
                      std::span<const float> values) const;
 
  private:
+  Layer written(const Layer& layer) const;  // with all channels of its files
   bool is_whole(const std::filesystem::path& path, const Layer& layer, std::int64_t time_ns) const;
   void write(const std::filesystem::path& path, const Layer& layer, std::int64_t time_ns,
              std::span<const float> values) const;
@@ -87,6 +88,8 @@ class StackReader : public FrameSource {
   void read_fine_rows(std::int64_t index, const RowSink& sink) const override;
   std::vector<std::int64_t> between_ns(std::int64_t interval) const override;
   void read_between(std::int64_t interval, std::size_t which, const RowSink& sink) const override;
+  void read_noise(std::int64_t index, const RowSink& sink) const override;
+  void read_between_noise(std::int64_t interval, std::size_t which, const RowSink& sink) const override;
   // The whole file as [channels][rows][columns].
   std::vector<float> read_frame(std::int64_t index, std::string_view layer = kLight) const;
   std::vector<float> read_between(std::int64_t interval, std::size_t which) const;
