@@ -163,11 +163,11 @@ void print(const Options& o, const sensor::SenseReport& report, const Console& c
     fmt::print("{}\n", text_of(r));
     return;
   }
-  fmt::print("{}: {} events, {}x{}\n", o.output.string(), r["events"].get<std::int64_t>(), r["width"].get<int>(),
-             r["height"].get<int>());
+  std::string line = fmt::format("{}: {} events, {}x{}", o.output.string(), r["events"].get<std::int64_t>(),
+                                 r["width"].get<int>(), r["height"].get<int>());
   if (const auto noise = r.find("render_noise"); noise != r.end() && (*noise)["share"].is_number())
-    fmt::print("render noise: {:.1f} % of the events would not come again in another render\n",
-               100 * (*noise)["share"].get<double>());
+    line += fmt::format(", {:.1f} % of them from the noise of the renderer", 100 * (*noise)["share"].get<double>());
+  fmt::print("{}\n", line);
   if (const auto dropped = r["dropped"].get<std::int64_t>())
     console.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
   for (const auto& warning : r["warnings"]) console.warn(warning.get<std::string>());
