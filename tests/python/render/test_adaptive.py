@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -87,26 +86,17 @@ def test_denoising_removes_the_noise_and_threads_change_nothing(blends):
     assert files(adaptive(blends, "room", "--threads", 1)) == files(clean)
 
 
-def render_noise(bench, folder):
-    out = folder / "events.npz"
-    options = {"fnumber": 2.0, "readout": "ideal", "noise": False, "overrides": bench.SENSOR}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of the share
-        return pecs.sense(folder, out, **options)["results"]["render_noise"]
-
-
 def test_the_share_of_noise_events_is_that_between_two_renders(blends, bench):
-    first = adaptive(blends, "room")
-    events = [bench.events(folder) for folder in (first, adaptive(blends, "room", "--seed", 2))]
-    found = render_noise(bench, first)
-    wanted = 1 - bench.score(events[1], events[0], found["window_us"])["precision"]
-    assert 0.1 < wanted < 0.3 and abs(found["share"] / wanted - 1) < 1 / 3
+    events, share = bench.simulated(adaptive(blends, "room"))
+    again = bench.events(adaptive(blends, "room", "--seed", 2))
+    wanted = 1 - bench.score(again, events, 5000)["precision"]
+    assert 0.1 < wanted < 0.3 and abs(share / wanted - 1) < 1 / 3
 
 
 def test_samples_are_chosen_for_a_share_of_noise_events(blends, bench):
     folder = adaptive(blends, "room", "--noise-events", "12%")
     samples = json.loads((folder / "stack.json").read_text())["render"]["samples"]
-    assert samples >= 16 and 0.05 < render_noise(bench, folder)["share"] < 0.15
+    assert samples >= 16 and 0.05 < bench.simulated(folder)[1] < 0.15
 
 
 @pytest.mark.parametrize("name", ["shadow", "flicker"])
