@@ -9,6 +9,8 @@
 #include "pecs/events/select.h"
 #include "pecs/events/summary.h"
 #include "pecs/progress.h"
+#include "pecs/sensor/dropped_file.h"
+#include "stage_arguments.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -19,7 +21,37 @@ struct Options {
   std::optional<std::string> format, input_format;
   std::vector<int> size;
   events::Selection selection;
+  sensor::StageOptions stages;
+  std::optional<std::filesystem::path> dropped;
   bool json = false;
+};
+
+// The stages of a chip on the events of a file.
+class Stages {
+ public:
+  Stages(const Options& o, const events::StreamInfo& info) : is_on_(o.stages.any()) {
+    if (is_on_) stages_.emplace(o.stages, info.width, info.height);
+    if (o.dropped) file_.emplace(*o.dropped, o.stages);
+  }
+  void apply(std::vector<events::Event>& block, bool last) {
+    if (!is_on_) return;
+    sensor::LabelledEvents part{{block.begin(), block.end()}, {}};
+    stages_->before_readout(part);
+    dropped_.clear();
+    stages_->after_readout(part, last, &dropped_);
+    if (file_) file_->write(dropped_);
+    block.assign(part.events.begin(), part.events.end());
+  }
+  Json close() {
+    if (file_) file_->commit();
+    return is_on_ ? sensor::counts_to_json(stages_->counts()) : Json();
+  }
+
+ private:
+  bool is_on_;
+  std::optional<sensor::EventStages> stages_;
+  std::optional<sensor::DroppedFile> file_;
+  std::vector<sensor::DroppedEvent> dropped_;
 };
 
 // Some files state no size: then all events are read to measure it.
@@ -44,18 +76,20 @@ void convert(const Options& o, Console& console) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
   events::Selector selector(o.selection);
-  const events::StreamInfo info = selector.info(input_info(o, from));
+  const events::StreamInfo whole = input_info(o, from), info = selector.info(whole);
   const auto reader = from.open_reader(o.in);
   const auto writer = to.open_writer(o.out, info);
 
+  Stages stages(o, whole);
   events::Summary read, written;
   Progress progress("events", 0, console.quiet());
   std::vector<events::Event> block;
-  for (;;) {
+  for (bool last = false; !last;) {
     block.resize(1 << 16);
     block.resize(reader->read(block));
-    if (block.empty()) break;
+    last = block.empty();
     read.add(block);
+    stages.apply(block, last);
     selector.apply(block);
     written.add(block);
     if (written.time_reversals > 0)
@@ -70,12 +104,14 @@ void convert(const Options& o, Console& console) {
   results["width"] = info.width;
   results["height"] = info.height;
   results["format"] = to.name;
+  if (const Json counts = stages.close(); !counts.is_null()) results["dropped_by_stage"] = counts;
   const events::Selection& s = o.selection;
   console.record(o.out, {.command = "convert",
                          .config = {{"input_format", from.name},
                                     {"format", to.name},
                                     {"t_start_us", optional_json(s.t_start_us)},
                                     {"t_end_us", optional_json(s.t_end_us)},
+                                    {"stages", sensor::stages_to_json(o.stages)},
                                     {"rezero", s.rezero},
                                     {"decimate", s.decimate}},
                          .inputs = {o.in},
@@ -91,7 +127,7 @@ void convert(const Options& o, Console& console) {
 
 void add_convert(CLI::App& app, Console& console) {
   const auto o = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("convert", "convert an event file to another format, whole or in part");
+  CLI::App* sub = app.add_subcommand("convert", "convert an event file to another format, whole, in part or filtered");
   sub->add_option("IN", o->in, "event file")->required();
   add_output(*sub, "OUT", o->out, "event file to write; its extension selects the format")->required();
   std::string names;
@@ -110,10 +146,12 @@ void add_convert(CLI::App& app, Console& console) {
   sub->add_option("--size", o->size, "width and height of IN in pixels, if it states none (default: measured)")
       ->expected(2)
       ->check(CLI::Range(1, 65536));
+  add_stages(*sub, o->stages, o->dropped);
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,
                {"pecs convert events.raw events.h5", "pecs convert events.raw part.csv --t-start 20ms --t-end 40ms",
-                "pecs convert events.txt events.npz --input-format e2vid"});
+                "pecs convert events.txt events.npz --input-format e2vid",
+                "pecs convert events.raw steady.raw --afk 90:110 --dropped flicker.npy"});
   sub->callback([o, &console] { convert(*o, console); });
 }
 

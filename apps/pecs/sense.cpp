@@ -11,6 +11,7 @@
 #include "pecs/input/live.h"
 #include "pecs/sensor/sense_options.h"
 #include "pecs/text.h"
+#include "stage_arguments.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -189,12 +190,14 @@ void add_sense(CLI::App& app, Console& console) {
   add_output(*sub, "-o,--output", o->output, "event file; its extension selects the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its extension");
   add_pixels(sub, o.get());
+  add_stages(*sub, o->stages, o->dropped);
   add_frames(sub, o.get());
   add_window(sub, o.get());
   add_live(sub, o.get());
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub, {"pecs sense out/stack -o events.raw",
                       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
+                      "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
                       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
                       "pecs sense --source camera --view -o events.raw --run-time 10s"});
   sub->callback([o, &console] {

@@ -37,7 +37,7 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
   const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
-  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false)};
+  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), options.stages};
   o.done();
   check_fits(chip, width, height, "frames");
   return new pecs_sensor{Sensor(options.no_noise ? without_noise(chip) : chip, width, height, options.seed, gain_fa,
@@ -164,6 +164,11 @@ int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capa
 
 int64_t pecs_sensor_dropped(const pecs_sensor* sensor, pecs_error* error) {
   return guard(error, [&] { return given(sensor, "sensor").sensor.dropped(); });
+}
+
+char* pecs_sensor_dropped_by_stage(const pecs_sensor* sensor, pecs_error* error) {
+  return guard(
+      error, [&] { return pecs::capi::hand_over(counts_to_json(given(sensor, "sensor").sensor.dropped_by_stage())); });
 }
 
 int pecs_sensor_bad_values(const pecs_sensor* sensor, int64_t* not_finite, int64_t* negative, pecs_error* error) {

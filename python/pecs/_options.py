@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any, TypedDict
+
+import numpy as np
 
 from .chip import Chip, chip_options
 
@@ -16,6 +18,14 @@ class PixelOptions(TypedDict, total=False):
     noise: bool  # photon noise, leak, background events and mismatch; default True
     seed: int  # default 1
     readout: str  # "chip" (row arbiter, rate limit, time base; default) or "ideal"
+    roi: Sequence[Sequence[int]] | None  # windows x, y, width, height: pixels outside all of them are off
+    mask: str | PathLike[str] | None  # file of pixels whose events are dropped
+    afk_hz: Sequence[float] | None  # anti-flicker: low, high of a band whose flicker is dropped; or afk_pass_hz: kept
+    afk_pass_hz: Sequence[float] | None
+    trail_us: int | None  # keep the first event of a burst; or stc_us: the second; or stc_keep_us: all but the first
+    stc_us: int | None
+    stc_keep_us: int | None
+    erc_hz: float | None  # event rate control: most events per second
     threads: int  # default 0: all; the events are the same with any number
 
 
@@ -39,6 +49,7 @@ class SenseOptions(PixelOptions, total=False):
     photocurrent_a: float | None  # likewise
     bands: str  # "all" (default), or "mc:N" for N bands drawn by their light
     labels: str | PathLike[str] | None  # an NPY file for each event's cause (`pecs.sensor.LABELS`)
+    dropped: str | PathLike[str] | None  # an NPY file of the events that a stage dropped (`pecs.sensor.STAGES`)
     warmup_loops: int  # of a periodic stack, before the output begins; default 0
     start_us: int  # begin of the output; default 0
     duration_us: int | None  # length of the output; default: to the end of the stack
@@ -52,6 +63,9 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
         raise TypeError(f"unexpected option {key!r}; the options are {', '.join(kind.__annotations__)}")
     out = {key: fspath(value) if isinstance(value, PathLike) else value for key, value in options.items()}
     out.pop("encoding", None)  # the frames are converted here
+    for key in ("afk_hz", "afk_pass_hz", "roi"):
+        if out.get(key) is not None:
+            out[key] = np.asarray(out[key]).tolist()
     out["param"] = {key: float(value) for key, value in (out.pop("parameters", None) or {}).items()}
     out["no_noise"] = not out.pop("noise", True)
     return chip_options(chip, out.pop("overrides", None)) | out

@@ -37,7 +37,7 @@ def sense(
 
     chip: a name, a path, or a `pecs.Chip`. Options:
 
-    - overrides, model, parameters, noise, seed, threads, readout: as of `pecs.Sensor`.
+    - overrides, model, parameters, noise, seed, threads, readout, and the stages: as of `pecs.Sensor`.
     - white_a: photocurrent [A] of white, for models that take no light.
     - format: of the output; by its name if not given.
     - fps, or times_us (a text file): times of frames without any.
@@ -45,6 +45,7 @@ def sense(
       (`Chip.amperes_per_unit`).
     - bands: "all" (default), or "mc:N" for N bands drawn by their light.
     - labels: an NPY file for each event's cause (`pecs.sensor.LABELS`).
+    - dropped: an NPY file of the events that a stage dropped: t, x, y, p, stage (`pecs.sensor.STAGES`).
     - warmup_loops: of a periodic stack, before the output begins (0). start_us, duration_us: begin (0) and length of
       the output.
     - render_noise: factor on the renderer's noise in the estimate of the events that come from it (1); 0: no estimate.

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
-from ._library import Handle, function
+from ._library import Handle, function, take_json
 from ._options import SensorOptions, library_options
 from .chip import Chip
 from .events import EVENT_DTYPE, Events
@@ -40,12 +40,14 @@ _push_moving = function("pecs_sensor_push_moving", INT64, *_frames, FLOATS, INT,
 _events = function("pecs_sensor_events", INT64, POINTER, POINTER, INT64)
 _labels = function("pecs_sensor_labels", INT64, POINTER, POINTER, INT64)
 _dropped = function("pecs_sensor_dropped", INT64, POINTER)
+_dropped_by_stage = function("pecs_sensor_dropped_by_stage", POINTER, POINTER)
 _int64 = ctypes.POINTER(ctypes.c_int64)
 _bad_values = function("pecs_sensor_bad_values", INT, POINTER, _int64, _int64)
 _close = function("pecs_sensor_close", None, POINTER, error=False)
 
 _CHUNK_BYTES = 64 << 20
 LABELS = ("signal", "leak", "noise", "hot", "render")
+STAGES = ("none", "roi", "mask", "afk", "trail", "erc")  # as numbered in the file of dropped events
 LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1"), ("label", "u1")])
 
 
@@ -90,6 +92,8 @@ class Sensor(Handle):
     - noise: photon noise, leak, background events and mismatch (True).
     - seed (1).
     - readout: "chip" (row arbiter, rate limit, time base; the default) or "ideal".
+    - roi, mask, afk_hz or afk_pass_hz, trail_us or stc_us or stc_keep_us, erc_hz: the chip's digital stages
+      (docs/reference/sensor.md), none by default. Their drops are counted in `dropped_by_stage`.
     - labels: events have a field `label`, the cause as an index into `pecs.sensor.LABELS` (False).
     - photocurrent_a: photocurrent of a value of 1 (1e-12 A).
     - encoding of the frames: "linear", "srgb", or None (srgb for uint8).
@@ -112,6 +116,7 @@ class Sensor(Handle):
         self.encoding = options.get("encoding")
         self.labels = options.get("labels", False)
         self.dropped = 0  # events that the readout lost, so far
+        self.dropped_by_stage: dict[str, int] = {}  # events that each stage behind it dropped, so far
         self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
         self._warns = True
         given = {"width": width, "height": height, "photocurrent_a": 1e-12}
@@ -165,6 +170,7 @@ class Sensor(Handle):
             out = np.empty(count, EVENT_DTYPE)
             _events(handle, out.ctypes.data, len(out))
             self.dropped = _dropped(handle)
+            self.dropped_by_stage = take_json(_dropped_by_stage(handle))
             if self.labels:
                 labels = np.empty(len(out), np.uint8)
                 _labels(handle, labels.ctypes.data, len(labels))

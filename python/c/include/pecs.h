@@ -284,6 +284,8 @@ PECS_API int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, 
 PECS_API int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error);
 /* Events lost so far because their pixel still waited to be read. */
 PECS_API int64_t pecs_sensor_dropped(const pecs_sensor* sensor, pecs_error* error);
+/* Events that each digital stage dropped so far: {"roi": N, "mask": N, "afk": N, "trail": N, "erc": N}. */
+PECS_API char* pecs_sensor_dropped_by_stage(const pecs_sensor* sensor, pecs_error* error);
 /* Values so far that no light has. Either pointer may be NULL. */
 PECS_API int pecs_sensor_bad_values(const pecs_sensor* sensor, int64_t* not_finite, int64_t* negative,
                                     pecs_error* error);

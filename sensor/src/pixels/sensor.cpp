@@ -95,7 +95,9 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
     : width_(width),
       height_(height),
       pixels_(model, chip, width, height, seed, unit_fa, extras.causes),
-      sorter_(width, extras.causes) {
+      sorter_(width, extras.causes),
+      stages_(extras.stages, width, height),
+      has_stages_(extras.stages.any()) {
   if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
 }
 
@@ -137,11 +139,18 @@ void Sensor::advance(std::span<const float* const> planes, std::span<const doubl
   const FrameBatch batch = clock_.batch(planes, t_us, last);
   sorter_.begin(batch.t_us);
   pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);
-  if (!readout_) return sorter_.take(clock_.final_us(), out);
-  fired_.events.clear();
-  fired_.causes.clear();
+  if (!readout_ && !has_stages_) return sorter_.take(clock_.final_us(), out);
+  for (LabelledEvents* part : {&fired_, &sent_}) part->events.clear(), part->causes.clear();
   sorter_.take(clock_.final_us(), fired_);
-  readout_->push(fired_, last, out);
+  stages_.before_readout(fired_);
+  if (!has_stages_) return readout_->push(fired_, last, out);
+  if (readout_)
+    readout_->push(fired_, last, sent_);
+  else
+    std::swap(fired_, sent_);
+  stages_.after_readout(sent_, last);
+  out.events.insert(out.events.end(), sent_.events.begin(), sent_.events.end());
+  out.causes.insert(out.causes.end(), sent_.causes.begin(), sent_.causes.end());
 }
 
 }  // namespace pecs::sensor

@@ -30,48 +30,46 @@ void trim(LabelledEvents& labelled, std::int64_t from_us, std::int64_t to_us) {
 
 }  // namespace
 
-CauseFile::CauseFile(const std::filesystem::path& path) : file_(path, AtomicFile::Order::goes_back) { write_header(); }
-
-void CauseFile::write_header() {
-  constexpr std::size_t kBytes = 128;  // a multiple of 64, as the format requires
-  constexpr char kStart[] = {'\x93', 'N', 'U', 'M', 'P', 'Y', 1, 0, kBytes - 10, 0};
-  const std::string text = fmt::format("{{'descr': '|u1', 'fortran_order': False, 'shape': ({},), }}", count_);
-  file_.write(std::string_view(kStart, sizeof kStart));
-  file_.write(fmt::format("{:<{}}\n", text, kBytes - sizeof kStart - 1));
-}
-
-void CauseFile::write(std::span<const Cause> causes) {
-  file_.write(std::as_bytes(causes));
-  count_ += causes.size();
-}
-
-void CauseFile::commit() {
-  std::rewind(file_.stream());
-  write_header();
-  file_.commit();
-}
-
 EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeline& timeline)
-    : options_(options), timeline_(timeline) {
+    : options_(options),
+      timeline_(timeline),
+      stages_(options.stages, timeline.source().info().width, timeline.source().info().height) {
   const StackInfo& info = timeline.source().info();
   writer_ = events::open_writer(options.output, {info.width, info.height, chip.name}, options.format);
-  if (options.labels) causes_.emplace(*options.labels);
+  if (options.labels) causes_.emplace(*options.labels, "'|u1'");
+  if (options.dropped) dropped_file_.emplace(*options.dropped, options.stages);
   if (!options.ideal_readout && !is_ideal_readout(chip)) readout_.emplace(chip, info.width, info.height, options.seed);
 }
 
 bool EventSink::write(LabelledEvents& fired, bool last) {
   const std::int64_t from_us = timeline_.from_us(), to_us = timeline_.to_us();
   if (timeline_.loops()) trim(fired, from_us, to_us);  // the warm-up is not read out
+  stages_.before_readout(fired);
   if (readout_) {
     clear(sent_);
     readout_->push(fired, last, sent_);
     clear(fired);
   }
   LabelledEvents& labelled = readout_ ? sent_ : fired;
+  stages_.after_readout(labelled, last, &dropped_);
+  note_dropped();
   trim(labelled, from_us, to_us);
   const bool goes_on = send(labelled);
   clear(labelled);
   return goes_on;
+}
+
+// Counts and writes the dropped events of the output's window.
+void EventSink::note_dropped() {
+  std::erase_if(dropped_, [&](const DroppedEvent& d) {
+    return d.event.t_us < timeline_.from_us() || d.event.t_us >= timeline_.to_us();
+  });
+  for (DroppedEvent& d : dropped_) {
+    ++dropped_by_[static_cast<std::size_t>(d.stage)];
+    d.event.t_us -= timeline_.from_us();
+  }
+  if (dropped_file_) dropped_file_->write(dropped_);
+  dropped_.clear();
 }
 
 bool EventSink::send(LabelledEvents& labelled) {
@@ -82,7 +80,7 @@ bool EventSink::send(LabelledEvents& labelled) {
   last_us_ = out.back().t_us;
   events_ += std::ssize(out);
   on_ += std::ranges::count(out, 1, &events::Event::p);
-  if (causes_) causes_->write(labelled.causes);
+  if (causes_) causes_->write(std::as_bytes(std::span(labelled.causes)), labelled.causes.size());
   writer_->write(out);
   return !options_.watch || options_.watch(out);
 }
@@ -90,13 +88,17 @@ bool EventSink::send(LabelledEvents& labelled) {
 void EventSink::close() {
   writer_->close();
   if (causes_) causes_->commit();
+  if (dropped_file_) dropped_file_->commit();
 }
 
 Json EventSink::report() const {
   const double seconds = static_cast<double>(last_us_ - first_us_) * 1e-6;
+  StageCounts by_stage = dropped_by_;
+  by_stage[static_cast<std::size_t>(Stage::roi)] = stages_.counts()[static_cast<std::size_t>(Stage::roi)];
   return {{"events", events_},
           {"on_fraction", events_ ? Json(static_cast<double>(on_) / static_cast<double>(events_)) : Json()},
           {"dropped", readout_ ? readout_->dropped() : 0},
+          {"dropped_by_stage", counts_to_json(by_stage)},
           {"t_first_us", first_us_},
           {"t_last_us", last_us_},
           {"rate_hz", seconds > 0 ? Json(static_cast<double>(events_) / seconds) : Json()}};

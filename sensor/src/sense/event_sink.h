@@ -6,24 +6,11 @@
 
 #include "pecs/events/format.h"
 #include "pecs/files.h"
+#include "pecs/sensor/dropped_file.h"
 #include "pecs/sensor/readout.h"
 #include "pecs/sensor/sense.h"
 
 namespace pecs::sensor {
-
-// A NumPy file of causes (bytes) that is written during the run; commit() puts the final length into its header.
-class CauseFile {
- public:
-  explicit CauseFile(const std::filesystem::path& path);
-  void write(std::span<const Cause> causes);
-  void commit();
-
- private:
-  void write_header();
-
-  AtomicFile file_;
-  std::size_t count_ = 0;
-};
 
 class EventSink {
  public:
@@ -36,13 +23,18 @@ class EventSink {
 
  private:
   bool send(LabelledEvents& labelled);
+  void note_dropped();
 
   const SenseOptions& options_;
   const Timeline& timeline_;
   std::unique_ptr<events::Writer> writer_;
   std::optional<Readout> readout_;
+  EventStages stages_;
   LabelledEvents sent_;
-  std::optional<CauseFile> causes_;
+  std::vector<DroppedEvent> dropped_;
+  StageCounts dropped_by_{};  // in the output's window
+  std::optional<NpyFile> causes_;
+  std::optional<DroppedFile> dropped_file_;
   std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;
 };
 

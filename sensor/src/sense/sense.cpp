@@ -286,6 +286,7 @@ Json SenseRun::config() const {
   return {{"chip", chip_to_json(chip_)},
           {"model", model_to_json(model_)},
           {"readout", options_.ideal_readout ? "ideal" : "chip"},
+          {"stages", stages_to_json(options_.stages)},
           {"input", source_->layout()},
           {"bands", options_.monte_carlo_bands ? fmt::format("mc:{}", options_.monte_carlo_bands) : "all"},
           {"gain", optional(light.gain)},

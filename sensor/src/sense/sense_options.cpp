@@ -44,6 +44,7 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   out.model.name = o.text_or("model", out.model.name);
   if (o.has("param")) out.model.parameters = numbers_of(o.any("param"), "param");
   out.ideal_readout = o.has("readout") && o.one_of("readout", {"chip", "ideal"}) == "ideal";
+  out.stages = read_stage_options(o);
 }
 
 PhotocurrentOptions read_photocurrent_options(JsonObject& o) {
@@ -66,6 +67,7 @@ SenseOptions sense_options(JsonObject o) {
   else
     o.fail("bands", bands, "\"all\" or \"mc:N\"");
   if (o.has("labels")) out.labels = o.text("labels");
+  if (o.has("dropped")) out.dropped = o.text("dropped");
   out.motion = o.boolean_or("motion", true);
   out.render_noise = o.number_or("render_noise", out.render_noise, {0, kMostRenderNoise});
   out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));

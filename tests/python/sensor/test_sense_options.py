@@ -18,6 +18,14 @@ HEARD = {
     "param": (["--model", "esim", "--param", "log_eps=0.01"], "model"),
     "white": (["--model", "esim", "--white", "1pA"], "model"),
     "readout": (["--readout", "ideal"], "readout"),
+    "roi": (["--roi", "2,3,20,10"], "stages"),
+    "mask": (["--mask", "MASK"], "stages"),
+    "afk": (["--afk", "50:520"], "stages"),
+    "afk-pass": (["--afk-pass", "50:520"], "stages"),
+    "trail": (["--trail", "2ms"], "stages"),
+    "stc": (["--stc", "2ms"], "stages"),
+    "stc-keep": (["--stc-keep", "2ms"], "stages"),
+    "erc": (["--erc", "20kHz"], "stages"),
     "bands": (["--bands", "mc:1"], "bands"),
     "gain": (["--gain", "1e-15"], "gain"),
     "warmup-loops": (["--warmup-loops", "1"], "warmup_loops"),
@@ -36,6 +44,7 @@ REFUSED = {
     "window": (["--window", "3us"], "--view"),
     "source": (["--source", "video"], "--view"),
     "view": (["--view"], "video"),
+    "dropped": (["--dropped", "x.npy"], "no stage drops events"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
 ELSEWHERE = {"help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
@@ -58,6 +67,8 @@ def plain(tmp_path_factory, pecs_program):
 @pytest.mark.parametrize("option", HEARD)
 def test_an_option_is_heard(option, plain, pecs_program):
     args, key = HEARD[option]
+    (plain / "mask.txt").write_text("row 3\n")
+    args = [plain / "mask.txt" if word == "MASK" else word for word in args]
     done = pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args)
     assert done.returncode == 0, done.stderr
     record, before = (json.loads((plain / f"{name}.npz.run.json").read_text())["config"] for name in ("o", "plain"))

@@ -13,6 +13,7 @@
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/sensor/source.h"
+#include "pecs/sensor/stages.h"
 #include "pecs/sensor/timeline.h"
 #include "pecs/strict_json.h"
 
@@ -35,8 +36,10 @@ struct SenseOptions {
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's Cause
   // Events that come from the renderer's noise are estimated, with this factor on the stack's noise; 0: they are not.
   double render_noise = 1;
-  Window window;       // of the output
-  bool motion = true;  // warp light between frames along the source's motion, if it has any
+  StageOptions stages;
+  std::optional<std::filesystem::path> dropped;  // NPY of the events that a stage after the readout dropped
+  Window window;                                 // of the output
+  bool motion = true;                            // warp light between frames along the source's motion, if it has any
   bool quiet = false;
   // Called with the events that are written, their times from the window's start. False ends the output there.
   std::function<bool(std::span<const events::Event>)> watch;

@@ -9,6 +9,7 @@
 #include "pecs/sensor/event_sorter.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/sensor/readout.h"
+#include "pecs/sensor/stages.h"
 
 namespace pecs::sensor {
 
@@ -45,6 +46,7 @@ class PixelArray {
 struct SensorExtras {
   bool readout = false;  // the chip's row arbiter and time base; else events keep their times
   bool causes = false;   // report causes (models with tells_causes)
+  StageOptions stages = {};
 };
 
 class Sensor {
@@ -64,6 +66,7 @@ class Sensor {
   void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
                    std::size_t channels, bool last, LabelledEvents& events);
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
+  const StageCounts& dropped_by_stage() const { return stages_.counts(); }
 
  private:
   std::size_t pixels() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
@@ -74,7 +77,9 @@ class Sensor {
   EventSorter sorter_;
   FrameClock clock_;
   std::optional<Readout> readout_;
-  LabelledEvents fired_;  // to be read out
+  EventStages stages_;
+  bool has_stages_;
+  LabelledEvents fired_, sent_;  // by the pixels; by the readout
   std::vector<float> last_plane_;
   double last_t_us_ = 0;
 };
