@@ -47,7 +47,7 @@ REFUSED = {
     "dropped": (["--dropped", "x.npy"], "no stage drops events"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = {"help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
+ELSEWHERE = {"render-noise", "help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
 
 
 def test_every_option_is_in_one_of_the_tables(pecs_program):
