@@ -86,7 +86,7 @@ def hash_of(name):
 
 
 def test_masks_are_cryptomattes(root, blends, whole):
-    """Where more than half of a pixel is of an object, by 256 samples of Cycles' own."""
+    """Where more than half of a pixel is of an object, by 64 samples of Cycles' own."""
     run_support("blend_things", "--cryptomatte", blends / "things.blend", blends / "masks.npz")
     passes = np.concatenate([v for _, v in sorted(np.load(blends / "masks.npz").items())])
     ids, things, checked = ids_of(whole), by_name(whole), 0
