@@ -1,5 +1,5 @@
-// Damaged copies of good files, the same ones every time: a reader gives events or one pecs::Error, nothing else, and
-// comes to an end. PECS_FUZZ_ROUNDS asks for more than the few of a test run. HDF5 files are only cut short: damage to
+// Damaged copies of valid files, from fixed seeds: a reader returns events or throws one pecs::Error, and terminates.
+// PECS_FUZZ_ROUNDS sets the number of copies. HDF5 files are only cut short: damage to
 // the container meets the HDF5 library (1.10.8 of Debian 12 reads out of bounds in H5HG_read), so ECF is tried alone.
 #include <cstdlib>
 
@@ -25,11 +25,11 @@ void damage(std::vector<char>& bytes, std::mt19937_64& random, std::uint64_t kin
     case 0:  // flip a few bits
       for (std::uint64_t n = 1 + random() % 8; n > 0; --n) bytes[somewhere()] ^= static_cast<char>(1u << random() % 8);
       break;
-    case 1:  // a run of one value
+    case 1:  // overwrite a piece with one value
       for (std::size_t i = somewhere(), n = random() % 16; n > 0 && i < bytes.size(); ++i, --n)
         bytes[i] = static_cast<char>(random() % 2 ? 0xff : random() % 256);
       break;
-    case 2:  // cut out
+    case 2:  // remove a piece
       bytes.erase(bytes.begin() + static_cast<std::ptrdiff_t>(somewhere()));
       break;
     case 3:  // repeat a piece
@@ -70,7 +70,7 @@ TEST_P(FuzzEach, DamageIsAnErrorOrEvents) {
   for (int round = 0; round < rounds(150); ++round) {
     std::mt19937_64 random(static_cast<std::uint64_t>(round));
     const std::uint64_t kind = hdf5 ? kCut : random() % kKinds;
-    // Half of the damage in the first quarter, where headers are.
+    // Half of the damage is in the first quarter, which contains the header.
     const auto quarter = good.begin() + static_cast<std::ptrdiff_t>(round % 2 && !hdf5 ? good.size() / 4 : good.size());
     std::vector<char> bytes(good.begin(), quarter);
     damage(bytes, random, kind);
@@ -98,7 +98,7 @@ TEST(Fuzz, EcfBlocks) {
   int refused = 0;
   for (int round = 0; round < rounds(3000); ++round) {
     std::mt19937_64 random(static_cast<std::uint64_t>(round));
-    // Sparse, dense and row-wise streams take the three styles of a block.
+    // Sparse, dense and row-wise streams use the three block styles.
     const std::vector<Event> events = round % 3 == 0   ? random_events(200, 1280, 720, 5, 300, 8)
                                       : round % 3 == 1 ? random_events(200, 1280, 3, 5, 1, 9)
                                                        : row_bursts(64, 720, 9);

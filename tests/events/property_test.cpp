@@ -80,7 +80,7 @@ TEST_P(EachFormat, ATruncatedFileGivesAnErrorOrAPrefix) {
     });
     ASSERT_LE(got.size(), stream.events.size()) << size;
     const bool text = std::ranges::all_of(whole, [](char c) { return c == '\n' || (c >= ' ' && c <= '~'); });
-    // A cut text line may leave a shorter number: that event alone may differ.
+    // A truncated text line may end in a shorter number, so the last event may differ.
     const std::size_t sure = text && !got.empty() ? got.size() - 1 : got.size();
     ASSERT_TRUE(std::equal(got.begin(), got.begin() + static_cast<std::ptrdiff_t>(sure), stream.events.begin()))
         << size;

@@ -1,4 +1,4 @@
-// The real recording and the peer's simulation. The sums are those of independent readers: h5py with the vendor's ECF
+// A recording and a simulation by ESIM. The sums were computed with independent readers: h5py with the vendor's ECF
 // plugin, and expelliarmus; tests/python/events/test_formats.py compares every event.
 #include <array>
 
@@ -11,7 +11,7 @@ using namespace pecs::tests;
 
 namespace {
 
-// Sum over i of i * value, i from 1, of t, x, y and p, modulo 2^64: any swap or change of an event shows.
+// Sum over i of i * value, i from 1, of t, x, y and p, modulo 2^64: changes with every swap or change of an event.
 std::array<std::uint64_t, 4> sums(const std::vector<Event>& events) {
   std::array<std::uint64_t, 4> out{};
   for (std::uint64_t i = 0; i < events.size(); ++i) {

@@ -1,4 +1,4 @@
-// Events as planes: what no formula says. tests/python/events/test_representations.py has the formulas.
+// Representations: sums, limits and errors. tests/python/events/test_representations.py tests the formulas.
 #include "pecs/events/representations.h"
 
 #include <gtest/gtest.h>

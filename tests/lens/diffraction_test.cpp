@@ -37,7 +37,7 @@ TEST(Diffraction, APointBecomesTheAiryPattern) {
     const double airy = i == 0 ? 1.0 : std::pow(2 * std::cyl_bessel_j(1, v) / v, 2);
     EXPECT_NEAR(picture[kMiddle * kSize + kMiddle + i], peak * airy, 2e-3 * peak) << i;
   }
-  EXPECT_NEAR(std::accumulate(picture.begin(), picture.end(), 0.0), 1.0, 0.01);  // the rest lies outside
+  EXPECT_NEAR(std::accumulate(picture.begin(), picture.end(), 0.0), 1.0, 0.01);  // the rest is outside the kernel
   EXPECT_NEAR(airy_radius_mm(kLambda, kN) / kPitch, 2.6, 0.01);
 }
 

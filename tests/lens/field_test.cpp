@@ -25,7 +25,7 @@ TEST_P(EveryField, RowsAreConsistent) {
   for (std::size_t i = 1; i < rows.size(); ++i) {
     EXPECT_GT(rows[i].angle_deg, rows[i - 1].angle_deg);
     EXPECT_LE(rows[i].relative_illumination, 1.02);
-    EXPECT_NEAR(rows[i].lateral_colour_um[0], 0, 1e-6);  // the reference against itself
+    EXPECT_NEAR(rows[i].lateral_colour_um[0], 0, 1e-6);  // the reference wavelength
     EXPECT_GT(rows[i].rms_spot_um[1], 0);
   }
 }
@@ -105,7 +105,7 @@ TEST(Field, LargeAberrationsGiveTheGeometricMtf) {
       EXPECT_NEAR(curve.sagittal[i], geometric.sagittal, 0.06) << r << ' ' << f;
       least = std::min(least, geometric.tangential);
     }
-    EXPECT_LT(least, 0.7);  // there is an aberration to see
+    EXPECT_LT(least, 0.7);  // otherwise there is no aberration to test
   }
 }
 

@@ -67,7 +67,7 @@ TEST_P(EveryFirstOrder, BestFocusIsTheLeastSpot) {
   const double bands[] = {450, 550, 650};
   for (const std::optional<double> distance : {std::optional<double>(), std::optional<double>(3.0)}) {
     const Focus focus = best_focus(lens, bands, distance);
-    // The spot by other means: rays on a grid of the entrance pupil, over film positions around the focus found.
+    // The spot by brute force: rays on a grid of the entrance pupil, over film positions around the focus found.
     const auto rms = [&](double film_z) {
       double sum = 0;
       int count = 0;

@@ -120,7 +120,7 @@ TEST_P(BadLens, IsRefusedInOneLineThatNamesThePlace) {
 INSTANTIATE_TEST_SUITE_P(Cases, BadLens, testing::ValuesIn(kBad),
                          [](const auto& param_info) { return std::string(param_info.param.name); });
 
-// A ray along the axis passes every centred system; what no film catches are rays that leave apart.
+// A ray along the axis passes every centred system, so a diverging lens is detected by its other rays.
 TEST(Prescription, ALensThatThrowsNoImage) {
   const auto file = std::filesystem::path(testing::TempDir()) / "diverging_lens.json";
   std::ofstream(file) << edited(good(), "/surfaces/1/radius", -25.84);

@@ -36,7 +36,7 @@ TEST_P(EveryPupil, ExactPupilMeetsBruteForce) {
   for (const double part : {0.0, 1.0}) {
     const ExactPupil pupil = exact_pupil(s.tracer, s.film_z, part * kHalfDiagonal);
     ASSERT_GT(pupil.area_mm2, 0);
-    // A grid over the whole rear aperture, four times its area, knows nothing of shapes.
+    // The reference: a grid of four times the area of the rear aperture, which assumes no shape of the pupil.
     const double reach = 2 * s.tracer.rear_semi_diameter_mm(), step = 2 * reach / 400;
     double area = 0, irradiance = 0;
     const double d = s.film_z - s.tracer.rear_z_mm();
@@ -52,7 +52,7 @@ TEST_P(EveryPupil, ExactPupilMeetsBruteForce) {
   }
 }
 
-// Over fields (12 radii that are no nodes, on both films where they are lit), wavelengths and stops.
+// Fields (12 radii between the nodes, on both films as far as they are lit), wavelengths and stops.
 TEST_P(ShippedPupil, InterpolatedEllipsesMissNothing) {
   for (const double lambda : {400.0, 1000.0})
     for (const double fnumber : {0.0, 5.6}) {
@@ -103,7 +103,7 @@ TEST(Pupil, EllipseOfACircleAndOfALens) {
   EXPECT_NEAR(missed_fraction(circle, {2, 0.75, 0.75}), 0.75, 1e-9);
 }
 
-TEST(Pupil, AcceptanceOfTheDoubleGauss) {  // issue: >= .99 / .93 / .88 at f/2, centre / half / corner of 36 x 24 mm
+TEST(Pupil, AcceptanceOfTheDoubleGauss) {  // required: >= .99 / .93 / .88 at f/2, centre / half / corner of 36 x 24 mm
   const Setting s = setting("dgauss_50mm_tronnier");
   const double corner = 0.5 * std::hypot(36.0, 24.0);
   const PupilTable table = pupil_table(s.tracer, s.film_z, corner);

@@ -1,4 +1,4 @@
-// A diaphragm whose plane cuts its curved neighbour, against the same lens with the diaphragm in the open.
+// A diaphragm whose plane intersects its curved neighbour, compared with the same lens with a free diaphragm.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,7 +13,7 @@ namespace pecs::lens {
 namespace {
 
 struct Moved {
-  const char *cuts, *open;  // our file, and the shipped lens it is made from
+  const char *cuts, *open;  // the test's file, and the lens of lens_data it is derived from
 };
 
 struct StopPlane : testing::TestWithParam<Moved> {
@@ -42,7 +42,7 @@ TEST_P(StopPlane, JudgesARayByItsLineBetweenTheNeighbours) {
     EXPECT_NEAR(there.ray.d.x, expected.ray.d.x, 1e-13);
     backward += hits[stop].z < hits[stop - 1].z || hits[stop + 1].z < hits[stop].z;
 
-    // By hand: the line from one neighbour's hit to the other's, at the plane; the glass rims as they are.
+    // Expected: the line between the hits on both neighbours, at the plane of the stop; glass rims block as usual.
     const Ray line{open_hits[stop - 1], normalized(open_hits[stop + 1] - open_hits[stop - 1])};
     const Vec3 at = line.at_z(plane);
     EXPECT_NEAR(at.x, hits[stop].x, 1e-10);
@@ -90,7 +90,7 @@ INSTANTIATE_TEST_SUITE_P(Lenses, StopPlane,
                            return std::filesystem::path(param_info.param.cuts).stem().string();
                          });
 
-// pbrt follows rays forward only.
+// pbrt traces rays only forwards.
 TEST(AStopPlaneThatCuts, GoesToNoPbrtFile) {
   const Prescription lens = load_prescription((tests::test_lens_dir() / "stop_cuts_next.json").string());
   try {

@@ -40,7 +40,7 @@ def _numbers(default: Any, *shape: int, low: float = -1e6, high: float = 1e6) ->
 
 
 def _speed(fields: Fields, key: str) -> tuple[float, float]:
-    """One factor, or the factors at the begin and at the end."""
+    """One factor, or the factors at the start and at the end."""
     if isinstance(fields.any(key), (list, tuple)):
         first, last = fields.numbers(key, count=2, low=1e-3, high=1e3)
         return float(first), float(last)
@@ -49,7 +49,7 @@ def _speed(fields: Fields, key: str) -> tuple[float, float]:
 
 
 def _pauses(fields: Fields, key: str) -> Any:
-    """How many to draw, or [[start_s, length_s], …]."""
+    """A number of pauses to draw, or [[start_s, length_s], …]."""
     if not isinstance(value := fields.any(key), (list, tuple)):
         return fields.integer(key, low=0, high=1000)
     pauses = [tuple(pause) for pause in _numbers(None, -1, 2, low=0).read(fields, key)] if len(value) else []

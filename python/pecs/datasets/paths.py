@@ -51,11 +51,11 @@ class Clock:
 
     @property
     def way_s(self) -> float:
-        """How far `way` comes."""
+        """Length of the way at the end [s]."""
         return float(self(np.array([self.duration_s]), 0)[1].values()[0])
 
     def __call__(self, t_s: ArrayLike, order: int) -> tuple[Series, Series]:
-        """clock and way."""
+        """Series of the clock and of the way."""
         t = Series.variable(t_s, order)
         clock = self._clock(t)
         end = self._clock(Series.variable([self.duration_s], 0)).values()[0]
@@ -122,7 +122,7 @@ class Trajectory:
         return self.clock.duration_s
 
     def state(self, t_s: ArrayLike) -> State:
-        """Everything at t_s [n]. Raises ValueError for times beyond the trajectory."""
+        """State at t_s [n]. Raises ValueError for times beyond the trajectory."""
         position, rotation = self._series(t_s, max(self.path.order, 2))
         r, r1, r2 = (taylor.matrices(rotation, k) for k in range(3))
         back = np.swapaxes(r, -1, -2)
@@ -213,7 +213,7 @@ class Drone:
     order: int = 4  # the attitude's second derivative is the position's fourth
 
     def thrust(self, position: Vector) -> Vector:
-        """Per mass [m/s^2]."""
+        """Thrust per mass [m/s^2]."""
         x, y, z = (p.derivative(2) for p in position)
         return x, y, z + GRAVITY_M_S2
 
@@ -278,7 +278,7 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Around a point, looking at it: radius and height change as sines of the way."""
+    """An orbit about a point that the camera looks at: radius and height are sines of the way."""
 
     centre: tuple[float, float, float]
     radius_m: float
@@ -291,7 +291,7 @@ class Orbit:
 
     def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
         sine, cosine = (way * self.rate_rad_s + self.start_rad).sin_cos()
-        bob, _ = (way * (1.7 * self.rate_rad_s) + self.bob_phase_rad).sin_cos()  # no whole ratio: it does not repeat
+        bob, _ = (way * (1.7 * self.rate_rad_s) + self.bob_phase_rad).sin_cos()  # 1.7: successive rounds differ
         x, y, z = self.centre
         position = (cosine * self.radius_m + x, sine * self.radius_m + y, bob * self.bob_m + z + self.height_m)
         return position, looking_at(position, self.centre)

@@ -1,4 +1,4 @@
-"""Arithmetic with truncated Taylor series in time: what is computed from a series has its exact derivatives.
+"""Arithmetic with truncated Taylor series in time: results have exact derivatives.
 
 A `Series` holds the coefficients f^(k)(t) / k! at many instants at once. Written once as a formula of the time's own
 series, a motion has velocity, acceleration and angular velocity without finite differences and without formulas by
@@ -18,14 +18,14 @@ class Series:
     """c: [order + 1, n], coefficients at n instants. Operands are other series of that shape, or numbers."""
 
     __slots__ = ("c",)
-    __array_ufunc__ = None  # a numpy number on the left leaves the work to this class
+    __array_ufunc__ = None  # operators with a NumPy number on the left call this class
 
     def __init__(self, c: NDArray[np.float64]):
         self.c = c
 
     @classmethod
     def variable(cls, t: ArrayLike, order: int) -> Series:
-        """t itself: derivative 1."""
+        """The series of t: derivative 1."""
         t = np.asarray(t, float)
         c = np.zeros((order + 1, len(t)))
         c[0] = t
@@ -159,7 +159,7 @@ def spline(t: ArrayLike, values: ArrayLike, degree: int, knot_s: float | None = 
     elif len(t) >= (degree + 1) // 2:
         ends = [(k, np.zeros(values.shape[1])) for k in range((degree + 1) // 2, degree)]
         fitted = make_interp_spline(t, values, degree, bc_type=(ends, ends))
-    else:  # so few points that a polynomial has no such derivatives
+    else:  # a polynomial through so few points has no such derivatives
         fitted = make_interp_spline(t, values, len(t) - 1)
     breaks = np.unique(fitted.t[(fitted.t >= t[0]) & (fitted.t <= t[-1])])
     powers = range(fitted.k, -1, -1)

@@ -28,10 +28,10 @@ from .taylor import Series, spline
 
 KINDS = tuple(PARAMETERS)
 MAX_WAYPOINTS = 2000
-CANDIDATES = 64  # points drawn at once
-FEW = 10000  # samples of surfaces that say whether something is in view
-MIN_THRUST_G = 0.3  # of a drone
-MAX_ELEVATION_DEG = 80.0  # of the view: straight up has no level camera
+CANDIDATES = 64  # points drawn per attempt
+FEW = 10000  # samples of surfaces in the test of what is in view
+MIN_THRUST_G = 0.3  # minimum thrust of a drone
+MAX_ELEVATION_DEG = 80.0  # maximum elevation of the view: roll is undefined for a vertical one
 
 # Shake, assumed: rms of rotation [deg] and translation [mm] per axis in bands [Hz], with how many sines. Hands: sway,
 # what held cameras were measured to do at about 2 and 4 Hz (Japanese Journal of Ergonomics 31(6) 399, abstract), and
@@ -62,12 +62,12 @@ class Surfaces:
         self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
 
     def some(self, t_s: float) -> NDArray[np.float64]:
-        """[n, 3]: every so many-th sample at about t_s, enough to know whether any is in view."""
+        """[n, 3]: about FEW samples at about t_s, regularly thinned; the test of what is in view uses them."""
         i = max(int(np.searchsorted(self.times_s, t_s, side="right")) - 1, 0)
         return np.concatenate([self._few[0], self._few[1 + i]])
 
     def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """[n]: from positions [n, 3] to the nearest sample at t_s [n]; inf where there is none."""
+        """[n]: distances from positions [n, 3] to the nearest sample at t_s [n]; inf without samples."""
         nearest = self._static_tree.query(positions_m)[0] if self._static_tree.n else np.full(len(t_s), np.inf)
         first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
         second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
@@ -79,7 +79,7 @@ class Surfaces:
 
 
 class _Rejected(Exception):
-    """Why a draw will not do; `way_s` where along the way, if it is at one place."""
+    """Why a draw is rejected; `way_s`: position along the way, if the reason is at one place."""
 
     def __init__(self, why: str, way_s: float | None = None):
         super().__init__(why)
@@ -129,7 +129,7 @@ def _clock(p: dict, rng: np.random.Generator) -> Clock:
 
 
 def _record(p: dict, clock: Clock, route: _Route | None, drawn: dict) -> dict:
-    """What was drawn, as JSON takes it."""
+    """The drawn values as JSON."""
     record = {key: value for key, value in p.items() if value is not None}
     record |= {"pauses": [list(pause) for pause in clock.pauses], "speed": list(clock.speed)}
     if route:
@@ -141,7 +141,7 @@ def _record(p: dict, clock: Clock, route: _Route | None, drawn: dict) -> dict:
 
 
 class _Route:
-    """Waypoints [n, 3] and when the way passes them; those of the parameters, or random ones in `volume`."""
+    """Waypoints [n, 3] and their times on the way: those of the parameters, or random points in `volume`."""
 
     def __init__(self, kind: str, p: dict, clock: Clock, surfaces: Surfaces | None, rng: np.random.Generator):
         self._kind, self._p, self._clock, self._surfaces, self._rng = kind, p, clock, surfaces, rng
@@ -149,7 +149,7 @@ class _Route:
         if self.given:
             self.points = np.array(p["waypoints"], float)
             self.times_s = self._times(self.points)
-            self.times_s *= clock.way_s / self.times_s[-1]  # all of them in the time there is
+            self.times_s *= clock.way_s / self.times_s[-1]  # the given waypoints fill the duration
             self._reach()
             return
         if p["volume"] is None:
@@ -158,7 +158,7 @@ class _Route:
         self._extend([])
 
     def redraw(self, way_s: float) -> None:
-        """Drawn again near that place and after it, unless they are given (then only what else is drawn changes)."""
+        """Draws the waypoints from that place on again. Given waypoints stay; then only other values are drawn."""
         if self.given:
             return
         keep = max(int(np.searchsorted(self.times_s, way_s)) - 1 - int(self._rng.integers(0, 3)), 0)
@@ -174,7 +174,7 @@ class _Route:
     def _distance(self, way_s: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._surfaces is None:
             return np.full(len(points), np.inf)
-        # About when: where the clock runs evenly. The whole path is checked at its own times.
+        # Approximate times, for a uniform clock. The check of the whole path uses the exact ones.
         t = np.minimum(way_s / max(self._clock.way_s, 1e-12), 1.0) * self._clock.duration_s
         return self._surfaces.distance(t, points)
 
@@ -189,7 +189,7 @@ class _Route:
             )
 
     def _extend(self, points: list) -> None:
-        """On to the end of the way, and one further, so that the spline's end is not the path's."""
+        """Draws points to the end of the way and one beyond it, so that the path ends inside the spline."""
         if self._p["speed_m_per_s"] * self._clock.way_s > MAX_WAYPOINTS * self._p["step_m"][1]:
             raise PecsInputError(
                 f"{self._kind}: got a way of {self._p['speed_m_per_s'] * self._clock.way_s:.4g} m, wanted at most "
@@ -200,7 +200,7 @@ class _Route:
         self.points, self.times_s = np.array(points), self._times(points)
 
     def _next(self, points: list) -> NDArray[np.float64]:
-        """A point at a step's distance, clear, with a clear line to it."""
+        """A point at the distance of a step that keeps clearance, as does the line to it."""
         short, far = self._p["step_m"]
         low, high = self._low, self._high
         if points:
@@ -228,7 +228,7 @@ class _Route:
         )
 
     def _turns(self, points: list, candidates: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which candidates lie ahead: for a vehicle as far as its turning circle lets, for a drone within 120 deg."""
+        """Mask of candidates ahead: for a vehicle by its turning circle, for a drone within 120 deg."""
         if self._kind == "drone" and len(points) > 1:
             ahead, step = points[-1] - points[-2], candidates - points[-1]
             return step @ ahead > -0.5 * np.linalg.norm(ahead) * np.linalg.norm(step, axis=1)
@@ -246,7 +246,7 @@ class _Route:
         return turn <= np.minimum(0.5 * np.linalg.norm(step, axis=1) / self._p["min_radius_m"], math.radians(50))
 
 
-# Draws: parameters, clock, route, generator -> the path, and what was drawn beside the waypoints
+# Draws: parameters, clock, route, generator -> the path, and drawn values other than the waypoints
 
 
 def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
@@ -359,8 +359,8 @@ assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 
 
 def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
-    """From every sample of a surface, so that the surface between samples keeps clearance_m, too; with an eighth more
-    for what the camera moves between two checks."""
+    """Distance required from every sample, so that the surface between samples keeps clearance_m, too. An eighth is
+    added for the camera's motion between two checks."""
     return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8
 
 
@@ -391,7 +391,7 @@ def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
 
 
 def _check_drone(trajectory: Trajectory, p: dict) -> None:
-    """That a quadrotor could: tilt, rate, and a thrust that is never nearly zero (it would turn over at once)."""
+    """Limits of a quadrotor: tilt, rate, and a minimum thrust (near zero its attitude is undefined)."""
     t = np.linspace(0, trajectory.duration_s, 512)
     force = taylor.values(trajectory.path.thrust(trajectory.path.frame(*trajectory.clock(t, 4))[0]))
     tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))

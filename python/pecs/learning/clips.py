@@ -19,18 +19,18 @@ from ..datasets.sequence import Camera, Sequence
 from ..light import Light
 from ..representations import voxel_grid
 
-WHITE_PERCENTILE = 99.0  # of a recording's light: what is shown white
+WHITE_PERCENTILE = 99.0  # percentile of a recording's light that is white
 
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Each as Stoffregen et al. (ECCV 2020) do it; 0: none."""
+    """Augmentations of Stoffregen et al. (ECCV 2020); 0: none."""
 
     flip: bool = True
-    pause: float = 0.05  # chance of a window without events, with the picture before
-    noise: float = 0.1  # standard deviation of what is added to a voxel, of those not 0
-    noise_share: float = 0.25  # of voxels
-    hot: float = 0.001  # greatest share of pixels that fire all the time
+    pause: float = 0.05  # probability of a window without events, which repeats the last picture
+    noise: float = 0.1  # standard deviation of noise, relative to that of the voxels that are not 0
+    noise_share: float = 0.25  # share of voxels with noise
+    hot: float = 0.001  # maximum share of hot pixels
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class ClipConfig:
 
 
 class Recording:
-    """One event camera's events and pictures at the instants of its ground truth. Pictures and flow stay in memory once
-    they were used, 5 bytes for each pixel and instant: reading them again takes as long as training."""
+    """Events of one camera, and pictures at the frames of its ground truth. Pictures and flow are kept in memory after
+    their first use (5 bytes per pixel and frame), because reading them takes as long as training."""
 
     def __init__(self, camera: Camera):
         if not camera.has_truth or "motion" not in camera.truth.layers:
@@ -60,9 +60,9 @@ class Recording:
         self.first = np.searchsorted(events["t"], self.times_us)
 
     def with_events(self, events: NDArray[Any]) -> Recording:
-        """The same light, seen by another sensor."""
+        """The same light with the events of another sensor."""
         other = copy.copy(self)
-        other.__dict__["pictures"] = self.pictures  # read once
+        other.__dict__["pictures"] = self.pictures  # shared: they are read once
         other._set(events)
         return other
 
@@ -72,9 +72,9 @@ class Recording:
 
     @cached_property
     def pictures(self) -> NDArray[np.uint8]:
-        """[n, H, W]: the light that the chip's pixels get, 8 bit in sRGB's curve, white at a percentile of all."""
+        """[n, H, W]: the photocurrent of the pixels, 8 bit with sRGB's curve; white is a percentile of all values."""
         folder = self.camera.folder
-        own = folder / "chip.json"  # a profile that lay beside the recipe
+        own = folder / "chip.json"  # the profile that the recipe names
         chip = own if own.is_file() else str(self.camera.info["chip"])
         with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
             values = np.stack([light.at(t)[0] for t in self.times_us])

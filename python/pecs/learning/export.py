@@ -18,12 +18,12 @@ from .networks import start_states
 from .reconstruct import NETWORK_FORMAT, STATE
 from .train import trained
 
-TRIED_PX = 32  # side of the picture it is traced with; any size that is a multiple of 2**levels will do later
+TRIED_PX = 32  # side of the picture that the network is traced with; it then accepts all multiples of 2**levels
 OPSET = 16
 
 
 class _Flat(torch.nn.Module):
-    """States one by one, as ONNX has them."""
+    """The network with one input and output per state, as ONNX requires."""
 
     def __init__(self, net: Any):
         super().__init__()
@@ -46,11 +46,11 @@ def export(run: Path, output: Path) -> dict[str, Any]:
     options: dict[str, Any] = {"input_names": ["events", *names], "output_names": ["picture", *after]}
     options |= {"dynamic_axes": free, "opset_version": OPSET}
     if "dynamo" in inspect.signature(torch.onnx.export).parameters:
-        options["dynamo"] = False  # the other exporter asks for packages more
+        options["dynamo"] = False  # the other exporter requires further packages
     record = {"network": asdict(net.config), **record}
     traced = io.BytesIO()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # PyTorch's own, of shapes that it need not know
+        warnings.simplefilter("ignore")  # PyTorch warns of shapes that are constant here
         torch.onnx.export(_Flat(net), (grid, *states), traced, **options)
     model = onnx.load_from_string(traced.getvalue())
     onnx.helper.set_model_props(model, {"pecs_network": NETWORK_FORMAT, "record": json.dumps(record)})

@@ -24,7 +24,7 @@ class HighPass:
         threshold_on: float = 0.2,
         threshold_off: float = 0.2,
     ):
-        """cutoff_hz: of the decay exp(-2 pi cutoff_hz t); thresholds in ln(light)."""
+        """cutoff_hz: cutoff frequency; the decay is exp(-2 pi cutoff_hz t). Thresholds in ln(light)."""
         self._shape = height, width
         self._rate_per_us = 2e-6 * np.pi * cutoff_hz
         self._steps = np.array([-threshold_off, threshold_on])

@@ -23,7 +23,7 @@ from ..datasets.writers._files import grey
 from ..events import EVENT_DTYPE
 from .reconstruct import Window
 
-SUBPIXELS = 32  # of whole coordinates in HS-ERGB
+SUBPIXELS = 32  # per pixel, in the integer coordinates of HS-ERGB
 HS_ERGB_KEYS = ("t", "timestamp"), ("x",), ("y",), ("p", "polarity")
 
 
@@ -43,7 +43,7 @@ class Footage:
 
     @property
     def windows(self) -> list[Window]:
-        """One between each picture and the next."""
+        """The intervals between consecutive pictures."""
         cuts = np.searchsorted(self.events["t"], self.times_us)
         ends = zip(self.times_us[:-1], self.times_us[1:], cuts[:-1], cuts[1:], strict=True)
         return [Window(float(a), float(b), self.events[i:j]) for a, b, i, j in ends]
@@ -99,7 +99,8 @@ def _hs_ergb(folder: Path) -> Footage:
                 raise bad_input(path, "arrays", sorted(file), "x, y, t or timestamp, p or polarity")
             t, x, y, p = (file[name].reshape(-1) for name in names)
         x, y = (v // SUBPIXELS if v.dtype.kind in "iu" else v for v in (x, y))
-        inside = (x >= 0) & (x < pictures.shape[2]) & (y >= 0) & (y < pictures.shape[1])  # remapped events leave it
+        # Remapping moves some events out of the picture.
+        inside = (x >= 0) & (x < pictures.shape[2]) & (y >= 0) & (y < pictures.shape[1])
         columns.append([v[inside] for v in (np.round(t).astype(np.int64), x, y, p)])
     if not columns:
         raise bad_input(folder / "events_aligned", "files", 0, "*.npz")

@@ -1,4 +1,4 @@
-"""What training makes small. Pictures are [N, 1, H, W], 0 … 1."""
+"""Losses of the training. Pictures are [N, 1, H, W], 0 … 1."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # of scales (Wang, Simoncelli, Bovik 2003)
+WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # per scale (Wang, Simoncelli, Bovik 2003)
 C1, C2 = 0.01**2, 0.03**2
 WINDOW, SIGMA = 11, 1.5  # pixels (Wang et al. 2004)
-OCCLUDED = 50.0  # of the temporal loss: how fast its weight falls with the change of the picture (Rebecq et al. 2019)
+OCCLUDED = 50.0  # alpha of the temporal loss: decay of its weight with the change of the picture (Rebecq et al. 2019)
 
 
 def _blurred(x: Tensor) -> Tensor:
@@ -20,8 +20,8 @@ def _blurred(x: Tensor) -> Tensor:
 
 
 def ms_ssim(a: Tensor, b: Tensor) -> Tensor:
-    """Mean over pictures of MS-SSIM (Wang, Simoncelli, Bovik 2003), of as many of its five scales as the picture has
-    room for the window; their weights sum to 1."""
+    """Mean over pictures of MS-SSIM (Wang, Simoncelli, Bovik 2003) at those of its five scales whose pictures are at
+    least as large as the window; their weights sum to 1."""
     smaller = min(a.shape[-2:])
     scales = [i for i in range(len(WEIGHTS)) if smaller >> i >= WINDOW] or [0]
     weights = torch.tensor([WEIGHTS[i] for i in scales], dtype=a.dtype, device=a.device)
@@ -39,7 +39,7 @@ def ms_ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 def warped(picture: Tensor, flow_px: Tensor) -> tuple[Tensor, Tensor]:
-    """The picture at where flow [N, 2, H, W] points, and which pixels that are known and inside [N, 1, H, W]."""
+    """The picture warped by flow [N, 2, H, W], and a mask [N, 1, H, W] of finite flow that ends inside the picture."""
     height, width = picture.shape[-2:]
     y, x = torch.meshgrid(
         torch.arange(height, device=picture.device), torch.arange(width, device=picture.device), indexing="ij"
@@ -52,8 +52,8 @@ def warped(picture: Tensor, flow_px: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def temporal(now: Tensor, before: Tensor, truth: Tensor, truth_before: Tensor, flow_back_px: Tensor) -> Tensor:
-    """How much a picture differs from the one before, carried along the flow from this instant to that one; less where
-    the true pictures differ there, too (Rebecq et al., TPAMI 2019, eq. 5-6)."""
+    """Difference between a picture and the previous one, warped by the flow from this one back to it. The weight is
+    lower where the true pictures differ, too (Rebecq et al., TPAMI 2019, eq. 5-6)."""
     came, known = warped(before, flow_back_px)
     truly, _ = warped(truth_before, flow_back_px)
     weight = torch.exp(-OCCLUDED * (truth - truly) ** 2) * known

@@ -1,4 +1,4 @@
-"""LPIPS: how different two pictures look, by the features of a network that classifies pictures (Zhang, Isola, Efros,
+"""LPIPS: perceptual distance of two pictures from the features of a classification network (Zhang, Isola, Efros,
 Shechtman and Wang, CVPR 2018, eq. 1), with the network of the package lpips.
 
 Its weights do not ship: the file is what `torch.save(lpips.LPIPS(net="alex").state_dict(), FILE)` writes, or net="vgg".
@@ -16,7 +16,7 @@ from torch.nn import functional as F
 from .._errors import bad_input, existing, optional_module
 from .._files import sha256
 
-SMALLEST = 1e-10  # length of features that are taken as 0
+SMALLEST = 1e-10  # features of a smaller norm count as 0
 LEAST_PX = {"alex": 31, "vgg": 16}  # side of the smallest picture
 
 
@@ -35,7 +35,7 @@ class Lpips:
             self.kind = "vgg" if "net.slice1.2.weight" in values else "alex"
             self._net = package.LPIPS(net=self.kind, pretrained=False, pnet_rand=True, verbose=False)
             self._net.load_state_dict(values)
-        except Exception as e:  # of many kinds
+        except Exception as e:  # PyTorch raises many types
             raise bad_input(path, "file", " ".join(str(e).split()) or type(e).__name__, wanted) from None
         for name, value in values.items():
             if not torch.isfinite(value).all():

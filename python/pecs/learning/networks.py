@@ -19,12 +19,12 @@ KINDS = ("firenet", "e2vid")
 class NetworkConfig:
     kind: str = "firenet"
     bins: int = 5
-    channels: int = 16  # of FireNet's layers; of E2VID's first one
-    levels: int = 0  # halvings of the picture: E2VID's encoders; FireNet has none
+    channels: int = 16  # channels of FireNet's layers, or of E2VID's first layer
+    levels: int = 0  # number of E2VID's encoders, each of which halves the resolution; 0 for FireNet
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
-    """Starts as He et al. (ICCV 2015): of few channels, most were dead behind ReLU with PyTorch's own."""
+    """Initial weights of He et al. (ICCV 2015): with PyTorch's default most of few channels are dead after ReLU."""
     conv = nn.Conv2d(inside, outside, size, stride, size // 2)
     nn.init.kaiming_normal_(conv.weight, nonlinearity="relu")
     nn.init.zeros_(conv.bias)
@@ -35,14 +35,14 @@ class _Residual(nn.Module):
     def __init__(self, channels: int):
         super().__init__()
         self.first, self.second = _conv(channels, channels), _conv(channels, channels)
-        nn.init.zeros_(self.second.weight)  # starts as the identity
+        nn.init.zeros_(self.second.weight)  # the block starts as the identity
 
     def forward(self, x: Tensor) -> Tensor:
         return torch.relu(x + self.second(torch.relu(self.first(x))))
 
 
 class _ConvGru(nn.Module):
-    """Ballas et al., ICLR 2016, eq. 5-8, with 3x3 kernels."""
+    """ConvGRU of Ballas et al., ICLR 2016, eq. 5-8, with 3x3 kernels."""
 
     def __init__(self, inside: int, channels: int):
         super().__init__()
@@ -55,7 +55,7 @@ class _ConvGru(nn.Module):
 
 
 class _ConvLstm(nn.Module):
-    """Shi et al., NeurIPS 2015, eq. 3 without peepholes; the state is (hidden, cell), one after the other."""
+    """ConvLSTM of Shi et al., NeurIPS 2015, eq. 3 without peepholes; the state is hidden and cell, concatenated."""
 
     def __init__(self, channels: int):
         super().__init__()
@@ -124,7 +124,7 @@ def network(config: NetworkConfig) -> FireNet | E2Vid:
 
 
 def start_states(net: FireNet | E2Vid, count: int, height: int, width: int) -> list[Tensor]:
-    """Zeros, where the network's weights are."""
+    """Zeros on the device of the network's weights."""
     like = next(net.parameters())
     sizes = zip(net.state_channels, net.state_levels, strict=True)
     return [like.new_zeros(count, channels, height >> level, width >> level) for channels, level in sizes]

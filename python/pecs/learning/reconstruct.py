@@ -19,9 +19,9 @@ from .filter import HighPass
 from .video import Range, VideoWriter
 
 NETWORK_FORMAT = "1"
-STATE = "state"  # how the names of a network's states begin
+STATE = "state"  # prefix of the names of a network's states
 METHODS = ("filter", "firenet", "e2vid")
-WEIGHTS = Path(__file__).with_name("firenet.onnx")  # what ships; firenet.json says how it was trained
+WEIGHTS = Path(__file__).with_name("firenet.onnx")  # the network that PECS includes; firenet.json records its training
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Window:
 
 
 def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
-    """One after the other from the first event on, also empty ones, to the one that holds the last event."""
+    """Consecutive windows, empty ones too, from the first event to the window of the last event."""
     kept: list[NDArray[np.void]] = []
     begin_us, number = None, 0
     for block in reader:
@@ -52,7 +52,7 @@ def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
 
 
 class Method(Protocol):
-    """A window's picture at its end: [H, W], 0 … 1."""
+    """The picture at the end of a window: [H, W], 0 … 1."""
 
     kind: str
 
@@ -60,7 +60,7 @@ class Method(Protocol):
 
 
 class Filter:
-    """`HighPass`, shown by `Range`."""
+    """`HighPass`, scaled by `Range`."""
 
     kind = "filter"
 
@@ -80,10 +80,11 @@ class Network:
         runtime = optional_module("onnxruntime", "onnxruntime", "a network", "learning")
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # it takes time from other work
+        # Spinning threads slow down other processes.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as e:  # of many kinds
+        except Exception as e:  # ONNX Runtime raises many types
             raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a network in ONNX") from None
         said = self._session.get_modelmeta().custom_metadata_map
         if said.get("pecs_network") != NETWORK_FORMAT:

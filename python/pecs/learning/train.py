@@ -1,4 +1,4 @@
-"""Training: runs in a folder, continues what was stopped, and gives the same network for the same seed and threads."""
+"""Training in a folder. A stopped training continues; the same seed and number of threads give the same network."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class TrainConfig:
     steps: int = 500
     batch: int = 4
     learning_rate: float = 1e-3
-    decay_steps: int = 0  # the last ones, in which the learning rate falls to 0
-    ssim_weight: float = 1.0  # of 1 - MS-SSIM, beside L1
-    lpips_sha256: str | None = None  # of LPIPS' weights: the loss is LPIPS in place of L1 and MS-SSIM
+    decay_steps: int = 0  # last steps, over which the learning rate falls to 0
+    ssim_weight: float = 1.0  # weight of 1 - MS-SSIM, which is added to L1
+    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and MS-SSIM
     temporal_weight: float = 1.0
     save_every: int = 50
     seed: int = 1
@@ -45,7 +45,7 @@ class TrainConfig:
 
     @staticmethod
     def of(values: dict[str, Any]) -> TrainConfig:
-        """Of a config.json."""
+        """Reads config.json."""
         values = dict(values)
         clips = dict(values.pop("clips"))
         how = clips.pop("augmentation")
@@ -55,14 +55,14 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class Losses:
-    """parts: l1, ms_ssim, temporal, and lpips where it is in use."""
+    """parts: l1, ms_ssim, temporal, and lpips if it is used."""
 
     loss: Tensor
     parts: dict[str, float]
 
 
 def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
-    """Mean over a clip's windows, the network starting from nothing."""
+    """Mean over a clip's windows; the network starts with zero states."""
     grid, truth = item["grid"], item["picture"]
     states = start_states(net, len(grid), *grid.shape[-2:])
     found: dict[str, list[Tensor]] = {"l1": [], "ms_ssim": [], "temporal": []} | ({"lpips": []} if lpips else {})
@@ -84,7 +84,7 @@ def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig, lpips: L
 
 
 def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
-    """One step. Raises FloatingPointError where the loss or its gradient is no number; the network is as before."""
+    """One step. Raises FloatingPointError, before the network changes, if the loss or its gradient is not finite."""
     losses = clip_losses(net, item, config, lpips)
     if not math.isfinite(float(losses.loss)):
         raise FloatingPointError(f"loss: got {float(losses.loss)}")
@@ -121,7 +121,7 @@ def train(
     net = network(config.network).to(device)
     optimiser = torch.optim.Adam(net.parameters(), config.learning_rate)
     step = _resume(run, net, optimiser, device)
-    # Items are keyed by their number, so that what is left is what an unbroken run would see.
+    # Items depend on their number alone, so that a continued run uses the same ones as an uninterrupted run.
     clips = Clips(sources, config.clips, config.seed, config.steps * config.batch)
     left = torch.utils.data.Subset(clips, range(step * config.batch, len(clips)))
     loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
@@ -156,7 +156,7 @@ def _check_weights(net: Any) -> None:
 def _check_device(name: str) -> None:
     try:
         torch.empty(1, device=name)
-    except Exception as e:  # of many kinds
+    except Exception as e:  # PyTorch raises many types
         why = str(e).splitlines()[0]
         raise UsageError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}") from None
 
@@ -183,7 +183,7 @@ def _resume(run: Path, net: Any, optimiser: Any, device: str) -> int:
 
 
 def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
-    """What a checkpoint holds; its weights are in the network afterwards."""
+    """Contents of a checkpoint; loads its weights into the network."""
     try:
         found: dict[str, Any] = torch.load(path, map_location=device)
         net.load_state_dict(found["network"])
@@ -203,7 +203,7 @@ def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
 
 
 def trained(run: Path) -> tuple[Any, dict[str, Any]]:
-    """The network of a run, and its record."""
+    """The trained network of a folder, and its record."""
     try:
         record = json.loads((run / CONFIG).read_text())
     except OSError:
@@ -215,7 +215,7 @@ def trained(run: Path) -> tuple[Any, dict[str, Any]]:
 
 
 class _Log:
-    """log.csv, cut to what the checkpoint knows; TensorBoard's where it is installed."""
+    """log.csv, cut after the checkpoint's step; also TensorBoard's log if it is installed."""
 
     def __init__(self, run: Path, step: int):
         self._path, self._rows = run / LOG, []

@@ -14,12 +14,12 @@ from .._errors import PecsOutputError, optional_module
 from .._files import write_whole
 from ..datasets.files import png_bytes
 
-LOW, HIGH = 1.0, 99.0  # percent of the pixels that end black and white
-FOLLOW = 0.2  # share of a new picture in the range that is shown
+LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
+FOLLOW = 0.2  # weight of a new picture in the moving average of the range
 
 
 class Range:
-    """Values of any range to 0 … 1. The range follows the pictures slowly, so that a video does not flicker."""
+    """Scales values of any range to 0 … 1. The range is a moving average, so that a video does not flicker."""
 
     def __init__(self) -> None:
         self._ends: NDArray[np.float64] | None = None
@@ -32,14 +32,14 @@ class Range:
 
 
 class VideoWriter:
-    """`NAME.mp4`, or a folder of PNG. It appears whole when the `with` block ends without an exception."""
+    """`NAME.mp4`, or a folder of PNG. It gets its name when the `with` block ends without an exception."""
 
     def __init__(self, path: Path, width: int, height: int, fps: float):
         self.path, self.count = path, 0
         self._video: Any = None
         if path.suffix.lower() == ".mp4":
             cv2 = optional_module("cv2", "opencv-python-headless", "writing video", "learning")
-            self._partial = path.with_name(f"{path.stem}.partial.mp4")  # its end tells OpenCV what it is
+            self._partial = path.with_name(f"{path.stem}.partial.mp4")  # OpenCV derives the format from the extension
             self._video = cv2.VideoWriter(str(self._partial), cv2.VideoWriter_fourcc(*"mp4v"), fps, (width, height))
             if not self._video.isOpened():
                 raise PecsOutputError(f"{path}: cannot be written")
