@@ -255,14 +255,7 @@ class SpectralScene:
     def _insert(self, tree, link, role) -> None:
         socket, shader = link.to_socket, link.to_node
         self.linked.append(
-            Linked(
-                link.from_node,
-                socket,
-                shader.bl_idname,
-                socket.name,
-                role,
-                role.emitter is not None and _is_dark(shader),
-            )
+            Linked(link.from_node, socket, shader.bl_idname, socket.name, role, _emits_nothing(role, socket))
         )
         node = tree.nodes.new("ShaderNodeGroup")
         node.node_tree = self._group(role)
@@ -288,8 +281,8 @@ class SpectralScene:
 
     def _constant(self, owner, key, id_block, role) -> None:
         path = key if isinstance(owner, bpy.types.ID) else f"{owner.path_from_id()}.{key}"
-        dark = role.emitter is not None and isinstance(owner, bpy.types.NodeSocket) and _is_dark(owner.node)
-        constant = Constant(owner, key, role, np.zeros(3), self._animation(id_block, path), dark)
+        movers = self._animation(id_block, path)
+        constant = Constant(owner, key, role, np.zeros(3), movers, _emits_nothing(role, owner))
         constant.read()
         self.constants.append(constant)
 
@@ -352,6 +345,11 @@ def beyond_reach(node, owner: str) -> list[str]:
     if film and (film.default_value > 0 or film.is_linked):
         kinds.append("thin film")
     return [f"{owner}: {node.name}: {kind}: RGB used as bands" for kind in kinds]
+
+
+def _emits_nothing(role: ColourRole, owner) -> bool:
+    """The colour is of an emission without strength."""
+    return role.emitter is not None and isinstance(owner, bpy.types.NodeSocket) and _is_dark(owner.node)
 
 
 def _is_dark(node) -> bool:
