@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -18,6 +19,12 @@ def blend(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     make_blends("files", folder, "emission")
     return folder / "emission.blend"
+
+
+@pytest.fixture(scope="module")
+def stack(blend):
+    pecs_blender("render", blend, "-o", blend.parent / "s.stack", *SMALL)
+    return blend.parent / "s.stack"
 
 
 @pytest.fixture(scope="module")
@@ -82,13 +89,13 @@ def test_a_data_set_needs_a_python(tmp_path):
     assert result.returncode == 3 and result.stderr.count("\n") == 1 and "requires a Python" in result.stderr
 
 
-def test_versions_of_a_stack(blend, tmp_path):
+def test_versions_of_a_stack(blend, stack, tmp_path):
     """Where settings differ, the next name that is free; where they do not, the stack is continued."""
+    shutil.copytree(stack, tmp_path / "s.stack")
 
     def render(*words):
         return pecs_blender("render", blend, "-o", tmp_path / "s.stack", *SMALL, *words, check=False)
 
-    assert render().returncode == 0
     refused = render("--seed", 2)
     assert refused.returncode == 5 and "--new-version writes another beside it" in refused.stderr
     for _ in range(2):  # the second time it is there already
@@ -101,8 +108,7 @@ def test_versions_of_a_stack(blend, tmp_path):
     assert result.returncode == 5, result.stderr
 
 
-def test_a_process_that_grows_does_not_overwrite_itself(blend, tmp_path):
-    words = ("render", blend, "-o", tmp_path / "s", *SMALL, "--overwrite")
-    pecs_blender(*words)
-    result = growing_pecs_blender(*words)
+def test_a_process_that_grows_does_not_overwrite_itself(blend, stack, tmp_path):
+    shutil.copytree(stack, tmp_path / "s")
+    result = growing_pecs_blender("render", blend, "-o", tmp_path / "s", *SMALL, "--overwrite")
     assert "1 of 4 exist already" in result.stderr

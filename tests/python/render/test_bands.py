@@ -86,22 +86,8 @@ def rendered(root, tmp_path_factory):
     def run(lamp, n):
         out = folder / f"{lamp}_{n}"
         command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/colorchecker_disk", "-o", out]
-        command += [
-            "--lens",
-            "none",
-            "--focal",
-            25,
-            "--placement",
-            "gauss",
-            "--bands",
-            n,
-            "--frames",
-            1,
-            "--width",
-            80,
-            "--samples",
-            16,
-        ]
+        command += ["--lens", "none", "--focal", 25, "--placement", "gauss", "--bands", n, "--frames", 1]
+        command += ["--width", 80, "--samples", 4]
         command += ["--set", "rpm=0", "--set", f"lamp_spectrum={lamp}", "--max-wavelength", 700]
         result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
         assert result.returncode == 0, result.stderr
