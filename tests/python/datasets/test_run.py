@@ -78,7 +78,7 @@ pixels_of = "left"
 fps = 100
 exposure_ms = 4
 [render]
-bands = 4
+bands = 3
 samples = 2
 fps = 250
 [truth]
@@ -224,7 +224,7 @@ def test_another_recipe_does_not_mix(made, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "code", "line"),
     [
-        ("[[-0.2, -0.1, -0.1], [0.2, 0.1, 0.1]]", "[[90, 90, 90], [91, 91, 91]]", 4, "hand_held"),
+        ("[[-0.2, -0.1, -0.1], [0.2, 0.1, 0.1]]", "[[90, 90, 90], [91, 91, 91]]\ntries = 5", 4, "hand_held"),
         ("cmount_5mm_f2p8", "takumar_100mm_f9", 3, "takumar_100mm_f9"),
         ('kind = "hand_held"', 'kind = "handheld"', 4, "handheld"),
         ("rpm = [100, 400]", "rpm = 1e9", 4, "rpm"),

@@ -36,7 +36,7 @@ def frames(folder):
 def disk(render, tmp_path_factory):
     """A quarter-resolution frame through the lab lens, and the same scene through a pinhole of its focal length."""
     folder = tmp_path_factory.mktemp("disk")
-    common = ("--bands", 3, "--frames", 1, "--width", 320, "--samples", 16, "--set", "phase_deg=30")
+    common = ("--bands", 3, "--frames", 1, "--width", 320, "--samples", 4, "--set", "phase_deg=30")
     render(folder / "lens", *common)
     render(folder / "pinhole", *common, "--lens", "none")
     return folder
