@@ -25,7 +25,7 @@ std::pair<std::string, double> key_value(const std::string& text, const std::str
 
 struct Options : sensor::SenseOptions {
   bool json = false;
-  std::vector<std::string> parameters;
+  std::vector<std::string> parameters, bias_texts;
   std::string readout = "chip", bands = "all";
   std::optional<std::string> colour_space, live_source;
   bool view = false;
@@ -68,6 +68,10 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
   sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (once per key)")
       ->allow_extra_args(false);
+  sub->add_option("--bias", o->bias_texts,
+                  "NAME=OFFSET[,...]: biases as offsets to the factory setting, such as diff_on=35")
+      ->allow_extra_args(false);
+  sub->add_option("--bias-file", o->bias_file, "biases of a Metavision .bias file or camera settings (.json)");
   sub->add_flag("--no-noise", o->no_noise, "disable photon noise, leak, background events and mismatch");
   sub->add_option("--seed", o->seed, "seed of all random numbers")
       ->check(CLI::Range(std::uint64_t{0}, sensor::kLargestSeed))
@@ -133,6 +137,8 @@ void resolve(Options& o, const Console& console) {
     const auto [at, is_new] = o.model.parameters.insert(key_value(text, "--param"));
     if (!is_new) throw Error(ExitCode::usage, fmt::format("--param {}: {} is set twice; set it once", text, at->first));
   }
+  for (const std::string& text : o.bias_texts)
+    for (const auto& [name, offset] : sensor::biases_from(text)) o.biases[name] = offset;
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   const bool camera = is_camera(o);
   if (o.live_source && !o.view)

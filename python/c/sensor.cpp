@@ -33,15 +33,14 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
   pecs::JsonObject o(json, "options");
   SenseOptions options;
   read_sensor_options(o, options);
-  const Chip chip = load_chip(options.chip, options.overrides);
+  const Chip chip = chip_of(options);
   const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
   const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), options.stages};
   o.done();
   check_fits(chip, width, height, "frames");
-  return new pecs_sensor{Sensor(options.no_noise ? without_noise(chip) : chip, width, height, options.seed, gain_fa,
-                                options.model, extras),
+  return new pecs_sensor{Sensor(chip, width, height, options.seed, gain_fa, options.model, extras),
                          tbb::task_arena(options.threads ? options.threads : tbb::task_arena::automatic)};
 }
 

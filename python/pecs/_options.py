@@ -13,6 +13,8 @@ from .chip import Chip, chip_options
 
 class PixelOptions(TypedDict, total=False):
     overrides: Mapping[str, float] | None  # values of the chip, by the keys and units of `Chip.info`
+    biases: Mapping[str, float] | None  # offsets to the factory settings: {"diff_on": 35}
+    bias_file: str | PathLike[str] | None  # a Metavision .bias file or camera settings (.json)
     model: str  # one of `pecs.models()`; default "pecs"
     parameters: Mapping[str, float] | None  # of the model
     noise: bool  # photon noise, leak, background events and mismatch; default True
@@ -27,6 +29,10 @@ class PixelOptions(TypedDict, total=False):
     stc_keep_us: int | None
     erc_hz: float | None  # event rate control: most events per second
     threads: int  # default 0: all; the events are the same with any number
+
+
+# Options of the chip's digital stages.
+STAGE_KEYS = ("roi", "mask", "afk_hz", "afk_pass_hz", "trail_us", "stc_us", "stc_keep_us", "erc_hz")
 
 
 class SensorOptions(PixelOptions, total=False):
@@ -67,5 +73,6 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
         if out.get(key) is not None:
             out[key] = np.asarray(out[key]).tolist()
     out["param"] = {key: float(value) for key, value in (out.pop("parameters", None) or {}).items()}
+    out["bias"] = {key: float(value) for key, value in (out.pop("biases", None) or {}).items()}
     out["no_noise"] = not out.pop("noise", True)
     return chip_options(chip, out.pop("overrides", None)) | out

@@ -37,7 +37,8 @@ def sense(
 
     chip: a name, a path, or a `pecs.Chip`. Options:
 
-    - overrides, model, parameters, noise, seed, threads, readout, and the stages: as of `pecs.Sensor`.
+    - overrides, biases, bias_file, model, parameters, noise, seed, threads, readout, and the stages: as of
+      `pecs.Sensor`.
     - white_a: photocurrent [A] of white, for models that take no light.
     - format: of the output; by its name if not given.
     - fps, or times_us (a text file): times of frames without any.

@@ -88,6 +88,7 @@ class Sensor(Handle):
     chip: a name, a path, or a `pecs.Chip`. Options:
 
     - overrides: values of the chip, by the keys and units of `Chip.info`.
+    - biases: offsets to the factory settings, {"diff_on": 35}; or bias_file (docs/reference/sensor.md).
     - model: one of `pecs.models()` ("pecs"), with its parameters; for models that take no light 1 is white.
     - noise: photon noise, leak, background events and mismatch (True).
     - seed (1).

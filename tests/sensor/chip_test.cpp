@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <filesystem>
 #include <fstream>
 
 #include "pecs/error.h"
+#include "pecs/sensor/lux.h"
 #include "shared.h"
 
 namespace pecs::sensor {
@@ -40,6 +43,87 @@ TEST(Chip, OverridesAreChecked) {
   EXPECT_NE(refusal("ideal", {"contrast_threshold_on=1x"}).find("got 1x"), std::string::npos);
   EXPECT_NE(refusal("ideal", {"contrast_threshold_on"}), "");
   EXPECT_NE(refusal("nope").find("imx636"), std::string::npos);
+}
+
+// Against the published table, at its points and between them.
+TEST(Chip, BiasesScaleThresholds) {
+  const Chip plain = load_chip("imx636");
+  const auto on = [&](double offset) {
+    return load_chip("imx636", {}, {{"diff_on", offset}}).contrast_threshold_on / plain.contrast_threshold_on;
+  };
+  EXPECT_EQ(on(0), 1);
+  EXPECT_NEAR(on(35), 1.58, 1e-9);
+  EXPECT_NEAR(on(-64), 0.44, 1e-9);
+  EXPECT_NEAR(on(52.5), std::sqrt(1.58 * 3.04), 1e-9);
+  for (double a = -64; a < 70; a += 1) EXPECT_LT(on(a), on(a + 1)) << a;
+  const Chip off = load_chip("imx636", {}, {{"diff_off", 95}, {"fo", 0}, {"hpf", 0}});
+  EXPECT_NEAR(off.contrast_threshold_off / plain.contrast_threshold_off, 3.15, 1e-9);
+  EXPECT_EQ(off.contrast_threshold_on, plain.contrast_threshold_on);
+  EXPECT_TRUE(off.warnings.empty());
+  const auto doubtful = load_chip("imx636", {}, {{"diff_on", 105}}).warnings;
+  ASSERT_EQ(doubtful.size(), 1u);
+  EXPECT_NE(doubtful[0].find("doubtful"), std::string::npos);
+}
+
+TEST(Chip, BiasesThatCannotBeMapped) {
+  const auto said = [](const BiasSettings& biases, const std::vector<std::string>& overrides = {},
+                       const char* chip = "imx636") -> std::string {
+    try {
+      load_chip(chip, overrides, biases);
+    } catch (const Error& e) {
+      EXPECT_EQ(e.code(), ExitCode::usage);
+      return e.what();
+    }
+    return "";
+  };
+  EXPECT_NE(said({{"fo", 10}}).find("--set amplifier_cutoff_hz"), std::string::npos);
+  EXPECT_NE(said({{"refr", 10}}).find("--set refractory_period_s"), std::string::npos);
+  EXPECT_NE(said({{"hpf", 10}}).find("set it to 0"), std::string::npos);
+  EXPECT_NE(said({{"pr", 10}}).find("unknown; imx636 has diff, diff_off"), std::string::npos);
+  EXPECT_NE(said({{"diff_on", 141}}).find("[-85, 140]"), std::string::npos);
+  EXPECT_NE(said({{"diff_on", 110}}).find("[-64, 105]"), std::string::npos);
+  EXPECT_NE(said({{"diff_on", 10}}, {"contrast_threshold_on=.3"}).find("give one"), std::string::npos);
+  EXPECT_NE(said({{"diff_on", 10}}, {}, "davis346").find("davis346"), std::string::npos);
+}
+
+TEST(Chip, BiasFiles) {
+  const auto folder = std::filesystem::path(testing::TempDir());
+  std::vector<std::string> ignored;
+  const auto read = [&](const char* name, const char* text) {
+    std::ofstream(folder / name) << text;
+    return read_bias_file(folder / name, ignored);
+  };
+  const BiasSettings wanted = {{"diff_on", 35}, {"diff_off", -10}, {"fo", 0}};
+  EXPECT_EQ(read("a.bias", "% gen 4.1\n35 % bias_diff_on\r\n\n-10 % bias_diff_off   % v\n0 % bias_fo\n"), wanted);
+  EXPECT_EQ(read("a.json", R"({"ll_biases_state": {"bias": [{"name": "bias_diff_on", "value": 35},
+    {"name": "bias_diff_off", "value": -10}, {"name": "bias_fo", "value": 0}]},
+    "afk_state": {"enabled": true}, "event_rate_control_state": {"enabled": false}})"),
+            wanted);
+  EXPECT_EQ(ignored, std::vector<std::string>{"afk_state"});
+  for (const char* wrong : {"0 % bias_fo\n35 bias_diff_on\n", "0 % bias_fo\nx % bias_fo\n", "0 % bias_fo\n3 %\n",
+                            "0 % bias_fo\n3 % bias_\n"}) {
+    try {
+      read("a.bias", wrong);
+      ADD_FAILURE() << wrong;
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find("a.bias: line 2"), std::string::npos) << e.what();
+    }
+  }
+  EXPECT_THROW(read("a.bias", "1 % bias_fo\n2 % bias_fo\n"), Error);
+  EXPECT_THROW(read("a.json", R"({"roi_state": {}})"), Error);
+  EXPECT_THROW(read_bias_file(folder / "none.bias", ignored), Error);
+}
+
+TEST(Chip, PhotocurrentOfLux) {
+  const double a = photocurrent_of_lux(load_chip("imx636"), 1);
+  EXPECT_NEAR(photocurrent_of_lux(load_chip("imx636"), 50) / a, 50, 1e-9);
+  EXPECT_NEAR(photocurrent_of_lux(load_chip("imx636", {"pixel_pitch_m=9.72e-6"}), 1) / a, 4, 1e-9);
+  EXPECT_EQ(lux_at_chip(100, 2, 0.5), 100 * 0.5 / 16);
+  // An ideal detector of unit QE from 300 to 1100 nm: 3000 K light has 21.5 lm/W in all, and .34 of its power there at
+  // a mean wavelength of 850 nm.
+  const double area_m2 = 1e-10, watts = 1 / 21.5 * 0.34, electrons_per_joule = 850e-9 / (6.626e-34 * 2.998e8);
+  EXPECT_NEAR(photocurrent_of_lux(load_chip("ideal"), 1) / (area_m2 * watts * electrons_per_joule * 1.602e-19), 1,
+              0.15);
 }
 
 TEST(Chip, DamageIsNamed) {

@@ -111,6 +111,23 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
         layout.operator("pecs.override_add", icon="ADD")
 
 
+class PECS_PT_stages(SubPanel, bpy.types.Panel):
+    bl_label = "Biases and Digital Stages"
+    bl_parent_id = "PECS_PT_sensor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        sensor = s.sensor
+        props(layout.column(align=True), sensor, "diff_on", "diff_off")
+        props(layout, sensor, "mask", "afk")
+        if sensor.afk != "none":
+            props(layout.column(align=True), sensor, "afk_low_hz", "afk_high_hz")
+        props(layout, sensor, "trail")
+        if sensor.trail != "none":
+            props(layout, sensor, "trail_ms")
+        props(layout, sensor, "erc_mhz")
+
+
 class PECS_PT_lens(SubPanel, bpy.types.Panel):
     bl_label = "Lens"
     bl_translation_context = CONTEXT

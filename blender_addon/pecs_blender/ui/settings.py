@@ -193,6 +193,45 @@ class PecsSensor(bpy.types.PropertyGroup):
         description="Readout of the events from the pixel array",
     )
     overrides: CollectionProperty(type=PecsOverride)
+    diff_on: IntProperty(
+        name="Bias diff_on", min=-85, max=140, description="Offset of bias_diff_on to its factory setting"
+    )
+    diff_off: IntProperty(
+        name="Bias diff_off", min=-35, max=190, description="Offset of bias_diff_off to its factory setting"
+    )
+    afk: EnumProperty(
+        name="Anti-Flicker",
+        items=[
+            ("none", "Off", "No event is dropped"),
+            ("stop", "Band Stop", "Events that flicker in the band are dropped"),
+            ("pass", "Band Pass", "Only events that flicker in the band are kept"),
+        ],
+        description="AFK: detects flicker in blocks of 4 x 4 pixels",
+    )
+    afk_low_hz: FloatProperty(name="From (Hz)", default=50, min=50, max=520, description="Low end of the band")
+    afk_high_hz: FloatProperty(name="To (Hz)", default=520, min=50, max=520, description="High end of the band")
+    trail: EnumProperty(
+        name="Trail Filter",
+        items=[
+            ("none", "Off", "No event is dropped"),
+            ("trail", "Trail", "The first event of a burst is kept"),
+            ("stc", "STC, Cut Trail", "The second event of a burst is kept"),
+            ("stc-keep", "STC, Keep Trail", "The first event of a burst is dropped"),
+        ],
+        description="Filters bursts: events of one pixel and polarity that follow each other within the threshold",
+    )
+    trail_ms: FloatProperty(
+        name="Threshold (ms)", default=10, min=1, max=100, description="Longest time between two events of a burst"
+    )
+    erc_mhz: FloatProperty(
+        name="Event Rate Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit"
+    )
+    mask: StringProperty(
+        name="Event Mask",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Text file of pixels, rows and columns whose events are dropped",
+    )
     output: StringProperty(
         name="Events",
         subtype="FILE_PATH",
@@ -426,10 +465,23 @@ def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
     words += ["--format", sensor.format] if sensor.format != "auto" else []
     words += ["--no-noise"] if sensor.no_noise else []
     known = parameters(scene.pecs) if sensor.overrides else {}
+    biases = [f"{name}={getattr(sensor, name)}" for name in ("diff_on", "diff_off") if getattr(sensor, name)]
+    words += ["--bias", ",".join(biases)] if biases else []
+    words += _stage_arguments(sensor)
     for one in sensor.overrides:
         option = "--param" if known.get(one.name, {}).get("of") == "model" else "--set"
         words += [option, f"{one.name}={one.value}"]
     return words
+
+
+def _stage_arguments(sensor) -> list[str]:
+    words = []
+    if sensor.afk != "none":
+        option = "--afk" if sensor.afk == "stop" else "--afk-pass"
+        words += [option, f"{sensor.afk_low_hz:.6g}:{sensor.afk_high_hz:.6g}"]
+    words += [f"--{sensor.trail}", f"{sensor.trail_ms:.6g}ms"] if sensor.trail != "none" else []
+    words += ["--erc", f"{sensor.erc_mhz:.6g}MHz"] if sensor.erc_mhz else []
+    return words + (["--mask", bpy.path.abspath(sensor.mask)] if sensor.mask else [])
 
 
 def register() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._config import read_toml
+from .._options import STAGE_KEYS
 from . import placing
 from .table import Table, Value
 from .writers import WRITERS
@@ -69,6 +70,8 @@ class CameraEntry:
     fnumber: Value | None
     focus_m: Value | None
     overrides: dict[str, Value]
+    biases: dict[str, Value]
+    stages: dict[str, Any]
     model: str
     partner: str | None
     pixels_of: str | None
@@ -122,6 +125,7 @@ class Recipe:
             at = f"camera.{min(entry.name, entry.partner or entry.name)}"  # partners are set alike
             found: dict[str, Any] = {
                 "overrides": {k: drawn(f"{at}.set.{k}", v) for k, v in entry.overrides.items()},
+                "biases": {k: drawn(f"{at}.bias.{k}", v) for k, v in entry.biases.items()},
                 "seed": int(self.rng(index, f"camera.{entry.name}.seed").integers(2**31)),
             }
             for key in ("fnumber", "focus_m"):
@@ -271,7 +275,10 @@ def _rig(rig: Table) -> tuple[CameraEntry, ...]:
 def _camera(table: Table) -> CameraEntry:
     kind = table.text("kind", choices=("events", "rgb"))
     shared = table.optional(table.text, "pixels_of")
-    overrides = table.table("set", {})
+    overrides, biases, stages = (table.table(key, {}) for key in ("set", "bias", "stages"))
+    for key in stages.keys():
+        if key not in STAGE_KEYS:
+            raise stages.fail(key, "an unknown stage", f"one of {', '.join(STAGE_KEYS)}")
     own = shared is None
     found = CameraEntry(
         name=table.text("name"),
@@ -286,6 +293,8 @@ def _camera(table: Table) -> CameraEntry:
         fnumber=table.optional(table.value, "fnumber", low=0.5, high=1000) if own else None,
         focus_m=table.optional(table.value, "focus_m", low=1e-3, high=1e9) if own else None,
         overrides={k: overrides.value(k) for k in overrides.keys()},
+        biases={k: biases.value(k) for k in biases.keys()},
+        stages={k: _stage(stages, k) for k in stages.keys()},
         model=table.text("model", "pecs"),
         partner=table.optional(table.text, "partner"),
         pixels_of=shared,
@@ -295,6 +304,11 @@ def _camera(table: Table) -> CameraEntry:
         raise table.fail("width", "nothing", "width and height of an RGB camera")
     table.done()
     return found
+
+
+def _stage(table: Table, key: str) -> Any:
+    """Files are beside the recipe; the sensor checks the rest."""
+    return str(Path(table.file).parent / table.text(key)) if key == "mask" else table.any(key)
 
 
 def _film(table: Table) -> Film:

@@ -281,6 +281,8 @@ def _sense(work: Work, entry: CameraEntry) -> None:
             folder / "events.h5",
             chip=chip_path(work.recipe, entry),
             overrides=drawn["overrides"],
+            biases=drawn["biases"],
+            **entry.stages,
             model=entry.model,
             seed=drawn["seed"],
             format="dsec",

@@ -91,7 +91,7 @@ std::shared_ptr<const NoiseTable> read_noise_table(const std::filesystem::path& 
 
 }  // namespace
 
-Chip load_chip(const std::string& name, const std::vector<std::string>& overrides) {
+Chip load_chip(const std::string& name, const std::vector<std::string>& overrides, const BiasSettings& biases) {
   const std::filesystem::path path = find_data("sensor/chips", name);
   const Json json = parse_json_file(path);
   JsonObject o(json, path.string());
@@ -99,6 +99,11 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   Chip chip;
   chip.name = o.text("name");
   chip.description = o.text("description");
+  if (o.has("trade_names"))
+    for (const Json& trade_name : o.any("trade_names")) {
+      if (!trade_name.is_string()) o.fail("trade_names", trade_name.dump(), "texts");
+      chip.trade_names.push_back(trade_name);
+    }
   chip.relative_qe = read_qe(o.object("relative_qe"));
 
   JsonObject values = o.object("values");
@@ -113,11 +118,12 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
       if (interval.size() != 2 || interval[0] > chip.*v.member || interval[1] < chip.*v.member)
         entry.fail("interval", "no interval with the value", "[least, most]");
     }
-    entry.text("source");
+    chip.sources[v.key] = entry.text("source");
     entry.done();
     chip.ranges[v.key] = {range[0], range[1]};
   }
   values.done();
+  if (o.has("biases")) chip.biases = read_biases(o.object("biases"), chip.ranges);
   if (o.has("noise_table")) chip.noise_table = read_noise_table(path.parent_path() / o.text("noise_table"));
   o.done();
 
@@ -138,6 +144,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     for (const Value& v : kValues)
       if (key == v.key) chip.*v.member = *value;
   }
+  apply_biases(chip, biases, overrides);
   return chip;
 }
 
@@ -158,6 +165,8 @@ Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
   out["relative_qe"] = {{"lambda_nm", chip.relative_qe.lambda_nm}, {"value", chip.relative_qe.value}};
+  if (!chip.trade_names.empty()) out["trade_names"] = chip.trade_names;
+  if (!chip.set_biases.empty()) out["biases"] = chip.set_biases;
   if (chip.noise_table) out["noise_table"] = chip.noise_table->file;
   return out;
 }

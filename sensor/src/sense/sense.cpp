@@ -40,11 +40,6 @@ class ProgressReporter {
   Progress progress_;
 };
 
-Chip chip_of(const SenseOptions& options) {
-  const Chip chip = load_chip(options.chip, options.overrides);
-  return options.no_noise ? without_noise(chip) : chip;
-}
-
 // Rejects options that have no effect on this input.
 void reject_unused(const SenseOptions& options, const FrameSource& source) {
   const PhotocurrentOptions& light = options.light;
@@ -191,10 +186,12 @@ SenseReport SenseRun::run() {
 
   results_.update(light_report());
   results_.update(sink_.report());
+  std::vector<std::string> warnings = timeline_.warnings();
+  warnings.insert(warnings.end(), chip_.warnings.begin(), chip_.warnings.end());
   results_.update({{"width", source_->info().width},
                    {"height", source_->info().height},
                    {"frames", source_->frames()},
-                   {"warnings", timeline_.warnings()},
+                   {"warnings", warnings},
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
   if (again_) {
@@ -305,6 +302,18 @@ Json SenseRun::config() const {
 }
 
 }  // namespace
+
+Chip chip_of(const SenseOptions& options) {
+  BiasSettings biases = options.biases;
+  std::vector<std::string> ignored;
+  if (options.bias_file)
+    for (const auto& [name, offset] : read_bias_file(*options.bias_file, ignored)) biases.insert({name, offset});
+  Chip chip = load_chip(options.chip, options.overrides, biases);
+  for (const std::string& part : ignored)
+    chip.warnings.push_back(
+        fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
+  return options.no_noise ? without_noise(chip) : chip;
+}
 
 SenseReport sense(const SenseOptions& options) {
   std::optional<tbb::global_control> limit;

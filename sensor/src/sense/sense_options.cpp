@@ -37,6 +37,10 @@ std::vector<std::string> overrides_from(const Json& values) {
 void read_sensor_options(JsonObject& o, SenseOptions& out) {
   out.chip = o.text_or("chip", out.chip);
   if (o.has("set")) out.overrides = overrides_from(o.any("set"));
+  if (o.has("bias"))
+    for (const auto& [name, offset] : numbers_of(o.any("bias"), "bias"))
+      out.biases[name.starts_with("bias_") ? name.substr(5) : name] = offset;
+  if (o.has("bias_file")) out.bias_file = o.text("bias_file");
   out.no_noise = o.boolean_or("no_noise", false);
   out.seed = static_cast<std::uint64_t>(
       o.integer_or("seed", static_cast<std::int64_t>(out.seed), 0, static_cast<std::int64_t>(kLargestSeed)));

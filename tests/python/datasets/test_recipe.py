@@ -178,3 +178,21 @@ def test_tables_refuse_wrong_types():
                  lambda: table.numbers("c", count=3), lambda: table.text("c"), lambda: table.table("c")):  # fmt: skip
         with pytest.raises(pecs.PecsInputError, match="^f: "):
             call()
+
+
+def test_biases_are_drawn_and_stages_are_kept(load, tmp_path):
+    tables = """[rig.camera.bias]
+diff_on = [0, 35]
+[rig.camera.stages]
+stc_us = 10000
+afk_hz = [50, 520]
+mask = "bad.txt"
+[[rig.camera]]
+name = "film\""""
+    found = load(replace={'[[rig.camera]]\nname = "film"': tables})
+    drawn = [found.draw(i)["cameras"]["left"]["biases"]["diff_on"] for i in range(4)]
+    assert len(set(drawn)) == 4 and all(0 <= value <= 35 for value in drawn)
+    stages = {"stc_us": 10000, "afk_hz": [50, 520], "mask": str(tmp_path / "bad.txt")}
+    assert found.cameras[0].stages == stages and not found.cameras[1].stages
+    with pytest.raises(pecs.PecsInputError, match="stc: got an unknown stage"):
+        load(replace={'[[rig.camera]]\nname = "film"': tables.replace("stc_us", "stc")})

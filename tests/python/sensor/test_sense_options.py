@@ -12,6 +12,8 @@ from support.small_stacks import H, N, W, write
 HEARD = {
     "chip": (["--chip", "davis346"], "chip"),
     "set": (["--set", "contrast_threshold_on=0.27"], "chip"),
+    "bias": (["--bias", "diff_on=35,bias_diff_off=-10"], "chip"),
+    "bias-file": (["--bias-file", "BIAS"], "chip"),
     "no-noise": (["--no-noise"], "no_noise"),
     "seed": (["--seed", "2"], "seed"),
     "model": (["--model", "esim"], "model"),
@@ -68,7 +70,9 @@ def plain(tmp_path_factory, pecs_program):
 def test_an_option_is_heard(option, plain, pecs_program):
     args, key = HEARD[option]
     (plain / "mask.txt").write_text("row 3\n")
-    args = [plain / "mask.txt" if word == "MASK" else word for word in args]
+    (plain / "a.bias").write_text("35 % bias_diff_on\n0 % bias_fo\n")
+    files = {"MASK": plain / "mask.txt", "BIAS": plain / "a.bias"}
+    args = [files.get(word, word) for word in args]
     done = pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args)
     assert done.returncode == 0, done.stderr
     record, before = (json.loads((plain / f"{name}.npz.run.json").read_text())["config"] for name in ("o", "plain"))

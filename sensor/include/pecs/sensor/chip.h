@@ -1,7 +1,9 @@
 #pragma once
 // A chip profile (sensor/chips/*.json, docs/reference/sensor.md): every value with unit, range and source.
+#include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,9 +19,20 @@ struct NoiseTable {
   std::vector<float> on_hz, off_hz;  // of one pixel each
 };
 
+// A bias: an offset to the factory setting, and what is known of its effect.
+struct Bias {
+  Range allowed, recommended;
+  std::string sets;                      // key of the value that it scales; empty: its effect is not published
+  std::string instead;                   // key of the value to give instead; empty: there is none
+  std::vector<double> offset, factor;    // measured, rising offsets; linear in ln(factor) between them
+  std::optional<double> doubtful_above;  // an offset
+};
+using BiasSettings = std::map<std::string, double>;  // offsets by name, "diff_on"
+
 struct Chip {
   std::string name, description;
-  Spectrum relative_qe;  // peak 1
+  std::vector<std::string> trade_names;  // cameras that have the chip, and its other names
+  Spectrum relative_qe;                  // peak 1
 
   // Geometry.
   double width = 0, height = 0;  // pixels; 0: any
@@ -44,12 +57,29 @@ struct Chip {
   double readout_group_rows = 1;                  // rows that are read at once
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 
-  std::map<std::string, Range> ranges;  // of the profile's values, by their keys
+  std::map<std::string, Range> ranges;         // of the profile's values, by their keys
+  std::map<std::string, std::string> sources;  // likewise
+  std::map<std::string, Bias> biases;
+  BiasSettings set_biases;            // those that were set
+  std::vector<std::string> warnings;  // of the biases
 };
 
 // `name`: of a profile in sensor/chips, or a path (see find_data). `overrides`: "key=value" within the profile's range.
 // Throws not_found for an unknown name, bad_input for a bad profile, usage for a bad or a repeated override.
-Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {});
+// `biases`: offsets; throws usage for an unknown one, one out of range, one without a published effect, and one whose
+// value is also overridden.
+Chip load_chip(const std::string& name, const std::vector<std::string>& overrides = {},
+               const BiasSettings& biases = {});
+
+// "diff_on=35,diff_off=-10", names with or without "bias_". Throws usage.
+BiasSettings biases_from(const std::string& text);
+// Metavision's .bias file (lines "value % name") or its camera settings in JSON. `ignored`: names of the other settings
+// of the JSON that are enabled. Throws bad_input, naming the line.
+BiasSettings read_bias_file(const std::filesystem::path& file, std::vector<std::string>& ignored);
+
+// The biases of a profile; for load_chip.
+std::map<std::string, Bias> read_biases(JsonObject object, const std::map<std::string, Range>& values);
+void apply_biases(Chip& chip, const BiasSettings& biases, const std::vector<std::string>& overrides);
 
 // Photon noise, leak, background events, hot pixels and mismatch off: a still scene gives no events.
 Chip without_noise(Chip chip);

@@ -24,7 +24,9 @@ struct SenseOptions {
   std::optional<std::string> format;  // of the output; default: from its name
   std::string chip = "imx636";
   std::vector<std::string> overrides;  // "key=value"
-  bool no_noise = false;               // photon noise, leak, background and mismatch off
+  BiasSettings biases;
+  std::optional<std::filesystem::path> bias_file;
+  bool no_noise = false;  // photon noise, leak, background and mismatch off
   std::uint64_t seed = 1;
   int threads = 0;   // 0: all
   FrameTimes times;  // of frames that have none
@@ -46,6 +48,9 @@ struct SenseOptions {
   // Called with the completed share of the work, 0 to 1 (not for a live source). False: sense() throws interrupted.
   std::function<bool(double)> progress;
 };
+
+// The chip of a run, with overrides, biases and noise as the options say.
+Chip chip_of(const SenseOptions& options);
 
 struct SenseReport {
   Json config;   // resolved

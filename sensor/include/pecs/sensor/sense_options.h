@@ -19,8 +19,8 @@ constexpr double kMostRenderNoise = 100;
 // N for "mc:N" (Eq. 8-11), 1 to 999999; 0 for "all"; nothing for other texts.
 std::optional<int> monte_carlo_bands(std::string_view text);
 
-// Options of the sensor: "chip", "set", "no_noise", "seed", "threads", "model", "param", "readout",
-// and those of the stages (stages.h).
+// Options of the sensor: "chip", "set", "bias", "bias_file", "no_noise", "seed", "threads", "model", "param",
+// "readout", and those of the stages (stages.h).
 void read_sensor_options(JsonObject& object, SenseOptions& options);
 
 // "fnumber", "gain", "photocurrent_a".

@@ -1,0 +1,107 @@
+// pecs chips, pecs chip info: the profiles of sensor/chips, and what light makes of them.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "commands.h"
+#include "help.h"
+#include "pecs/data_dir.h"
+#include "pecs/sensor/lux.h"
+#include "units.h"
+
+namespace pecs::app {
+namespace {
+
+std::vector<sensor::Chip> all_chips() {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(data_dir("sensor/chips")))
+    if (entry.path().extension() == ".json") files.push_back(entry.path().string());
+  std::ranges::sort(files);
+  std::vector<sensor::Chip> out;
+  for (const std::string& file : files) out.push_back(sensor::load_chip(file));
+  return out;
+}
+
+void list(bool json) {
+  Json out = Json::array();
+  for (const sensor::Chip& chip : all_chips()) {
+    if (!json)
+      fmt::print("{:<10} {}{}\n", chip.name, chip.description,
+                 chip.trade_names.empty() ? "" : fmt::format(": {}", fmt::join(chip.trade_names, ", ")));
+    out.push_back({{"name", chip.name}, {"description", chip.description}, {"trade_names", chip.trade_names}});
+  }
+  if (json) fmt::print("{}\n", text_of(out));
+}
+
+struct InfoOptions {
+  std::string chip;
+  std::optional<double> lux, fnumber;
+  double reflectance = 1;
+  bool json = false;
+};
+
+void info(const InfoOptions& o) {
+  const sensor::Chip chip = sensor::load_chip(o.chip);
+  Json out = chip_to_json(chip);
+  for (const auto& [key, source] : chip.sources) {
+    out["values"][key]["source"] = source;
+    out["values"][key]["range"] = {chip.ranges.at(key).min, chip.ranges.at(key).max};
+  }
+  if (o.lux) {
+    const double at_chip = o.fnumber ? sensor::lux_at_chip(*o.lux, *o.fnumber, o.reflectance) : *o.lux;
+    const double current_a = photocurrent_of_lux(chip, at_chip);
+    out["light"] = {
+        {"lux_at_chip", at_chip},
+        {"photocurrent_a", current_a},
+        {"corner_hz",
+         chip.corner_hz_per_a > 0 ? Json(chip.corner_hz_per_a * (current_a + chip.dark_current_a)) : Json()}};
+  }
+  if (o.json) {
+    fmt::print("{}\n", text_of(out));
+    return;
+  }
+  fmt::print("{}: {}\n", chip.name, chip.description);
+  if (!chip.trade_names.empty()) fmt::print("cameras: {}\n", fmt::join(chip.trade_names, ", "));
+  for (const auto& [key, entry] : out["values"].items())
+    fmt::print("  {:<24}{:.4g} {}: {}\n", key, entry["value"].get<double>(), entry["unit"].get<std::string>(),
+               entry["source"].get<std::string>());
+  if (!o.lux) return;
+  const Json& light = out["light"];
+  fmt::print("{:g} lux{}: {:.4g} lux at the chip, photocurrent {:.4g} fA, photoreceptor corner {}\n", *o.lux,
+             o.fnumber ? fmt::format(" at f/{:g}", *o.fnumber) : "", light["lux_at_chip"].get<double>(),
+             1e15 * light["photocurrent_a"].get<double>(),
+             light["corner_hz"].is_null() ? "none" : fmt::format("{:.4g} Hz", light["corner_hz"].get<double>()));
+}
+
+}  // namespace
+
+void add_chip(CLI::App& app, Console&) {
+  const auto json = std::make_shared<bool>(false);
+  CLI::App* chips = app.add_subcommand("chips", "list the chip profiles, with the cameras that have them");
+  chips->add_flag("--json", *json, "machine-readable output");
+  add_examples(*chips, {"pecs chips"});
+  chips->callback([json] { list(*json); });
+
+  const auto o = std::make_shared<InfoOptions>();
+  CLI::App* chip = app.add_subcommand("chip", "a chip profile: values and sources; its photocurrent in a given light");
+  chip->require_subcommand(1);
+  add_examples(*chip, {"pecs chip info imx636 --lux 100 --fnumber 2"});
+  CLI::App* sub = chip->add_subcommand("info", "print values with sources; with --lux, photocurrent and corner");
+  sub->add_option("CHIP", o->chip, "chip profile: a name or a .json path")->required();
+  auto* lux =
+      sub->add_option("--lux", o->lux, "illuminance of the chip or, with --fnumber, of a surface, by 3000 K light")
+          ->transform(quantity("lx"))
+          ->check(positive());
+  auto* fnumber = sub->add_option("--fnumber", o->fnumber, "f-number of the lens")->check(positive())->needs(lux);
+  sub->add_option("--reflectance", o->reflectance, "of the surface, with --fnumber")
+      ->check(CLI::Range(0.001, 1.0))
+      ->capture_default_str()
+      ->needs(fnumber);
+  sub->add_flag("--json", o->json, "machine-readable output");
+  add_examples(*sub, {"pecs chip info imx636", "pecs chip info imx636 --lux 100 --fnumber 2"});
+  sub->callback([o] { info(*o); });
+}
+
+}  // namespace pecs::app
