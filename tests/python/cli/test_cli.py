@@ -104,7 +104,8 @@ def test_every_help_ends_with_examples_of_its_own(helps):
             command = max((c for c in helps if re.search(rf"(^|[ |(]){c} ", f"{line} ")), key=len, default=None)
             assert command and (
                 command == name
-                or name in ("pecs", "pecs_blender", "pecs lens", "pecs align", "pecs run", "pecs_blender run")
+                or name
+                in ("pecs", "pecs_blender", "pecs chip", "pecs lens", "pecs align", "pecs run", "pecs_blender run")
             ), f"{name}: {line}"
             for option in re.findall(r" (--?[a-z][\w-]*)", line.split("#")[0].split("--sense")[0]):
                 assert re.search(rf"{option}(?![\w-])", helps[command]), f"{name}: {line}: no {option}"
