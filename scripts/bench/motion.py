@@ -25,7 +25,8 @@ from pecs_lab.measure import measured
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE_SAMPLES = 128
-SENSOR = {"corner_hz_per_a": 1e18, "contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
+THRESHOLDS = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
+SENSOR = THRESHOLDS | {"corner_hz_per_a": 1e18, "amplifier_cutoff_hz": 0}
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "clip.h"
-#include "models/pecs/photoreceptor.h"
+#include "models/pecs/amplifier.h"
 // then: the equations above need no Highway
 #include <hwy/targets.h>
 
@@ -65,9 +65,10 @@ namespace {
 
 // One pixel without noise, in double precision: the equations of the product, one crossing after another.
 struct ReferencePixel {
-  double a_per_us, leak_per_us, refractory_us, threshold_on, threshold_off;
+  double a_per_us, b_per_us, leak_per_us, refractory_us, threshold_on, threshold_off;
   double w = 0;          // photoreceptor state 1/u
-  double reference = 0;  // V at the last reset
+  double y = 0;          // amplifier
+  double reference = 0;  // V or y at the last reset
   double blind_us = 0;   // time left until the reset
 
   struct Fired {
@@ -77,7 +78,7 @@ struct ReferencePixel {
 
   // The interval from t0_us; light: ln I.
   void step(double t0_us, double h_us, const Cubic& light, std::vector<Fired>& events) {
-    scalar::Photoreceptor<double> receptor{light, a_per_us * h_us, 0, 0, 0, w, std::exp(light.c0), light.c1};
+    scalar::Photoreceptor<double> receptor{light, 2e-4f, a_per_us * h_us, 0, 0, 0, w, std::exp(light.c0), light.c1};
     receptor.bound();
     const double drift = leak_per_us * h_us;
     double s0 = 0;
@@ -85,11 +86,19 @@ struct ReferencePixel {
       Cubic q = light;
       double s1 = 1;
       if (a_per_us > 0) {
-        const auto [ds, end, m0] = receptor.choose();
         const double v0 = -std::log(receptor.w);
+        const scalar::Amplifier<double> amplifier{b_per_us * h_us};
+        const double longest = b_per_us > 0 ? amplifier.step_length(receptor, receptor.motion(), v0, y) : 1;
+        const auto [ds, end, m0] = receptor.choose(receptor.motion(), longest);
         receptor.take(true, ds, end);
         receptor.s = s1 = end;
-        q = hermite(v0, -std::log(receptor.w), m0, receptor.slope_of_v(receptor.motion(), ds));
+        const double v1 = -std::log(receptor.w), m1 = receptor.slope_of_v(receptor.motion(), ds);
+        q = hermite(v0, v1, m0, m1);
+        if (b_per_us > 0) {
+          const auto step = amplifier.take(y, v0, v1, m0, m1, ds);
+          q = step.y;
+          y = step.end;
+        }
       }
       q.c0 += drift * s0;
       q.c1 += drift * (s1 - s0);
@@ -145,15 +154,17 @@ void compare_with_double_precision() {
   const int pixels = 200, frames = 40;
   for (const std::vector<std::string>& changes :
        {std::vector<std::string>{},
-        {"refractory_period_s=0.0004"},
+        {"amplifier_cutoff_hz=0"},
+        {"amplifier_cutoff_hz=150", "refractory_period_s=0.0004"},
         {"leak_rate_hz=20"},
-        {"corner_hz_per_a=0", "refractory_period_s=0.0002", "leak_rate_hz=10"}}) {
+        {"corner_hz_per_a=0", "amplifier_cutoff_hz=0", "refractory_period_s=0.0002", "leak_rate_hz=10"}}) {
     Chip chip = without_noise(load_chip("imx636"));
     for (const std::string& change : changes) {
       const double value = std::stod(change.substr(change.find('=') + 1));
       if (change.starts_with("refractory")) chip.refractory_period_s = value;
       if (change.starts_with("leak")) chip.leak_rate_hz = value;
       if (change.starts_with("corner")) chip.corner_hz_per_a = value;
+      if (change.starts_with("amplifier")) chip.amplifier_cutoff_hz = value;
     }
     Clip clip{pixels, 1, {}, {}};
     for (int i = 0; i < frames; ++i) {
@@ -184,10 +195,13 @@ void compare_with_double_precision() {
       for (const auto& frame : clip.frames) l.push_back(std::log(double{frame[x]} + chip.dark_current_a * 1e15));
       const std::vector<double> m = slopes(l, clip.t_us);
       ReferencePixel pixel{2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21,
-                           chip.leak_rate_hz * chip.contrast_threshold_on * 1e-6, chip.refractory_period_s * 1e6,
-                           chip.contrast_threshold_on, chip.contrast_threshold_off};
+                           2 * std::numbers::pi * chip.amplifier_cutoff_hz * 1e-6,
+                           chip.leak_rate_hz * chip.contrast_threshold_on * 1e-6,
+                           chip.refractory_period_s * 1e6,
+                           chip.contrast_threshold_on,
+                           chip.contrast_threshold_off};
       pixel.w = std::exp(-l[0]);
-      pixel.reference = l[0];
+      pixel.y = pixel.reference = l[0];
       std::vector<ReferencePixel::Fired> expected;
       for (std::size_t i = 0; i + 1 < l.size(); ++i) {
         const double h = clip.t_us[i + 1] - clip.t_us[i];
@@ -208,8 +222,11 @@ void compare_with_double_precision() {
     const auto quantile = [&](double q) {
       return errors_us[static_cast<std::size_t>(q * static_cast<double>(errors_us.size()))];
     };
-    EXPECT_LT(quantile(0.5), 0.35);  // rounding to 1 us gives 0.25
-    EXPECT_LT(quantile(0.9), 3);     // flat crossings magnify the 2e-4 of V, and a refractory period passes errors on
+    // Behind an amplifier y has an error of 4e-4, and a slow one has flat crossings.
+    const double slack = chip.amplifier_cutoff_hz == 150 ? 2.5 : 1;
+    EXPECT_LT(quantile(0.5), 0.35 * slack);  // rounding to 1 us gives 0.25
+    EXPECT_LT(quantile(0.9),
+              3 * slack);  // flat crossings magnify the 2e-4 of V, and a refractory period passes errors on
     if (chip.corner_hz_per_a == 0) {
       EXPECT_LT(quantile(0.99), 1);
     }

@@ -22,12 +22,13 @@ constexpr double kDeviation = 0.03;
 
 bool long_tests() { return std::getenv("PECS_LONG_TESTS") != nullptr; }
 
-// thresholds: in standard deviations. exposure: of the photoreceptor from frame to frame.
+// thresholds: in standard deviations. exposure: of the photoreceptor from frame to frame; amplifier: 2 pi its cutoff
+// times the same, 0: none.
 class StillSensor {
  public:
-  StillSensor(int width, int height, double threshold, double exposure, std::uint64_t seed = 3)
-      : sensor_(chip(threshold), width, height, seed, 1.0) {
-    const double a_per_us = 2 * std::numbers::pi * chip(threshold).corner_hz_per_a * 1e-21;
+  StillSensor(int width, int height, double threshold, double exposure, double amplifier = 0, std::uint64_t seed = 3)
+      : sensor_(chip(threshold, amplifier), width, height, seed, 1.0) {
+    const double a_per_us = 2 * std::numbers::pi * chip(threshold, amplifier).corner_hz_per_a * 1e-21;
     plane_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
                   static_cast<float>(exposure / (a_per_us * kFrame_us)));
   }
@@ -50,8 +51,9 @@ class StillSensor {
   static constexpr double kFrame_us = 1000;
 
  private:
-  static Chip chip(double threshold) {
+  static Chip chip(double threshold, double amplifier) {
     Chip chip = without_noise(load_chip("imx636"));
+    chip.amplifier_cutoff_hz = amplifier / (2 * std::numbers::pi * kFrame_us * 1e-6);
     chip.threshold_mismatch = chip.refractory_period_s = chip.dark_current_a = 0;
     chip.noise_std = kDeviation;
     chip.contrast_threshold_on = chip.contrast_threshold_off = threshold * kDeviation;
@@ -173,13 +175,26 @@ TEST(Noise, RareEventRatesAgainstTheDensity) {
   }
 }
 
-// Fine thresholds tell V at every frame, less what it was at the start: D(j), the mean square of V(k + j) - V(k), is
-// 2 deviation^2 (1 - e^(-j exposure)).
-TEST(Noise, AutocorrelationIsThePhotoreceptors) {
+// Fine thresholds tell the noise at every frame, less what it was at the start: D(j), the mean square of its change
+// over j frames, is 2 variance (1 - correlation(j)). With rates r of the photoreceptor and b of the amplifier, the
+// variance is b / (b + r) and the correlation (b e^-rt - r e^-bt) / (b - r).
+TEST(Noise, VarianceAndAutocorrelationAreThoseOfBothPoles) {
   constexpr int kSide = 48, kLength = 121;
   constexpr double kThreshold = 0.02;  // standard deviations
-  for (const double exposure : {0.05, 0.3, 1.0}) {
-    const auto events = StillSensor(kSide, kSide, kThreshold, exposure).run(kLength, true).events;
+  struct Case {
+    double exposure, amplifier, error;  // error: of the correlation, in coarse steps (docs/reference/sensor.md)
+  };
+  for (const auto& [exposure, amplifier, error] : {Case{0.05, 0, 0},
+                                                   {0.3, 0, 0},
+                                                   {1.0, 0, 0},
+                                                   {0.05, 0.08, 0},
+                                                   {0.15, 0.03, 0},
+                                                   {0.1, 2, 0.02},
+                                                   {2, 0.1, 0.02},
+                                                   {0.7, 0.9, 0.07},
+                                                   {3, 3.1, 0.23},
+                                                   {20, 30, 0.04}}) {
+    const auto events = StillSensor(kSide, kSide, kThreshold, exposure, amplifier).run(kLength, true).events;
     std::vector<std::vector<double>> v(std::size_t{kSide} * kSide, std::vector<double>(kLength));  // [pixel][frame]
     auto last = v;
     for (const events::Event& e : events) {
@@ -202,9 +217,14 @@ TEST(Noise, AutocorrelationIsThePhotoreceptors) {
         squares.push_back(sum / static_cast<double>(kLength - apart));
       }
       const Moments d = moments(squares);
-      EXPECT_NEAR(d.mean, 2 * (1 - std::exp(-exposure * static_cast<double>(apart))),
-                  3 * std::sqrt(d.variance / static_cast<double>(squares.size())) + 2 * kThreshold * kThreshold)
-          << exposure << " " << apart;
+      const double of_v = std::exp(-exposure * static_cast<double>(apart)),
+                   of_y = std::exp(-amplifier * static_cast<double>(apart));
+      const double variance = amplifier > 0 ? amplifier / (amplifier + exposure) : 1;
+      const double correlation = amplifier > 0 ? (amplifier * of_v - exposure * of_y) / (amplifier - exposure) : of_v;
+      EXPECT_NEAR(d.mean, 2 * variance * (1 - correlation),
+                  3 * std::sqrt(d.variance / static_cast<double>(squares.size())) + 2 * kThreshold * kThreshold +
+                      2 * variance * (apart < 20 ? error : 0))
+          << exposure << " " << amplifier << " " << apart;
     }
   }
 }

@@ -53,7 +53,7 @@ def sensed(
     with pecs.Chip(chip) as profile:
         corner_hz_per_a, dark_a = 1e18 if fast else profile.corner_hz_per_a, profile.dark_current_a
     height, width = what.white.shape
-    overrides = {"corner_hz_per_a": corner_hz_per_a}
+    overrides = {"corner_hz_per_a": corner_hz_per_a} | ({"amplifier_cutoff_hz": 0} if fast else {})
     options = {"overrides": overrides, "noise": not fast, "readout": "ideal", "photocurrent_a": 1.0, "seed": seed}
     sensor = pecs.Sensor(width, height, chip, **options)
     found, followed, slow = [], [], None

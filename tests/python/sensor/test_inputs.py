@@ -73,7 +73,8 @@ def test_a_file_as_pbrts_spectral_film_writes_it(tmp_path, pecs_program, root):
         write_exr(folder / f"{i}.exr", light, "half", corner=(10, 5), full=(40, 20), **more)
     done = sense(
         pecs_program, folder, "-o", tmp_path / "o.csv", "--fps", 100, "--fnumber", 4, "--chip", "imx636",
-        "--no-noise", "--set", "corner_hz_per_a=0", "--set", "refractory_period_s=0", "--json",
+        "--no-noise", "--set", "corner_hz_per_a=0", "--set", "amplifier_cutoff_hz=0", "--set", "refractory_period_s=0",
+        "--json",
     )  # fmt: skip
     assert json.loads((tmp_path / "o.csv.run.json").read_text())["config"]["input"] == "spectral EXR"
     # i = e / (h c) A f q sum lambda QE pi L / (4 N^2) dlambda, every bucket 100 nm wide.

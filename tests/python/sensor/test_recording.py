@@ -18,6 +18,7 @@ def test_small_signal_corner_follows_the_light():
         "contrast_threshold_off": 0.01,
         "refractory_period_s": 0,
         "corner_hz_per_a": kappa,
+        "amplifier_cutoff_hz": 0,
         "dark_current_a": dark,
     }
     for photocurrent in (1e-15, 1e-14, 1e-13):

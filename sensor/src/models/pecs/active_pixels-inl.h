@@ -11,7 +11,8 @@
 #include <span>
 
 #include "models/pecs/math-inl.h"
-#include "models/pecs/photoreceptor.h"
+// then
+#include "models/pecs/amplifier.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
@@ -25,7 +26,7 @@ HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + 
 struct BlockRows {
   static constexpr std::uint32_t kPixels = 4096;
   std::uint32_t first = 0, count = 0;
-  HWY_ALIGN float memory[19][kPixels];
+  HWY_ALIGN float memory[23][kPixels];
   float* l[3] = {memory[0], memory[1], memory[2]};  // ln I
   float* i[3] = {memory[3], memory[4], memory[5]};  // photo- plus dark current I [fA]
   float* g[3] = {memory[6], memory[7], memory[8]};  // 1/I
@@ -34,6 +35,8 @@ struct BlockRows {
   float* v[2] = {memory[13], memory[14]};           // ln u
   float* u[2] = {memory[15], memory[16]};
   float* noise[2] = {memory[17], memory[18]};
+  float* y[2] = {memory[19], memory[20]};      // output of the amplifier
+  float* inner[2] = {memory[21], memory[22]};  // noise of the photoreceptor, when an amplifier follows
   HWY_ALIGN float reference[kPixels], blind_us[kPixels], on[kPixels], off[kPixels];
 };
 
@@ -52,6 +55,8 @@ struct ActiveLanes {
       background[kLanes];
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
   HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
+  HWY_ALIGN float y[kLanes];                                                  // of the amplifier
+  HWY_ALIGN float follows[kLanes], relaxes[kLanes];                           // its motion
   HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the next step
   HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes], z[kLanes];            // of the last step: V with noise and leak
   HWY_ALIGN float next[kLanes], next_on[kLanes];                              // crossing
@@ -70,8 +75,8 @@ HWY_INLINE void set(float (*rows)[kLanes], const Cubic<V>& c) {
   set(rows[0], c.c0), set(rows[1], c.c1), set(rows[2], c.c2), set(rows[3], c.c3);
 }
 
-// The exact work for the pixels of a block that may fire in an interval.
-template <bool kReceptor>
+// The exact work for the pixels of a block that may fire in an interval. kAmplifier needs kReceptor.
+template <bool kReceptor, bool kAmplifier>
 class ActivePixels {
  public:
   ActivePixels(const KernelArguments& a, BlockRows& rows) : a_(a), rows_(rows) {}
@@ -93,7 +98,8 @@ class ActivePixels {
   }
 
  private:
-  static constexpr float kNone = 2;  // no event: beyond s = 1
+  static constexpr float kNone = 2;                                // no event: beyond s = 1
+  static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
 
   // Background events of this interval: each pixel's first into background_s_.
   void take_background(const IntervalTimes& t) {
@@ -113,11 +119,18 @@ class ActivePixels {
   }
 
   HWY_INLINE Photoreceptor<V> photoreceptor(const IntervalTimes& t, const ActiveLanes& g) const {
-    return {cubic(g.light),  hn::Set(F(), a_h_of(a_, t)),
-            get(g.steepest), get(g.steepest_second),
-            get(g.s),        get(g.w),
-            get(g.i),        get(g.slope)};
+    return {cubic(g.light),
+            kTolerance,
+            hn::Set(F(), a_h_of(a_, t)),
+            get(g.steepest),
+            get(g.steepest_second),
+            get(g.s),
+            get(g.w),
+            get(g.i),
+            get(g.slope)};
   }
+
+  static HWY_INLINE Amplifier<V> amplifier(const IntervalTimes& t) { return {hn::Set(F(), t.amplifier.x)}; }
 
   // Each stage runs over all groups, so that the work of one group hides the latency of another.
   HWY_NOINLINE void find_events(const IntervalTimes& t) {
@@ -177,7 +190,7 @@ class ActivePixels {
     set(g.s1, one);
     set(g.z, zero);
     if constexpr (kReceptor) {
-      Photoreceptor<V> r{l, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
+      Photoreceptor<V> r{l, kTolerance, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
       r.bound();
       set(g.steepest, r.steepest);
       set(g.steepest_second, r.steepest_second);
@@ -185,11 +198,22 @@ class ActivePixels {
       set(g.i, of(rows_.i[0]));
       set(g.slope, l.c1);
       set(g.v, of(rows_.v[0]));
+      set_motion(g, photoreceptor(t, g).motion());
+      if constexpr (kAmplifier) set(g.y, of(rows_.y[0]));
     }
   }
 
+  static HWY_INLINE void set_motion(ActiveLanes& g, const Photoreceptor<V>::Motion& motion) {
+    set(g.follows, motion.follows);
+    set(g.relaxes, motion.relaxes);
+  }
+
   HWY_INLINE void choose_step(const IntervalTimes& t, ActiveLanes& g) {
-    const Photoreceptor<V>::Step step = photoreceptor(t, g).choose();
+    const Photoreceptor<V> r = photoreceptor(t, g);
+    V longest = hn::Set(F(), 1.0f);
+    const Photoreceptor<V>::Motion now{get(g.follows), get(g.relaxes)};
+    if constexpr (kAmplifier) longest = amplifier(t).step_length(r, now, get(g.v), get(g.y));
+    const Photoreceptor<V>::Step step = r.choose(now, longest);
     set(g.ds, step.ds);
     set(g.s_next, step.end);
     set(g.m0, step.slope_of_v);
@@ -213,7 +237,17 @@ class ActivePixels {
     if constexpr (kReceptor) {
       const Photoreceptor<V> r = photoreceptor(t, g);
       const V v1 = hn::IfThenElse(ready, hn::Neg(ln(r.w)), get(g.v));
-      v = hermite(get(g.v), v1, get(g.m0), r.slope_of_v(r.motion(), get(g.ds)));
+      const Photoreceptor<V>::Motion now = r.motion();
+      set_motion(g, now);
+      const V v0 = get(g.v), m0 = get(g.m0), m1 = r.slope_of_v(now, get(g.ds));
+      if constexpr (kAmplifier) {
+        const V y = get(g.y);
+        const Amplifier<V>::Step step = amplifier(t).take(y, v0, v1, m0, m1, get(g.ds));
+        v = step.y;
+        set(g.y, hn::IfThenElse(ready, step.end, y));
+      } else {
+        v = hermite(v0, v1, m0, m1);
+      }
       set(g.v, v1);
     }
     const V drift = get(g.drift);
@@ -290,6 +324,7 @@ class ActivePixels {
         rows_.w[1][p] = g.w[k];
         rows_.v[1][p] = g.v[k];
         rows_.u[1][p] = 1 / g.w[k];
+        if constexpr (kAmplifier) rows_.y[1][p] = g.y[k];
       }
     }
   }

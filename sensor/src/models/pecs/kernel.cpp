@@ -18,7 +18,7 @@ namespace pecs::sensor::HWY_NAMESPACE {
 
 // A block of pixels, frame by frame. First the work for all pixels, vector by vector; then the exact work, for those
 // that may fire. Most of a picture is constant in time: results that depend on constant light alone are kept.
-template <bool kReceptor>
+template <bool kReceptor, bool kAmplifier>
 class PixelBlock {
  public:
   static constexpr std::uint32_t kPixels = BlockRows::kPixels;
@@ -92,6 +92,10 @@ class PixelBlock {
     if constexpr (kReceptor) {
       take(a_.w, rows_.w[0], 1);
       take(a_.noise, rows_.noise[0], 0);
+      if constexpr (kAmplifier) {
+        take(a_.y, rows_.y[0], 0);
+        take(a_.inner_noise, rows_.inner[0], 0);
+      }
     } else {
       for (float* row : rows_.noise) std::fill_n(row, kPixels, 0.0f);
     }
@@ -113,6 +117,8 @@ class PixelBlock {
       for (const float* row : {a_.threshold_on, a_.threshold_off}) hwy::Prefetch(row + p);
     if constexpr (kReceptor)
       for (const float* row : {a_.w, a_.noise}) hwy::Prefetch(row + p);
+    if constexpr (kAmplifier)
+      for (const float* row : {a_.y, a_.inner_noise}) hwy::Prefetch(row + p);
   }
   void follow_light(int k, std::uint32_t p) {
     const V i = at(rows_.i[k], p);
@@ -150,6 +156,10 @@ class PixelBlock {
     if constexpr (kReceptor) {
       give(rows_.w[0], a_.w);
       give(rows_.noise[0], a_.noise);
+      if constexpr (kAmplifier) {
+        give(rows_.y[0], a_.y);
+        give(rows_.inner[0], a_.inner_noise);
+      }
     }
   }
 
@@ -183,8 +193,22 @@ class PixelBlock {
         put(at(rows_.g[2], p), rows_.w[0], p);
         follow_w(0, p);
         V noise = hn::Zero(f);
-        if (a_.noise_std > 0) noise = hn::Mul(hn::Set(f, a_.noise_std), gaussian(draw(p, 0, Purpose::noise_start)[0]));
+        if constexpr (kAmplifier) put(noise, rows_.inner[0], p);
+        if (a_.noise_std > 0) {
+          const Four random = draw(p, 0, Purpose::noise_start);
+          noise = hn::Mul(hn::Set(f, a_.noise_std), gaussian(random[0]));
+          if constexpr (kAmplifier) {
+            // Of the variance, the amplifier passes b / (b + a I), and that is the covariance, too.
+            put(noise, rows_.inner[0], p);
+            const V b = hn::Set(f, static_cast<float>(a_.constants.b_per_us));
+            const V a = hn::Set(f, static_cast<float>(a_.constants.a_per_us));
+            const V passes = hn::Div(b, hn::MulAdd(a, at(rows_.i[2], p), b));
+            const V rest = hn::Mul(hn::Set(f, a_.noise_std), hn::Sqrt(hn::NegMulAdd(passes, passes, passes)));
+            noise = hn::MulAdd(rest, gaussian(random[1]), hn::Mul(passes, noise));
+          }
+        }
         put(noise, rows_.noise[0], p);
+        if constexpr (kAmplifier) put(at(rows_.v[0], p), rows_.y[0], p);
         put(hn::Add(at(rows_.v[0], p), noise), rows_.reference, p);
       }
     }
@@ -221,13 +245,11 @@ class PixelBlock {
   // Lists moving and quiet vectors. In quiet ones light and photoreceptor are constant, and the results that depend on
   // them are kept.
   void list_moving(const IntervalTimes& t) {
-    const F f;
     moving_count_ = quiet_count_ = 0;
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
       std::uint8_t& still_for = still_for_[p / lanes()];  // intervals, up to 2: then both rows of a pair are equal
       bool still = !planes_.moves(p);
-      if constexpr (kReceptor)
-        still = still && (still_for == 2 || hn::AllTrue(f, hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p))));
+      if constexpr (kReceptor) still = still && (still_for == 2 || is_settled(p));
       const bool is_kept = still_for > 0;
       if (!(still && still_for == 2)) {
         still_for = still ? still_for + 1 : 0;
@@ -236,6 +258,7 @@ class PixelBlock {
           put(at(rows_.w[0], p), rows_.w[1], p);
           put(at(rows_.v[0], p), rows_.v[1], p);
           put(at(rows_.u[0], p), rows_.u[1], p);
+          if constexpr (kAmplifier) put(at(rows_.y[0], p), rows_.y[1], p);
         }
       }
       const bool is_quiet = still && is_kept && kept_h_us_ == t.h_us;
@@ -244,6 +267,14 @@ class PixelBlock {
       quiet_count_ += is_quiet;
     }
     kept_h_us_ = t.h_us;
+  }
+
+  // Whether photoreceptor and amplifier are at rest in the light at the interval's start.
+  HWY_INLINE bool is_settled(std::uint32_t p) const {
+    const F f;
+    M settled = hn::Eq(at(rows_.w[0], p), at(rows_.g[0], p));
+    if constexpr (kAmplifier) settled = hn::And(settled, hn::Eq(at(rows_.y[0], p), at(rows_.v[0], p)));
+    return hn::AllTrue(f, settled);
   }
 
   HWY_INLINE void respond(const IntervalTimes& t, std::uint32_t p) {
@@ -256,14 +287,38 @@ class PixelBlock {
                                                         at(rows_.m[1], p), i0, i1, g0, at(rows_.g[1], p)},
                                                        w0, t.h_us, a_h);
     put(r.w, rows_.w[1], p);
-    if (is_still && hn::AllTrue(f, hn::Eq(w0, g0))) {  // the photoreceptor is constant
+    const bool is_constant = is_still && hn::AllTrue(f, hn::Eq(w0, g0));  // the photoreceptor
+    if (is_constant) {
       put(at(rows_.v[0], p), rows_.v[1], p);
       put(at(rows_.u[0], p), rows_.u[1], p);
     } else {
       follow_w(1, p);
     }
     put(r.correlation, rho_, p);
-    put(innovation_std(a_.noise_std, r.correlation), sigma_, p);
+    if constexpr (kAmplifier) {
+      const V v0 = at(rows_.v[0], p), v1 = at(rows_.v[1], p);
+      amplify(t, p, is_constant);
+      const V relaxation = hn::Max(hn::Zero(f), hn::Sub(r.exposure, hn::Sub(v1, v0)));
+      const V sigma = amplified_innovation(r.correlation, relaxation, r.exposure, t.amplifier);
+      put(hn::Mul(hn::Set(f, a_.noise_std), sigma), sigma_, p);
+    } else {
+      put(innovation_std(a_.noise_std, r.correlation), sigma_, p);
+    }
+  }
+  HWY_INLINE void amplify(const IntervalTimes& t, std::uint32_t p, bool is_constant) {
+    const F f;
+    const V y0 = at(rows_.y[0], p), v0 = at(rows_.v[0], p), v1 = at(rows_.v[1], p), h = hn::Set(f, t.h_us);
+    WholeSlope<V> at0{hn::Zero(f), hn::Zero(f)}, at1 = at0;
+    if (!is_constant) {
+      const auto slope = [&](int k) {
+        return whole_slope(hn::Mul(at(rows_.m[k], p), h), a_h_of(a_, t), at(rows_.i[k], p), at(rows_.g[k], p),
+                           at(rows_.u[k], p));
+      };
+      at0 = slope(0), at1 = slope(1);
+    }
+    const V y1 = amplified(y0, v0, v1, at0, at1, t.amplifier);
+    const M settles = hn::Lt(hn::Abs(hn::Sub(y1, v1)), hn::Set(f, is_constant ? 2e-6f : 0.0f));
+    put(hn::IfThenElse(settles, v1, y1), rows_.y[1], p);
   }
 
   // The interval between the frames of rows 0 and 1, with slopes rows_.m per us.
@@ -272,9 +327,10 @@ class PixelBlock {
     if constexpr (kReceptor)
       for (std::size_t k = 0; k < moving_count_; ++k) respond(t, moving_[k]);
     const float* random = kReceptor && a_.noise_std > 0 ? draws(t.step) : nullptr;
-    const float* v0_row = kReceptor ? rows_.v[0] : rows_.l[0];
-    const float* v1_row = kReceptor ? rows_.v[1] : rows_.l[1];
+    const float* v0_row = kAmplifier ? rows_.y[0] : kReceptor ? rows_.v[0] : rows_.l[0];
+    const float* v1_row = kAmplifier ? rows_.y[1] : kReceptor ? rows_.v[1] : rows_.l[1];
     const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, leak_of(a_, t));
+    const NoiseWeights amplifier = noise_weights(t.amplifier);
     std::size_t jobs = 0, fast_jobs = 0;
     const auto list = [&](M which, std::uint32_t p, std::uint32_t* to, std::size_t& count) {
       const Compress compress(hn::And(which, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
@@ -286,7 +342,16 @@ class PixelBlock {
       return hn::Or(hn::Ge(high, at(rows_.on, p)), hn::Le(low, hn::Neg(at(rows_.off, p))));
     };
     const auto noise_after = [&](std::uint32_t p, V n0) {
-      const V n1 = random ? hn::MulAdd(at(sigma_, p), at(random, p), hn::Mul(at(rho_, p), n0)) : n0;
+      V n1 = n0;
+      if (random) {
+        const V inner0 = kAmplifier ? at(rows_.inner[0], p) : n0;
+        n1 = hn::MulAdd(at(sigma_, p), at(random, p), hn::Mul(at(rho_, p), inner0));
+        if constexpr (kAmplifier) {
+          put(n1, rows_.inner[1], p);
+          const V kept = hn::MulAdd(hn::Set(f, amplifier.n0), inner0, hn::Mul(hn::Set(f, amplifier.z), n0));
+          n1 = hn::MulAdd(hn::Set(f, amplifier.n1), n1, kept);
+        }
+      }
       put(n1, rows_.noise[1], p);
       return n1;
     };
@@ -300,7 +365,11 @@ class PixelBlock {
       M fast = hn::Lt(high, low);  // none
       if constexpr (kReceptor) {
         const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p);
-        widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), drift, low, high);
+        if constexpr (kAmplifier)
+          widen_to_hull(d0, d1, hn::Set(f, t.amplifier.x), hn::Sub(at(rows_.v[0], p), at(rows_.y[0], p)),
+                        hn::Sub(at(rows_.v[1], p), at(rows_.y[1], p)), drift, low, high);
+        else
+          widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), drift, low, high);
         // Fast light needs shorter steps than two.
         const V dl = hn::Sub(at(rows_.l[1], p), at(rows_.l[0], p));
         const V x = hn::Min(hn::Set(f, 1.0f), hn::Mul(hn::Mul(rate, hn::Set(f, 0.5f)), hn::Add(i0, i1)));
@@ -323,13 +392,14 @@ class PixelBlock {
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes())
         put(hn::Sub(at(rows_.reference, p), leaks), rows_.reference, p);
-    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.noise}) std::swap(row[0], row[1]);
+    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.noise, rows_.y, rows_.inner})
+      std::swap(row[0], row[1]);
   }
 
   const KernelArguments& a_;
   Planes<kPixels> planes_;
   BlockRows rows_;
-  ActivePixels<kReceptor> active_;
+  ActivePixels<kReceptor, kAmplifier> active_;
   std::uint32_t vectors_end_ = 0;
   std::int64_t random_of_ = -1;
   float kept_h_us_ = 0;
@@ -339,9 +409,9 @@ class PixelBlock {
   std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1], fast_[kPixels + kLanes];
 };
 
-template <bool kReceptor>
+template <bool kReceptor, bool kAmplifier>
 void run_all(const KernelArguments& a) {
-  using Block = PixelBlock<kReceptor>;
+  using Block = PixelBlock<kReceptor, kAmplifier>;
   const auto block = std::make_unique<Block>(a);
   const std::uint32_t end = a.first + a.count;
   auto background = a.background;
@@ -357,10 +427,12 @@ void run_all(const KernelArguments& a) {
 }
 
 void RunKernel(const KernelArguments& a) {
-  if (a.constants.a_per_us > 0)
-    run_all<true>(a);
+  if (a.constants.b_per_us > 0)
+    run_all<true, true>(a);
+  else if (a.constants.a_per_us > 0)
+    run_all<true, false>(a);
   else
-    run_all<false>(a);
+    run_all<false, false>(a);
 }
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

@@ -1,6 +1,6 @@
 #pragma once
 // The inner loop over frames for a range of pixels, compiled for each instruction set (kernel.cpp). A kernel for
-// another device starts from KernelArguments and the equations in photoreceptor.h and cubic.h.
+// another device starts from KernelArguments and the equations in photoreceptor.h, amplifier.h and cubic.h.
 #include "models/pecs/interval.h"
 #include "models/pecs/pixels.h"
 
@@ -15,6 +15,8 @@ struct KernelArguments {
   const float *threshold_on, *threshold_off;
   float *light0, *light1;  // of the last two frames: I [fA] (run_kernel) or ln I (run_threshold_kernel)
   float *m0, *reference, *blind_us, *w, *noise;
+  float *y,
+      *inner_noise;  // with an amplifier: its output; noise of the photoreceptor (noise: what the comparators see)
   std::span<const float* const> planes;
   std::int64_t first_frame;
   double start_us;                           // time of the first known frame

@@ -34,14 +34,17 @@ template <class T>
 PECS_INLINE T receptor_step(T w, T g0, T g1, T d0, T d1, T x) {
   const T one = number<T>(1);
   // j_n: integral of e^-(x-y) (y/x)^n. j_n = 1 - n j_(n-1) / x; up from e^-x, or down from the series of j_3.
-  T series = number<T>(-6.0 / 39916800);
-  for (const double c : {6.0 / 3628800, -6.0 / 362880, 6.0 / 40320, -6.0 / 5040, 6.0 / 720, -6.0 / 120, 6.0 / 24})
-    series = mul_add(series, x, number<T>(c));
-  T j3 = x * series;
-  T j2 = x * number<T>(1.0 / 3) * (one - j3);
-  T j1 = x * number<T>(0.5) * (one - j2);
-  T j0 = x * (one - j1);
   const auto large = x > one;
+  T j0, j1, j2, j3;
+  if (!all(large)) {
+    T series = number<T>(-6.0 / 39916800);
+    for (const double c : {6.0 / 3628800, -6.0 / 362880, 6.0 / 40320, -6.0 / 5040, 6.0 / 720, -6.0 / 120, 6.0 / 24})
+      series = mul_add(series, x, number<T>(c));
+    j3 = x * series;
+    j2 = x * number<T>(1.0 / 3) * (one - j3);
+    j1 = x * number<T>(0.5) * (one - j2);
+    j0 = x * (one - j1);
+  }
   if (any(large)) {
     const T per_x = one / x;
     j0 = select(large, one - exp(-x), j0);
@@ -63,10 +66,11 @@ PECS_INLINE T linear_step(T w, T g0, T g1, T x, T& e) {
 }
 
 // The photoreceptor within an interval, in adaptive steps: one in constant light, more during relaxation. The error of
-// V is about 2e-4.
+// V is about `tolerance`.
 template <class T>
 struct Photoreceptor {
   Cubic<T> light;  // ln I
+  float tolerance;
   T a_h, steepest, steepest_second;
   T s, w, i, slope;
 
@@ -92,9 +96,9 @@ struct Photoreceptor {
     const T one = number<T>(1);
     const T x = a_h * max(i, one / w), x_1 = one + x;
     const T r = abs(m.relaxes) + select_or_zero(x <= steepest + steepest, steepest_second / (x_1 * x_1));
-    const T relaxation = sqrt(sqrt(384 * 2e-4f / r)) / x;
+    const T relaxation = sqrt(sqrt(384 * tolerance / r)) / x;
     const T slow = 0.5f / steepest;
-    return min(min(one, slow), select(r < 2e-4f, one, relaxation));
+    return min(min(one, slow), select(r < tolerance, one, relaxation));
   }
 
   // Upper bounds of the light's slope and second derivative in the interval.
@@ -104,14 +108,13 @@ struct Photoreceptor {
     steepest = max(mul_add(number<T>(1.5), dl, 0.25f * (m0 + m1)), max(m0, m1));
     steepest_second = max(abs(light.second_derivative(zero)), abs(light.second_derivative(one)));
   }
-  // The next step: its length, its end, and dV/ds times its length at its start.
+  // The next step, at most `longest`: its length, its end, and dV/ds times its length at its start.
   struct Step {
     T ds, end, slope_of_v;
   };
-  Step choose() const {
+  Step choose(const Motion& now, T longest) const {
     const T one = number<T>(1), rest = one - s;
-    const Motion now = motion();
-    const T steps = min(ceil(rest / step_length(now)), number<T>(1e4)), ds = rest / steps;
+    const T steps = min(ceil(rest / min(step_length(now), longest)), number<T>(1e4)), ds = rest / steps;
     return {ds, select(steps <= one, one, s + ds), slope_of_v(now, ds)};
   }
   // Advances w, i and slope to the end of the step where `ready`; the caller advances s.
@@ -136,6 +139,7 @@ struct IntervalLight {
 template <class T>
 struct Response {
   T w, correlation;  // w at the end; correlation of the noise between start and end
+  T exposure;        // integral of a I
 };
 
 // The photoreceptor over an interval, given its light at start, middle and end: two half steps.
@@ -154,7 +158,7 @@ PECS_INLINE Response<T> two_half_steps(const IntervalLight<T>& light, T w0, floa
   const T wm = linear_step(w0, g0, gm, x0, e0), w1 = linear_step(wm, gm, g1, x1, e1);
   // The noise is an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0),
   // so the correlation over the step is e^-X u1/u0.
-  return {w1, min(one, e0 * e1 * (w0 / w1))};
+  return {w1, min(one, e0 * e1 * (w0 / w1)), x0 + x1};
 }
 // Constant light i = 1/g: bit-identical to two_half_steps, with the terms that vanish left out.
 template <class T>
@@ -163,7 +167,7 @@ PECS_INLINE Response<T> constant_half_steps(T i, T g, T w0, float a_h) {
   const T x = max(number<T>(0), number<T>(a_h / 24) * (mul_add(number<T>(5), i, i8) - i));
   const T e = neg_mul_add(x, phi1(x), one);
   const T wm = mul_add(e, w0 - g, g), w1 = mul_add(e, wm - g, g);
-  return {w1, min(one, e * e * (w0 / w1))};
+  return {w1, min(one, e * e * (w0 / w1)), x + x};
 }
 // Standard deviation of the noise innovation over the step.
 template <class T>

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/pecs/amplifier.h"
 #include "models/pecs/kernel.h"
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
@@ -30,7 +31,7 @@ int poisson(double mean, Next&& next) {
   return count;
 }
 
-IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step) {
+IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step, double b_per_us) {
   const double h0 = t_us[i + 1] - t_us[i], h1 = i + 2 < t_us.size() ? t_us[i + 2] - t_us[i + 1] : h0;
   if (h0 > kMaxInterval_us)
     throw bad_input("frames", fmt::format("time after {} us", t_us[i]), fmt::format("{} us", h0),
@@ -43,7 +44,8 @@ IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std
           static_cast<float>(2 * h1 + h0),  // Fritsch & Butland's weights, of 1/s0 and 1/s1
           static_cast<float>(h1 + 2 * h0),
           static_cast<float>(3 * (h0 + h1)),
-          step};
+          step,
+          b_per_us > 0 ? scalar::amplifier_weights(b_per_us * h0) : AmplifierWeights{}};
 }
 
 }  // namespace
@@ -63,6 +65,10 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
                     fmt::format("{}x{} as the frames", setup.width, setup.height));
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
+  if (chip.corner_hz_per_a == 0 && chip.amplifier_cutoff_hz > 0)
+    throw bad_input("chip " + chip.name, "amplifier_cutoff_hz", "an amplifier without a photoreceptor",
+                    "corner_hz_per_a > 0, or amplifier_cutoff_hz 0");
+  constants_.b_per_us = 2 * std::numbers::pi * chip.amplifier_cutoff_hz * 1e-6;
   constants_.a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-15 * 1e-6;
   constants_.leak_per_us = chip.leak_rate_hz * chip.contrast_threshold_on * 1e-6;
   constants_.refractory_us = chip.refractory_period_s * 1e6;
@@ -74,6 +80,8 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   if (!has_thresholds_only()) blind_us_ = Zeros(padded);
   if (constants_.a_per_us > 0)
     for (Zeros* row : {&w_, &noise_}) *row = Zeros(padded);
+  if (constants_.b_per_us > 0)
+    for (Zeros* row : {&y_, &inner_noise_}) *row = Zeros(padded);
 }
 
 void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
@@ -117,7 +125,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
   const std::int64_t first_step = std::max<std::int64_t>(0, batch.first_frame - 2);
   std::vector<IntervalTimes> intervals;
   for (std::size_t i = 0; i < complete; ++i)
-    intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i)));
+    intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i), constants_.b_per_us));
 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
@@ -137,6 +145,8 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        blind_us_.data(),
        w_.data(),
        noise_.data(),
+       y_.data(),
+       inner_noise_.data(),
        batch.planes,
        batch.first_frame,
        times ? batch.t_us[0] : 0,

@@ -30,6 +30,7 @@ struct ResetMark {
 
 struct PixelConstants {
   double a_per_us = 0;  // 2 pi * corner per fA and us; 0: V = ln I
+  double b_per_us = 0;  // 2 pi * cutoff of the amplifier per us; 0: none
   double leak_per_us = 0;
   double refractory_us = 0;
 };
@@ -54,6 +55,7 @@ class PecsPixels : public PixelModel {
   Zeros m0_;                            // slope of ln I [1/us] at the earlier one
   Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
   Zeros w_, noise_;                     // photoreceptor and its noise; empty when infinitely fast
+  Zeros y_, inner_noise_;               // amplifier (kernel.h); empty without
   std::vector<std::uint32_t> hot_;      // hot pixels, sorted
   std::shared_ptr<const NoiseTable> table_;
   std::vector<ResetMark> marks_;  // empty without causes
