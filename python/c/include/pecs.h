@@ -107,7 +107,7 @@ PECS_API pecs_stack_writer* pecs_stack_writer_create(const char* folder, const c
 /* 1 if the frame is whole on disk, 0 if not. */
 PECS_API int pecs_stack_writer_has_frame(const pecs_stack_writer* stack, const char* layer, int64_t index,
                                          pecs_error* error);
-/* count: of values. The file appears whole or not at all. */
+/* count: of values; in a stack with "noise", this channel follows the bands. The file appears whole or not at all. */
 PECS_API int pecs_stack_writer_write_frame(pecs_stack_writer* stack, const char* layer, int64_t index,
                                            const float* values, int64_t count, pecs_error* error);
 /* Light at an instant within an interval, NaN where it was not rendered; `number` rises with the time. */
@@ -236,7 +236,8 @@ typedef int (*pecs_progress_fn)(double done, void* user);
  * for '-' (docs/reference/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed":
  * 1, "threads": 0 (all), "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" | "ideal",
  * "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels": path,
- * "warmup_loops": 0, "start_us": 0, "duration_us", "motion": true}. progress: NULL, or called with `user`.
+ * "warmup_loops": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress: NULL, or called with
+ * `user`.
  * result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
@@ -280,7 +281,7 @@ PECS_API int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frame
 /* Copies the events of the last push, sorted by time, then row, then column. Returns how many; `capacity` must hold
  * them. */
 PECS_API int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, int64_t capacity, pecs_error* error);
-/* With "labels": why each of them came: 0 signal, 1 leak, 2 noise, 3 hot pixel. */
+/* With "labels": the cause of each of them: 0 signal, 1 leak, 2 noise, 3 hot pixel. */
 PECS_API int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error);
 /* Events lost so far because their pixel still waited to be read. */
 PECS_API int64_t pecs_sensor_dropped(const pecs_sensor* sensor, pecs_error* error);

@@ -87,15 +87,22 @@ void Repeats::decide(std::int64_t before_us) {
     if (e.t_us >= before_us) continue;
     const std::size_t partner = b_of_a[i];
     const bool found = partner < b.size() && a_of_b[partner] == i;
-    const bool counts = e.t_us >= from_us_ && e.t_us < to_us_;
-    events_ += counts;
+    events_ += counts(e);
     if (found) {
-      if (counts) ++differences_[distance(a[i], b[partner])];
+      pairs_ += counts(e);
+      if (counts(e)) ++differences_[distance(a[i], b[partner])];
     } else {
-      alone_ += counts;
+      alone_ += counts(e);
       Cause* cause = waiting_.causes.empty() ? nullptr : &waiting_.causes[a[i].index - old];
       if (cause && *cause == Cause::signal) *cause = Cause::render;
     }
+  }
+  for (std::size_t i = 0; i < b.size(); ++i) {
+    const events::Event& e = others_[b[i].index];
+    if (e.t_us < decided_us_ || e.t_us >= before_us || !counts(e)) continue;
+    const std::size_t partner = a_of_b[i];
+    ++events_;
+    alone_ += partner >= a.size() || b_of_a[partner] != i;
   }
   const auto is_old = [&](const events::Event& e) { return e.t_us < before_us - 2 * kWindow_us; };
   past_.clear();
@@ -105,11 +112,11 @@ void Repeats::decide(std::int64_t before_us) {
 }
 
 Json Repeats::report() const {
-  std::int64_t pairs = events_ - alone_, below = 0;
+  std::int64_t below = 0;
   std::size_t median = 0;
-  while (median < differences_.size() && 2 * (below += differences_[median]) < pairs) ++median;
+  while (median < differences_.size() && 2 * (below += differences_[median]) < pairs_) ++median;
   return {{"share", events_ ? Json(share()) : Json()},
-          {"time_us", pairs ? Json(static_cast<double>(median) / std::numbers::sqrt2) : Json()},
+          {"time_us", pairs_ ? Json(static_cast<double>(median) / std::numbers::sqrt2) : Json()},
           {"window_us", kWindow_us}};
 }
 

@@ -23,19 +23,22 @@ class Repeats {
   // without a partner get the cause Cause::render. The result does not depend on how events are divided into calls.
   void match(LabelledEvents& first, LabelledEvents& second, std::int64_t until_us, bool last);
 
-  // "share": events without a partner; "time_us": median difference of partners / sqrt(2), the time error of events.
+  // "share": events of both runs without a partner, of all; "time_us": median difference of partners / sqrt(2), the
+  // time error of events. Of both, since the second run has more noise (the first run's and its own): events of the
+  // first one alone would find partners by chance.
   Json report() const;
   double share() const { return events_ ? static_cast<double>(alone_) / static_cast<double>(events_) : 0; }
 
  private:
   void decide(std::int64_t before_us);
+  bool counts(const events::Event& e) const { return e.t_us >= from_us_ && e.t_us < to_us_; }
 
   int width_;
   std::int64_t from_us_, to_us_, decided_us_ = 0;
   LabelledEvents waiting_;                    // of the first run
   std::vector<events::Event> past_, others_;  // before them, and of the second run: as far as partners may be
   std::vector<std::int64_t> differences_ = std::vector<std::int64_t>(kWindow_us + 1);  // count by us
-  std::int64_t events_ = 0, alone_ = 0;
+  std::int64_t events_ = 0, alone_ = 0, pairs_ = 0;
 };
 
 }  // namespace pecs::sensor
