@@ -36,7 +36,7 @@ def test_run_record_and_invariance(tmp_path, pecs_program):
     assert outputs["a"] == outputs["b"] == outputs["c"] != outputs["d"]
     record = json.loads((tmp_path / "a.csv.run.json").read_text())
     assert record["config"]["seed"] == 1
-    assert record["config"]["chip"]["values"]["contrast_threshold_on"] == {"unit": "ln", "value": 0.25}
+    assert record["config"]["chip"]["values"]["contrast_threshold_on"] == {"unit": "ln", "value": 0.254}
     assert record["results"]["events"] == len(read_csv(tmp_path / "a.csv")) > 1000
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """docs/studies/latency_over_light.png and noise_over_light.png: imx636 beside what others measured of its kind.
 
-scripts/pictures/chip.py
+scripts/pictures/over_light.py
 """
 
 import json
