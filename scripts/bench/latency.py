@@ -6,7 +6,8 @@ Chassagnol, Blattner, Litorja, Bajcsy, IEEE TIM 74 (2025), doi 10.1109/tim.2025.
 (680.61 nm) in a square wave against dark, W/m2 at the chip, no lens; per region of 10x10 pixels the median, least and
 largest delay of a pixel's first event of one polarity, mean of some triggers. Here 1 Hz, as about five triggers in 5 s.
 Behind the edge before, V has stopped anywhere between two thresholds. So has the simulated V: a single step from rest
-comes a third earlier in the dimmest light. Without --measured: medians of the first camera.
+comes a third earlier in the dimmest light. Without --measured: medians of the first camera at factory biases. With it:
+also medians at other biases.
 """
 
 import argparse
@@ -19,11 +20,12 @@ import pecs
 IRRADIANCE_W_M2 = (0.006, 0.046, 0.166, 0.277, 0.398)
 LAMBDA_NM = 680.61
 MEDIANS_US = {"on": (537.1, 93.3, 41.5, 29.8, 26.9), "off": (623.0, 113.8, 48.3, 36.6, 31.7)}  # CAM1, factory biases
-FACTORY = 3  # index of the factory biases in the tables
+BIASES = ((-64, -26), (-42, -17), (-21, -9), (0, 0), (35, 47), (70, 95))  # of the tables: diff_on, diff_off
+FACTORY = BIASES.index((0, 0))
 REGION, REGIONS, CYCLES, HALF_US, FRAMES = 100, 9, 4, 5e5, 70
 
 
-def simulated(chip: str, seed: int = 1) -> dict[str, np.ndarray]:
+def simulated(chip: str, seed: int = 1, biases: dict[str, int] | None = None) -> dict[str, np.ndarray]:
     """[irradiance, pixel, cycle]: delay of the first event, us."""
     profile = pecs.Chip(chip)
     ampere = profile.amperes_per_unit([{"lambda_nm": LAMBDA_NM, "weight_nm": 1.0}])[0]
@@ -34,7 +36,7 @@ def simulated(chip: str, seed: int = 1) -> dict[str, np.ndarray]:
     lit = np.concatenate([[0], *(np.r_[k % 2, np.full(FRAMES + 1, 1 - k % 2)] for k in range(len(edges)))])
     light_fa = 1e15 * ampere * np.outer(lit, IRRADIANCE_W_M2)
     frames = np.repeat(light_fa[:, :, None], pixels, axis=2).astype(np.float32)
-    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=seed, readout="ideal")
+    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=seed, readout="ideal", biases=biases or {})
     pixel = events["y"].astype(int) * pixels + events["x"]
     found = {}
     for polarity, name in ((1, "on"), (0, "off")):
@@ -54,10 +56,10 @@ def over_regions(delays: np.ndarray) -> dict[str, list[float]]:
     return {name: np.round(f(regions, axis=2).mean((1, 2)), 1).tolist() for name, f in of.items()}
 
 
-def measured(path: Path, camera: str, name: str) -> dict[str, list[float]]:
+def measured(path: Path, camera: str, name: str, setting: int = FACTORY) -> dict[str, list[float]]:
     tables = json.loads(path.read_text())["tables"]
     rows = {s: tables[f"{camera}/nolens/{s}/{name.upper()}"] for s in ("median", "min", "max")}
-    cell = {s: [[v for v in row[FACTORY] if v is not None] for row in rows[s]] for s in rows}
+    cell = {s: [[v for v in row[setting] if v is not None] for row in rows[s]] for s in rows}
     return {s: [float(np.median(v)) if v else float("nan") for v in cell[s]] for s in rows}
 
 
@@ -73,6 +75,13 @@ def main() -> None:
         theirs = measured(args.measured, args.camera, name) if args.measured else {"median": MEDIANS_US[name]}
         ratio = {s: [round(a / b, 2) for a, b in zip(ours[s], v, strict=True)] for s, v in theirs.items()}
         report[name] = {"simulated": ours, "measured": theirs, "ratio": ratio}
+    for setting, (on, off) in enumerate(BIASES if args.measured else ()):
+        for name, delays in simulated(args.chip, biases={"diff_on": on, "diff_off": off}).items():
+            ours, theirs = (
+                of["median"] for of in (over_regions(delays), measured(args.measured, args.camera, name, setting))
+            )
+            ratio = [round(a / b, 2) for a, b in zip(ours, theirs, strict=True)]
+            report[name].setdefault("ratio of medians at diff_on, diff_off", {})[f"{on}, {off}"] = ratio
     print(json.dumps(report, indent=1))
 
 

@@ -19,8 +19,8 @@ PREFACE = """# Chips
 These are the profiles that `pecs chips` lists, with all values and sources. `scripts/pictures/chips.py` writes this
 page from `sensor/chips/*.json`. [Sensor](sensor.md#chips) explains the keys.
 
-The confidence follows from the source: *assumed* without a published figure, *fitted* to a recording, *published*
-otherwise.
+The confidence follows from the source: *assumed* without a published figure, *fitted* to recordings,
+*measured* in one, *published* otherwise.
 
 ## From illuminance to photocurrent
 A white surface (reflectance 1) in 3000 K light is seen through a lens. The table lists the photocurrent of a pixel and
@@ -38,6 +38,8 @@ def ask(*words: object) -> dict:
 def confidence(source: str) -> str:
     if source.startswith(("assumed", "no published")):
         return "assumed"
+    if source.startswith(("R_360_L", "the recording")):
+        return "measured"
     return "fitted" if source.startswith("fitted") else "published"
 
 

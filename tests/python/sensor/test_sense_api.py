@@ -70,7 +70,8 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     }
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}
-    renamed["times"] = "times_us"
+    renamed |= {"times": "times_us", "bias": "biases", "afk": "afk_hz", "afk_pass": "afk_pass_hz", "erc": "erc_hz"}
+    renamed |= {name: f"{name}_us" for name in ("trail", "stc", "stc_keep")}
     assert {renamed.get(o, o) for o in options} == {"chip", *SenseOptions.__annotations__}
 
 
@@ -212,7 +213,7 @@ def test_labels_are_written_as_they_come(tmp_path):
     report = pecs.sense(tmp_path / "s", tmp_path / "e.npz", labels=tmp_path / "l.npy", progress=watch)
     labels = np.load(tmp_path / "l.npy")
     assert labels.dtype == np.uint8 and len(labels) == report["results"]["events"] > 20000
-    assert 10000 < sizes[-1] <= (tmp_path / "l.npy").stat().st_size == 128 + len(labels)
+    assert 10000 < sizes[-1] <= (tmp_path / "l.npy").stat().st_size == 192 + len(labels)
 
 
 def test_the_program_and_python_take_the_same_seeds(tmp_path, pecs_program):
