@@ -181,7 +181,7 @@ def _compares(scene, events):
 
 def _renders_a_new_version(scene, folder):
     """Other settings are an error, unless the panel is set to a new version."""
-    scene.pecs.samples = 8
+    scene.pecs.samples = 16
     bpy.ops.wm.save_mainfile()
     assert not background.state.offer_exists
     bpy.ops.pecs.render()
