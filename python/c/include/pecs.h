@@ -236,9 +236,8 @@ typedef int (*pecs_progress_fn)(double done, void* user);
  * for '-' (docs/reference/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed":
  * 1, "threads": 0 (all), "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" | "ideal",
  * "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels": path,
- * "warmup_loops": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress: NULL, or called with
- * `user`.
- * result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
+ * "warmup_loops": 0, "warmup_us": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress: NULL,
+ * or called with `user`. result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
 

@@ -43,7 +43,7 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
 
 bool EventSink::write(LabelledEvents& fired, bool last) {
   const std::int64_t from_us = timeline_.from_us(), to_us = timeline_.to_us();
-  if (timeline_.loops()) trim(fired, from_us, to_us);  // the warm-up is not read out
+  if (timeline_.warms_up()) trim(fired, from_us, to_us);  // the warm-up is not read out
   stages_.before_readout(fired);
   if (readout_) {
     clear(sent_);

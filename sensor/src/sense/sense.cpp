@@ -5,6 +5,8 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <numbers>
 
 #include "light/feed.h"
@@ -19,6 +21,7 @@ namespace pecs::sensor {
 namespace {
 
 constexpr double kMuchRenderNoise = 0.1;  // share of the events; more is a warning
+constexpr double kWarmupStep_us = 35;     // between frames of the warm-up: noise needs steps as long as 1/b (sensor.md)
 
 // Reports progress to the terminal and to `options.progress`.
 class ProgressReporter {
@@ -95,6 +98,7 @@ class SenseRun {
   PixelArray pixels() const;
   EventSorter sorter() const;
   void run_streaming();
+  LightBatch warmup(const LightBatch& first);
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
   void note_light(const LightBatch& light, PixelRange range);
@@ -128,8 +132,9 @@ class SenseRun {
     LabelledEvents events{};
   };
   std::unique_ptr<Again> again_;
-  std::vector<float> first_fa_;    // light of the first frame
-  std::int64_t light_planes_ = 0;  // given to the pixels
+  std::vector<float> first_fa_;                // light of the first frame
+  std::array<std::vector<float>, 2> touched_;  // first planes of the warm-up
+  std::int64_t light_planes_ = 0;              // given to the pixels
 };
 
 SenseRun::SenseRun(const SenseOptions& options)
@@ -153,8 +158,9 @@ PixelArray SenseRun::pixels() const {
 }
 
 EventSorter SenseRun::sorter() const {
-  // The readout of a loop begins after its warm-up.
-  return EventSorter(source_->info().width, options_.labels.has_value(), timeline_.loops() ? timeline_.from_us() : 0);
+  // The readout begins after the warm-up.
+  const std::int64_t from_us = timeline_.warms_up() ? timeline_.from_us() : 0;
+  return EventSorter(source_->info().width, options_.labels.has_value(), from_us);
 }
 
 // Per unit of each band's value: of all bands, or of those drawn.
@@ -171,6 +177,7 @@ std::vector<double> SenseRun::amperes() {
 
 ModelChoice SenseRun::model() const {
   ModelChoice model = options_.model;
+  model.random_phase = options_.window.warmup_us > 0;
   if (!model_traits(model.name).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, amperes_);
   return model;
 }
@@ -210,8 +217,7 @@ void SenseRun::run_streaming() {
   ProgressReporter progress(options_, timeline_.steps().value_or(0));
   FrameClock clock;
   LabelledEvents events;
-  const auto step = [&](const LightBatch& light) {
-    note_light(light, pixels_of(all));
+  const auto advance = [&](const LightBatch& light) {
     FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
     const auto simulate = [&](PixelArray& pixels, EventSorter& sorter, LabelledEvents& out) {
       sorter.begin(frames.t_us);
@@ -224,7 +230,12 @@ void SenseRun::run_streaming() {
       simulate(again_->pixels, again_->sorter, again_->events);
       again_->repeats.match(events, again_->events, clock.final_us(), frames.last);
     }
-    if (!sink_.write(events, frames.last)) return false;
+    return sink_.write(events, frames.last);
+  };
+  const auto step = [&](const LightBatch& light) {
+    if (timeline_.warmup_us() > 0 && clock.frames() == 0) advance(warmup(light));
+    note_light(light, pixels_of(all));
+    if (!advance(light)) return false;
     progress.at(light.steps);
     return true;
   };
@@ -232,6 +243,32 @@ void SenseRun::run_streaming() {
     feed_moving(timeline_, light_, again_ ? &again_->light : nullptr, step);
   else
     feed_frames(timeline_, light_, all, step);
+}
+
+// The light of the first frame, held until then. Its very first plane has a touch of the change that comes, which is
+// how the pixels know the change before.
+LightBatch SenseRun::warmup(const LightBatch& first) {
+  constexpr float kTouch = 1e-4f;  // of ln I
+  const std::size_t pixels = pixels_of({0, source_->info().height}).size();
+  const auto touched = [&](const float* plane, std::vector<float>& out) {
+    out.assign(plane, plane + pixels);
+    for (std::size_t i = 0; first.planes.size() > 1 && i < pixels; ++i) {
+      const float change = first.planes[1][i] - first.planes[0][i];
+      out[i] *= 1 + (change > 0 ? -kTouch : change < 0 ? kTouch : 0);
+    }
+    return out.data();
+  };
+  const auto length_us = static_cast<double>(timeline_.warmup_us());
+  const auto count = static_cast<std::size_t>(std::ceil(length_us / kWarmupStep_us));
+  LightBatch batch{std::vector(count, first.planes[0]), {}, 0, false};
+  batch.planes[0] = touched(first.planes[0], touched_[0]);
+  if (!first.again.empty()) {
+    batch.again.assign(count, first.again[0]);
+    batch.again[0] = touched(first.again[0], touched_[1]);
+  }
+  for (std::size_t i = 0; i < count; ++i)
+    batch.t_us.push_back(length_us * static_cast<double>(i) / static_cast<double>(count));
+  return batch;
 }
 
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait
@@ -291,6 +328,7 @@ Json SenseRun::config() const {
           {"seed", options_.seed},
           {"no_noise", options_.no_noise},
           {"warmup_loops", options_.window.warmup_loops},
+          {"warmup_us", options_.window.warmup_us},
           {"start_us", options_.window.start_us},
           {"duration_us", optional(options_.window.duration_us)},
           {"fnumber", optional(light.gain      ? std::nullopt

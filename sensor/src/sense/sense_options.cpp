@@ -75,6 +75,7 @@ SenseOptions sense_options(JsonObject o) {
   out.motion = o.boolean_or("motion", true);
   out.render_noise = o.number_or("render_noise", out.render_noise, {0, kMostRenderNoise});
   out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));
+  out.window.warmup_us = o.integer_or("warmup_us", 0, 0, kLongestWarmup_us);
   out.window.start_us = o.integer_or("start_us", 0, 0, kLongestTime_us);
   if (o.has("duration_us")) out.window.duration_us = o.integer("duration_us", 1, kLongestTime_us);
   o.done();

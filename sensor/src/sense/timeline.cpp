@@ -12,7 +12,11 @@
 namespace pecs::sensor {
 Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) {
   const StackInfo& info = source.info();
-  from_us_ = window.start_us;
+  if (window.warmup_us > 0 && (source.is_live() || info.period_ns))
+    throw bad_input(source.name(), "--warmup", fmt::format("{} us", window.warmup_us),
+                    source.is_live() ? "recorded light" : "--warmup-loops for a periodic stack");
+  warmup_us_ = window.warmup_us;
+  from_us_ = window.start_us + warmup_us_;
   to_us_ = std::numeric_limits<std::int64_t>::max();
   if (window.warmup_loops > 0 && !info.period_ns)
     throw bad_input(source.name(), "period_ns", "nothing", "a period, for --warmup-loops");
@@ -36,7 +40,8 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
   steps_ = std::min(source.frames(), *steps_ + 2);
   const double end_us = t_us(source.frames() - 1);
   if (static_cast<double>(from_us_) > end_us)
-    throw bad_input(source.name(), "--start", fmt::format("{} us", from_us_), fmt::format("at most {} us", end_us));
+    throw bad_input(source.name(), "--start", fmt::format("{} us", window.start_us),
+                    fmt::format("at most {} us", end_us - static_cast<double>(warmup_us_)));
   if (window.duration_us && static_cast<double>(to_us_) > end_us)
     warnings_.push_back(fmt::format("{}: --duration: got {}, the last frame is {} us after the window's start",
                                     source.name(), *window.duration_us, end_us - static_cast<double>(from_us_)));
@@ -45,7 +50,7 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
 double Timeline::t_us(std::int64_t step) const {
   const auto& times_ns = source_.info().times_ns;
   const std::int64_t frames = source_.frames(), rounds = step / frames;
-  return static_cast<double>(rounds) * period_us_ +
+  return static_cast<double>(warmup_us_) + static_cast<double>(rounds) * period_us_ +
          static_cast<double>(times_ns[static_cast<std::size_t>(step % frames)] - times_ns[0]) * 1e-3;
 }
 

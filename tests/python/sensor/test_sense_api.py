@@ -71,7 +71,7 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}
     renamed |= {"times": "times_us", "bias": "biases", "afk": "afk_hz", "afk_pass": "afk_pass_hz", "erc": "erc_hz"}
-    renamed |= {name: f"{name}_us" for name in ("trail", "stc", "stc_keep")}
+    renamed |= {name: f"{name}_us" for name in ("warmup", "trail", "stc", "stc_keep")}
     assert {renamed.get(o, o) for o in options} == {"chip", *SenseOptions.__annotations__}
 
 

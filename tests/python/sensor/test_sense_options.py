@@ -35,6 +35,7 @@ HEARD = {
     "duration": (["--duration", "5ms"], "duration_us"),
 }
 REFUSED = {
+    "warmup": (["--warmup", "5ms"], "--warmup-loops for a periodic stack"),
     "fps": (["--fps", "500"], "frames without times of their own"),
     "times": (["--times", "x.txt"], "frames without times of their own"),
     "colorspace": (["--colorspace", "linear"], "pictures or a video"),

@@ -74,6 +74,8 @@ struct ModelChoice {
   std::map<std::string, double> parameters = {};  // of the model, by key; defaults for those left out
   double white_fa = 0;                            // photocurrent [fA] of the grey value 255; 0: of a plane's value 1
   Device device = Device::cpu;
+  // Pixels of `pecs` begin at random distances from their thresholds, as pixels that have been on, instead of at rest.
+  bool random_phase = false;
 };
 
 std::vector<std::string> model_names();

@@ -11,9 +11,12 @@
 
 namespace pecs::sensor {
 
+inline constexpr std::int64_t kLongestWarmup_us = 10'000'000;
+
 struct Window {
-  int warmup_loops = 0;       // of a periodic stack, before the output begins
-  std::int64_t start_us = 0;  // the output begins this long after the warm-up (or the first frame)
+  int warmup_loops = 0;        // of a periodic stack, before the output begins
+  std::int64_t warmup_us = 0;  // the first frame's light lasts so long before it, where a stack is not repeated
+  std::int64_t start_us = 0;   // the output begins this long after the warm-up (or the first frame)
   std::optional<std::int64_t> duration_us;
 };
 
@@ -26,6 +29,9 @@ class Timeline {
   Timeline(FrameSource& source, const Window& window);
 
   bool loops() const { return period_us_ > 0; }
+  // Whether events before the window are those of a warm-up, which the readout does not take.
+  bool warms_up() const { return loops() || warmup_us_ > 0; }
+  std::int64_t warmup_us() const { return warmup_us_; }
   // Frames in the order of time: how many are needed (unknown for a live source), which one, when.
   std::optional<std::int64_t> steps() const { return steps_; }
   std::int64_t frame(std::int64_t step) const { return step % source_.frames(); }
@@ -45,7 +51,7 @@ class Timeline {
   FrameSource& source_;
   double period_us_ = 0;  // of a loop
   std::optional<std::int64_t> steps_;
-  std::int64_t from_us_ = 0, to_us_ = 0;
+  std::int64_t from_us_ = 0, to_us_ = 0, warmup_us_ = 0;
   std::vector<std::string> warnings_;
 };
 

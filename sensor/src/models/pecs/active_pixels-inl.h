@@ -348,7 +348,7 @@ class ActivePixels {
     hn::Store(s, F(), at_s);
     each(which, [&](std::size_t k) {
       const std::uint32_t p = g.pixels[k];
-      a_.marks[rows_.first + p] = {t.t0_us + double{at_s[k]} * t.h_us, noise_at(p, at_s[k])};
+      a_.marks[rows_.first + p] = {t.t0_us + double{at_s[k]} * t.h_us, noise_at(p, at_s[k]), 0};
     });
   }
 
@@ -357,7 +357,7 @@ class ActivePixels {
     const double sign = on ? 1 : -1;
     const double noise = sign * (noise_at(p, s) - mark.noise);
     const double leaked = sign * a_.constants.leak_per_us * (t.t0_us + double{s} * t.h_us - mark.t_us);
-    const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked;
+    const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked - sign * double{mark.phase};
     return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
   }
 

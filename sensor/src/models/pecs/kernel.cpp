@@ -6,6 +6,7 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -38,6 +39,7 @@ class PixelBlock {
       const std::int64_t frame = a_.first_frame + static_cast<std::int64_t>(i);
       take_light(frame == 0);
       if (frame == 0) start();
+      if (frame == 1 && a_.random_phase) draw_phases();
       if (frame > 1) {
         const IntervalTimes& t = a_.intervals[interval++];
         list_moving(t);
@@ -213,7 +215,23 @@ class PixelBlock {
       }
     }
     if (a_.marks)
-      for (std::uint32_t p = 0; p < rows_.count; ++p) a_.marks[rows_.first + p] = {a_.start_us, rows_.noise[0][p]};
+      for (std::uint32_t p = 0; p < rows_.count; ++p) a_.marks[rows_.first + p] = {a_.start_us, rows_.noise[0][p], 0};
+  }
+
+  // Distances from the reference, at the second frame: uniform up to the threshold that the light moves to, for light
+  // that has moved so before; in still light, up to the one that the leak moves to. Without a leak, between both.
+  void draw_phases() {
+    constexpr float kStill = 1e-6f;  // of ln I
+    for (std::uint32_t p = 0; p < rows_.count; ++p) {
+      const float change = rows_.l[2][p] - rows_.l[1][p];
+      const bool moves = std::abs(change) > kStill, leaks = a_.constants.leak_per_us > 0;
+      const double low = moves ? (change > 0 ? 0 : -rows_.off[p]) : (leaks ? 0 : -rows_.off[p]);
+      const double high = moves && change < 0 ? 0 : rows_.on[p];
+      const Random4 random = random4(a_.seed, rows_.first + p, 1, Purpose::noise_start);
+      const auto phase = static_cast<float>(low + uniform(random[0]) * (high - low));
+      rows_.reference[p] -= phase;
+      if (a_.marks) a_.marks[rows_.first + p].phase = phase;
+    }
   }
 
   struct Four {

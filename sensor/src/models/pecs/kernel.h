@@ -10,6 +10,7 @@ struct KernelArguments {
   PixelConstants constants;
   float dark_fa, gain_fa, noise_std;
   std::uint64_t seed;
+  bool random_phase;  // pixels begin at a random distance from their thresholds
   // Arrays start at pixel 0 and are padded by kMaxLanes. Equal thresholds: kMaxLanes of each.
   bool equal_thresholds;
   const float *threshold_on, *threshold_off;
@@ -31,8 +32,8 @@ struct KernelArguments {
 inline constexpr std::uint32_t kMaxLanes = 64;
 
 void run_kernel(const KernelArguments& arguments);
-// For pixels with thresholds only: no photoreceptor, refractory period, leak, background or marks
-// (threshold_kernel.cpp).
+// For pixels with thresholds only: no photoreceptor, refractory period, leak, background, marks or
+// random phase (threshold_kernel.cpp).
 void run_threshold_kernel(const KernelArguments& arguments);
 
 }  // namespace pecs::sensor

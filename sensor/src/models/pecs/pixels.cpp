@@ -58,6 +58,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
       background_off_hz_(setup.chip.noise_table ? 0 : setup.chip.background_off_hz),
       hot_hz_(setup.chip.hot_pixel_hz),
       seed_(setup.seed),
+      random_phase_(setup.random_phase),
       table_(setup.chip.noise_table) {
   const Chip& chip = setup.chip;
   if (table_ && table_->width && (table_->width != setup.width || table_->height != setup.height))
@@ -112,10 +113,10 @@ void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
     if (uniform(random_of(i)[2]) < chip.hot_pixel_fraction) hot_.push_back(static_cast<std::uint32_t>(i));
 }
 
-// True without photoreceptor, refractory period, leak, background and causes.
+// True without photoreceptor, refractory period, leak, background, causes and random phases.
 bool PecsPixels::has_thresholds_only() const {
   return constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-         !has_background() && marks_.empty();
+         !has_background() && marks_.empty() && !random_phase_;
 }
 
 void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& events) {
@@ -135,6 +136,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        static_cast<float>(gain_fa_),
        static_cast<float>(noise_std_),
        seed_,
+       random_phase_,
        equal_thresholds_,
        threshold_on_.data(),
        threshold_off_.data(),

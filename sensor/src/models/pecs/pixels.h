@@ -22,10 +22,11 @@ struct BackgroundEvent {
   Cause cause = Cause::noise;
 };
 
-// Time and noise at a pixel's last reset, for the causes of events.
+// Time and noise at a pixel's last reset, for the causes of events. phase: distance from the reference then, not 0
+// only for pixels that begin at a random one.
 struct ResetMark {
   double t_us = 0;
-  float noise = 0;
+  float noise = 0, phase = 0;
 };
 
 struct PixelConstants {
@@ -49,6 +50,7 @@ class PecsPixels : public PixelModel {
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
   std::uint64_t seed_;
+  bool random_phase_;
   bool equal_thresholds_;
   Zeros threshold_on_, threshold_off_;  // if equal, one vector each
   Zeros light0_, light1_;               // of the last two frames (kernel.h)
