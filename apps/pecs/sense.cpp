@@ -101,7 +101,7 @@ void add_window(CLI::App* sub, Options* o) {
                   "loops of a periodic stack to simulate before the output starts")
       ->check(CLI::Range(0, 1000000));
   sub->add_option("--warmup", o->window.warmup_us,
-                  "light of the first frame before the output, to pixels that have been on (random reference levels)")
+                  "light before the first frame, extrapolated, for pixels that have been on (random reference levels)")
       ->transform(quantity("us"))
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestWarmup_us));
   sub->add_option("--start", o->window.start_us, "start of the output, from the first frame or the end of the warm-up")

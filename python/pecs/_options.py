@@ -57,7 +57,7 @@ class SenseOptions(PixelOptions, total=False):
     labels: str | PathLike[str] | None  # an NPY file for each event's cause (`pecs.sensor.LABELS`)
     dropped: str | PathLike[str] | None  # an NPY file of the events that a stage dropped (`pecs.sensor.STAGES`)
     warmup_loops: int  # of a periodic stack, before the output begins; default 0
-    warmup_us: int  # the first frame's light before the output, to pixels that have been on; default 0
+    warmup_us: int  # light before the first frame, extrapolated, for pixels that have been on; default 0
     start_us: int  # begin of the output; default 0
     duration_us: int | None  # length of the output; default: to the end of the stack
     render_noise: float  # factor on the renderer's noise in the estimate of its events, 0: no estimate; default 1

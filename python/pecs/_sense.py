@@ -47,8 +47,8 @@ def sense(
     - bands: "all" (default), or "mc:N" for N bands drawn by their light.
     - labels: an NPY file for each event's cause (`pecs.sensor.LABELS`).
     - dropped: an NPY file of the events that a stage dropped: t, x, y, p, stage (`pecs.sensor.STAGES`).
-    - warmup_us: the light of the first frame lasts so long before the output, and pixels begin at random distances from
-      their thresholds, as pixels that have been on (0: at rest).
+    - warmup_us: light before the first frame, extrapolated, and pixels that begin at random distances from their
+      thresholds, as pixels that have been on (0: at rest).
     - warmup_loops: of a periodic stack, before the output begins (0). start_us, duration_us: begin (0) and length of
       the output.
     - render_noise: factor on the renderer's noise in the estimate of the events that come from it (1); 0: no estimate.

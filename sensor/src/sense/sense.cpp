@@ -2,10 +2,10 @@
 
 #include <fmt/format.h>
 #include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -98,7 +98,7 @@ class SenseRun {
   PixelArray pixels() const;
   EventSorter sorter() const;
   void run_streaming();
-  LightBatch warmup(const LightBatch& first);
+  void warm_up(const LightBatch& first, const std::function<void(const LightBatch&)>& advance) const;
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
   void note_light(const LightBatch& light, PixelRange range);
@@ -132,9 +132,8 @@ class SenseRun {
     LabelledEvents events{};
   };
   std::unique_ptr<Again> again_;
-  std::vector<float> first_fa_;                // light of the first frame
-  std::array<std::vector<float>, 2> touched_;  // first planes of the warm-up
-  std::int64_t light_planes_ = 0;              // given to the pixels
+  std::vector<float> first_fa_;    // light of the first frame
+  std::int64_t light_planes_ = 0;  // given to the pixels
 };
 
 SenseRun::SenseRun(const SenseOptions& options)
@@ -233,7 +232,7 @@ void SenseRun::run_streaming() {
     return sink_.write(events, frames.last);
   };
   const auto step = [&](const LightBatch& light) {
-    if (timeline_.warmup_us() > 0 && clock.frames() == 0) advance(warmup(light));
+    if (timeline_.warmup_us() > 0 && clock.frames() == 0) warm_up(light, advance);
     note_light(light, pixels_of(all));
     if (!advance(light)) return false;
     progress.at(light.steps);
@@ -245,30 +244,42 @@ void SenseRun::run_streaming() {
     feed_frames(timeline_, light_, all, step);
 }
 
-// The light of the first frame, held until then. Its very first plane has a touch of the change that comes, which is
-// how the pixels know the change before.
-LightBatch SenseRun::warmup(const LightBatch& first) {
-  constexpr float kTouch = 1e-4f;  // of ln I
+// Light before the first frame: it has changed as it does from there to the second plane, by at most kMostChange.
+// Pixels take the direction from the first two planes, so these differ wherever the light will change.
+void SenseRun::warm_up(const LightBatch& first, const std::function<void(const LightBatch&)>& advance) const {
+  constexpr float kMostChange = 0.5f, kTouch = 1e-4f;  // of ln I
+  constexpr std::size_t kPlanes = 16;                  // of a batch
   const std::size_t pixels = pixels_of({0, source_->info().height}).size();
-  const auto touched = [&](const float* plane, std::vector<float>& out) {
-    out.assign(plane, plane + pixels);
-    for (std::size_t i = 0; first.planes.size() > 1 && i < pixels; ++i) {
-      const float change = first.planes[1][i] - first.planes[0][i];
-      out[i] *= 1 + (change > 0 ? -kTouch : change < 0 ? kTouch : 0);
-    }
-    return out.data();
-  };
   const auto length_us = static_cast<double>(timeline_.warmup_us());
   const auto count = static_cast<std::size_t>(std::ceil(length_us / kWarmupStep_us));
-  LightBatch batch{std::vector(count, first.planes[0]), {}, 0, false};
-  batch.planes[0] = touched(first.planes[0], touched_[0]);
-  if (!first.again.empty()) {
-    batch.again.assign(count, first.again[0]);
-    batch.again[0] = touched(first.again[0], touched_[1]);
+  std::vector<float> per_us(pixels);
+  if (first.planes.size() > 1)
+    for (std::size_t i = 0; i < pixels; ++i) {
+      const float change = std::log(first.planes[1][i] / first.planes[0][i]);
+      per_us[i] = std::isfinite(change) ? change / static_cast<float>(first.t_us[1] - first.t_us[0]) : 0;
+    }
+  const std::size_t chips = first.again.empty() ? 1 : 2;
+  std::vector<std::vector<float>> planes(kPlanes * chips, std::vector<float>(pixels));
+  for (std::size_t begin = 0; begin < count; begin += kPlanes) {
+    LightBatch batch;
+    const std::size_t size = std::min(kPlanes, count - begin);
+    for (std::size_t k = 0; k < size; ++k) {
+      batch.planes.push_back(planes[chips * k].data());
+      if (chips > 1) batch.again.push_back(planes[chips * k + 1].data());
+      batch.t_us.push_back(length_us * static_cast<double>(begin + k) / static_cast<double>(count));
+    }
+    tbb::parallel_for(std::size_t{0}, size, [&](std::size_t k) {
+      const auto before_us = static_cast<float>(length_us - batch.t_us[k]);
+      for (std::size_t i = 0; i < pixels; ++i) {
+        float change = std::clamp(per_us[i] * before_us, -kMostChange, kMostChange);
+        if (begin + k == 0) change += per_us[i] > 0 ? kTouch : per_us[i] < 0 ? -kTouch : 0;
+        const float factor = change == 0 ? 1 : std::exp(-change);
+        planes[chips * k][i] = first.planes[0][i] * factor;
+        if (chips > 1) planes[chips * k + 1][i] = first.again[0][i] * factor;
+      }
+    });
+    advance(batch);
   }
-  for (std::size_t i = 0; i < count; ++i)
-    batch.t_us.push_back(length_us * static_cast<double>(i) / static_cast<double>(count));
-  return batch;
 }
 
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait

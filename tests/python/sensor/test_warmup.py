@@ -48,7 +48,7 @@ def test_the_rate_of_a_ramp_is_even_from_the_start(tmp_path):
         counts = np.histogram(found["t"], 90, (0, 180_000))[0]  # of 2 ms
         first[warmup_us], later[warmup_us] = counts[1:3].mean(), counts[45:].mean()
     assert first[0] < 0.02 * later[0]
-    assert abs(first[20_000] / later[20_000] - 1) < 0.2
+    assert abs(first[20_000] / later[20_000] - 1) < 0.1
     assert abs(later[20_000] / later[0] - 1) < 0.03
 
 
