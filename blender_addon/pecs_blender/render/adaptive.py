@@ -406,8 +406,9 @@ class Between:
             wanted |= more
             current = self._judge.photocurrent(raw)
             wrong = self._judge.differing(predicted, current)
-        clean = self._light.clean_parts(boxes(wanted, *self._stage.size), frame, under)
-        light = raw if clean is None else self._judge.with_noise(clean)
+        rendered = np.isfinite(raw[0])  # boxes may cover more than was rendered
+        clean = self._light.clean_parts(boxes(tiles_with(rendered), *self._stage.size), frame, under)
+        light = raw if clean is None else np.where(rendered, self._judge.with_noise(clean), np.nan)
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):
