@@ -156,8 +156,6 @@ VARIANTS = {
     "step 8": ("--time", "adaptive", "--step", 8),
     "step 32": ("--time", "adaptive", "--step", 32),
     "step 64": ("--time", "adaptive", "--step", 64),
-    "tolerance 0.5": ("--time", "adaptive", "--time-tolerance", 0.5),
-    "tolerance 1": ("--time", "adaptive", "--time-tolerance", 1),
     "no subpixels": ("--time", "adaptive", "--subpixels", 1),
     "4 subpixels": ("--time", "adaptive", "--subpixels", 4),
 }

@@ -142,9 +142,6 @@ class Options:
         choices=TIMES,
     )
     step_px: float = option(24.0, "adaptive: maximum motion between keyframes", above=0, high=256, unit="px")
-    time_tolerance: float = option(
-        0.5, "adaptive: tolerated error of ln(photocurrent) between keyframes, in contrast thresholds", above=0
-    )
     subpixels: int | None = option(
         None, "rendered pixels per sensor pixel, in x and y; by default 1, with adaptive steps 2", choices=(1, 2, 4)
     )

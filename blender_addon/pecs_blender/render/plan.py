@@ -19,6 +19,8 @@ from .timeline import Timeline, timeline
 if TYPE_CHECKING:
     from .source import Source
 
+TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
+
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
 
@@ -155,7 +157,7 @@ def resolve(options: Options, source: Source) -> Plan:
         timeline(options.frames, options.fps, source.period_s, source.duration_s),
         options.only,
         options.step_px if options.is_adaptive else None,
-        options.time_tolerance * threshold,
+        TIME_TOLERANCE * threshold,
     )
     if view.path:
         view.path.check(instants.grid)

@@ -30,7 +30,7 @@ from .work import Work, chip_path, sequence_work
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
-OF_LIGHT = ("time", "fps", "step_px", "time_tolerance", "subpixels", "noise_events")
+OF_LIGHT = ("time", "fps", "step_px", "subpixels", "noise_events")
 
 
 def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[str], None]) -> None:
