@@ -3,11 +3,15 @@ Croissant 1.0)."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from .._files import write_json, write_text
+from .._files import sha256, write_json, write_text
 from .recipe import Recipe
+from .sequence import Sequence, sequences
 
 CONTEXT = {
     "@language": "en",
@@ -21,6 +25,17 @@ CONTEXT = {
     "includes": "cr:includes",
     "containedIn": "cr:containedIn",
     "md5": "cr:md5",
+    "recordSet": "cr:recordSet",
+    "field": "cr:field",
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "source": "cr:source",
+    "extract": "cr:extract",
+    "jsonPath": "cr:jsonPath",
+    "column": "cr:column",
+    "fileProperty": "cr:fileProperty",
+    "transform": "cr:transform",
+    "regex": "cr:regex",
+    "key": "cr:key",
 }
 SETS = {  # of files: id, what, pattern, type
     "events": ("events in DSEC's HDF5 layout", "sequences/*/*/events.h5", "application/x-hdf5"),
@@ -34,69 +49,106 @@ SETS = {  # of files: id, what, pattern, type
     "truth": ("depth, normals, objects, flow (EXR)", "sequences/*/*/truth/*.exr", "image/x-exr"),
     "calibration": ("cameras, what was drawn", "sequences/*/sequence.json", "application/json"),
     "poses": ("poses of the rig, TUM", "sequences/*/poses.txt", "text/plain"),
+    "imu": ("samples of the IMU, EuRoC's columns", "sequences/*/imu.csv", "text/csv"),
 }
+COLUMNS = {  # of the record set `sequences`: what, type, JSONPath in dataset.json
+    "name": ("folder in sequences/", "sc:Text"),
+    "split": ("train, val or test", "sc:Text"),
+    "scene": ("scene of the recipe", "sc:Text"),
+    "sha256": ("SHA-256 of its files.json", "sc:Text"),
+}
+SPDX = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9.+]*[A-Za-z0-9+])+")
 
 
 def write_cards(recipe: Recipe, manifest: dict[str, Any], output: Path) -> None:
-    write_json(output / "croissant.json", _croissant(recipe, manifest))
-    write_text(output / "datasheet.md", _datasheet(recipe, manifest))
+    write_json(output / "croissant.json", _croissant(recipe, manifest, output))
+    write_text(output / "datasheet.md", _datasheet(recipe, manifest, sequences(output)))
 
 
-def _croissant(recipe: Recipe, manifest: dict[str, Any]) -> dict[str, Any]:
-    repository = {
+def _licence(text: str) -> str:
+    """The page of an SPDX identifier at the text's start; the text itself without one."""
+    found = SPDX.match(text)
+    return f"https://spdx.org/licenses/{found[0]}.html" if found else text
+
+
+def _croissant(recipe: Recipe, manifest: dict[str, Any], output: Path) -> dict[str, Any]:
+    listing = {
         "@type": "cr:FileObject",
-        "@id": "set",
-        "name": "set",
-        "description": "The folder; SHA-256 of all files stand in files.json of each sequence.",
-        "contentUrl": ".",
-        "encodingFormat": "inode/directory",
-        "sha256": recipe.sha256,
+        "@id": "dataset.json",
+        "name": "dataset.json",
+        "description": "All sequences, with the SHA-256 of their files.json, which lists all files.",
+        "contentUrl": "dataset.json",
+        "encodingFormat": "application/json",
+        "sha256": sha256(output / "dataset.json"),
     }
-    inside = {"@type": "cr:FileSet", "containedIn": {"@id": "set"}}
     files = [
-        inside | {"@id": name, "name": name, "description": what, "encodingFormat": kind, "includes": pattern}
+        {"@type": "cr:FileSet", "@id": name, "name": name, "description": what}
+        | {"encodingFormat": kind, "includes": pattern}
         for name, (what, pattern, kind) in SETS.items()
     ]
+    fields = [
+        {"@type": "cr:Field", "@id": f"sequences/{name}", "name": name, "description": what, "dataType": kind}
+        | {"source": {"fileObject": {"@id": "dataset.json"}, "extract": {"jsonPath": f"$.sequences[*].{name}"}}}
+        for name, (what, kind) in COLUMNS.items()
+    ]
+    record_set = {"@type": "cr:RecordSet", "@id": "sequences", "name": "sequences", "key": {"@id": "sequences/name"}}
+    about = recipe.about
     return {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": recipe.name,
-        "description": recipe.about.get("description", f"Simulated events with ground truth: {recipe.name}"),
-        "license": recipe.about.get("licence", "not stated"),
+        "description": about.get("description", f"Simulated events with ground truth: {recipe.name}"),
+        **({"license": _licence(about["licence"])} if "licence" in about else {}),
         "version": manifest["versions"]["pecs"],
-        "distribution": [repository, *files],
+        "distribution": [listing, *files],
+        "recordSet": [record_set | {"description": "One row for each sequence.", "field": fields}],
     }
 
 
-def _datasheet(recipe: Recipe, manifest: dict[str, Any]) -> str:
-    splits: dict[str, int] = {}
-    for row in manifest["sequences"]:
-        splits[row["split"]] = splits.get(row["split"], 0) + 1
-    scenes = "\n".join(f"- `{s.name}`: {s.path.name}" for s in recipe.scenes)
-    cameras = "\n".join(
-        f"- `{c.name}`: {c.kind}, {c.chip or 'RGB film'}, lens {c.lens or f'of {c.pixels_of}'}" for c in recipe.cameras
-    )
+def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -> str:
+    """Of the sequences that were made, by their own records."""
+    shares = ", ".join(f"{n} {split}" for split, n in _counts(sequence.split for sequence in made).items())
+    scenes = "\n".join(f"- `{name}`: {count}" for name, count in _counts(s.info["scene"] for s in made).items())
+    cameras = {
+        f"- `{c.name}`: {c.kind}, {c.width} x {c.height}, {c.info['chip'] or 'RGB film'}, lens {c.info['lens']}": None
+        for sequence in made
+        for c in sequence.cameras.values()
+    }
+    truths = {c.truth for s in made for c in s.cameras.values() if c.has_truth and not c.info["pixels_of"]}
+    layers = sorted({layer for truth in truths for layer in truth.layers})
+    spacing = {round(float(truth.times_us[1] - truth.times_us[0])) for truth in truths if len(truth) > 1}
+    rates = ", ".join(f"{1e6 / us:g}" for us in sorted(spacing)) or "no"
+    parts = sorted({s.info["imu"]["part"] for s in made if s.info["imu"]}) or ["none"]
     about = "\n".join(f"- {key}: {value}" for key, value in recipe.about.items())
+    seconds = sum(sequence.duration_us for sequence in made) * 1e-6
+    outside = [f"- {row['name']}: {line}" for row in manifest["sequences"] for line in row["outside_limits"]]
     return f"""# {recipe.name}
 
 {about}
 
 ## What it is
-{len(manifest["sequences"])} simulated sequences ({", ".join(f"{n} {name}" for name, n in splits.items())}), made by
+{len(made)} simulated sequences of {seconds:g} s in all ({shares}), made by
 PECS {manifest["versions"]["pecs"]} from the recipe in dataset.json (SHA-256 {recipe.sha256}). No person was recorded.
 
 ## Scenes
 {scenes}
 
 ## Cameras
-{cameras}
+{chr(10).join(cameras)}
 
 ## Ground truth
-At {recipe.truth["fps"]:g} Hz: {", ".join(recipe.truth["layers"])}; per event: cause, and object at its own time.
-Poses and IMU ({recipe.imu["part"] if recipe.imu else "none"}). Pages report.html say how well the parts agree.
+At {rates} Hz: {", ".join(layers)}; per event: cause, and object at its own time.
+Poses and IMU ({", ".join(parts)}). Pages report.html say how well the parts agree.
+
+## Outside the recipe's limits
+{chr(10).join(outside) or "None."}
 
 ## What it lacks
 Thresholds, noise and lamps are drawn from the ranges of the recipe, which may be wider or narrower than those of real
 cameras. Motion blur of sharp reflections and refractions is that of the rendered instants.
 """
+
+
+def _counts(names: Iterable[str]) -> dict[str, int]:
+    return dict(Counter(names))

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from .._poses import interpolate
 from ..sensor import LABELS
 from ._bilinear import neighbours
+from .files import read_object
 from .imu import integrate
-from .rig import along, rig_from_camera, transformed
-from .sequence import Camera, Sequence
+from .rig import along, transformed
+from .sequence import Camera, Sequence, rig_from_imu
 
+SUMMARY = {"least": np.min, "median": np.median, "most": np.max}
 EDGE_PX = 1  # how far an event may lie from a pixel whose light changes
 WINDOW_US = 100_000  # of the IMU
+LIMITS = {"render_noise_share": 0.1, "dropped_share": 0.02}  # of a recipe without any
 
 
 def check(sequence: Sequence) -> dict[str, Any]:
@@ -26,7 +29,8 @@ def check(sequence: Sequence) -> dict[str, Any]:
         for a, b in sequence.stereo_pairs("events") + sequence.stereo_pairs("rgb")
         if _has(a, "depth") and _has(b, "depth")
     }
-    return {"cameras": cameras, "stereo": pairs, "imu": imu(sequence)}
+    found = {"cameras": cameras, "stereo": pairs, "imu": imu(sequence), "motion": motion(sequence)}
+    return found | {"outside_limits": outside(found, sequence.info.get("limits", LIMITS))}
 
 
 def _has(camera: Camera, *layers: str) -> bool:
@@ -36,11 +40,49 @@ def _has(camera: Camera, *layers: str) -> bool:
 def _camera(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if _has(camera, "depth", "objects", "motion"):
-        found |= flow(camera)
+        found |= flow(camera) | left_out(camera)
         found["boxes"] = boxes(camera)
     if camera.kind == "events":
         found["events"] = events(sequence, camera)
     return found
+
+
+def motion(sequence: Sequence) -> dict[str, float]:
+    """Realised speeds of the rig."""
+    t_us, world = sequence.poses()
+    t_s = np.diff(t_us) * 1e-6
+    speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / t_s
+    turned = np.clip((np.einsum("nij,nij->n", world[1:, :3, :3], world[:-1, :3, :3]) - 1) / 2, -1, 1)
+    rate = np.degrees(np.arccos(turned)) / t_s
+    both = {"speed": ("m_s", speed), "turn_rate": ("deg_s", rate)}
+    return {f"{name}_{at}_{u}": float(of(v)) for name, (u, v) in both.items() for at, of in SUMMARY.items()}
+
+
+def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
+    """Values beyond the limits of the recipe, one line each."""
+    lines = []
+    for name, camera in found["cameras"].items():
+        for key in ("render_noise_share", "dropped_share"):
+            value = camera.get("events", {}).get(key)
+            if value is not None and value > limits[key]:
+                lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}")
+    fastest, limit = found["motion"]["speed_most_m_s"], limits.get("speed_m_per_s")
+    if limit is not None and fastest > limit:
+        lines.append(f"speed of the rig is {fastest:.3g} m/s, limit {limit:g}")
+    return lines
+
+
+def left_out(camera: Camera) -> dict[str, Any]:
+    """What `flow` and `boxes` do not compare: objects that deform, and pixels of the flow that are hidden, outside or
+    unknown at the next instant."""
+    truth, shares, hidden = camera.truth, [], []
+    for i in range(len(truth)):
+        shares.append(float(np.isin(truth.instances(i), list(truth.deforming)).mean()))
+        if i + 1 < len(truth):
+            hidden.append(float(1 - truth.visible_at(i).mean()))
+    names = sorted(o["name"] for o in truth.objects if o["id"] in truth.deforming)
+    found = {"objects_that_deform": ", ".join(names), "share_of_pixels": float(np.mean(shares))}
+    return {"not_compared": found | {"flow_hidden_or_outside": float(np.mean(hidden)) if hidden else None}}
 
 
 def flow(camera: Camera) -> dict[str, Any]:
@@ -132,7 +174,7 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
     from scipy.interpolate import make_interp_spline
 
     t_us, world = sequence.poses()
-    world = world @ rig_from_camera(sequence.info["imu"]["position_m"])
+    world = world @ rig_from_imu(sequence)
     velocity = make_interp_spline(t_us * 1e-6, world[:, :3, 3], 5).derivative()
     count = np.searchsorted(samples["t_us"], WINDOW_US, "right")
     metres, degrees = [], []
@@ -149,7 +191,8 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
 
 def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     """Rates, causes, and the share of signal events that lie where the picture's light changes. noise_share: of the
-    sensor's noise; render_noise_share: of the renderer's."""
+    sensor's noise; render_noise_share: of the renderer's, as `pecs sense` estimates it; dropped_share: events that the
+    readout dropped, of all that pixels fired; corner_hz: of photoreceptors in the light of the first frame."""
     found, causes = camera.events(), np.asarray(camera.causes())
     seconds = sequence.duration_us * 1e-6
     bins = np.histogram(found["t"], bins=50, range=(0, sequence.duration_us))[0] / (seconds / 50)
@@ -161,8 +204,20 @@ def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
         "on_share": float(np.mean(found["p"])) if len(found) else 0.0,
         "noise_share": float(np.mean(~signal & ~render)) if len(found) else 0.0,
         "render_noise_share": float(np.mean(render)) if len(found) else 0.0,
+        "rate_per_pixel_hz": len(found) / seconds / (camera.width * camera.height),
         "pixels_with_events": len(np.unique(_at(found, camera))) / (camera.width * camera.height),
     }
+    record = camera.folder / "events.h5.run.json"
+    if record.exists():
+        results = read_object(record, "the record of the events")["results"]
+        out |= {
+            "dropped": results["dropped"],
+            "dropped_share": results["dropped"] / max(results["dropped"] + len(found), 1),
+        }
+        for key in ("corner_hz", "photocurrent_a"):
+            out |= {f"{key}_{part}": value for part, value in results[key].items()}
+        if (share := results.get("render_noise", {}).get("share")) is not None:
+            out["render_noise_share"] = share
     if _has(camera, "motion") and len(camera.truth) > 1 and signal.any():
         out |= _on_edges(camera, found[signal])
     return out

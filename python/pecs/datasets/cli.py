@@ -17,7 +17,7 @@ from .._files import existing_folder
 from .._progress import Line
 from . import manifest, recipe, report, run, writers
 from .card import write_cards
-from .sequence import Sequence, sequences
+from .sequence import sequences
 from .work import Busy
 
 SHOWN_ROWS = 20  # of --plan
@@ -110,9 +110,6 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
             busy.append(index)
             continue
         made += fresh
-        if not (final / "report.html").exists():
-            say("report")
-            report.write(Sequence(final))
     line.end()
     if busy:
         line.note(f"dataset: left to other processes: {', '.join(map(str, busy))}")
@@ -127,6 +124,9 @@ def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
     content = manifest.write(found, output)
     write_cards(found, content, output)
     report.write_index(output, content)
+    for row in content["sequences"]:
+        for outside in row["outside_limits"]:
+            line.note(f"dataset: sequence {row['name']}: {outside}")
     for name in found.export:
         if not (output / "exports" / name).is_dir():  # it appears whole
             _export(output, name, output / "exports" / name, line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ from .._library import version
 from .recipe import Recipe
 
 OWN = "files.json"
-NOT_SUMMED = (".log", ".run.json", "report.html")  # with times of day, or made from the other files
+ABSOLUTE = re.compile(r'"(/[^"\n]*)"')  # a path of this machine in a recipe
+NOT_SUMMED = ".log"  # with times of day
 
 
 def sequence_folder(output: Path, index: int) -> Path:
@@ -58,11 +60,13 @@ def write(recipe: Recipe, output: Path) -> dict[str, Any]:
     for index in range(recipe.sequences):
         folder = sequence_folder(output, index)
         info = json.loads((folder / "sequence.json").read_text())
-        rows.append({key: info[key] for key in ("name", "split", "scene")} | {"sha256": sha256(folder / OWN)})
+        checks = json.loads((folder / "checks.json").read_text())
+        row = {key: info[key] for key in ("name", "split", "scene")} | {"sha256": sha256(folder / OWN)}
+        rows.append(row | {"outside_limits": checks["outside_limits"]})
     manifest = {
         "format": 1,
         "name": recipe.name,
-        "recipe": recipe.path.read_text(),
+        "recipe": ABSOLUTE.sub(lambda path: f'"{Path(path[1]).name}"', recipe.path.read_text()),
         "recipe_sha256": recipe.sha256,
         "about": recipe.about,
         "versions": {"pecs": version()},

@@ -67,6 +67,7 @@ COMMON = {
     "pause_ramp_s": _number(0.05, 1e-4, 60),
     "clearance_m": _number(0.2, 1e-3, 100),
     "view_deg": _number(40.0, 1, 170),
+    "max_speed_m_per_s": _number(None, 1e-3, 1e4),
     "tries": Parameter(200, lambda fields, key: fields.integer(key, low=1, high=100000)),
 }
 _ROUTE = {"volume": _numbers(None, 2, 3), "waypoints": _numbers(None, -1, 3)}

@@ -7,6 +7,7 @@ sequence 7 is the same in a set of ten and of a thousand, and a new range beside
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from .._config import read_toml
 from .._options import STAGE_KEYS
 from . import placing
+from .checks import LIMITS
 from .table import Table, Value
 from .writers import WRITERS
 
@@ -106,6 +108,7 @@ class Recipe:
     truth: dict[str, Any]
     keep: dict[str, bool]
     export: tuple[str, ...]
+    limits: dict[str, float] = field(default_factory=dict)
     about: dict[str, str] = field(default_factory=dict)
     sha256: str = ""
 
@@ -139,7 +142,7 @@ class Recipe:
         return {
             "scene": scene.name,
             "split": split,
-            "duration_s": drawn("duration_s", self.duration_s),
+            "duration_s": self._whole_intervals(drawn("duration_s", self.duration_s)),
             "parameters": {k: drawn(f"scene.{scene.name}.{k}", v) for k, v in scene.parameters.items()},
             "place": [
                 thing
@@ -155,6 +158,12 @@ class Recipe:
 
     def scene(self, name: str) -> SceneEntry:
         return next(s for s in self.scenes if s.name == name)
+
+    def _whole_intervals(self, seconds: float) -> float:
+        """At least `seconds`, and a whole number of intervals of the ground truth, so that all events are within it."""
+        if not self.truth["layers"]:
+            return seconds
+        return math.ceil(seconds * self.truth["fps"] - 1e-9) / self.truth["fps"]
 
     def _place(self, index: int, name: str, weights: list[float]) -> int:
         """Index of the weights; the shares are even for any number of sequences."""
@@ -172,7 +181,7 @@ def load(path: Path) -> Recipe:
     scenes = tuple(_scene(table, path.parent, common) for table in top.tables("scene", least=1))
     _unique(top, "scene", [s.name for s in scenes])
     splits = top.table("split", {})
-    about, truth, keep = (top.table(key, {}) for key in ("about", "truth", "keep"))
+    about, truth, keep, limits = (top.table(key, {}) for key in ("about", "truth", "keep", "limits"))
     export = top.texts("export", [], choices=tuple(WRITERS))
     recipe = Recipe(
         path=path,
@@ -187,6 +196,8 @@ def load(path: Path) -> Recipe:
             "part": imu.text("part", "ideal"),
             "rate_hz": imu.number("rate_hz", 1000, 1, 1e5),
             "position_m": imu.numbers("position_m", ORIGIN, count=3),
+            "rotation_deg": imu.numbers("rotation_deg", ORIGIN, count=3),
+            "turn_on": imu.number("turn_on", 0.0, 0, 10),
         }
         if imu
         else None,
@@ -194,14 +205,22 @@ def load(path: Path) -> Recipe:
         truth={"fps": truth.number("fps", 20.0, 1e-3, 1e5), "layers": truth.texts("layers", TRUTH_LAYERS)},
         keep={key: keep.flag(key, True) for key in ("light", "truth")},
         export=tuple(export),
+        limits=_limits(limits),
         about={k: about.text(k) for k in about.keys()},
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
-    for table in (splits, about, truth, keep, *([imu] if imu else []), top):
+    for table in (splits, about, truth, keep, limits, *([imu] if imu else []), top):
         table.done()
     if sum(recipe.splits.values()) <= 0:
         raise top.fail("split", "no share above 0", f"shares of {', '.join(SPLITS)}")
     return recipe
+
+
+def _limits(table: Table) -> dict[str, float]:
+    """Of the quality of a sequence (checks.py); speed_m_per_s also of the trajectories."""
+    found = {key: table.number(key, value, 0, 1) for key, value in LIMITS.items()}
+    speed = table.optional(table.number, "speed_m_per_s", low=1e-3, high=1e4)
+    return found if speed is None else found | {"speed_m_per_s": speed}
 
 
 def _unique(top: Table, place: str, names: list[str]) -> None:
@@ -307,8 +326,8 @@ def _camera(table: Table) -> CameraEntry:
 
 
 def _stage(table: Table, key: str) -> Any:
-    """Files are beside the recipe; the sensor checks the rest."""
-    return str(Path(table.file).parent / table.text(key)) if key == "mask" else table.any(key)
+    """A file, beside the recipe, or what the sensor checks."""
+    return table.text(key) if key == "mask" else table.any(key)
 
 
 def _film(table: Table) -> Film:

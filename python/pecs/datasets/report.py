@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import optional_module
-from .._files import write_json, write_text
+from .._files import write_json, write_text, write_whole
+from . import preview
 from .checks import check
 from .files import png_bytes, read_picture
+from .report_pictures import flow_picture
 from .sequence import Camera, Sequence
 from .writers._pictures import depth_picture, event_picture
 
@@ -25,7 +27,9 @@ table { border-collapse: collapse; margin: 0.5em 0 1.5em; } td, th { padding: 0.
 border-bottom: 1px solid #ddd; }
 figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: 13px; color: #555; }
 img { image-rendering: pixelated; background: #eee; } .card { display: inline-block; margin: 0 1em 1.2em 0;
-vertical-align: top; width: 346px; } .card img { width: 346px; } svg { background: #fafafa; }
+vertical-align: top; width: 960px; } svg { background: #fafafa; }
+.moving { background-size: 100% auto; animation: play 6s steps(12) infinite; }
+@keyframes play { to { background-position-y: var(--end); } }
 """
 SHOWN = 640  # pixels wide at most
 
@@ -35,6 +39,11 @@ def write(sequence: Sequence) -> dict[str, Any]:
     checks = check(sequence)
     write_json(sequence.folder / "checks.json", checks)
     parts = [f"<h1>Sequence {sequence.name}</h1>", _facts(sequence)]
+    parts += [f"<p><b>Outside the limits:</b> {_text(line)}</p>" for line in checks["outside_limits"]]
+    strip = preview.strip(sequence)
+    if strip is not None:
+        write_whole(sequence.folder / "preview.png", png_bytes(strip, 9))
+        parts += [_moving("preview.png", strip.shape), "<p>Light, events, 1 / depth, flow</p>"]
     for camera in sequence.cameras.values():
         parts.append(f"<h2>{_text(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
         parts += [_figure(picture, caption) for caption, picture in _pictures(sequence, camera)]
@@ -63,13 +72,12 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
         seen = [c.truth for c in sequence.cameras.values() if c.has_truth and "objects" in c.truth.layers]
         objects = [o for truth in seen for o in truth.objects]
         classes = sorted({o["class"] for o in objects if o["class"]})
-        first = next(iter(sequence.cameras.values()))
         cards.append(
             f'<div class="card" data-split="{row["split"]}" data-scene="{_text(row["scene"])}">'
-            f'<a href="sequences/{row["name"]}/report.html">{_img(_events_picture(sequence, first), 346)}</a>'
+            f'<a href="sequences/{row["name"]}/report.html">{_card_picture(sequence)}</a>'
             f"<br><b>{row['name']}</b> {row['split']}, {_text(row['scene'])}, "
             f"{sequence.duration_us / 1e6:g} s, {sum(rates) / 1e6:.2f} Mevents/s"
-            f"<br>{_text(', '.join(classes))}</div>"
+            f"<br>{_quality(checks)}<br>{_text(', '.join(classes))}</div>"
         )
     picks = "".join(
         f'<label>{what} <select data-what="{what}"><option value="">all</option>'
@@ -93,6 +101,34 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
         f"<h2>Recipe</h2><pre>{_text(manifest['recipe'])}</pre>",
     ]
     _page(folder / "index.html", manifest["name"], parts)
+
+
+def _card_picture(sequence: Sequence) -> str:
+    """Its moving pictures; without an event camera, a picture."""
+    path = sequence.folder / "preview.png"
+    if not path.exists():
+        return _img(_events_picture(sequence, next(iter(sequence.cameras.values()))), 346)
+    return _moving(f"sequences/{sequence.folder.name}/preview.png", read_picture(path).shape)
+
+
+def _moving(path: str, shape: tuple[int, ...]) -> str:
+    """The rows of a preview.png one after the other, half a second each."""
+    size = f"width:{shape[1]}px;height:{shape[0] // preview.ROWS}px"
+    return f'<div class="moving" style="{size};background-image:url({path});--end:-{shape[0]}px"></div>'
+
+
+def _quality(checks: dict[str, Any]) -> str:
+    """Shares of noise and of dropped events of each camera, speed, and what is outside the limits."""
+    words = []
+    for name, camera in checks["cameras"].items():
+        events = camera.get("events", {})
+        shares = [
+            f"{k} {100 * events[f'{k}_share']:.1f} %" for k in ("render_noise", "dropped") if f"{k}_share" in events
+        ]
+        words += [f"{name}: {', '.join(shares)}"] if shares else []
+    words.append(f"speed up to {checks['motion']['speed_most_m_s']:.2f} m/s")
+    words += [f"outside the limits: {line}" for line in checks["outside_limits"]]
+    return "<br>".join(_text(word.replace("_", " ")) for word in words)
 
 
 def _page(path: Path, title: str, parts: list[str]) -> None:
@@ -183,7 +219,7 @@ def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
     if "motion" in truth.layers and len(truth) > 1:
         flow = truth.flow(min(i, len(truth) - 2))
         most = np.nanmax(np.hypot(flow[..., 0], flow[..., 1]), initial=0)
-        found.append((f"flow until the next instant, up to {most:.1f} px", _flow_picture(flow)))
+        found.append((f"flow until the next instant, up to {most:.1f} px", flow_picture(flow)))
     if "objects" in truth.layers:
         found.append(("objects, and boxes of those with a class", _boxes_picture(camera, i)))
     return found
@@ -208,17 +244,6 @@ def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False)
     out = np.full((camera.height, camera.width, 3), 255, np.uint8)
     out[events["y"], events["x"]] = _colours(camera.objects()[first:last])
     return out
-
-
-def _flow_picture(flow: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Hue is the direction, saturation the length; grey is not known."""
-    cv2 = optional_module("cv2", "opencv-python-headless", "the report")
-    length, angle = np.hypot(flow[..., 0], flow[..., 1]), np.arctan2(flow[..., 1], flow[..., 0])
-    known = np.isfinite(length)
-    most = max(float(np.percentile(length[known], 99)) if known.any() else 1.0, 1e-6)
-    hsv = np.stack([(angle / np.pi * 90 + 90), 255 * np.clip(length / most, 0, 1), np.full_like(length, 255)], -1)
-    rgb = cv2.cvtColor(np.nan_to_num(hsv).astype(np.uint8), cv2.COLOR_HSV2RGB)
-    return np.where(known[..., None], rgb, 150).astype(np.uint8)
 
 
 def _boxes_picture(camera: Camera, i: int) -> NDArray[np.uint8]:

@@ -15,21 +15,24 @@ import numpy as np
 from .. import _poses as poses
 from .._arguments import words
 from .._errors import bad_input
-from .._files import write_json, write_whole
+from .._files import write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
 from ..chip import Chip
 from ..lens import Lens
 from . import imu as imus
-from . import pictures, placing, rgb, rig, trajectories
+from . import pictures, placing, report, rgb, rig, trajectories
 from .blender import blender
 from .files import npy_bytes
 from .manifest import seal
+from .paths import GRAVITY_M_S2
 from .recipe import CameraEntry, Recipe
-from .work import Work, chip_path, sequence_work
+from .sequence import Sequence
+from .work import Work, beside, portable, sequence_work
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
+WARMUP_US = 20_000  # of the pixels, before the sequence (docs/reference/sensor.md)
 OF_LIGHT = ("time", "fps", "step_px", "subpixels", "noise_events")
 
 
@@ -48,6 +51,7 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
         _describe(work)
         for entry in recipe.cameras:
             (_sense if entry.kind == "events" else pictures.take)(work, entry)
+        _report(work)
         _drop(work)
         seal(work.folder)
 
@@ -76,6 +80,8 @@ def _move(work: Work) -> None:
     parameters["duration_s"] = seconds + 3 / rate  # the last frames may be later
     if "file" in parameters:
         parameters["file"] = str(recipe.path.parent / parameters["file"])
+    if "speed_m_per_s" in recipe.limits:
+        parameters.setdefault("max_speed_m_per_s", recipe.limits["speed_m_per_s"])
     path = trajectories.plan(kind, parameters, _surfaces(survey), recipe.rng(work.index, "trajectory"))
     t_s = np.arange(math.ceil(seconds * rate) + 3) / rate
     for entry in recipe.cameras:
@@ -99,11 +105,28 @@ def _surfaces(survey: Path) -> trajectories.Surfaces:
 
 
 def _write_imu(work: Work, path: trajectories.Trajectory) -> None:
-    options = work.recipe.imu or {}
-    imu = imus.Imu.of_part(options["part"], options["rate_hz"], rig.rig_from_camera(options["position_m"]))
+    imu = _imu(work.recipe)
     got = imus.measure(path, imu, work.recipe.rng(work.index, "imu"))
-    kept = got.t_ns <= work.duration_us * 1000
-    poses.write_euroc_imu(work.folder / "imu.csv", got.t_ns[kept], got.gyro_rad_s[kept], got.accel_m_s2[kept])
+    kept, folder = got.t_ns <= work.duration_us * 1000, work.folder
+    poses.write_euroc_imu(folder / "imu.csv", got.t_ns[kept], got.gyro_rad_s[kept], got.accel_m_s2[kept])
+    biases = got.gyro_bias_rad_s[kept], got.accel_bias_m_s2[kept]
+    poses.write_euroc_imu(folder / "imu_biases.csv", got.t_ns[kept], *biases)
+    write_text(folder / "imu.yaml", "".join(f"{key}: {value!r}\n" for key, value in imu.kalibr().items()))
+
+
+def _imu(recipe: Recipe) -> imus.Imu:
+    options = recipe.imu or {}
+    placed = rig.rig_from_camera(options["position_m"], options["rotation_deg"])
+    return imus.Imu.of_part(options["part"], options["rate_hz"], placed, turn_on=options["turn_on"])
+
+
+def _imu_entry(recipe: Recipe) -> dict[str, Any] | None:
+    """The IMU in sequence.json. noise: densities and random walks in Kalibr's sense, SI units."""
+    if not recipe.imu:
+        return None
+    imu = _imu(recipe)
+    more = {"rig_from_imu": imu.rig_from_imu.tolist(), "gravity_m_s2": [0.0, 0.0, -GRAVITY_M_S2], "noise": imu.kalibr()}
+    return recipe.imu | more
 
 
 # Light and truth
@@ -160,17 +183,24 @@ def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
     """The chip that determines film width and bands (its path is relative to the work's folder), and the size of the
     picture in pixels."""
     if entry.kind == "events":
-        name = chip_path(work.recipe, entry)
-        with Chip(name) as chip:
-            if "/" in name:  # copied, so that the record contains no path of this machine
-                write_whole(work.folder / entry.name / "chip.json", Path(name).read_bytes())
-                name = f"{entry.name}/chip.json"
+        name = _copied(work, entry, str(entry.chip), "chip.json")
+        with Chip(work.folder / name if "/" in name else name) as chip:
             return name, entry.width or chip.width, entry.height or chip.height
     width, height = int(entry.width or 0), int(entry.height or 0)
     assert entry.film
     path = work.folder / entry.name / "film.json"
     rgb.write_chip(path, None, width, height, float(entry.pixel_pitch_um or 0), entry.film.peak_qe)
     return f"{entry.name}/film.json", width, height
+
+
+def _copied(work: Work, entry: CameraEntry, name: str, to: str) -> str:
+    """CAMERA/`to`, a copy of the file `name` beside the recipe, so that records contain no path of this machine; the
+    name itself if there is no such file."""
+    path = beside(work.recipe, name)
+    if not path:
+        return name
+    write_whole(work.folder / entry.name / to, path.read_bytes())
+    return f"{entry.name}/{to}"
 
 
 def _see_corners(work: Work, entry: CameraEntry) -> None:
@@ -238,10 +268,11 @@ def _describe(work: Work) -> None:
             "split": work.drawn["split"],
             "seed": recipe.seed,
             "duration_us": work.duration_us,
-            "drawn": work.drawn,
+            "drawn": portable(work.drawn),
             "scene": work.drawn["scene"],
             "cameras": entries,
-            "imu": recipe.imu,
+            "imu": _imu_entry(recipe),
+            "limits": recipe.limits,
             "versions": {"pecs": version(), "blender": view.stack["versions"]["blender"]},
             "about": recipe.about,
         },
@@ -276,20 +307,32 @@ def _sense(work: Work, entry: CameraEntry) -> None:
     drawn, causes = work.drawn["cameras"][entry.name], folder / "causes.npy"
     if not (folder / "events.h5").exists() or not causes.exists():
         work.say(f"{entry.name}: events")
+        chip, stages = film(work, entry)[0], dict(entry.stages)
+        if "mask" in stages:
+            stages["mask"] = str(work.folder / _copied(work, entry, stages["mask"], "mask.txt"))
         sense(
             work.stack(entry),
             folder / "events.h5",
-            chip=chip_path(work.recipe, entry),
+            chip=work.folder / chip if "/" in chip else chip,
             overrides=drawn["overrides"],
             biases=drawn["biases"],
-            **entry.stages,
+            **stages,
+            warmup_us=WARMUP_US,
             model=entry.model,
             seed=drawn["seed"],
             format="dsec",
             labels=causes,
             duration_us=work.duration_us,
         )
+        record = folder / "events.h5.run.json"
+        write_text(record, record.read_text().replace(f"{work.folder}/", ""))
     pictures.label_events(work, entry, folder)
+
+
+def _report(work: Work) -> None:
+    """report.html and checks.json."""
+    work.say("report")
+    report.write(Sequence(work.folder))
 
 
 def _drop(work: Work) -> None:

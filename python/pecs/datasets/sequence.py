@@ -173,6 +173,11 @@ class Camera:
     def has_boxes(self) -> bool:
         return self.has_truth and (self._pixels / "truth" / "objects.json").is_file()
 
+    @property
+    def stack_folder(self) -> Path:
+        """The light of its pixels, if the set keeps it."""
+        return self._pixels / "stack"
+
     @cached_property
     def view(self) -> Optics:
         """Its lens, with the settings of the ground truth."""
@@ -237,13 +242,18 @@ class Sequence:
         return read_poses(self.folder / "poses.txt")
 
     def imu(self) -> NDArray[Any] | None:
-        """The IMU's samples (`IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s2, specific force] in the rig's axes)."""
+        """The IMU's samples (`IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s2, specific force] in the IMU's axes)."""
         if self.info.get("imu") is None:
             return None
         t_ns, gyro, accel = read_euroc_imu(existing(self.folder / "imu.csv", "the IMU's samples"))
         out = np.zeros(len(t_ns), IMU_DTYPE)
         out["t_us"], out["gyro"], out["accel"] = t_ns / 1e3, gyro, accel
         return out
+
+
+def rig_from_imu(sequence: Sequence) -> NDArray[np.float64]:
+    """[4, 4]."""
+    return Fields(sequence.info["imu"], sequence.folder / "sequence.json").array("rig_from_imu", 4, 4)
 
 
 def same_pixels(a: Camera, b: Camera) -> bool:

@@ -367,6 +367,8 @@ def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
 def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
     if isinstance(trajectory.path, paths.Drone):
         _check_drone(trajectory, p)
+    if p["max_speed_m_per_s"] is not None:
+        _check_speed(trajectory, p["max_speed_m_per_s"])
     t = instants(trajectory, p["clearance_m"] / 4)
     at = t[:: max(len(t) // 64, 1)]
     rotation = trajectory.matrices(at)[:, :3, :3]
@@ -407,6 +409,16 @@ def _check_drone(trajectory: Trajectory, p: dict) -> None:
             what = f"{name.format(abs(value[worst]))} at {t[worst]:.3g} s"
             wanted = f"wanted {'at least' if limit < 0 else 'at most'} {abs(limit):g}: slower, or longer steps"
             raise _Rejected(f"{what}, {wanted}", _way(trajectory, t[worst]))
+
+
+def _check_speed(trajectory: Trajectory, most_m_s: float) -> None:
+    t = np.linspace(0, trajectory.duration_s, 512)
+    speed = np.linalg.norm(trajectory.state(t).velocity_m_s, axis=1)
+    if speed.max() > most_m_s:
+        at = t[int(np.argmax(speed))]
+        raise _Rejected(
+            f"moves at {speed.max():.3g} m/s at {at:.3g} s, wanted at most {most_m_s:g}", _way(trajectory, at)
+        )
 
 
 def _way(trajectory: Trajectory, t_s: float) -> float:

@@ -22,6 +22,12 @@ BOX_DTYPE = np.dtype(
     + [(name, "<f8") for name in ("amodal_x0", "amodal_y0", "amodal_x1", "amodal_y1")]
     + [("visible_px", "<i8"), ("occluded", "<f8"), ("truncated", "<f8")]
 )
+# Classes of surfaces without an extent of their own: they have masks, and no boxes (Cityscapes' and COCO's "stuff").
+STUFF = frozenset(
+    "building ceiling fence floor grass ground lane_mark mountain pavement road sand sea sidewalk sky terrain".split()
+    + ["vegetation", "wall", "water"]
+)
+_SAME_DEPTH = 0.01  # relative difference of depths of one surface
 _LARGEST_ID = 1 << 16  # ids per event are u2
 
 
@@ -106,6 +112,25 @@ class Truth:
     def flow_back(self, i: int) -> NDArray[np.float32]:
         """`flow(i + 1, i)`."""
         return self._one_flow(i + 1, -1)
+
+    def visible_at(self, i: int, to: int | None = None) -> NDArray[np.bool_]:
+        """[H, W]: whether what a pixel's centre sees at times_us[i] is seen at times_us[to] too (the next
+        instant, or the one before): its flow ends inside the picture, and a pixel within 3/4 px of the end in x and y
+        has its depth or more. False where the flow is unknown: the mask of pixels that two pictures can match."""
+        step = (i + 1 if to is None else to) - i
+        if abs(step) != 1:
+            raise IndexError(f"{self.folder}: visible at {i} from {to}: wanted a neighbouring instant")
+        names = ("x_end", "y_end", "z_end") if step > 0 else ("back_x_end", "back_y_end", "back_z_end")
+        x, y, z = self.layer("motion", i if step > 0 else i - 1, names).astype(np.float64)
+        height, width = self.shape
+        at = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1) + np.stack([x, y], -1)
+        inside = np.isfinite(at).all(-1) & (at > -0.5).all(-1) & (at < [width - 0.5, height - 0.5]).all(-1)
+        at = np.where(inside[..., None], at, 0)
+        around = np.stack([np.floor(at + 0.25), np.ceil(at - 0.25)]).astype(int)
+        columns, rows = np.clip(around[..., 0], 0, width - 1), np.clip(around[..., 1], 0, height - 1)
+        there = self.depth(i + step)[1].astype(np.float64)
+        deepest = np.max([there[row, column] for row in rows for column in columns], axis=0)
+        return inside & ((z <= deepest * (1 + _SAME_DEPTH)) | np.isinf(deepest))
 
     def velocity(self, i: int) -> NDArray[np.float32]:
         """[H, W, 2] in px/s of what a pixel's centre sees at times_us[i], on the parabola of `motion`; NaN unknown."""

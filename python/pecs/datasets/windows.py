@@ -28,7 +28,7 @@ from .files import read_picture
 from .sequence import Camera, Sequence, frames_of
 
 WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
-FIELDS = ("flow", "depth", "instances", "boxes", "frame", "causes", "objects")
+FIELDS = ("flow", "visible", "depth", "instances", "boxes", "frame", "causes", "objects")
 _PLANES = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
 _OPEN_FILES = 16  # of events, a process
 
@@ -44,6 +44,8 @@ class Windows:
     `transform` is called with the events, as tonic's are, and its result takes their place. `fields` adds
       flow       f4 [2, H, W] px from the truth's instant nearest to the window's begin to that nearest to its end (the
                  next one, if they are one); `flow_us` [2] says from when to when; NaN unknown
+      visible    bool [H, W]: whether the point of `flow` is seen at both ends (`Truth.visible_at`); windows of one
+                 interval of the truth
       depth      f4 [2, H, W] m: along the chief ray, and z; of the instant nearest to the end, as are
       instances  i4 [H, W], and boxes (`BOX_DTYPE`); `truth_us` is that instant
       frame      u1 [3, H, W] RGB: the picture nearest to the end, of the RGB camera with the same pixels; `frame_us`
@@ -102,6 +104,7 @@ class Windows:
         layers = camera.truth.layers if camera.has_truth else ()
         has = {
             "flow": "motion" in layers,
+            "visible": {"motion", "depth"} <= set(layers),
             "depth": "depth" in layers,
             "instances": "objects" in layers,
             "boxes": camera.has_boxes,
@@ -160,7 +163,7 @@ class Windows:
         return file
 
     def _add_truth(self, item: dict[str, Any], camera: Camera) -> None:
-        wanted = {"flow", "depth", "instances", "boxes"} & set(self.fields)
+        wanted = {"flow", "visible", "depth", "instances", "boxes"} & set(self.fields)
         if not wanted:
             return
         times = camera.truth.times_us
@@ -172,9 +175,11 @@ class Windows:
             item["instances"] = camera.truth.instances(j).astype(np.int32)
         if "boxes" in wanted:
             item["boxes"] = camera.truth.boxes(j)
+        i = min(i, len(times) - 2)
+        j = max(j, i + 1)
+        if "visible" in wanted:
+            item["visible"] = camera.truth.visible_at(i, j)
         if "flow" in wanted:
-            i = min(i, len(times) - 2)
-            j = max(j, i + 1)
             item["flow"] = np.ascontiguousarray(np.moveaxis(camera.truth.flow(i, j), -1, 0))
             item["flow_us"] = times[[i, j]]
 

@@ -105,12 +105,13 @@ def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
         "scene": scene.options,
         "cameras": recipe.cameras,
         "imu": recipe.imu,
+        "limits": recipe.limits,
         "render": recipe.render,
         "truth": recipe.truth,
         "files": {name: content_sha256(path) for name, path in _files(recipe, drawn).items()},
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
     }
-    found: dict[str, Any] = json.loads(json.dumps(decides, default=_finite, allow_nan=False))
+    found: dict[str, Any] = portable(json.loads(json.dumps(decides, default=_finite, allow_nan=False)))
     return found
 
 
@@ -119,20 +120,29 @@ def _finite(entry: Any) -> dict[str, Any]:
     return {key: value for key, value in vars(entry).items() if value not in (math.inf, -math.inf)}
 
 
-def chip_path(recipe: Recipe, entry: CameraEntry) -> str:
-    """A name, or a file beside the recipe."""
-    beside = recipe.path.parent / str(entry.chip)
-    return str(beside) if beside.is_file() else str(entry.chip)
+def beside(recipe: Recipe, name: str) -> Path | None:
+    """The file of that name beside the recipe, or None."""
+    path = recipe.path.parent / name
+    return path if path.is_file() else None
+
+
+def portable(value: Any) -> Any:
+    """JSON without folders of this machine: absolute paths become names."""
+    if isinstance(value, dict):
+        return {portable(key): portable(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [portable(entry) for entry in value]
+    return Path(value).name if isinstance(value, str) and value.startswith("/") else value
 
 
 def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
     """Input files and folders of a sequence, by the names in the recipe."""
-    scene, beside = recipe.scene(drawn["scene"]), recipe.path.parent
+    scene = recipe.scene(drawn["scene"])
     names = [name for thing in drawn["place"] for name in (thing["file"], thing["texture"]) if name]
     names += [str(drawn["trajectory"]["file"])] if "file" in drawn["trajectory"] else []
     names += [str(value) for value in drawn["parameters"].values()]
-    names += [name for entry in recipe.cameras for name in (entry.chip, entry.lens) if name]
-    found = {name: beside / name for name in names if (beside / name).is_file()}
+    names += [name for c in recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
+    found = {name: path for name in names if (path := beside(recipe, name))}
     return found | {f"scene {scene.name}": scene.path}
 
 

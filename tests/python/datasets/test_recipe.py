@@ -192,7 +192,7 @@ name = "film\""""
     found = load(replace={'[[rig.camera]]\nname = "film"': tables})
     drawn = [found.draw(i)["cameras"]["left"]["biases"]["diff_on"] for i in range(4)]
     assert len(set(drawn)) == 4 and all(0 <= value <= 35 for value in drawn)
-    stages = {"stc_us": 10000, "afk_hz": [50, 520], "mask": str(tmp_path / "bad.txt")}
+    stages = {"stc_us": 10000, "afk_hz": [50, 520], "mask": "bad.txt"}
     assert found.cameras[0].stages == stages and not found.cameras[1].stages
     with pytest.raises(pecs.PecsInputError, match="stc: got an unknown stage"):
         load(replace={'[[rig.camera]]\nname = "film"': tables.replace("stc_us", "stc")})

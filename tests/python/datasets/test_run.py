@@ -1,5 +1,6 @@
 """A small set from its recipe, rendered, sensed and checked; stopped, in parts, damaged, and of wrong recipes."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -25,7 +26,7 @@ RECIPE = f"""
 name = "small"
 seed = 5
 sequences = 2
-duration_s = 0.02
+duration_s = 0.015
 export = ["dsec"]
 [about]
 licence = "CC0-1.0"
@@ -135,6 +136,57 @@ def test_all_parts_agree(made):
         (stereo,) = checks["stereo"].values()
         assert stereo["count"] > 1000 and stereo["rms_px"] < 0.05 and stereo["same_surface"] > 0.6
         assert checks["imu"] is None or checks["imu"]["worst_m"] < 1e-3
+
+
+def test_every_event_has_its_object_to_the_end(made):
+    """The drawn 15 ms become 20 ms, two intervals of the truth."""
+    sequence = Sequence(made / "set/sequences/0000")
+    assert sequence.duration_us == 20_000
+    for name in ("left", "right"):
+        camera = sequence.cameras[name]
+        late = camera.events()["t"] >= 15_000
+        assert late.sum() > 20 and (camera.objects()[late] > 0).mean() > 0.9
+
+
+def test_the_set_has_no_paths_of_this_machine_and_sums_of_all_files(made):
+    for folder in sorted((made / "set/sequences").glob("[0-9]*[0-9]")):
+        files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+        listed = set(json.loads((folder / "files.json").read_text()))
+        assert {name.rpartition(".")[2] for name in files - listed - {"files.json"}} == {"log"}
+        assert {"checks.json", "report.html", "preview.png", "left/events.h5.run.json", "imu_biases.csv"} <= listed
+    texts = [p for p in (made / "set").rglob("*") if p.suffix in (".json", ".html", ".md", ".txt", ".csv", ".yaml")]
+    assert len(texts) > 30
+    assert [p for p in texts if str(ROOT) in p.read_text() or str(made) in p.read_text()] == []
+
+
+def test_quality_is_in_the_set(made):
+    checks = json.loads((made / "set/sequences/0000/checks.json").read_text())
+    events = checks["cameras"]["left"]["events"]
+    assert events["dropped_share"] == events["dropped"] / max(events["dropped"] + events["count"], 1)
+    assert 0 < events["corner_hz_p05"] <= events["corner_hz_median"] <= events["corner_hz_p95"]
+    assert 0 <= checks["cameras"]["left"]["not_compared"]["flow_hidden_or_outside"] < 0.6
+    assert 0 < checks["motion"]["speed_least_m_s"] <= checks["motion"]["speed_most_m_s"] < 5
+    noisy = [k for k in ("left", "right") if checks["cameras"][k]["events"]["render_noise_share"] > 0.1]
+    assert [line.partition(":")[0] for line in checks["outside_limits"] if "render_noise" in line] == noisy
+    rows = json.loads((made / "set/dataset.json").read_text())["sequences"]
+    assert rows[0]["outside_limits"] == checks["outside_limits"]
+    assert (made / "set/index.html").read_text().count('class="moving"') == 2
+
+
+def test_croissant_and_datasheet(made):
+    found = json.loads((made / "set/croissant.json").read_text())
+    assert found["license"] == "https://spdx.org/licenses/CC0-1.0.html"
+    (rows,) = found["recordSet"]
+    paths = {field["name"]: field["source"]["extract"]["jsonPath"] for field in rows["field"]}
+    assert paths["split"] == "$.sequences[*].split"
+    (listing,) = [file for file in found["distribution"] if file["@type"] == "cr:FileObject"]
+    assert listing["sha256"] == hashlib.sha256((made / "set/dataset.json").read_bytes()).hexdigest()
+    text = (made / "set/datasheet.md").read_text()
+    assert (
+        "2 simulated sequences of 0.04 s" in text
+        and "`left`: events, 48 x 36, davis346" in text
+        and "At 100 Hz" in text
+    )
 
 
 def test_what_a_reader_gets(made):

@@ -48,6 +48,30 @@ def test_truth_is_the_scenes(folder):
     assert truth.layers == ("depth", "normal", "objects", "motion")
 
 
+def test_what_is_visible_at_both_ends(folder, monkeypatch):
+    """A strip of 10 columns at 1 m moves 3 px to the right before a wall at 4 m: it hides 3 columns of the wall, leaves
+    3 free, and what leaves the picture is not seen either."""
+    truth = Sequence(folder).cameras["left"].truth
+    columns = np.broadcast_to(np.arange(96), truth.shape)
+
+    def strip(i):
+        return (columns >= 40 + 3 * i) & (columns < 50 + 3 * i)
+
+    def layer(name, i, wanted):
+        moves = {"x_end": 3.0 * strip(i), "back_x_end": -3.0 * strip(i + 1)}
+        moves |= {way + "z_end": np.where(strip(i + k), 1.0, 4.0) for way, k in (("", 0), ("back_", 1))}
+        moves["x_end"][:, 94] = 5
+        return np.stack([moves.get(channel, np.zeros(truth.shape)) for channel in wanted])
+
+    monkeypatch.setattr(truth, "layer", layer)
+    monkeypatch.setattr(truth, "depth", lambda i: np.where(strip(i), 1.0, 4.0)[None].repeat(2, 0))
+    for i, to, hidden in ((0, 1, [50, 51, 52, 94]), (1, 0, [40, 41, 42])):
+        seen = truth.visible_at(i, to)
+        assert np.flatnonzero(~seen[30]).tolist() == hidden and (seen == seen[30]).all()
+    with pytest.raises(IndexError, match="neighbouring"):
+        truth.visible_at(2, 4)
+
+
 def test_boxes_and_object_poses(folder):
     truth = Sequence(folder).cameras["right"].truth
     assert truth.classes == {1: "card"}

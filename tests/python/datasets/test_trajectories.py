@@ -394,3 +394,18 @@ def test_series_of_functions():
     assert np.allclose(one.c[0], 1) and np.abs(one.c[1:]).max() < 1e-12
     assert np.allclose((x.sqrt() * x.sqrt()).c, x.c) and np.allclose((sine / sine).c[1:], 0)
     assert values((x, x, x), 1).shape == (3, 3)
+
+
+def test_a_path_that_is_too_fast_is_drawn_again():
+    given = {"duration_s": 1.0, "volume": [[-2, -2, 0], [2, 2, 2]], "speed_m_per_s": 1.0, "yaw_deg": 0}
+    seconds = np.linspace(0, 1, 512)
+
+    def most(seed, **more):
+        path = plan("hand_held", given | more, None, np.random.default_rng(seed))
+        return np.linalg.norm(path.state(seconds).velocity_m_s, axis=1).max()
+
+    free = [most(seed) for seed in range(12)]
+    limit = float(np.median(free))
+    assert max(free) > limit and all(most(seed, max_speed_m_per_s=limit) <= limit for seed in range(12))
+    with pytest.raises(ValueError, match="no path in 200 tries: moves at .* m/s at .* s, wanted at most 0.1"):
+        most(1, max_speed_m_per_s=0.1)

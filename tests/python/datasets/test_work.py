@@ -39,7 +39,7 @@ fnumber = [4, 8]
 contrast_threshold_on = 0.2
 """
 FILES = ("lamp.csv", "thing.blend", "wood.png", "path.txt")
-STEPS = ("_see_corners", "_move", "_render", "_describe", "_sense", "_drop")
+STEPS = ("_see_corners", "_move", "_render", "_describe", "_sense", "_report", "_drop")
 
 
 @pytest.fixture

@@ -25,6 +25,24 @@ def left_out(report):
     return {entry["what"]: entry["why"] for entry in report["left_out"]}
 
 
+def test_class_numbers_are_those_of_the_readers(sequence, monkeypatch):
+    """A person is a pedestrian, a pavement is no object, and what a reader drops is listed."""
+    from pecs.datasets.truth import Truth
+    from pecs.datasets.writers import _shared, prophesee
+
+    names = dict(enumerate(("bicycle", "box", "pavement", "person", "traffic_sign", "wall"), 1))
+    monkeypatch.setattr(Truth, "classes", property(lambda self: names))
+    found = _shared.class_numbers([sequence], prophesee.CLASSES["gen4"])
+    assert {name: found.get(name) for name in names.values()} == {
+        **{"bicycle": 1, "box": 7, "pavement": None, "person": 0, "traffic_sign": 5, "wall": None}
+    }
+    assert _shared.class_numbers([sequence], first=1) == {"bicycle": 1, "box": 2, "person": 3, "traffic_sign": 4}
+    report = _shared.Report()
+    _shared.report_unread(report, found, 3, "RVT")
+    unread = [entry["what"] for entry in report.as_dict()["left_out"]]
+    assert "class box for RVT" in unread and "class person for RVT" not in unread
+
+
 # --- Prophesee --------------------------------------------------------------------------------------------------------
 
 
@@ -134,8 +152,8 @@ def test_evreal(sequence, exported):
         start = indices[k][0]
         assert events["t"][start - 1] < frame.middle_us <= events["t"][start]
     assert json.loads((at / "metadata.json").read_text())["sensor_resolution"] == [H, W]
-    assert not (folder / "0000_right" / "images.npy").exists()
-    assert "pictures of camera right" in left_out(report)
+    assert not (folder / "0000_right").exists()
+    assert "camera right" in left_out(report)
 
 
 def test_evreal_by_its_own_loader(sequence, exported, outside):
@@ -310,9 +328,10 @@ def test_only_events(tmp_path, sequence):
     alone = Sequence(bare)
     assert isinstance(alone.cameras["left"], Camera)
     expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
-    expected |= {"evreal": "pictures of camera left", "event_cnn": "pictures and flow of camera left"}
     expected |= {"ecd": "imu.txt, imu0/data.csv", "coco": "camera left", "webdataset": "camera left"}
-    for name in writers.WRITERS:
+    for name in ("evreal", "event_cnn"):
+        fails(pecs.PecsInputError, f"{name}: no RGB camera has the same pixels", name, [alone], tmp_path / name)
+    for name in set(writers.WRITERS) - {"evreal", "event_cnn"}:
         report = writers.write(name, [alone], tmp_path / name)
         assert name == "thumbnails" or expected[name] in left_out(report), name
     with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:

@@ -251,7 +251,12 @@ def write(folder: Path, name="0000", split="train", bent_px=0.0):
     imu += [f"{t * 1000},0,0,0,0,-9.81,0" for t in times]  # no turning, no acceleration: gravity alone
     (folder / "imu.csv").write_text("\n".join(imu) + "\n")
     info = {"format": 1, "name": name, "split": split, "seed": 1, "duration_us": DURATION_US, "drawn": {}}
-    info |= {"scene": "card", "cameras": entries, "imu": {"rate_hz": 1000}, "versions": {}}
+    info |= {
+        "scene": "card",
+        "cameras": entries,
+        "imu": {"rate_hz": 1000, "rig_from_imu": np.eye(4).tolist()},
+        "versions": {},
+    }
     (folder / "sequence.json").write_text(json.dumps(info, indent=1))
     return folder
 

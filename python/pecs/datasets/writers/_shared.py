@@ -9,13 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._errors import PecsInputError
 from ..sequence import Camera, Sequence
+from ..truth import STUFF
 
+# Classes by the names of the lists of DSEC-Detection and Prophesee.
+ALIASES = {
+    "person": ("pedestrian",),
+    "lorry": ("truck",),
+    "motorbike": ("motorcycle", "two wheeler"),
+    **dict.fromkeys(("bicycle", "motorcycle", "rider"), ("two wheeler",)),
+    **{name: (name.replace("_", " "),) for name in ("traffic_sign", "traffic_light")},
+}
 NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the event camera; see beam-splitter rigs"
 
 
 class Report:
-    """What was written and what was left out. `count` sums numbers per sequence; `leave_out` lists each reason once."""
+    """What was written and what was left out. `count` sums numbers per sequence; `leave_out` lists each reason once.
+    sequence "": of all."""
 
     def __init__(self, left_out: Mapping[str, str] | None = None) -> None:
         """left_out: {what: why} of every sequence."""
@@ -30,7 +41,7 @@ class Report:
 
     def leave_out(self, what: str, why: str, sequence: str) -> None:
         names = self.left_out.setdefault((what, why), [])
-        if sequence not in names:
+        if sequence and sequence not in names:
             names.append(sequence)
 
     def as_dict(self) -> dict[str, Any]:
@@ -46,6 +57,12 @@ def event_cameras(sequence: Sequence) -> Iterator[tuple[str, Camera]]:
     cameras = sequence.of_kind("events")
     for camera in cameras:
         yield sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}", camera
+
+
+def require_pictures(name: str, report: Report) -> None:
+    """Raises PecsInputError if no camera was written, for a format whose reader requires pictures."""
+    if not report.sequences:
+        raise PecsInputError(f"{name}: {NO_FRAMES}")
 
 
 def truth_at(camera: Camera, t_us: float) -> int | None:
@@ -79,16 +96,17 @@ class Box:
 
 
 def boxes(camera: Camera, i: int) -> Iterator[Box]:
-    """Visible objects with a class at an instant of the truth."""
+    """Visible objects at an instant of the truth whose class is one of things (not of `STUFF`)."""
     truth = camera.truth
     for row in truth.boxes(i):
-        if row["class_id"] == 0 or not row["visible_px"]:
+        name = truth.classes.get(int(row["class_id"]))
+        if name is None or name in STUFF or not row["visible_px"]:
             continue
         x0, y0, x1, y1 = (float(row[k]) for k in ("x0", "y0", "x1", "y1"))
         a0, b0, a1, b1 = (float(row["amodal_" + k]) for k in ("x0", "y0", "x1", "y1"))
         yield Box(
             *(x0, y0, x1 - x0, y1 - y0),
-            truth.classes[int(row["class_id"])],
+            name,
             int(row["id"]),
             *(int(row["visible_px"]), float(row["occluded"]), float(row["truncated"])),
             (a0, b0, a1 - a0, b1 - b0),
@@ -98,5 +116,16 @@ def boxes(camera: Camera, i: int) -> Iterator[Box]:
 def class_numbers(sequences: Iterable[Sequence], known: tuple[str, ...] = (), first: int = 0) -> dict[str, int]:
     """{class: number} for a whole set: names in `known` by their place there, others after them by name."""
     cameras = [camera for sequence in sequences for camera in sequence.cameras.values() if camera.has_boxes]
-    names = {name for camera in cameras for name in camera.truth.classes.values()}
-    return {name: first + i for i, name in enumerate([*known, *sorted(names - set(known))])}
+    names = {name for camera in cameras for name in camera.truth.classes.values()} - STUFF
+    same = {name: also for name in sorted(names - {*known}) for also in ALIASES.get(name, ()) if also in known}
+    numbers = {name: first + i for i, name in enumerate([*known, *sorted(names - {*known, *same})])}
+    return numbers | {name: numbers[also] for name, also in same.items()}
+
+
+def report_unread(report: Report, numbers: Mapping[str, int], read: int, reader: str) -> None:
+    """Lists the classes whose numbers, from `read` on, a format's own reader drops."""
+    for name, number in numbers.items():
+        if number >= read:
+            report.leave_out(
+                f"class {name} for {reader}", f"it reads classes 0 to {read - 1}; this one is {number}", ""
+            )

@@ -25,7 +25,7 @@ from ..rectify import Lens
 from ..sequence import Camera, Sequence
 from . import dsec
 from ._files import write_png
-from ._shared import Report, boxes, class_numbers, truth_at
+from ._shared import Report, boxes, class_numbers, report_unread, truth_at
 
 CLASSES = ("pedestrian", "rider", "car", "bus", "truck", "bicycle", "motorcycle", "train")
 TRACKS_DTYPE = np.dtype(
@@ -42,6 +42,7 @@ def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -
     report = dsec.write(sequences, folder, flow_us)
     report.more["classes"] = numbers
     write_json(folder / "classes.json", numbers)
+    report_unread(report, numbers, len(CLASSES), "dsec-det")
     for sequence in sequences:
         at = folder / sequence.split / sequence.name
         cameras = dsec.roles(sequence)

@@ -7,7 +7,8 @@ camera.
       images.txt        t_s images/frame_NNNNNNNN.png (middle of the exposure); images/frame_NNNNNNNN.png, grey
       groundtruth.txt   TUM: t_s px py pz qx qy qz qw of world_from_camera
       calib.txt         fx fy cx cy k1 k2 p1 p2 k3 (more coefficients where the lens has them)
-      imu.txt           t_s ax ay az gx gy gz;  imu0/data.csv the same as EuRoC's; both in the rig's axes
+      imu.txt           t_s ax ay az gx gy gz;  imu0/data.csv the same as EuRoC's; both in the
+                        IMU's axes; imu0/sensor.yaml: T_BS, rig_from_imu
       depth/NNNNNNNN.npy f4 [H, W] m: z on the camera's own, distorted pixels; depth.txt: t_s depth/NNNNNNNN.npy
 
 Pictures are those of an RGB camera with the same pixels (a beam splitter), as in a DAVIS.
@@ -22,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import events as event_io
+from ..._files import write_json
 from ..._poses import position_quaternion, write_euroc_imu
 from ..files import npy_bytes, read_picture
-from ..sequence import Camera, Sequence, frames_of
+from ..sequence import Camera, Sequence, frames_of, rig_from_imu
 from ._files import BLOCK, grey, write_lines, write_png
 from ._shared import NO_FRAMES, Report, event_cameras, four
 
@@ -96,6 +98,9 @@ def _write_imu(folder: Path, sequence: Sequence, report: Report) -> None:
     (folder / "imu0").mkdir()
     t_ns = np.rint(samples["t_us"] * 1e3).astype(np.int64)
     write_euroc_imu(folder / "imu0" / "data.csv", t_ns, samples["gyro"], samples["accel"])
+    noise: dict[str, Any] = sequence.info["imu"].get("noise", {})
+    placed = {"T_BS": {"cols": 4, "rows": 4, "data": rig_from_imu(sequence).ravel().tolist()}}
+    write_json(folder / "imu0" / "sensor.yaml", {"sensor_type": "imu"} | placed | noise)
 
 
 def _write_depth(folder: Path, camera: Camera) -> None:

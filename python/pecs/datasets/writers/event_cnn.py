@@ -7,7 +7,8 @@
                          the loader multiplies it by the time of a window. 0 where it is not known
       attributes num_events, num_pos, num_neg, num_imgs, num_flow, duration, t0, tk, sensor_resolution [H, W], source
 
-Pictures are those of an RGB camera with the same pixels (a beam splitter). Flow is `Truth.velocity_at` the middle of
+Pictures are those of an RGB camera with the same pixels (a beam splitter); a camera without one is left out, because
+the loader takes windows between pictures. Flow is `Truth.velocity_at` the middle of
 the exposure; it is written when the truth covers all pictures.
 """
 
@@ -21,7 +22,7 @@ import numpy as np
 from ..files import read_picture
 from ..sequence import Camera, Frame, Sequence, frames_of
 from ._files import grey, hdf5, put, put_events
-from ._shared import NO_FRAMES, Report, event_cameras
+from ._shared import NO_FRAMES, Report, event_cameras, require_pictures
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
@@ -29,8 +30,12 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
     report = Report({"depth, masks, boxes, poses, IMU, causes, objects": "the format has no place for them"})
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
+            if not frames_of(sequence, camera):
+                report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
+                continue
             with hdf5(folder / sequence.split / f"{name}.h5") as file:
                 _put_camera(file, sequence, camera, report)
+    require_pictures("event_cnn", report)
     return report
 
 
@@ -50,9 +55,6 @@ def _put_camera(file: Any, sequence: Sequence, camera: Camera, report: Report) -
             data.attrs["event_idx"] = np.int64(events.index(frame.middle_us))
             data.attrs["type"] = "greyscale"
         count = len(events)
-    if not frames:
-        file.create_group("images")  # the loader looks for it
-        report.leave_out(f"pictures and flow of camera {camera.name}", NO_FRAMES, sequence.name)
     flows = _put_flow(file, sequence, camera, frames, report)
     file.attrs.update({"num_events": count, "num_pos": on, "num_neg": count - on, "num_imgs": len(frames)})
     file.attrs.update({"num_flow": flows, "duration": last - first, "t0": first, "tk": last, "source": "pecs"})
@@ -61,8 +63,6 @@ def _put_camera(file: Any, sequence: Sequence, camera: Camera, report: Report) -
 
 
 def _put_flow(file: Any, sequence: Sequence, camera: Camera, frames: list[Frame], report: Report) -> int:
-    if not frames:
-        return 0
     times = camera.truth.times_us if camera.has_truth and "motion" in camera.truth.layers else np.zeros(1)
     if frames[0].middle_us < times[0] - 1 or frames[-1].middle_us > times[-1] + 1:
         why = "the truth has no motion from the first picture to the last"

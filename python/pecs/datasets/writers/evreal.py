@@ -6,7 +6,8 @@
       image_event_indices.npy i8 [N, 1] (first event at or after the picture)
       metadata.json {"sensor_resolution": [H, W]}
 
-Pictures are those of an RGB camera with the same pixels (a beam splitter); without one EVREAL takes events alone.
+Pictures are those of an RGB camera with the same pixels (a beam splitter); a camera without one is left out, because
+EVREAL's loader requires pictures.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ..._files import write_json
 from ..files import npy_bytes, read_picture
 from ..sequence import Camera, Sequence, frames_of
 from ._files import grey, save_events
-from ._shared import NO_FRAMES, Report, event_cameras
+from ._shared import NO_FRAMES, Report, event_cameras, require_pictures
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
@@ -28,28 +29,28 @@ def write(sequences: list[Sequence], folder: Path) -> Report:
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
             _write_camera(folder / name, sequence, camera, report)
+    require_pictures("evreal", report)
     return report
 
 
 def _write_camera(folder: Path, sequence: Sequence, camera: Camera, report: Report) -> None:
-    folder.mkdir()
     frames = frames_of(sequence, camera)
     if not frames:
-        report.leave_out(f"pictures of camera {camera.name}", NO_FRAMES, sequence.name)
+        report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
+        return
+    folder.mkdir()
     with camera.event_file() as events:
         save_events(folder / "events_ts.npy", events, "<f8", lambda e: e["t"] * 1e-6)
         save_events(folder / "events_xy.npy", events, "<i2", lambda e: np.stack([e["x"], e["y"]], 1), 2)
         save_events(folder / "events_p.npy", events, "?", lambda e: e["p"] == 1)
         report.count(sequence.name, events=len(events), pictures=len(frames))
-        if frames:
-            indices = np.array([[events.index(f.middle_us)] for f in frames], np.int64)
-            (folder / "image_event_indices.npy").write_bytes(npy_bytes(indices))
-    if frames:
-        times = np.array([[f.middle_us * 1e-6] for f in frames])
-        (folder / "images_ts.npy").write_bytes(npy_bytes(times))
-        header = {"descr": "|u1", "fortran_order": False, "shape": (len(frames), camera.height, camera.width, 1)}
-        with (folder / "images.npy").open("wb") as file:
-            np.lib.format.write_array_header_1_0(file, header)
-            for frame in frames:
-                file.write(grey(read_picture(frame.path)).tobytes())
+        indices = np.array([[events.index(f.middle_us)] for f in frames], np.int64)
+        (folder / "image_event_indices.npy").write_bytes(npy_bytes(indices))
+    times = np.array([[f.middle_us * 1e-6] for f in frames])
+    (folder / "images_ts.npy").write_bytes(npy_bytes(times))
+    header = {"descr": "|u1", "fortran_order": False, "shape": (len(frames), camera.height, camera.width, 1)}
+    with (folder / "images.npy").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        for frame in frames:
+            file.write(grey(read_picture(frame.path)).tobytes())
     write_json(folder / "metadata.json", {"sensor_resolution": [camera.height, camera.width]})

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..._errors import PecsInputError
 from ..files import read_picture
-from ..sequence import Camera, Sequence
+from ..sequence import Camera, Sequence, rig_from_imu
 from . import dsec
 from ._files import event_columns, grey, hdf5, put, put_events, stack
 from ._shared import Report, four
@@ -111,7 +111,7 @@ def _put_imu(file: Any, left: Camera, sequence: Sequence, report: Report) -> Non
     put(file, "ovc/imu/omega", samples["gyro"])
     put(file, "ovc/imu/accel", samples["accel"])
     put(file, "ovc/imu/ts", np.rint(samples["t_us"]).astype(np.int64))
-    file["ovc/imu/calib/T_to_prophesee_left"] = np.linalg.inv(left.rig_from_camera)
+    file["ovc/imu/calib/T_to_prophesee_left"] = np.linalg.inv(left.rig_from_camera) @ rig_from_imu(sequence)
     report.count(sequence.name, imu=len(samples))
 
 

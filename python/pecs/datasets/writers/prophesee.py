@@ -26,7 +26,7 @@ from ..._files import write_json
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
 from ._files import BLOCK, event_columns, hdf5, put, put_events
-from ._shared import Report, boxes, class_numbers, event_cameras
+from ._shared import Report, boxes, class_numbers, event_cameras, report_unread
 
 _LEFT_OUT = ("pictures, depth, flow, masks, poses, IMU", "causes and objects of events")
 
@@ -58,6 +58,7 @@ def write(sequences: list[Sequence], folder: Path, generation: str = "gen4", eve
     numbers = class_numbers(sequences, CLASSES[generation])
     report.more |= {"classes": numbers, "rvt": {"gen1": {"boxes": 0}, "gen4": {"boxes": 0}}}
     write_json(folder / "classes.json", numbers)
+    report_unread(report, numbers, _RVT[generation][3] or len(CLASSES[generation]), "RVT")
     for sequence in sequences:
         for name, camera in event_cameras(sequence):
             at = folder / sequence.split / name
