@@ -277,6 +277,38 @@ def test_webdataset_by_its_own_reader(sequence, tmp_path, outside):
     np.testing.assert_array_equal(found["0000-left-000004/frame"], frame)
 
 
+def test_radiance(sequence, exported):
+    """A point of the scene, by the poses and intrinsics of transforms.json, is at the pixel where the scene has it; the
+    counts are those of E2NeRF's own script on the text file."""
+    folder, report = exported("radiance")
+    at, camera = folder / "train" / "0000_left", sequence.cameras["left"]
+    top = json.loads((at / "transforms.json").read_text())
+    left, frames = small.rig()[0], sequence.cameras["frame"].frames()
+    assert (top["w"], top["h"], len(top["frames"])) == (W, H, len(frames))
+    lens = np.array([[top["fl_x"], 0, top["cx"]], [0, top["fl_y"], top["cy"]], [0, 0, 1]])
+    distortion = np.array([top[k] for k in ("k1", "k2", "p1", "p2")])
+    for row, frame in zip(top["frames"], frames, strict=True):
+        world = left.look(frame.middle_us)[0]
+        points = np.linalg.inv(np.array(row["transform_matrix"])) @ np.append(world, np.ones((len(world), 1)), 1).T
+        seen = cv2.projectPoints(points[:3].T * [1, -1, -1], np.zeros(3), np.zeros(3), lens, distortion)[0][:, 0]
+        x, y = np.meshgrid(np.arange(W) + 0.5, np.arange(H) + 0.5)
+        assert np.abs(seen - np.stack([x.ravel(), y.ravel()], 1)).max() < 0.01
+        np.testing.assert_array_equal(cv2.imread(str(at / row["file_path"])), cv2.imread(str(frame.path)))
+        assert np.array(row["exposure_matrices"]).shape == (5, 4, 4) and (at / row["sharp_file_path"]).is_file()
+    rows = np.loadtxt(at / "events.txt", comments="#")
+    small.same_events([rows[:, k] for k in range(4)], camera.events())
+    counts = np.load(at / "events.npy")
+    assert counts.shape == (len(frames), 4, W * H) and np.abs(counts).sum() > 100
+    for found, frame in zip(counts, frames, strict=True):
+        wanted, step = np.zeros((4, H, W)), (frame.end_us - frame.start_us) / 4
+        for t, x, y, p in rows:
+            k = (t * 1e6 - frame.start_us + 0.01) / step
+            if 0 <= k < 4:
+                wanted[int(k), int(y), int(x)] += 1 if p else -1
+        np.testing.assert_array_equal(found.reshape(4, H, W), wanted)
+    assert "motion of objects" in left_out(report) and "camera right" in left_out(report)
+
+
 def test_thumbnails(sequence, tmp_path):
     writers.write("thumbnails", [sequence], tmp_path / "t", width=40)
     names = {p.name for p in (tmp_path / "t").glob("*.png")}
@@ -329,9 +361,10 @@ def test_only_events(tmp_path, sequence):
     assert isinstance(alone.cameras["left"], Camera)
     expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
     expected |= {"ecd": "imu.txt, imu0/data.csv", "coco": "camera left", "webdataset": "camera left"}
-    for name in ("evreal", "event_cnn"):
+    picture_formats = ("evreal", "event_cnn", "radiance")
+    for name in picture_formats:
         fails(pecs.PecsInputError, f"{name}: no RGB camera has the same pixels", name, [alone], tmp_path / name)
-    for name in set(writers.WRITERS) - {"evreal", "event_cnn"}:
+    for name in set(writers.WRITERS) - {*picture_formats}:
         report = writers.write(name, [alone], tmp_path / name)
         assert name == "thumbnails" or expected[name] in left_out(report), name
     with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:

@@ -34,6 +34,7 @@ WRITERS = {
     "evreal": "EVREAL (event_utils' memory maps): events with the pictures of the same pixels",
     "event_cnn": "event_cnn_minimal (E2VID+ training) HDF5: events, pictures, flow",
     "ecd": "Event Camera Dataset, E2VID: text, TUM poses, EuRoC IMU",
+    "radiance": "radiance fields: transforms.json, sharp and blurred pictures, events, E2NeRF's counts",
     "coco": "COCO: instances with RLE masks, one file for each camera",
     "webdataset": "WebDataset: tar shards, one sample for each interval of the truth",
     "thumbnails": "PNG: what each camera saw, small",
