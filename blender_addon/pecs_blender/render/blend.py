@@ -13,6 +13,8 @@ from . import cycles
 from .source import Source
 from .spectra import Spectrum
 
+FOLDER_KEY = "pecs_folder"  # custom property of the scene in a temporary copy: folder of the original
+
 
 class BlendScene(Source):
     def __init__(self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool):
@@ -29,7 +31,7 @@ class BlendScene(Source):
         self.scene = bpy.data.scenes[scene_name] if scene_name else bpy.context.scene
         if bpy.context.window:
             bpy.context.window.scene = self.scene
-        self.folder = path.absolute().parent
+        self.folder = Path(self.scene.get(FOLDER_KEY, path.absolute().parent))
         for driver in () if allow_scripts else python_drivers():
             raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
         for missing in missing_files():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Background jobs: a child process that renders the saved file or runs the program. A timer polls it, not a modal
+"""Background jobs: a child process that renders a copy of the file or runs the program. A timer polls it, not a modal
 operator, so that it continues when another file is opened.
 
 To add a button with progress: a class in event_operators.py (or operators.py, for renders) whose job(context) returns a
@@ -11,6 +11,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
+import signal
 import subprocess
 import threading
 import time
@@ -27,6 +29,7 @@ from .interface import redraw, say
 
 POLL_S, STATUS_S = 0.2, 1.0  # interval of polls, and of redraws of the status bar
 STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
+COPIES = "pecs_copy_"  # prefix of the folders of copies that jobs render
 READ_S = 2.0  # timeout for the remaining output of a process that has ended
 MAX_LINES = 10_000  # kept of standard output
 
@@ -77,6 +80,8 @@ class BackgroundJob:
             if status := _json_object(line):
                 self._take_status(status)
                 continue
+            if re.match(r"\w+: \d+/\d+", line):  # progress
+                continue
             if found := re.match(r"pecs\w*: (.*)", line):  # an error; later lines of Blender do not replace it
                 self._error = found[1]
             self.last_line = self._error or line.strip() or self.last_line
@@ -113,6 +118,16 @@ class BackgroundJob:
                 reader.join(READ_S)
         return code
 
+    @property
+    def is_stopping(self) -> bool:
+        """Whether the user stopped it."""
+        return self._stopping
+
+    def remove_copy(self) -> None:
+        for word in self.command:
+            if (folder := Path(word).parent).name.startswith(COPIES):
+                shutil.rmtree(folder, ignore_errors=True)
+
     def stop(self) -> None:
         """Terminates the process; the second call kills it."""
         (self._process.kill if self._stopping else self._process.terminate)()
@@ -147,7 +162,9 @@ def poll() -> float | None:
     _redraw(code is not None)
     if code is None:
         return POLL_S
-    state.job, state.is_error = None, code != 0 and code not in STOPPED
+    job.remove_copy()
+    stopped = job.is_stopping and code in STOPPED
+    state.job, state.is_error = None, code != 0 and not stopped
     state.offer_exists = job.continues and code == ExitCode.BAD_OUTPUT
     try:
         state.message = _ending(job, code)
@@ -161,9 +178,13 @@ def poll() -> float | None:
 def _ending(job: BackgroundJob, code: int) -> str:
     if code == 0:
         return job.done(job)
-    if code in STOPPED:
+    if job.is_stopping and code in STOPPED:
         text = "Stopped at {share:.0%}. Press {job} to resume" if job.continues else "Stopped at {share:.0%}"
         return say(text, share=job.progress, job=say(job.label))
+    if number := -code if code < 0 else max(0, code - 128):
+        text = "{job} was ended by signal {number} ({name}). Finished frames are kept"
+        text = text if job.continues else "{job} was ended by signal {number} ({name})"
+        return say(text, job=say(job.label), number=number, name=signal.strsignal(number) or "?")
     line = job.last_line.partition("; --")[0]  # without the hint of command-line options
     return line or say("{job} ended with code {code}", job=say(job.label), code=code)
 
@@ -173,6 +194,7 @@ def _on_load(*_) -> None:
     """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
     state.light.clear()
     state.problems.clear()
+    state.message, state.is_error, state.offer_exists, state.scores = "", False, False, ("", [])
     if state.job and state.job.for_file:
         state.job.stop()
 
@@ -198,6 +220,7 @@ def register() -> None:
 def unregister() -> None:
     if state.job:  # includes Blender's exit
         state.job.stop()
+        state.job.remove_copy()
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
     bpy.app.handlers.load_pre.remove(_on_load)

@@ -60,6 +60,35 @@ def _scene_problems(scene) -> Iterator[Problem]:
         text = "{count:,} frames exceed the maximum of {most:,}. Shorten the range"
         yield Problem(say(text, count=settings.frame_count(scene), most=MAX_INSTANTS))
 
+    duration = settings.frame_count(scene) / scene.pecs.fps * scene.render.fps / scene.render.fps_base
+    if duration < 1:
+        text = "The rendered time is {share:.2g} of one frame of the scene"
+        yield Problem(say(text, share=duration), False, "pecs.whole_range")
+    if _is_still(scene):
+        yield Problem(say("Nothing in the scene is animated, so only noise causes events"), False)
+
+
+_MOVERS = "CLOTH DYNAMIC_PAINT EXPLODE FLUID MESH_SEQUENCE_CACHE MESH_CACHE NODES OCEAN PARTICLE_SYSTEM SOFT_BODY WAVE"
+
+
+def _is_still(scene) -> bool:
+    """Whether no action, driver, simulation or handler changes the scene."""
+    handlers = bpy.app.handlers
+    if any(one.users for one in bpy.data.actions) or handlers.frame_change_pre or handlers.frame_change_post:
+        return False
+    if scene.rigidbody_world or any(image.source in ("MOVIE", "SEQUENCE") for image in bpy.data.images):
+        return False
+    if any(m.type in _MOVERS.split() for thing in scene.objects for m in thing.modifiers):
+        return False
+    owners = (one for kind in _DRIVEN for one in getattr(bpy.data, kind))
+    parts = (
+        part for one in owners for part in (one, *(getattr(one, name, None) for name in ("node_tree", "shape_keys")))
+    )
+    return not any(part.animation_data and part.animation_data.drivers for part in parts if part)
+
+
+_DRIVEN = "objects", "cameras", "lights", "worlds", "materials", "meshes", "curves", "armatures"
+
 
 def _chip(scene):
     try:
@@ -137,11 +166,11 @@ def _output_problems(scene) -> Iterator[Problem]:
     yield from _folder_problems(folder)
     wanted = settings.stack_bytes(scene)
     disk = shutil.disk_usage(existing_folder(folder))
-    if disk.total and wanted > disk.free:  # 0 in /proc
+    if scene.pecs.time == "uniform" and disk.total and wanted > disk.free:  # 0 in /proc
         text = say(
             "The stack requires up to {wanted}; {free} are free", wanted=readable(wanted), free=readable(disk.free)
         )
-        yield Problem(text, is_error=scene.pecs.time == "uniform")
+        yield Problem(text)
 
 
 def _folder_problems(folder: Path) -> Iterator[Problem]:

@@ -31,6 +31,16 @@ class PECS_OT_chip_resolution(Action, bpy.types.Operator):
         settings.set_size(context.scene.render, chip.width, chip.height)
 
 
+class PECS_OT_whole_range(Action, bpy.types.Operator):
+    """Render from the scene's start frame to its end frame"""
+
+    bl_label = "Use Scene Frame Range"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def act(self, context) -> None:
+        context.scene.pecs.whole_range = True
+
+
 class PECS_OT_use_gpu(Action, bpy.types.Operator):
     """Render on the device from Cycles' preferences"""
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that render. Renders run in a second Blender process on the saved file; this one stays usable."""
+"""Operators that render. Renders run in a second Blender process on a temporary copy of the open file, as it is in
+memory; this one stays usable."""
 
 from __future__ import annotations
 
@@ -11,12 +12,13 @@ from pathlib import Path
 import bpy
 import pecs
 
+from ..render.blend import FOLDER_KEY
 from ..render.colour import linear_rgb
 from ..render.cycles import fill
 from . import background, checks, paths, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
-from .preferences import ROOT, preferences
+from .preferences import ROOT
 
 PREVIEW_WIDTH = 320
 # Visible light only.
@@ -41,33 +43,33 @@ class InBackground(Action):
         background.start(self.job(context))
 
 
-def is_saved() -> bool:
-    return bool(bpy.data.filepath) and not bpy.data.is_dirty
-
-
-def needs_saving() -> bool:
-    """Whether the user has to save; with the preference save_first, the button saves a file that has a name."""
-    return not is_saved() and not (bpy.data.filepath and preferences().save_first)
-
-
 class Renders(InBackground):
     @classmethod
     def why_not(cls, context) -> str:
         if busy := super().why_not(context):
             return busy
-        if needs_saving():
-            return say("Save the file first; the render reads the saved file")
         return next((one.text for one in checks.problems(context.scene) if one.is_error), "")
 
-    def act(self, context) -> None:
-        if not is_saved():  # preference save_first
-            bpy.ops.wm.save_mainfile()
-        super().act(context)
+
+def copy_of_file(scene) -> Path:
+    """Saves the open file, as it is in memory, into a temporary folder that background.py removes after the job."""
+    here = Path(bpy.data.filepath or "untitled.blend")
+    copy = Path(tempfile.mkdtemp(prefix=background.COPIES, dir=bpy.app.tempdir)) / here.name
+    if bpy.data.filepath:
+        caches = f"blendcache_{here.stem}"  # physics baked to the disk
+        if here.with_name(caches).is_dir():
+            copy.with_name(caches).symlink_to(here.with_name(caches))
+        scene[FOLDER_KEY] = str(here.parent)
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
+    finally:
+        scene.pop(FOLDER_KEY, None)
+    return copy
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """Command line of a render command of cli.py."""
-    command = program(verb, bpy.data.filepath)
+    command = program(verb, str(copy_of_file(scene)))
     return [*command, *(["-o", str(output)] if output else []), *settings.render_arguments(scene), *words]
 
 

@@ -9,7 +9,7 @@ import bpy
 from pecs._errors import PecsError
 
 from ..render.resources import readable
-from . import checks, event_operators, frustum, library, light_probe, operators, paths, settings
+from . import checks, event_operators, frustum, library, light_probe, paths, settings
 from .background import state
 from .interface import CONTEXT, problem, progress, props, say, wrapped
 from .presets import PECS_PT_presets
@@ -48,9 +48,6 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
                 wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
             if state.offer_exists:
                 layout.prop(context.scene.pecs, "exists")
-        if operators.needs_saving():
-            wrapped(layout, say("Save the file; the render reads the saved file"), "INFO")
-            layout.operator("wm.save_mainfile", text="Save", icon="FILE_TICK")
         for one in checks.problems(context.scene):
             problem(layout, one)
 

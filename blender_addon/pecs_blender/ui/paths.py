@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import webbrowser
 from pathlib import Path
 
@@ -15,10 +16,11 @@ from .preferences import preferences
 
 def _path(text: str, extension: str) -> Path:
     """The path set in the panel, or the .blend's name in the preferred folder."""
+    start = None if bpy.data.filepath else tempfile.gettempdir()  # as Blender's own output of an unsaved file
     if text:
-        return Path(bpy.path.abspath(text))
+        return Path(bpy.path.abspath(text, start=start))
     name = Path(bpy.data.filepath).stem or "untitled"
-    return Path(bpy.path.abspath(preferences().output_folder or "//"), name + extension)
+    return Path(bpy.path.abspath(preferences().output_folder or "//", start=start), name + extension)
 
 
 def stack(scene) -> Path:

@@ -5,12 +5,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
-from bpy.props import BoolProperty, IntProperty, StringProperty
+from bpy.props import IntProperty, StringProperty
 
 from .interface import props
 
 ROOT = __package__.rpartition(".")[0]
-_DEFAULTS = {"threads": 0, "output_folder": "//", "lens_folder": "", "chip_folder": "", "save_first": False}
+_DEFAULTS = {"threads": 0, "output_folder": "//", "lens_folder": "", "chip_folder": ""}
 
 
 class PecsPreferences(bpy.types.AddonPreferences):
@@ -40,11 +40,6 @@ class PecsPreferences(bpy.types.AddonPreferences):
         name="Own Chips",
         subtype="DIR_PATH",
         description="Folder with chip profiles (.json), offered beside those of PECS",
-    )
-    save_first: BoolProperty(
-        name="Save before Render",
-        description="Save the file before each render, which reads the saved file. Otherwise the render buttons are "
-        "disabled until it is saved",
     )
 
     def draw(self, _context) -> None:

@@ -8,8 +8,10 @@ from pathlib import Path
 import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
+from bpy.props import StringProperty
 
 from . import settings
+from .interface import Action
 
 _SUBDIR = "pecs"
 _RENDER_KEYS = ["resolution_x", "resolution_y", "resolution_percentage"]
@@ -21,8 +23,21 @@ _SENSOR_KEYS = ["model", "readout", "no_noise", "overrides", "format", *_STAGE_K
 class PECS_PT_presets(PresetPanel, bpy.types.Panel):
     bl_label = "PECS Presets"
     preset_subdir = _SUBDIR
-    preset_operator = "script.execute_preset"
+    preset_operator = "pecs.preset"
     preset_add_operator = "pecs.preset_add"
+
+
+class PECS_OT_preset(Action, bpy.types.Operator):
+    """Apply a PECS preset"""
+
+    bl_label = "Apply PECS Preset"
+    bl_options = {"UNDO", "INTERNAL"}  # script.execute_preset cannot be undone
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    menu_idname: StringProperty(options={"SKIP_SAVE"})
+
+    def act(self, _context) -> None:
+        bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=self.menu_idname)
 
 
 class PECS_OT_preset_add(AddPresetBase, bpy.types.Operator):

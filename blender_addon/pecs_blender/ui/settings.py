@@ -5,6 +5,7 @@ and `compare`."""
 import dataclasses
 import math
 from functools import cache
+from pathlib import Path
 from zlib import crc32
 
 import bpy
@@ -291,7 +292,7 @@ class PecsSettings(bpy.types.PropertyGroup):
         description="Action if the stack exists",
     )
     whole_range: BoolProperty(
-        name="Scene Frame Range", description="Render from the scene's start frame to its end frame"
+        name="Scene Frame Range", default=True, description="Render from the scene's start frame to its end frame"
     )
     frames: IntProperty(
         name="Frames",
@@ -416,6 +417,8 @@ def _words(scene: bpy.types.Scene, name: str) -> list[str]:
         return [flag(name), *(f"{v:.6g}" for v in value)] if any(value) else []
     if name == "chip":
         value = library.find("chip", value)
+    if name == "illuminant" and value.endswith(".csv"):  # relative to the .blend, of which a copy is rendered
+        value = Path(bpy.data.filepath).parent / value
     return [flag(name), f"{value:.6g}" if isinstance(value, float) else str(value)]
 
 

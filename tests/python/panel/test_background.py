@@ -13,14 +13,13 @@ import bpy
 from pecs_blender import ui
 from pecs_blender.cli import _parser
 from pecs_blender.render.options import LAYERS, Options
-from pecs_blender.ui import background, operators, settings
+from pecs_blender.ui import background, settings
 
 def ended():
     while background.poll() is not None:
         time.sleep(0.05)
     return background.state.message, background.state.is_error
 
-operators.is_saved = lambda: True  # bpy as a module always says no
 ui.register()
 blend, output = sys.argv[1:]
 bpy.ops.wm.open_mainfile(filepath=blend)
@@ -35,7 +34,7 @@ p.lens, p.focus_m = "pecs_lab_15mm", 150.0
 arguments = settings.render_arguments(scene)
 assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres
 p.lens, p.layers, p.frames, p.samples, p.bands, p.output = "none", {"depth"}, 40, 1, 1, output
-p.time = "uniform"
+p.time, p.whole_range = "uniform", False
 bpy.ops.wm.save_mainfile()
 assert bpy.ops.pecs.render() == {"FINISHED"}
 job = background.state.job
@@ -47,13 +46,11 @@ bpy.ops.pecs.stop()
 message, is_error = ended()
 assert message.startswith("Stopped at") and not is_error, message
 bpy.ops.wm.open_mainfile(filepath=blend)
-bpy.context.scene.pecs.frames, bpy.context.scene.pecs.time = 2, "uniform"
-bpy.ops.wm.save_mainfile()
+bpy.context.scene.pecs.frames = 2
 bpy.ops.pecs.render()
 message, is_error = ended()
 assert "exists and differs in 'times_ns" in message and is_error, message
 bpy.context.scene.pecs.exists = "overwrite"
-bpy.ops.wm.save_mainfile()
 bpy.ops.pecs.render()
 assert ended() == (output + ": rendered", False), background.state.message
 bpy.ops.pecs.plan()
@@ -83,6 +80,16 @@ while job.returncode() is None:
     time.sleep(0.02)
 assert (job.progress, job.folder, job.last_line) == (0.25, Path("/s_002"), "stack.json: the error"), vars(job)
 assert job.text.startswith("Simulate 25%, 0:03 left, "), job.text
+
+# A child that dies is no "Stopped", and its last progress is no error.
+for number, name in ((11, "Segmentation fault"), (9, "Killed")):
+    body = "import os, sys; print('render: 8/8, 0 s left', file=sys.stderr, flush=True)"
+    body += f"; os.kill(os.getpid(), {number})"
+    background.start(background.BackgroundJob("Render Stack", [sys.executable, "-c", body], Path("/s"), str))
+    while background.poll() is not None:
+        time.sleep(0.02)
+    text = f"Render Stack was ended by signal {number} ({name})"
+    assert (background.state.message, background.state.is_error) == (text, True), background.state.message
 """
 
 

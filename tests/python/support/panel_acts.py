@@ -15,7 +15,6 @@ from pecs_blender.ui import (
     background,
     checks,
     event_operators,
-    operators,
     panel,
     paths,
     settings,
@@ -112,7 +111,7 @@ def scene_file(folder):
         thing.location.x = x
         thing.keyframe_insert("location", frame=frame)
     s = scene.pecs
-    s.bands, s.samples, s.fps, s.frames = 1, 1, 100.0, 8
+    s.bands, s.samples, s.fps, s.frames, s.whole_range = 1, 1, 100.0, 8, False
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
     return scene
 
@@ -124,7 +123,7 @@ def line(folder):
     assert "render the stack first" in refused("sense")
     assert "simulate the events first" in refused("view") and "simulate the events first" in refused("compare")
     _runs(scene, folder)
-    _saves_first(scene)
+    _renders_what_is_in_memory(scene, folder)
     _views(scene, folder)
     _compares(scene, folder / "scene.raw")
     scene.pecs.sensor.format = "npz"
@@ -182,7 +181,6 @@ def _compares(scene, events):
 def _renders_a_new_version(scene, folder):
     """Other settings are an error, unless the panel is set to a new version."""
     scene.pecs.samples = 16
-    bpy.ops.wm.save_mainfile()
     assert not background.state.offer_exists
     bpy.ops.pecs.render()
     message, is_error = ended()
@@ -194,15 +192,18 @@ def _renders_a_new_version(scene, folder):
     assert "scene_002.stack" in json.dumps(json.loads((folder / "scene.npz.run.json").read_text()))
 
 
-def _saves_first(scene):
-    """A change is not rendered before it is saved; by the preference, the button saves it."""
-    saved, wants = operators.is_saved, operators.preferences
-    operators.is_saved = lambda: False
-    assert "Save the file first" in refused("plan")
-    operators.preferences = lambda: SimpleNamespace(save_first=True)
-    scene.pecs.samples, before = 2, Path(bpy.data.filepath).stat().st_mtime_ns
-    assert "of memory" in pressed("plan") and Path(bpy.data.filepath).stat().st_mtime_ns > before
-    operators.is_saved, operators.preferences = saved, wants
+def _renders_what_is_in_memory(scene, folder):
+    """Size and settings of the panel, unsaved; the file on the disk and the scene stay as they are."""
+    before = Path(bpy.data.filepath).read_bytes()
+    scene.pecs.exists, scene.render.resolution_x = "overwrite", WIDTH // 2
+    pressed("render")
+    assert json.loads((folder / "scene.stack/stack.json").read_text())["width"] == WIDTH // 2
+    assert Path(bpy.data.filepath).read_bytes() == before and "pecs_folder" not in scene
+    assert not list(Path(bpy.app.tempdir).glob(background.COPIES + "*"))
+    scene.render.resolution_x, scene.pecs.samples = WIDTH, 2
+    assert "of memory" in pressed("plan")
+    pressed("run")
+    scene.pecs.exists = "continue"
 
 
 def wrong(folder):
@@ -454,7 +455,6 @@ def presets(folder):
 
 
 def main(act, folder):
-    operators.is_saved = lambda: bool(bpy.data.filepath)  # bpy as a module calls every file unsaved
     ui.register()
     assert panel.PECS_PT_render.bl_rna
     globals()[act](Path(folder))

@@ -5,11 +5,13 @@ pecs = bpy.context.scene.pecs
 
 render.resolution_x, render.resolution_y, render.resolution_percentage = 346, 260, 100
 pecs.chip = "davis346"
+pecs.lens = "none"
 pecs.bands = 0
 pecs.placement = "means"
 pecs.samples = 8
 pecs.time = "adaptive"
 pecs.fps = 10000.0
+pecs.whole_range = True
 pecs.sensor.model = "pecs"
 pecs.sensor.readout = "chip"
 pecs.sensor.no_noise = False

@@ -12,6 +12,7 @@ pecs.placement = "means"
 pecs.samples = 8
 pecs.time = "adaptive"
 pecs.fps = 10000.0
+pecs.whole_range = True
 pecs.sensor.model = "pecs"
 pecs.sensor.readout = "chip"
 pecs.sensor.no_noise = False
