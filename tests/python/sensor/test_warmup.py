@@ -4,7 +4,8 @@ import numpy as np
 import pecs
 import pytest
 from pecs.sensor import LABELS
-from support.small_stacks import write
+from pecs.stack import StackWriter
+from support.small_stacks import BAND, write
 
 SIZE = (60, 80)
 LEAK = {"leak_rate_hz": 5.0, "noise_std": 0, "background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
@@ -50,6 +51,21 @@ def test_the_rate_of_a_ramp_is_even_from_the_start(tmp_path):
     assert first[0] < 0.02 * later[0]
     assert abs(first[20_000] / later[20_000] - 1) < 0.1
     assert abs(later[20_000] / later[0] - 1) < 0.03
+
+
+def test_noise_is_even_from_the_start(tmp_path):
+    """In still light of a corner of 64 Hz, the rate of the first 5 ms is that of the last 14 ms of 29. For distances
+    drawn evenly up to the threshold it is 1.7 times that, for pixels at rest half of it."""
+    frames, size = 581, (120, 160)
+    stack = {"pecs_stack": 1, "quantity": "irradiance", "width": size[1], "height": size[0], "pixel_pitch_m": 4.86e-6}
+    stack |= {"bands": BAND, "times_ns": [i * 50_000 for i in range(frames)], "period_ns": None, "lens": None}
+    with StackWriter(tmp_path / "s", stack | {"scene": {}, "render": {}, "versions": {}}) as writer:
+        for i in range(frames):
+            writer.write_frame(i, np.full((1, *size), 3e-5, np.float32))
+    options = {"chip": "imx636", "format": "dsec", "readout": "ideal", "duration_us": 29_000, "warmup_us": 20_000}
+    pecs.sense(tmp_path / "s", tmp_path / "e.h5", **options)
+    counts = np.histogram(pecs.read(tmp_path / "e.h5", "dsec")["t"], 29, (0, 29_000))[0]
+    assert 30 < counts[15:].mean() and abs(counts[:5].mean() / counts[15:].mean() - 1) < 0.25
 
 
 def test_the_output_begins_at_the_first_frame(tmp_path):

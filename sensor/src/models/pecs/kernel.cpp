@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <vector>
 
 #include "models/pecs/active_pixels-inl.h"
@@ -218,19 +219,27 @@ class PixelBlock {
       for (std::uint32_t p = 0; p < rows_.count; ++p) a_.marks[rows_.first + p] = {a_.start_us, rows_.noise[0][p], 0};
   }
 
-  // Distances from the reference, at the second frame: uniform up to the threshold that the light moves to, for light
-  // that has moved so before; in still light, up to the one that the leak moves to. Without a leak, between both.
+  // Distances of the noise-free output from the reference, at the second frame: uniform over a threshold in the
+  // direction that the light moves in, for light that has moved so before; in still light, in that of the leak, or
+  // without a leak between both thresholds. Noise has fired whatever it reaches in a second, and its reset lies as far
+  // on the other side: the margin is where Rice's formula gives one crossing per second (sensor.md, Amplifier), at most
+  // 0.45 of a threshold.
   void draw_phases() {
-    constexpr float kStill = 1e-6f;  // of ln I
+    constexpr float kStill = 1e-6f;             // of ln I
+    constexpr double kOrnsteinUhlenbeck = 1.6;  // crossings per r exp(-m^2 / 2), m / sqrt(2 pi) at m = 4
+    const double a = a_.constants.a_per_us, b = a_.constants.b_per_us;
     for (std::uint32_t p = 0; p < rows_.count; ++p) {
+      const double r = a * rows_.i[1][p], on = rows_.on[p], off = rows_.off[p];
+      const double per_s = 1e6 * (b > 0 ? std::sqrt(b * r) / (2 * std::numbers::pi) : kOrnsteinUhlenbeck * r);
+      const double std = b > 0 ? a_.noise_std * std::sqrt(b / (b + r)) : a_.noise_std;
+      const double margin = std::min(std * std::sqrt(2 * std::log1p(per_s)), 0.45 * std::min(on, off));
       const float change = rows_.l[2][p] - rows_.l[1][p];
-      const bool moves = std::abs(change) > kStill, leaks = a_.constants.leak_per_us > 0;
-      const double low = moves ? (change > 0 ? 0 : -rows_.off[p]) : (leaks ? 0 : -rows_.off[p]);
-      const double high = moves && change < 0 ? 0 : rows_.on[p];
+      const bool falls = change<-kStill, rises = change> kStill || (!falls && a_.constants.leak_per_us > 0);
+      const double low = rises ? -margin : margin - off, high = falls ? margin : on - margin;
       const Random4 random = random4(a_.seed, rows_.first + p, 1, Purpose::noise_start);
       const auto phase = static_cast<float>(low + uniform(random[0]) * (high - low));
-      rows_.reference[p] -= phase;
-      if (a_.marks) a_.marks[rows_.first + p].phase = phase;
+      rows_.reference[p] -= phase + rows_.noise[0][p];
+      if (a_.marks) a_.marks[rows_.first + p] = {a_.start_us, 0, phase};
     }
   }
 
