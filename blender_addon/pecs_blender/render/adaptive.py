@@ -24,7 +24,7 @@ from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import BLOCK_PX, boxes, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
+from .tiles import BLOCK_PX, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -253,7 +253,7 @@ class ChangedParts:
             if done.mean() > MAX_CHANGED:
                 frame = self._light.fresh()
                 return self._picture(frame, self._light.clean(frame))
-            fresh = self._light.fresh(boxes(more, *self._stage.size))
+            fresh = self._light.fresh(self._light.boxes(more))
             frame = np.where(np.isnan(fresh), frame, fresh)
             more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
         if not done.any():
@@ -393,21 +393,21 @@ class Between:
         self._stage.set_time(self._grid_s[middle])
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
-        wanted, raw = np.zeros_like(wrong), np.full(it.first.raw.shape, np.nan, np.float32)
+        done, raw = np.zeros_like(wrong), np.full(it.first.raw.shape, np.nan, np.float32)
         under, frame = it.first.frame, np.full(it.first.frame.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
-            more = grown(wrong) & ~wanted
+            more = grown(wrong) & ~done
             if not more.any():
                 break
-            if (wanted | more).mean() > MAX_BETWEEN:
-                more = ~wanted
-            fresh, part = self._light.parts(boxes(more, *self._stage.size), under)
+            if (done | more).mean() > MAX_BETWEEN:
+                more = ~done
+            fresh, part = self._light.parts(self._light.boxes(more), under)
             frame, raw = np.where(np.isnan(fresh), frame, fresh), np.where(np.isnan(part), raw, part)
-            wanted |= more
+            rendered = np.isfinite(raw[0])  # boxes may cover more tiles
+            done = tiles_with(rendered)
             current = self._judge.photocurrent(raw)
             wrong = self._judge.differing(predicted, current)
-        rendered = np.isfinite(raw[0])  # boxes may cover more than was rendered
-        clean = self._light.clean_parts(boxes(tiles_with(rendered), *self._stage.size), frame, under)
+        clean = self._light.clean_parts(self._light.boxes(done), frame, under)
         light = raw if clean is None else np.where(rendered, self._judge.with_noise(clean), np.nan)
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 

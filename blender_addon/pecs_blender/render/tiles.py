@@ -95,25 +95,24 @@ def probe_strips(width: int, height: int, index: int) -> list[Box]:
     return [(0, y, width, y + STRIP_PX) for y in range(first, height - STRIP_PX + 1, EVERY_PX)]
 
 
-def boxes(tiles: np.ndarray, width: int, height: int) -> list[Box]:
-    """Rectangles [px] that cover the tiles without overlap and with few others."""
-    found: list[Box] = []
+def boxes(tiles: np.ndarray, width: int, height: int, call_px: float) -> list[Box]:
+    """Rectangles [px] that cover the tiles without overlap. They may cover other tiles, too: each rectangle costs its
+    pixels, and `call_px` pixels more for the call that renders it."""
+    call = call_px / TILE_PX**2
 
-    def cover(top: int, left: int, part: np.ndarray) -> None:
+    def cover(top: int, left: int, part: np.ndarray) -> tuple[float, list[Box]]:
+        """The cost in tiles, and the rectangles."""
         if not part.any():
-            return
+            return 0, []
         ys, xs = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
-        top, left, part = top + ys[0], left + xs[0], part[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
+        top, left, part = int(top + ys[0]), int(left + xs[0]), part[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         h, w = part.shape
-        if part.size <= 4 or part.mean() > 0.7:
-            right, bottom = min(width, (left + w) * TILE_PX), min(height, (top + h) * TILE_PX)
-            found.append((int(left * TILE_PX), int(top * TILE_PX), int(right), int(bottom)))
-        elif h > w:
-            cover(top, left, part[: h // 2])
-            cover(top + h // 2, left, part[h // 2 :])
-        else:
-            cover(top, left, part[:, : w // 2])
-            cover(top, left + w // 2, part[:, w // 2 :])
+        x, y = left * TILE_PX, top * TILE_PX
+        whole = call + part.size, [(x, y, min(width, x + w * TILE_PX), min(height, y + h * TILE_PX))]
+        if part.size - part.sum() <= call:  # another call costs more
+            return whole
+        y, x = (h // 2, w) if h > w else (h, w // 2)
+        one, other = cover(top, left, part[:y, :x]), cover(top + y % h, left + x % w, part[y % h :, x % w :])
+        return min(whole, (one[0] + other[0], one[1] + other[1]), key=lambda found: found[0])
 
-    cover(0, 0, tiles)
-    return found
+    return cover(0, 0, tiles)[1]

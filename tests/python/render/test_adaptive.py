@@ -118,17 +118,18 @@ def test_what_motion_does_not_explain_is_rendered_between(blends, bench, name):
     assert few["recall"] > every["recall"] - 0.02 and few["precision"] > every["precision"] - 0.02
 
 
-def test_pictures_between_contain_only_what_was_rendered(blends):
-    """With denoising as without: 4 subpixels, 2 samples each."""
-    denoised = adaptive(blends, "mirror")
-    rendered = adaptive(blends, "mirror", "--samples", 8, "--no-denoise")
-    assert between(denoised) == between(rendered)
-    intervals = len(list(denoised.glob("motion_*.exr")))
-    with pecs.StackReader(denoised) as a, pecs.StackReader(rendered) as b:
-        for interval in range(intervals):
-            for which in range(len(a.between_ns(interval))):
-                got, wanted = a.read_between(interval, which), b.read_between(interval, which)
-                assert (np.isnan(got) == np.isnan(wanted)).all()
+@pytest.mark.filterwarnings("ignore:All-NaN")
+def test_pictures_between_show_their_own_instant(blends):
+    """In every tile, within the noise: light of the keyframe in its place differs by up to a factor of 40."""
+    folder, worst = adaptive(blends, "mirror"), []
+    every = render(blends, "mirror", "--subpixels", 2, "--samples", 32)
+    with pecs.StackReader(folder) as reader, pecs.StackReader(every) as truth:
+        for interval in range(len(list(folder.glob("motion_*.exr")))):
+            for which, t_ns in enumerate(reader.between_ns(interval)):
+                light = reader.read_between(interval, which).mean(0) / truth.read_frame(t_ns // 1_000_000).mean(0)
+                light = light[: light.shape[0] // 16 * 16].reshape(-1, 16, light.shape[1] // 16, 16)
+                worst.append(np.nanmax(np.abs(np.log(np.nanmedian(light, axis=(1, 3))))))
+    assert len(worst) > 10 and max(worst) < 1.5
 
 
 def test_a_shadow_needs_a_part_of_the_picture_alone(blends):

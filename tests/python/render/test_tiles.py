@@ -7,18 +7,21 @@ from pecs_blender.render import tiles
 SHAPE = 90, 150  # no multiple of a tile
 
 
-def test_boxes_cover_all_tiles_once():
-    rng = np.random.default_rng(3)
-    for share in (0.02, 0.3, 0.8, 1.0):
-        wanted = rng.random(tiles.tiles_of(150, 90)) < share
-        count = np.zeros(SHAPE, int)
-        for left, top, right, bottom in tiles.boxes(wanted, 150, 90):
-            count[top:bottom, left:right] += 1
-        assert count.max() <= 1
-        for row, column in np.argwhere(wanted):
-            tile = slice(row * tiles.TILE_PX, (row + 1) * tiles.TILE_PX)
-            assert (count[tile, column * tiles.TILE_PX : (column + 1) * tiles.TILE_PX] == 1).all()
-        assert count.mean() <= max(0.1, 1.6 * share)
+@pytest.mark.parametrize("call_px", [0, 1000, 1e6])
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.8, 1.0])
+def test_boxes_cover_all_tiles_once_at_the_least_cost(share, call_px):
+    wanted = np.random.default_rng(3).random(tiles.tiles_of(150, 90)) < share
+    count = np.zeros(SHAPE, int)
+    boxes = tiles.boxes(wanted, 150, 90, call_px)
+    for left, top, right, bottom in boxes:
+        count[top:bottom, left:right] += 1
+    assert count.max() <= 1
+    for row, column in np.argwhere(wanted):
+        tile = slice(row * tiles.TILE_PX, (row + 1) * tiles.TILE_PX)
+        assert (count[tile, column * tiles.TILE_PX : (column + 1) * tiles.TILE_PX] == 1).all()
+    alone = wanted.sum() * (tiles.TILE_PX**2 + call_px)
+    assert count.sum() + len(boxes) * call_px <= min(alone, wanted.size * tiles.TILE_PX**2 + call_px)
+    assert call_px > 0 or count.sum() == tiles.pixels_of(wanted, SHAPE[::-1]).sum()
 
 
 def test_neighbours():
