@@ -25,7 +25,7 @@ import bpy
 from pecs._child import mortal
 from pecs._errors import ExitCode
 
-from .interface import redraw, say
+from .interface import redraw, say, wrapped
 
 POLL_S, STATUS_S = 0.2, 1.0  # interval of polls, and of redraws of the status bar
 STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
@@ -171,7 +171,7 @@ def poll() -> float | None:
     except Exception as e:  # the result cannot be shown; the panel must accept the next job
         state.message, state.is_error = f"{say(job.label)}: {e}", True
     if state.is_error:
-        _pop_up(state.message)
+        pop_up(state.message)
     return None
 
 
@@ -208,9 +208,10 @@ def _redraw(at_once: bool) -> None:
             window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
 
 
-def _pop_up(text: str) -> None:
+def pop_up(text: str) -> None:
     if not bpy.app.background:
-        bpy.context.window_manager.popup_menu(lambda menu, _: menu.layout.label(text=text), title="PECS", icon="ERROR")
+        icon = "ERROR" if state.is_error else "INFO"
+        bpy.context.window_manager.popup_menu(lambda menu, _: wrapped(menu.layout, text), title="PECS", icon=icon)
 
 
 def register() -> None:

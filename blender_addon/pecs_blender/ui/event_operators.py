@@ -16,7 +16,7 @@ from .preferences import preferences
 KINDS = {  # outputs of `pecs view`: label and description
     "png": ("Image Sheet", "Draw the events as images and show them in the image editor"),
     "mp4": ("Video", "Write a slow-motion video and open it in the system's player"),
-    "html": ("3-D page", "Write a page with the events in space and time and open it in the browser"),
+    "html": ("3-D Page", "Write a page with the events in space and time and open it in the browser"),
 }
 VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstructed video
 

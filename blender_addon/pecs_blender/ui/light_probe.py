@@ -11,7 +11,7 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..render.brightness import light_rows
-from . import operators, paths
+from . import operators, paths, settings
 from .background import BackgroundJob, state
 from .interface import Action, say
 
@@ -38,15 +38,22 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
     @staticmethod
     def job(context) -> BackgroundJob:
         scene = context.scene
-        name = scene.name
+        name, used = scene.name, measured_with(scene)
 
         def done(job: BackgroundJob) -> str:
             found = json.loads(next(line for line in job.answer if line.startswith("{")))  # beside Blender's own output
-            state.light[name] = found
+            state.light[name] = found | {"settings": used}
             return rows(found)[0]
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
         return BackgroundJob("Probe Light", command, paths.stack(scene), done, for_file=True)
+
+
+def measured_with(scene) -> list[str]:
+    """Settings on which the answer depends; it is scaled with the light."""
+    words = settings.render_arguments(scene)
+    at = words.index("--light-scale") if "--light-scale" in words else len(words)
+    return [*words[:at], *words[at + 2 :], *map(str, settings.size(scene))]
 
 
 def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:

@@ -181,6 +181,19 @@ def show_image(image: bpy.types.Image) -> str:
     return say(text, image=image.name)
 
 
+class PECS_OT_message(Action, bpy.types.Operator):
+    """Show the whole last message, or open the manual if there is none"""
+
+    bl_label = "Last Message"
+    bl_options = {"INTERNAL"}
+
+    def act(self, context) -> None:
+        if background.state.message:
+            background.pop_up(background.state.message)
+        else:
+            bpy.ops.pecs.manual()
+
+
 class PECS_OT_stop(Action, bpy.types.Operator):
     """Stop the job and keep the finished frames. Press again to kill it. Shortcut in the properties editor: Esc"""
 

@@ -38,58 +38,207 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
 
     def draw(self, context) -> None:
         layout = self.layout
+        row = layout.row()
+        row.scale_y = 1.4
         if job := state.job:
-            progress(layout, job)
+            progress(row, job)
         else:
-            row = layout.row()
-            row.scale_y = 1.4
             row.operator("pecs.run", icon="RENDER_ANIMATION")
-            if state.message:
-                wrapped(layout, state.message, "ERROR" if state.is_error else "INFO", state.is_error)
-            if state.offer_exists:
-                layout.prop(context.scene.pecs, "exists")
+        row = layout.row()  # always one line, so that no button moves when a job starts or ends
+        row.alert = bool(not state.job and state.is_error)
+        message = "" if state.job else state.message
+        row.label(text=message, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
+        row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)
+        if state.offer_exists:
+            layout.prop(context.scene.pecs, "exists")
         for one in checks.problems(context.scene):
             problem(layout, one)
+
+
+def _camera(layout, scene, s) -> None:
+    """The settings of the event camera, also in the camera's own tab."""
+    row = layout.row(align=True)
+    row.operator("pecs.setup_camera", icon="CAMERA_DATA", text="Set Up")
+    row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
+    layout.prop(s, "chip")
+    chip = library.chip(s.chip)
+    text = "{width} x {height} pixels, {pitch:.4g} µm" if chip.width else "Any size, pixel pitch {pitch:.4g} µm"
+    layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
+    width, height = settings.size(scene)
+    if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
+        layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
+    row = layout.row(align=True)
+    row.prop(s, "lens")
+    row.operator("pecs.pick_lens", icon="FILEBROWSER", text="")
+    if not settings.has_lens(s):
+        return
+    props(layout.column(align=True), s, "focus_m", "fnumber")
+    props(layout, scene.pecs_camera, "focus_object", "show_field")
+    wanted = frustum.setting(scene)
+    found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
+    if wrong:
+        wrapped(layout, wrong, "ERROR", alert=True)
+    elif found:
+        wrapped(layout, say("{lens}; maximum aperture f/{number:.3g}", lens=found.words(), number=found.widest))
 
 
 class PECS_PT_camera(SubPanel, bpy.types.Panel):
     bl_label = "Event Camera"
 
     def fill(self, layout, scene, s) -> None:
+        _camera(layout, scene, s)
+
+
+class PECS_PT_camera_data(bpy.types.Panel):
+    bl_label = "PECS: Event Camera"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.camera is not None and context.object == context.scene.camera
+
+    def draw(self, context) -> None:
+        self.layout.use_property_split, self.layout.use_property_decorate = True, False
+        with contextlib.suppress(PecsError):
+            _camera(self.layout, context.scene, context.scene.pecs)
+
+
+class PECS_PT_time(SubPanel, bpy.types.Panel):
+    bl_label = "Time and Quality"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s, "whole_range")
+        if not s.whole_range:
+            layout.prop(s, "frames")
+        props(layout, s, "fps", "noise_events")
+        count, passes = settings.frame_count(scene), s.pass_count
+        text = "{count:,} frames, {ms:.4g} ms, {passes} passes each"
+        text = text if passes > 1 else "{count:,} frames, {ms:.4g} ms, 1 pass each"
+        layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
         row = layout.row(align=True)
-        row.operator("pecs.setup_camera", icon="CAMERA_DATA")
-        row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
-        props(layout, scene.pecs_camera, "focus_object", "show_field")
-        wanted = frustum.setting(scene)
-        found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
-        if wrong:
-            wrapped(layout, wrong, "ERROR", alert=True)
-        elif found:
-            layout.label(text=say("{lens}; maximum aperture f/{number:.3g}", lens=found.words(), number=found.widest))
+        row.operator("pecs.plan", icon="TIME")
+        row.operator("pecs.preview", icon="IMAGE_DATA")
+
+
+class PECS_PT_probe(SubPanel, bpy.types.Panel):
+    bl_label = "Brightness"
+    bl_parent_id = "PECS_PT_time"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        layout.operator("pecs.probe_light", icon="LIGHT_SUN")
+        if found := state.light.get(scene.name):
+            scale = s.light_scale / found["light_scale"]
+            column = layout.column(align=True)
+            if found["settings"] != light_probe.measured_with(scene):
+                column.active = False
+                column.label(text=say("Measured with other settings"), icon="INFO")
+            for row in light_probe.rows(found, scale):
+                wrapped(column, row)
+            corner = found["corner_hz"]
+            if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
+                wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
+        row = layout.row(align=True)
+        row.prop(scene.pecs_light, "wanted_lux")
+        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
+
+
+class PECS_PT_checks(SubPanel, bpy.types.Panel):
+    bl_label = "Scene Checks"
+    bl_parent_id = "PECS_PT_time"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        layout.operator("pecs.check_scene", icon="VIEWZOOM")
+        found = state.problems.get(scene.name)
+        if found == []:
+            wrapped(layout, say("No problems found"), "CHECKMARK")
+        for one in found or ():
+            problem(layout, one)
+
+
+class PECS_PT_events(SubPanel, bpy.types.Panel):
+    bl_label = "Events"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
+        props(layout, s.sensor, "format", "no_noise", "seed")
+        for one in checks.sensor_problems(scene):
+            problem(layout, one)
+        layout.label(text=say("Input: {name}", name=paths.rendered(scene).name))
+        layout.operator("pecs.sense", icon="PARTICLES")
+
+
+class PECS_PT_view(SubPanel, bpy.types.Panel):
+    bl_label = "Results"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        props(layout, s.sensor, "window_ms", "slow_motion")
+        row = layout.column(align=True)  # a row would cut the labels
+        for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
+            row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
+        sequencer = event_operators.sequencer_scene(bpy.context)
+        if sequencer:
+            strip = layout.operator("pecs.view", text="Video to Sequencer", icon="SEQUENCE")
+            strip.kind, strip.to_sequencer = "mp4", True
+        layout.prop(s.sensor, "cutoff_hz")
+        row = layout.row(align=True)
+        row.operator("pecs.reconstruct", icon="RENDER_ANIMATION")
+        if sequencer:
+            row.operator("pecs.reconstruct", text="", icon="SEQUENCE").to_sequencer = True
+        row = layout.row(align=True)
+        row.operator("pecs.report", icon="TEXT")
+        row.operator("pecs.open_folder", icon="FILE_FOLDER", text="Folder")
+
+
+class PECS_PT_compare(SubPanel, bpy.types.Panel):
+    bl_label = "Compare"
+    bl_parent_id = "PECS_PT_view"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        props(layout, s.sensor, "recording", "compare_ms")
+        layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
+        title, rows = state.scores
+        if rows:
+            box = layout.box()
+            row = box.row()
+            row.label(text=title)
+            row.operator("pecs.close_scores", icon="X", text="", emboss=False)
+            for label, value in rows:
+                split = box.split(factor=0.4)
+                split.scale_y = 0.6
+                split.label(text=say(label))
+                split.label(text=value)
+
+
+class PECS_PT_advanced(SubPanel, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        pass
 
 
 class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     bl_label = "Sensor"
+    bl_parent_id = "PECS_PT_advanced"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        layout.prop(s, "chip")
-        chip = library.chip(s.chip)
-        text = (
-            "{width} x {height} pixels, pitch {pitch:.4g} µm"
-            if chip.width
-            else "Any resolution, pixel pitch {pitch:.4g} µm"
-        )
-        layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
-        width, height = settings.size(scene)
-        if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
-            layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
-        props(layout, s.sensor, "model", "readout", "seed", "no_noise")
+        props(layout, s.sensor, "model", "readout")
 
 
 class PECS_PT_parameters(SubPanel, bpy.types.Panel):
     bl_label = "Parameters"
-    bl_parent_id = "PECS_PT_sensor"
     bl_options = {"DEFAULT_CLOSED"}
+    bl_parent_id = "PECS_PT_sensor"
 
     def fill(self, layout, scene, s) -> None:
         known = settings.parameters(s)
@@ -110,8 +259,8 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
 
 class PECS_PT_stages(SubPanel, bpy.types.Panel):
     bl_label = "Biases and Digital Stages"
-    bl_parent_id = "PECS_PT_sensor"
     bl_options = {"DEFAULT_CLOSED"}
+    bl_parent_id = "PECS_PT_sensor"
 
     def fill(self, layout, scene, s) -> None:
         sensor = s.sensor
@@ -127,18 +276,15 @@ class PECS_PT_stages(SubPanel, bpy.types.Panel):
 
 class PECS_PT_lens(SubPanel, bpy.types.Panel):
     bl_label = "Lens"
+    bl_parent_id = "PECS_PT_advanced"
+    bl_options = {"DEFAULT_CLOSED"}
     bl_translation_context = CONTEXT
 
     def fill(self, layout, scene, s) -> None:
-        row = layout.row(align=True)
-        row.prop(s, "lens")
-        row.operator("pecs.pick_lens", icon="FILEBROWSER", text="")
         if not settings.has_lens(s):
-            camera = scene.camera
-            if camera and camera.type == "CAMERA":
-                layout.label(text=say("The scene's camera, f/{number:.3g}", number=camera.data.dof.aperture_fstop))
+            layout.label(text=say("No lens is set"))
             return
-        props(layout.column(align=True), s, "focus_m", "fnumber", "film_width_mm")
+        props(layout, s, "film_width_mm", "film_shift_mm")
         info = settings.lens_now(scene)
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
@@ -152,6 +298,8 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
 
 class PECS_PT_light(SubPanel, bpy.types.Panel):
     bl_label = "Light and Bands"
+    bl_parent_id = "PECS_PT_advanced"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         props(layout, s, "bands", "placement", "illuminant", "light_scale", "samples", "device")
@@ -159,124 +307,23 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_label = "More"
-    bl_parent_id = "PECS_PT_light"
     bl_options = {"DEFAULT_CLOSED"}
+    bl_parent_id = "PECS_PT_light"
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "noise_events", "no_denoise", "light_tree", "seed")
-        props(layout, s, "threads", *(["film_shift_mm"] if settings.has_lens(s) else []), "allow_scripts")
-
-
-class PECS_PT_time(SubPanel, bpy.types.Panel):
-    bl_label = "Time"
-
-    def fill(self, layout, scene, s) -> None:
-        props(layout, s, "time", "step_px" if s.time == "adaptive" else "moving_px", "fps", "whole_range")
-        if not s.whole_range:
-            layout.prop(s, "frames")
-        count, passes = settings.frame_count(scene), s.pass_count
-        text = "{count:,} frames, {ms:.4g} ms, {passes} passes each"
-        text = text if passes > 1 else "{count:,} frames, {ms:.4g} ms, 1 pass each"
-        layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
+        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "no_denoise", "light_tree", "seed")
+        props(layout, s, "threads", "allow_scripts")
 
 
 class PECS_PT_stack(SubPanel, bpy.types.Panel):
     bl_label = "Stack"
+    bl_parent_id = "PECS_PT_advanced"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "output", placeholder=paths.stack(scene).name)
-        props(layout, s, "exists", "layers")
-        width, height = settings.size(scene)
-        text = "{width} x {height} pixels, up to {size}"
-        layout.label(text=say(text, width=width, height=height, size=readable(settings.stack_bytes(scene))))
-        row = layout.row(align=True)
-        row.operator("pecs.plan", icon="TIME")
-        row.operator("pecs.preview", icon="IMAGE_DATA")
+        props(layout, s, "exists", "time", "step_px" if s.time == "adaptive" else "moving_px")
+        layout.column(align=True).prop(s, "layers")
+        if s.time == "uniform":
+            layout.label(text=say("Up to {size}", size=readable(settings.stack_bytes(scene))))
         layout.operator("pecs.render", icon="RENDER_STILL")
-
-
-class PECS_PT_probe(SubPanel, bpy.types.Panel):
-    bl_label = "Brightness"
-    bl_parent_id = "PECS_PT_light"
-
-    def fill(self, layout, scene, s) -> None:
-        layout.operator("pecs.probe_light", icon="LIGHT_SUN")
-        if found := state.light.get(scene.name):
-            scale = s.light_scale / found["light_scale"]
-            column = layout.column(align=True)
-            for row in light_probe.rows(found, scale):
-                wrapped(column, row)
-            corner = found["corner_hz"]
-            if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
-                wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
-        row = layout.row(align=True)
-        row.prop(scene.pecs_light, "wanted_lux")
-        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
-
-
-class PECS_PT_checks(SubPanel, bpy.types.Panel):
-    bl_label = "Scene Checks"
-
-    def fill(self, layout, scene, s) -> None:
-        layout.operator("pecs.check_scene", icon="VIEWZOOM")
-        found = state.problems.get(scene.name)
-        if found == []:
-            wrapped(layout, say("No problems found"), "CHECKMARK")
-        for one in found or ():
-            problem(layout, one)
-
-
-class PECS_PT_events(SubPanel, bpy.types.Panel):
-    bl_label = "Events"
-
-    def fill(self, layout, scene, s) -> None:
-        layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
-        layout.prop(s.sensor, "format")
-        for one in checks.sensor_problems(scene):
-            problem(layout, one)
-        layout.label(text=say("Input: {name}", name=paths.rendered(scene).name))
-        layout.operator("pecs.sense", icon="PARTICLES")
-
-
-class PECS_PT_view(SubPanel, bpy.types.Panel):
-    bl_label = "View"
-    bl_translation_context = CONTEXT
-    bl_parent_id = "PECS_PT_events"
-
-    def fill(self, layout, scene, s) -> None:
-        props(layout, s.sensor, "window_ms", "slow_motion")
-        row = layout.row(align=True)
-        for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
-            row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
-        sequencer = event_operators.sequencer_scene(bpy.context)
-        if sequencer:
-            strip = layout.operator("pecs.view", text="Video to Sequencer", icon="SEQUENCE")
-            strip.kind, strip.to_sequencer = "mp4", True
-        layout.prop(s.sensor, "cutoff_hz")
-        row = layout.row(align=True)
-        row.operator("pecs.reconstruct", icon="RENDER_ANIMATION")
-        if sequencer:
-            row.operator("pecs.reconstruct", text="", icon="SEQUENCE").to_sequencer = True
-        row = layout.row(align=True)
-        row.operator("pecs.report", icon="TEXT")
-        row.operator("pecs.open_folder", icon="FILE_FOLDER", text="Folder")
-
-
-class PECS_PT_compare(SubPanel, bpy.types.Panel):
-    bl_label = "Compare"
-    bl_parent_id = "PECS_PT_events"
-
-    def fill(self, layout, scene, s) -> None:
-        props(layout, s.sensor, "recording", "compare_ms")
-        layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
-        title, rows = state.scores
-        if rows:
-            box = layout.box()
-            row = box.row()
-            row.label(text=title)
-            row.operator("pecs.close_scores", icon="X", text="", emboss=False)
-            for label, value in rows:
-                split = box.split(factor=0.4)
-                split.scale_y = 0.6
-                split.label(text=say(label))
-                split.label(text=value)

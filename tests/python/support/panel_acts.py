@@ -431,12 +431,45 @@ def saved(folder):
     assert bpy.context.scene.keyframe_insert("pecs.light_scale", frame=1)
 
 
+def one_group_is_open():
+    """At most 12 controls are in view at first: those of the panel and of its one open group."""
+    panels = [cls for cls in ui.classes(panel) if getattr(cls, "bl_parent_id", "") == "PECS_PT_render"]
+    assert [cls.__name__ for cls in panels if "DEFAULT_CLOSED" not in getattr(cls, "bl_options", ())] == [
+        "PECS_PT_camera"
+    ]
+    controls = []
+
+    class Counting(Layout):
+        def prop(self, data, name, **words):
+            controls.append(name)
+
+        def operator(self, name, text="", **words):
+            controls.append(name)
+            return SimpleNamespace()
+
+        def row(self, **words):
+            return Counting(self.texts)
+
+        box = column = split = row
+
+    fake = SimpleNamespace(layout=Counting([]))
+    fake.fill = lambda *words: panel.PECS_PT_camera.fill(fake, *words)
+    panel.PECS_PT_camera.draw(fake, bpy.context)
+    panel.PECS_PT_render.draw(fake, bpy.context)
+    assert "chip" in controls and "pecs.run" in controls and len(controls) <= 12, controls
+
+
 def presets(folder):
     """Those that ship do what they say; one's own is kept."""
     scene = scene_file(folder)
+    one_group_is_open()
+    scene.pecs.lens = "pecs_lab_15mm"
+    one_group_is_open()
+    assert "UNDO" in ui.presets.PECS_OT_preset.bl_options
     for file in (Path(ui.__file__).parent / "presets/pecs").glob("*.py"):
         scene.pecs.sensor.overrides.add()
-        bpy.ops.script.execute_preset(filepath=str(file), menu_idname="PECS_PT_presets")
+        bpy.ops.pecs.preset(filepath=str(file), menu_idname="PECS_PT_presets")
+        assert (scene.pecs.whole_range, scene.pecs.time, len(scene.pecs.sensor.overrides)) == (True, "adaptive", 0)
         assert not checks.problems(scene), (file, checks.problems(scene))
     s = scene.pecs
     s.lens, s.film_shift_mm, s.layers, s.sensor.model = "pecs_lab_15mm", (0.5, 0.25), {"depth", "motion"}, "esim"
