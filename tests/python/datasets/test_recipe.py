@@ -196,3 +196,32 @@ name = "film\""""
     assert found.cameras[0].stages == stages and not found.cameras[1].stages
     with pytest.raises(pecs.PecsInputError, match="stc: got an unknown stage"):
         load(replace={'[[rig.camera]]\nname = "film"': tables.replace("stc_us", "stc")})
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples/recipes").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_recipes_of_the_examples(path):
+    """Each loads, its chips and lenses exist, and its lenses cover the films."""
+    found = recipe.load(path)
+    for entry in found.cameras:
+        if entry.pixels_of:
+            continue
+        drawn = found.draw(0)["cameras"][entry.name]
+        if entry.kind == "events":
+            with pecs.Chip(entry.chip) as chip:
+                width, height, pitch_um = (
+                    entry.width or chip.width,
+                    entry.height or chip.height,
+                    chip.pixel_pitch_m * 1e6,
+                )
+        else:
+            width, height, pitch_um = entry.width, entry.height, entry.pixel_pitch_um
+        corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
+        setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_um * 1e-3}
+        with pecs.Lens(entry.lens) as lens:
+            assert np.isfinite(lens.directions(corners, width=width, height=height, **setting)).all()
+    if path.stem == "dsec_like":
+        left, right = found.cameras
+        assert right.position_m == [0.6, 0, 0] and found.truth["fps"] == 10 and found.export == ("dsec",)
+        for entry in (left, right):
+            with pecs.Chip(entry.chip) as chip:
+                assert (entry.width or chip.width, entry.height or chip.height) == (640, 480)
