@@ -4,6 +4,7 @@ the operator and for Blender's *Online Manual*."""
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import bpy
@@ -70,6 +71,8 @@ def _in_status_bar(self, _context) -> None:
         row = self.layout.row()
         row.ui_units_x = 16  # fits the text
         progress(row, job)
+    elif text := background.state.message:
+        self.layout.label(text=textwrap.shorten(text, 80, placeholder="…"), icon="INFO")
 
 
 _keys: list[tuple] = []  # keymap and item
