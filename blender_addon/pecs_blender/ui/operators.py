@@ -54,7 +54,7 @@ class Renders(InBackground):
 def copy_of_file(scene) -> Path:
     """Saves the open file, as it is in memory, into a temporary folder that background.py removes after the job."""
     here = Path(bpy.data.filepath or "untitled.blend")
-    copy = Path(tempfile.mkdtemp(prefix=background.COPIES, dir=bpy.app.tempdir)) / here.name
+    copy = Path(tempfile.mkdtemp(prefix=background.COPIES)) / here.name  # Blender empties its own with the preferences
     if bpy.data.filepath:
         caches = f"blendcache_{here.stem}"  # physics baked to the disk
         if here.with_name(caches).is_dir():

@@ -196,10 +196,13 @@ def _renders_what_is_in_memory(scene, folder):
     """Size and settings of the panel, unsaved; the file on the disk and the scene stay as they are."""
     before = Path(bpy.data.filepath).read_bytes()
     scene.pecs.exists, scene.render.resolution_x = "overwrite", WIDTH // 2
-    pressed("render")
+    bpy.ops.pecs.render()
+    started = background.state.job.command
+    assert any(background.COPIES in word and Path(word).exists() for word in started)
+    assert not ended()[1], background.state.message
     assert json.loads((folder / "scene.stack/stack.json").read_text())["width"] == WIDTH // 2
     assert Path(bpy.data.filepath).read_bytes() == before and "pecs_folder" not in scene
-    assert not list(Path(bpy.app.tempdir).glob(background.COPIES + "*"))
+    assert not any(background.COPIES in word and Path(word).exists() for word in started)
     scene.render.resolution_x, scene.pecs.samples = WIDTH, 2
     assert "of memory" in pressed("plan")
     pressed("run")
