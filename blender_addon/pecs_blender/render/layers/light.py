@@ -119,7 +119,8 @@ class Light(Layer):
         of_first, of_second = np.split(guides, 2)
         first = self._denoiser(mean + difference, of_first, fast=True)
         second = self._denoiser(mean - difference, of_second, fast=True)
-        return np.concatenate([self._denoiser(mean, (of_first + of_second) / 2, fast), (first - second) / 2])
+        both = (first + second) / 2 if fast else self._denoiser(mean, (of_first + of_second) / 2)
+        return np.concatenate([both, (first - second) / 2])
 
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
