@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A small data set end to end: sets up, renders eight sequences of half a second from a stereo hybrid rig (two event cameras,
+# A small data set end to end: sets up, renders eight sequences of a quarter of a second from a stereo hybrid rig (two event cameras,
 # two RGB cameras) in a room and in a street with all ground truth, checks them, and writes out/dataset_demo/ (start with
 # index.html). About an hour of two cores, by what single sequences take; run again, it continues.
 #   scripts/dataset_demo.sh [OPTIONS of pecs dataset]   --plan: what it will take; --only 0: one sequence
