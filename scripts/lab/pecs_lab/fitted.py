@@ -1,0 +1,123 @@
+"""Pixel models before the computed disk of a recording, with free values of their own: what the studies of fitted
+models share.
+
+The disk is computed, not rendered. Its light is that of a long lamp above it (lamp_fit.py), normalised to a mean of 1
+in white; each model has the lamp's place, its brightness and the disk's contrast as values of its own, so that no
+model sees the light that was found with another one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pecs
+
+from . import disk_fit, lamp_fit
+from .disk import Disk
+
+CHIP = "imx636"
+WARMUP_PERIODS, COARSE_STEP_US, STEP_US = 8, 2000.0, 500.0  # the last period of the warm-up in steps of STEP_US
+RING = 0.2, 0.98  # of the radius, as pecs.delays
+DISK_RADIUS_MM, DISK_RIGHT_MM, DISTANCE_MM = 153.0, 160.1, 1560.0  # scenes/rotating_disk
+LAMP = {"lamp_length_mm": 1200.0, "lamp_width_mm": 120.0}  # its length hardly shows (scripts/tools/fit_lamp.py)
+WALLS = 0.05  # light from the walls / mean light from the lamp
+
+# (low, high) of each free value; searched in its logarithm where low > 0
+SCENE = {
+    "lamp_right_mm": (-600.0, 600.0),
+    "lamp_up_mm": (160.0, 900.0),
+    "lamp_before_mm": (60.0, 900.0),
+    "contrast": (4.0, 40.0),
+}
+THRESHOLDS = {"contrast_threshold_on": (0.1, 0.8), "contrast_threshold_off": (0.1, 0.8)}
+MISMATCH, REFRACTORY = {"threshold_mismatch": (0.01, 0.299)}, {"refractory_period_s": (1e-6, 0.02)}
+BOXES = {
+    "pecs": THRESHOLDS | MISMATCH | {"noise_std": (0.01, 0.2), "white_fa": (0.3, 10.0)},
+    "esim": THRESHOLDS | REFRACTORY | {"log_eps": (1e-4, 1.0)},
+    "v2e": THRESHOLDS
+    | MISMATCH
+    | REFRACTORY
+    | {"white_grey": (2.0, 2550.0), "cutoff_hz": (0.5, 100.0), "linear_below": (1.0, 100.0)},
+    "voltmeter": {
+        "k1": (0.3, 20.0),
+        "k2": (0.1, 200.0),
+        "k3": (1e-5, 0.1),
+        "k4": (1e-9, 1e-4),
+        "k5": (1e-12, 1e-6),
+        "k6": (1e-6, 0.02),
+    },
+    "icns": THRESHOLDS
+    | MISMATCH
+    | REFRACTORY
+    | {"white_lux": (0.1, 1e4), "tau_us": (1.0, 1e4), "latency_us": (1.0, 1e4), "jitter_us": (1.0, 1e4)},
+}
+OF_CHIP = {*THRESHOLDS, *MISMATCH, *REFRACTORY, "noise_std"}
+ICNS_LUX = 1e4  # of a frame's 1
+
+
+def sensor(model: str, values: dict, width: int, height: int, **options: object) -> tuple[pecs.Sensor, float]:
+    """The sensor, and what its frames are multiplied by, so that a frame's 1 is the recording's mean white."""
+    overrides = {k: v for k, v in values.items() if k in OF_CHIP}
+    known = OF_CHIP | SCENE.keys() | {"white_fa", "white_grey", "white_lux"}
+    parameters = {k: v for k, v in values.items() if k not in known}
+    scale = {"pecs": values.get("white_fa"), "v2e": values.get("white_grey", 255.0) / 255}.get(model, 1.0)
+    if model == "icns":  # its parameter white_lux is at least 1 lux
+        parameters["white_lux"], scale = ICNS_LUX, values["white_lux"] / ICNS_LUX
+    ampere = 1e-15 if model == "pecs" else 1.0  # a peer's frame is in units of its white, whatever its photocurrent
+    made = pecs.Sensor(
+        width, height, CHIP, model=model, parameters=parameters, overrides=overrides, photocurrent_a=ampere,
+        readout="ideal", **options,
+    )  # fmt: skip
+    return made, scale
+
+
+@dataclass
+class Stage:
+    """The pixels of the ring on every `coarser`-th pixel of the sensor, packed, from the warm-up on."""
+
+    disk: Disk
+    coarser: int
+    duration_us: float
+
+    def __post_init__(self):
+        self.width, self.height = 1280 // self.coarser, 720 // self.coarser
+        yy, xx = np.mgrid[0 : self.height, 0 : self.width]
+        angle, radius = self.disk.polar(xx.astype(float), yy.astype(float))
+        inside = (radius > (RING[0] - 0.02) * self.disk.radius_px) & (radius < self.disk.radius_px)
+        columns = min(1280, int(np.ceil(np.sqrt(inside.sum()))))
+        rows = -(-inside.sum() // columns)
+        fill = np.resize(
+            np.flatnonzero(inside), rows * columns
+        )  # what is left of the last row repeats the first pixels
+        self.pixels, self.shape = int(inside.sum()), (int(rows), columns)
+        self.x, self.y = xx.ravel()[fill], yy.ravel()[fill]
+        angle, radius = angle.ravel()[fill], radius.ravel()[fill]
+        mm = DISK_RADIUS_MM / self.disk.radius_px * radius
+        self.x_mm, self.up_mm = mm * np.cos(np.radians(angle)), mm * np.sin(np.radians(angle))
+        period_us = disk_fit.period_us(self.disk)
+        self.warmup_us = WARMUP_PERIODS * period_us
+        coarse = np.arange(-self.warmup_us, -period_us, COARSE_STEP_US)
+        self.t_us = np.concatenate([coarse, np.arange(-period_us, self.duration_us + 2 * STEP_US, STEP_US)])
+        self.white = np.empty((len(self.t_us), len(fill)), bool)
+        for white, t in zip(self.white, self.t_us, strict=True):
+            on, off = (self.disk.past_deg(angle, t, e) for e in (self.disk.on_edge_deg, self.disk.off_deg))
+            white[:] = on < off
+
+    def light(self, values: dict) -> np.ndarray:
+        """Of each pixel in white; mean 1."""
+        lamp = {k: values[k] for k in SCENE if k.startswith("lamp")} | LAMP
+        cos4 = (1 + ((self.x_mm + DISK_RIGHT_MM) ** 2 + self.up_mm**2) / DISTANCE_MM**2) ** -2
+        light = lamp_fit.illuminance(self.x_mm, self.up_mm, lamp, WALLS) * cos4
+        return (light / light.mean()).astype(np.float32)
+
+    def events(self, model: str, values: dict, seed: int, threads: int = 0) -> np.ndarray:
+        made, scale = sensor(model, values, *self.shape[::-1], seed=seed, threads=threads)
+        white = np.float32(scale) * self.light(values)
+        frames = np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
+        with made:
+            found = np.concatenate([made.push(frames, self.t_us + self.warmup_us), made.finish()])
+        found["t"] -= round(self.warmup_us)
+        pixel = found["y"].astype(np.int64) * self.shape[1] + found["x"]
+        kept = (found["t"] >= 0) & (found["t"] < self.duration_us) & (pixel < self.pixels)
+        found, pixel = found[kept], pixel[kept]
+        found["x"], found["y"] = self.x[pixel], self.y[pixel]
+        return found[np.argsort(found["t"], kind="stable")]

@@ -1,0 +1,95 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""Pixel models fitted to a recording in dim light (fitted_peers.py), in light that the fit did not see: NIST's delays
+over a factor of 66 of light, and published rates of noise in still light (pecs_lab/over_light.py).
+
+    scripts/studies/fitted_over_light.py [--fitted scripts/studies/fitted_peers.json] [-o fitted_over_light.json]
+
+No value of the fit is changed. The ratio of the lamp's light to the recording's is not known to a model without units,
+so that each model has it chosen for the least misfit of its delays: `white_fa`, the photocurrent that the recording's
+mean white would have. For `pecs`, the row `in its own unit` has the white of its fit instead, with nothing chosen.
+Takes about five minutes.
+"""
+
+import argparse
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pecs_lab import fitted, over_light
+from pecs_lab.report import table
+
+HERE = Path(__file__).parent
+TRIED_FA = np.geomspace(0.01, 1000, 31)
+SILENT = 10.0  # a delay that is not there counts as wrong by this factor
+NOISE_STEP_US = {"pecs": 10.0}  # closer than its amplifier's time constant
+STILL_STEP_US = 1000.0  # of the others, whose noise does not depend on it
+
+
+def delays_us(model: str, values: dict, white_fa: float) -> dict[str, np.ndarray]:
+    frames, t_us = over_light.square_wave(over_light.nist_fa() / white_fa)
+    sensor, scale = fitted.sensor(model, values, *frames.shape[:0:-1], seed=1)
+    with sensor:
+        events = np.concatenate([sensor.push(frames * np.float32(scale), t_us), sensor.finish()])
+    found = over_light.first_delays_us(np.sort(events, order="t"))
+    each = {p: d.reshape(len(d), -1) for p, d in found.items()}
+    enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}
+    return {p: np.where(enough[p], np.nanmedian(np.nan_to_num(d, nan=2e6), axis=1), np.nan) for p, d in each.items()}
+
+
+def ratios(delays: dict[str, np.ndarray]) -> dict[str, list[float | None]]:
+    """Simulated / measured; None: half of the pixels are silent."""
+    out = {}
+    for p, medians in delays.items():
+        ratio = np.maximum(medians, 0.5) / over_light.MEDIANS_US[p]
+        out[p] = [float(f"{r:.3g}") if np.isfinite(r) else None for r in ratio]
+    return out
+
+
+def misfit(ratio: dict[str, list]) -> float:
+    """Root mean square of ln of the ratio, as a factor."""
+    each = [np.log(SILENT if r is None else r) for of in ratio.values() for r in of]
+    return float(np.exp(np.sqrt(np.mean(np.square(each)))))
+
+
+def of_model(model: str, values: dict, tried_fa: np.ndarray) -> dict:
+    tried = [(ratios(delays_us(model, values, w)), float(w)) for w in tried_fa]
+    ratio, white_fa = min(tried, key=lambda t: misfit(t[0]))
+    made = partial(fitted.sensor, model, values, seed=3)
+    scale = made(1, 1)[1]
+    step_us = NOISE_STEP_US.get(model, STILL_STEP_US)
+    noise = over_light.noise_hz(lambda w, h: made(w, h)[0], scale / white_fa, step_us)
+    return {"white_fa": white_fa, "delay_ratio": ratio, "delay_factor": misfit(ratio), "noise_hz": noise}
+
+
+def tables(report: dict) -> list[str]:
+    delays, noise = [], []
+    for name, row in report.items():
+        for p in ("on", "off"):
+            of = row["delay_ratio"][p]
+            cells = ["–" if r is None else f"{r:.2f}" for r in of]
+            delays.append([name, p.upper(), *cells, f"{row['delay_factor']:.2f}", f"{row['white_fa']:.2g}"])
+            noise.append([name, p.upper(), *(f"{hz:.2g}" for hz in row["noise_hz"][p])])
+    noise += [["published", p.upper(), *of] for p, of in over_light.PUBLISHED_HZ.items()]
+    head = ["model", "", *over_light.IRRADIANCE_W_M2, "typical factor", "white, fA"]
+    return [table(head, delays), table(["model", "", *over_light.LUX], noise)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fitted", type=Path, default=HERE / "fitted_peers.json")
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
+    args = parser.parse_args()
+    report = {}
+    for name, row in json.loads(args.fitted.read_text())["models"].items():
+        if "values" in row:
+            model, values = name.split()[0], row["values"]
+            if model == "pecs":
+                report[f"{name}, in its own unit"] = of_model(model, values, np.array([values["white_fa"]]))
+            report[name] = of_model(model, values, TRIED_FA)
+    args.output.write_text(json.dumps(report, indent=1) + "\n")
+    print(*tables(report), sep="\n\n")
+
+
+if __name__ == "__main__":
+    main()
