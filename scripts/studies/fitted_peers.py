@@ -1,15 +1,19 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Every pixel model fitted to the first half of a recording of the rotating disk, scored on its second half.
 
-    scripts/studies/fitted_peers.py RECORDING [-o scripts/studies/fitted_peers.json] [--evaluations 4096]
+    scripts/studies/fitted_peers.py RECORDING [-o scripts/studies/fitted_peers.json] [--evaluations 3072]
+    scripts/studies/fitted_peers.py BRIGHTER --keep scripts/studies/fitted_peers.json -o brighter.json
 
 The disk is computed, not rendered, and each model fits its light, too (pecs_lab/fitted.py has the free values and
-their ranges). All models have the same objective: for ON and OFF the earth mover's distance between the histograms of
-delays behind the edges in units of 10 degrees, plus |ln| of the ratio of events per edge; plus the mean over 24 regions
-of |ln| of the ratio of events. All have the same search: 256 points of a Sobol sequence over the ranges, then CMA-ES
-from its best two, 4,096 evaluations in all. No model starts from its defaults.
+their ranges). All models have the same objective: the deviance of the recording's numbers of events, by polarity, 24
+regions and 10 degrees of delay behind the edge, where the simulation's are expected (Poisson). All have the same
+search: 256 points of a Sobol sequence over the ranges, then CMA-ES from its best two, 3,072 evaluations in all. No
+model starts from its defaults.
 
 `pecs as shipped` fits the light and the contrast alone; its other values were chosen on the whole recording.
+
+With --keep, a recording of such a disk in other light is scored with the values of an earlier fit; only the lamp's
+place, its brightness and the contrast are fitted to its first half.
 
 Scores are of the second half, of every fourth pixel in x and y between 0.2 and 0.98 of the radius; the simulation has
 another seed than in the fit. `recording` is the same recording's pixels beside those, scored as if they were a
@@ -32,28 +36,17 @@ from pecs_lab.report import table
 from scipy.stats import qmc, wasserstein_distance
 
 STARTS, SOBOL, POPULATION = 2, 256, 16
-FIT_COARSER, SCORE_COARSER = 8, 4
-DEGREES = 10.0  # of delay count as much as a factor of e in the number of events
+FIT_COARSER, SCORE_COARSER = 6, 4
 SHIPPED = "pecs as shipped"
+KEPT_BRIGHTNESS = (0.1, 1e5)  # of another recording, in each model's unit
 SLOWEST = ("voltmeter", "v2e", "pecs", "icns", SHIPPED, "esim")  # first
 
 
-def regions(events: np.ndarray) -> np.ndarray:
-    """Of 24 x 4 numbers of events (pecs.delays), 12 x 2."""
-    return np.asarray(events).reshape(12, 2, 2, 2).sum((1, 3))
-
-
-def objective(found: np.ndarray, stage: fitted.Stage, seen: disk_fit.Seen) -> float:
-    size = {"width": stage.width, "height": stage.height, "duration_us": round(stage.duration_us)}
-    delays, miss = pecs.delays(found, disk=stage.disk.detected, **size), 0.0
-    for p, real in zip(("on", "off"), seen.histograms, strict=True):
-        sim = np.array(delays[p]["histogram"])
-        if sim.sum() == 0:
-            return 100.0
-        between = np.abs(np.cumsum(sim / sim.sum() - real / real.sum())).sum() * stage.disk.period_deg / 90
-        miss += between / DEGREES + abs(np.log(sim.sum() / real.sum()))
-    sim, real = (regions(e) for e in (delays["regions"]["events"], seen.delays["regions"]["events"]))
-    return float(miss + np.abs(np.log((sim + 1) / (real / stage.coarser**2 + 1))).mean())
+def deviance(real: np.ndarray, sim: np.ndarray) -> float:
+    """Per event, of Poisson numbers `real` where `sim` is expected."""
+    sim = sim + 0.5
+    misses = np.where(real > 0, real * np.log(np.maximum(real, 1e-9) / sim), 0) - (real - sim)
+    return float(2 * misses.sum() / real.sum())
 
 
 class Box:
@@ -71,25 +64,34 @@ class Box:
         return {k: float(f"{v:.4g}") for k, v in zip(self.names, at.tolist(), strict=True)}
 
 
-def ranges_of(name: str) -> dict:
-    box = fitted.BOXES[name.split()[0]]
-    return fitted.SCENE | ({"white_fa": box["white_fa"]} if name == SHIPPED else box)
+def searches(kept: Path | None) -> dict[str, tuple[dict, dict]]:
+    """(fixed values, free ranges) of each row. With `kept`, the light alone is free: SCENE and the brightness."""
+    if not kept:
+        shipped = {k: disk_fit.profile(fitted.CHIP)[k] for k in fitted.BOXES["pecs"] if k in fitted.OF_CHIP}
+        light = fitted.SCENE | {"white_fa": fitted.BOXES["pecs"]["white_fa"]}
+        return {SHIPPED: (shipped, light)} | {m: ({}, fitted.SCENE | box) for m, box in fitted.BOXES.items()}
+    found = {}
+    for name, row in json.loads(kept.read_text())["models"].items():
+        if "values" in row:
+            brightness = fitted.BRIGHTNESS.get(name.split()[0], "white_grey")
+            light = fitted.SCENE | {brightness: KEPT_BRIGHTNESS}
+            found[name] = {k: v for k, v in row["values"].items() if k not in light}, light
+    return found
 
 
-def shipped_values(name: str) -> dict:
-    kept = fitted.OF_CHIP - {"refractory_period_s"}
-    return {k: disk_fit.profile(fitted.CHIP)[k] for k in kept} if name == SHIPPED else {}
-
-
-def fit(name: str, stage: fitted.Stage, seen: disk_fit.Seen, evaluations: int) -> dict:
+def fit(name: str, search: tuple, stage: fitted.Stage, seen: np.ndarray, evaluations: int) -> dict:
+    """`seen`: numbers of the recording's events in `cells`, per pixel of the stage."""
     import cma
 
     warnings.filterwarnings("ignore", module="cma")
-    box, fixed, done, began = Box(ranges_of(name)), shipped_values(name), [], time.process_time()
+    (fixed, ranges), done, began = search, [], time.process_time()
+    box = Box(ranges)
 
     def loss(x: np.ndarray) -> float:
-        found = stage.events(name.split()[0], fixed | box.values(x), seed=1, threads=1)
-        done.append((objective(found, stage, seen) if len(found) else 100.0, np.clip(x, 0, 1)))
+        found, _ = half(
+            stage.events(name.split()[0], fixed | box.values(x), 1, threads=1), stage.disk, 0, stage.duration_us
+        )
+        done.append((deviance(seen, cells(found, stage.disk)), np.clip(x, 0, 1)))
         return done[-1][0]
 
     points = qmc.Sobol(len(box.names), seed=1).random(SOBOL)
@@ -145,6 +147,12 @@ def placed(events: np.ndarray, disk: Disk) -> list[tuple[np.ndarray, np.ndarray,
     return found
 
 
+def cells(events: np.ndarray, disk: Disk) -> np.ndarray:
+    """Numbers of events by polarity, 12 sectors, 2 rings, and 11 bins of 10 degrees of delay."""
+    bins = [np.arange(13), np.arange(0, 5, 2), np.arange(-10, 101, 10)]
+    return np.stack([np.histogramdd(np.stack([s, r, d], 1), bins)[0] for d, s, r in placed(events, disk)])
+
+
 def medians_deg(delay: np.ndarray, sector: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """By region of 12 x 4; NaN below 20 events."""
     of = [delay[(sector == s) & (ring == r)] for s in range(12) for r in range(4)]
@@ -156,7 +164,7 @@ def scores(real: np.ndarray, sim: np.ndarray, disk: Disk, stage: fitted.Stage, d
     shared = pecs.compare(real, sim, disk=disk.detected, **size)
     result = {k: shared[k] for k in ("chamfer", "chamfer_interval", "gaussian", "gaussian_interval", "map_correlation")}
     result["split_half"] = shared["split_half"]
-    deviance, kinds = 0.0, zip(("on", "off"), placed(real, disk), placed(sim, disk), strict=True)
+    kinds = zip(("on", "off"), placed(real, disk), placed(sim, disk), strict=True)
     for p, (delay_r, sector_r, ring_r), (delay_s, sector_s, ring_s) in kinds:
         of = shared["delays"][p]
         result[f"earth_mover_{p}_deg"], result[f"overlap_{p}"] = of["earth_mover_deg"], of["overlap"]
@@ -168,12 +176,7 @@ def scores(real: np.ndarray, sim: np.ndarray, disk: Disk, stage: fitted.Stage, d
         result[f"regions_{p}"] = len(a)
         result[f"median_rms_{p}_deg"] = float(np.sqrt(np.mean((a - b) ** 2))) if len(a) else None
         result[f"slope_{p}"] = float(np.cov(a, b)[0, 1] / a.var(ddof=1)) if len(a) > 2 else None
-        bins = [np.arange(13), np.arange(0, 5, 2), np.arange(-10, 101, 5)]
-        n, m = (np.histogramdd(np.stack(v, 1), bins)[0] for v in
-                ((sector_r, ring_r, delay_r), (sector_s, ring_s, delay_s)))  # fmt: skip
-        m += 0.5
-        deviance += 2 * (np.where(n > 0, n * np.log(np.maximum(n, 1) / m), 0) - (n - m)).sum()
-    result["deviance"] = float(deviance / len(real))
+    result["deviance"] = deviance(cells(real, disk), cells(sim, disk))
     counts = [np.histogram(e["t"], np.arange(0, duration_us, 1000))[0] for e in (real, sim)]
     result["events_ratio"] = len(sim) / len(real)
     result["rate_rms"] = float(np.sqrt(np.mean(np.subtract(*counts) ** 2.0)) / counts[0].mean())
@@ -246,12 +249,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
-    parser.add_argument("--evaluations", type=int, default=4096)
+    parser.add_argument("--evaluations", type=int, default=3072)
+    parser.add_argument(
+        "--keep", type=Path, metavar="JSON", help="of another recording: its values, only light is fitted"
+    )
     args = parser.parse_args()
 
     disk, events, duration_us, _ = disk_fit.examine(args.recording)
     middle_us = float(duration_us // 2)
-    seen = disk_fit.look(events[events["t"] < middle_us], disk, 1280, 720, middle_us)
+    seen = cells(half(events, disk, 0, middle_us)[0], disk) / FIT_COARSER**2
     fit_stage = fitted.Stage(disk.coarser(FIT_COARSER), FIT_COARSER, middle_us)
     stage = fitted.Stage(disk.coarser(SCORE_COARSER), SCORE_COARSER, duration_us)
     real, disk_second = half(on_grid(events, SCORE_COARSER, SCORE_COARSER // 2), stage.disk, middle_us, duration_us)
@@ -260,10 +266,13 @@ def main() -> None:
     report |= {"events_second_half": len(real), "models": {}}
     first = {"recording": {"second_half": scores(real, beside, disk_second, stage, middle_us)}}
     report["models"] |= first
-    names = [SHIPPED, *fitted.BOXES]
+    rows = searches(args.keep)
     with ProcessPoolExecutor(2) as pool:
-        fits = {n: pool.submit(fit, n, fit_stage, seen, args.evaluations) for n in sorted(names, key=SLOWEST.index)}
-        for name in names:
+        fits = {
+            name: pool.submit(fit, name, rows[name], fit_stage, seen, args.evaluations)
+            for name in sorted(rows, key=SLOWEST.index)
+        }
+        for name in rows:
             row = fits[name].result()
             sim, _ = half(stage.events(name.split()[0], row["values"], 2), stage.disk, middle_us, duration_us)
             row["second_half"] = scores(real, sim, disk_second, stage, middle_us)

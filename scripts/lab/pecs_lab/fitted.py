@@ -15,7 +15,8 @@ from . import disk_fit, lamp_fit
 from .disk import Disk
 
 CHIP = "imx636"
-WARMUP_PERIODS, COARSE_STEP_US, STEP_US = 8, 2000.0, 500.0  # the last period of the warm-up in steps of STEP_US
+WARMUP_PERIODS = 8  # the last one in steps of 2 * STEP_US
+COARSE_STEP_US, STEP_US = 4000.0, 500.0
 RING = 0.2, 0.98  # of the radius, as pecs.delays
 DISK_RADIUS_MM, DISK_RIGHT_MM, DISTANCE_MM = 153.0, 160.1, 1560.0  # scenes/rotating_disk
 LAMP = {"lamp_length_mm": 1200.0, "lamp_width_mm": 120.0}  # its length hardly shows (scripts/tools/fit_lamp.py)
@@ -52,6 +53,7 @@ BOXES = {
 }
 OF_CHIP = {*THRESHOLDS, *MISMATCH, *REFRACTORY, "noise_std"}
 ICNS_LUX = 1e4  # of a frame's 1
+BRIGHTNESS = {"pecs": "white_fa", "icns": "white_lux"}  # of the recording's mean white; of the others white_grey
 
 
 def sensor(model: str, values: dict, width: int, height: int, **options: object) -> tuple[pecs.Sensor, float]:
@@ -59,7 +61,7 @@ def sensor(model: str, values: dict, width: int, height: int, **options: object)
     overrides = {k: v for k, v in values.items() if k in OF_CHIP}
     known = OF_CHIP | SCENE.keys() | {"white_fa", "white_grey", "white_lux"}
     parameters = {k: v for k, v in values.items() if k not in known}
-    scale = {"pecs": values.get("white_fa"), "v2e": values.get("white_grey", 255.0) / 255}.get(model, 1.0)
+    scale = values["white_fa"] if model == "pecs" else values.get("white_grey", 255.0) / 255
     if model == "icns":  # its parameter white_lux is at least 1 lux
         parameters["white_lux"], scale = ICNS_LUX, values["white_lux"] / ICNS_LUX
     ampere = 1e-15 if model == "pecs" else 1.0  # a peer's frame is in units of its white, whatever its photocurrent
@@ -96,7 +98,8 @@ class Stage:
         period_us = disk_fit.period_us(self.disk)
         self.warmup_us = WARMUP_PERIODS * period_us
         coarse = np.arange(-self.warmup_us, -period_us, COARSE_STEP_US)
-        self.t_us = np.concatenate([coarse, np.arange(-period_us, self.duration_us + 2 * STEP_US, STEP_US)])
+        last, counted = np.arange(-period_us, 0, 2 * STEP_US), np.arange(0, self.duration_us + 2 * STEP_US, STEP_US)
+        self.t_us = np.concatenate([coarse, last, counted])
         self.white = np.empty((len(self.t_us), len(fill)), bool)
         for white, t in zip(self.white, self.t_us, strict=True):
             on, off = (self.disk.past_deg(angle, t, e) for e in (self.disk.on_edge_deg, self.disk.off_deg))
