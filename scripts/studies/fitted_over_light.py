@@ -20,7 +20,7 @@ from pecs_lab import fitted, over_light
 from pecs_lab.report import table
 
 HERE = Path(__file__).parent
-TRIED_FA = np.geomspace(0.01, 1000, 16)
+TRIED_FA = np.geomspace(0.01, 1000, 11)
 SILENT = 10.0  # a delay that is not there counts as wrong by this factor
 NOISE_STEP_US = {"pecs": 10.0}  # closer than its amplifier's time constant
 STILL_STEP_US = 1000.0  # of the others, whose noise does not depend on it
@@ -58,7 +58,7 @@ def of_model(model: str, values: dict, white_fa: float | None) -> dict:
 
     if white_fa is None:
         _, white_fa = tried(TRIED_FA)
-        whites = white_fa * np.geomspace(0.5, 2, 7)
+        whites = white_fa * np.geomspace(0.4, 2.5, 7)
     else:
         whites = np.array([white_fa])
     ratio, white_fa = tried(whites)
