@@ -10,7 +10,7 @@ PAGE = ROOT / "docs/studies/validation.md"
 READMES_MEASURES = {
     "deviance": "deviance per event",
     "earth_mover_on_deg": "delays of ON events",
-    "earth_mover_off_deg": "delays of OFF events",
+    "chamfer": "Chamfer distance",
 }
 
 
