@@ -22,7 +22,7 @@ from screen import area, grab, over, window
 
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
 MODULE = "bl_ext.user_default.pecs_blender"
-PANEL_PX = 480  # width of the properties editor
+OPEN_LATER = ("PECS_PT_view", "PECS_PT_compare")  # groups that the last pictures show open
 
 
 def press(name: str, **words) -> None:
@@ -31,9 +31,9 @@ def press(name: str, **words) -> None:
     assert done == {"FINISHED"}, (name, done)
 
 
-def picture(name: str, crop: str = "") -> None:
+def picture(name: str, crop: str = "", colours: int = 0) -> None:
     path = FOLDER / f"panel_{name}.png"
-    grab(path, crop)
+    grab(path, crop, colours)
     assert path.stat().st_size < 200_000, path
 
 
@@ -50,20 +50,39 @@ def scene() -> None:
 
 
 def arrange() -> None:
-    """A new properties editor of full height, on the render tab, beside a plain view."""
-    for kind in ("PROPERTIES", "DOPESHEET_EDITOR"):
-        with bpy.context.temp_override(window=window(), area=area(kind)):
-            bpy.ops.screen.area_close()
-    one = area("OUTLINER")
-    one.type = "PROPERTIES"
-    with bpy.context.temp_override(window=window(), area=one):
-        bpy.ops.screen.area_move(x=one.x - 1, y=one.y + 50, delta=one.width - PANEL_PX)
+    """Blender's own layout: the properties editor at its default width, as tall as it can be, beside a plain view."""
+    one = area("PROPERTIES")
+    move_top(one, 700)
     one.spaces.active.context = "RENDER"
     view = area("VIEW_3D")
     view.spaces.active.overlay.show_overlays = False
     bpy.context.preferences.themes[0].view_3d.space.gradients.background_type = "SINGLE_COLOR"
     with over(view):
         bpy.ops.view3d.view_camera()
+
+
+def move_top(one, delta: int) -> None:
+    with bpy.context.temp_override(window=window(), area=one):
+        bpy.ops.screen.area_move(x=one.x + one.width // 2, y=one.y + one.height, delta=delta)
+
+
+def open_groups():
+    """In a new properties editor, since an old one keeps what is open."""
+    panel = sys.modules[type(state()).__module__.replace("background", "panel")]
+    classes = [cls for cls in vars(panel).values() if isinstance(cls, type) and issubclass(cls, bpy.types.Panel)]
+    classes = [cls for cls in classes if cls.__module__ == panel.__name__ and cls.is_registered]
+    for cls in reversed(classes):
+        bpy.utils.unregister_class(cls)
+    for cls in classes:
+        options = {"DEFAULT_CLOSED"} if cls is not panel.PECS_PT_render else set()
+        cls.bl_options = set() if cls.__name__ in OPEN_LATER else options
+        bpy.utils.register_class(cls)
+    old, new = area("PROPERTIES"), area("OUTLINER")
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=old.x + old.width // 2, y=old.y + old.height)
+    yield 1  # areas move where the mouse is over no region
+    move_top(old, -700)
+    old.type, new.type = "OUTLINER", "PROPERTIES"
+    new.spaces.active.context = "RENDER"
 
 
 def state(module: str = "background"):
@@ -113,7 +132,7 @@ def to_a_set_up_camera():
     arrange()
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cube.blend"))
     yield 2
-    scroll(13)  # past those of the render engine
+    scroll(100)  # past those of the render engine
     yield 1
     picture("2_checks")  # the default scene is larger than the chip
     press("setup_camera")
@@ -123,7 +142,7 @@ def to_a_set_up_camera():
     preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
     with over(area("PROPERTIES")):
         bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"), menu_idname="PECS_PT_presets")
-    s.fps, s.frames, s.whole_range = 400.0, 60, False
+    s.fps, s.frames, s.whole_range, s.no_denoise = 400.0, 60, False, True  # not every Blender has a denoiser
     yield 2
     picture("3_ready")
 
@@ -155,6 +174,10 @@ def to_events():
     assert state().message.startswith("Stopped at "), state().message
     press("run")  # goes on
     yield job_ended
+    area("VIEW_3D").spaces.active.overlay.show_overlays = True
+    yield 1
+    picture("overlay", "740x460+290+240", 64)  # noise compresses badly
+    yield from open_groups()
 
 
 def look_and_compare():
@@ -168,21 +191,24 @@ def look_and_compare():
     yield job_ended
     scroll(100)
     yield 2
-    with over(view):
-        bpy.ops.image.view_all(fit_view=True)
-    yield 1
     picture("5_events")
-    bpy.context.scene.pecs.sensor.recording = str(FOLDER / "cube.raw")
+    bpy.context.scene.pecs.sensor.recording = str(FOLDER / "cube_events/cube.raw")
     press("compare")
     yield job_ended
-    yield 1
+    yield 2
     scroll(100)
+    press("show_events", in_editor=True)
+    shown = bpy.data.images["PECS Events"]
+    before = np.array(shown.pixels[:])
+    bpy.context.scene.frame_set(4)
+    assert not np.array_equal(before, shown.pixels[:])  # it follows the timeline
     yield 1
     picture("6_compare")
 
 
 def in_german_and_gone() -> None:
     """Switched off and on a hundred times, the extension leaves nothing."""
+    press("show_events")  # which hides them
     bpy.context.preferences.view.language = "de_DE"
     shown = lambda: bpy.app.translations.pgettext("Render and Simulate", "Operator")  # noqa: E731
     lists = [h for h in (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)) if isinstance(h, list)]

@@ -20,8 +20,9 @@ def over(one, **more):
     return bpy.context.temp_override(window=window(), area=one, region=region, **more)
 
 
-def grab(path: Path, crop: str = "") -> None:
-    """The screen, or a part of it (WIDTHxHEIGHT+X+Y)."""
+def grab(path: Path, crop: str = "", colours: int = 0) -> None:
+    """The screen, or a part of it (WIDTHxHEIGHT+X+Y); colours: their greatest number, 0 for all."""
     words = ["-crop", crop, "+repage"] if crop else []
+    words += ["-colors", str(colours)] if colours else []
     words += ["-define", "png:compression-level=9", str(path)]
     subprocess.run(["import", "-window", "root", *words], check=True)

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import bpy
 import pecs
-from pecs._progress import Progress
+from pecs._progress import Line, Progress, for_a_program
 
 from . import adaptive, cycles, noise, stop
 from .layers import layer_class
@@ -235,6 +235,8 @@ def _write_missing(frames: Frames, wanted: range, verbosity: dict[str, bool]) ->
     missing = [i for i in wanted if not frames.is_written(i)]
     there = len(wanted) - len(missing)
     progress, memory = Progress("render", len(wanted), there, **verbosity), MemoryGuard(frames.warm_up)
+    if for_a_program() and wanted:  # the scene is read
+        Line(task="render", **verbosity)("", there, len(wanted))
     for done, index in enumerate(missing, there + 1):
         frames.write(index)
         progress.at(done)

@@ -10,6 +10,7 @@ MODULES = (  # a class is registered before those that refer to it
     "settings",
     "background",
     "operators",
+    "event_view",
     "event_operators",
     "chip_lens",
     "presets",

@@ -100,15 +100,15 @@ class BackgroundJob:
 
     @property
     def text(self) -> str:
-        """Progress, such as "Render 25%, 0:12 left, 0:04 so far"."""
+        """Progress, such as "Render 25%, 0:12 left"; the time so far if the time left is unknown."""
         now = time.monotonic()
         if self._stopping:
             return say("{job}: stopping", job=say(self.label))
         begun = f"{say(self.tasks.get(self._task, self.label))} {self.progress:.0%}"
-        parts = [begun if self._task else say("{job}: starting", job=say(self.label))]
+        begun = begun if self._task else say("Starting {job}", job=say(self.label))
         if self._left_s is not None and self.progress < 1:
-            parts.append(say("{time} left", time=clock(self._left_s - (now - self._left_at))))
-        return ", ".join([*parts, say("{time} so far", time=clock(now - self._start))])
+            return f"{begun}, " + say("{time} left", time=clock(self._left_s - (now - self._left_at)))
+        return f"{begun}, {clock(now - self._start)}"
 
     def returncode(self) -> int | None:
         """Exit code; None while the process runs."""
@@ -139,7 +139,7 @@ class _State:
     message, is_error = "", False  # result of the last job
     offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
     status_at = 0.0  # time of the last redraw of the status bar
-    scores: tuple[str, list[tuple[str, str]]] = "", []  # last comparison: title; rows of label and value
+    scores: dict[str, Any] = {}  # JSON of the last comparison
     # Results for the open file, by scene name: of the light probe, and checks.Problem of the scene checks.
     light: dict[str, dict[str, Any]] = {}
     problems: dict[str, list] = {}
@@ -194,7 +194,7 @@ def _on_load(*_) -> None:
     """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
     state.light.clear()
     state.problems.clear()
-    state.message, state.is_error, state.offer_exists, state.scores = "", False, False, ("", [])
+    state.message, state.is_error, state.offer_exists, state.scores = "", False, False, {}
     if state.job and state.job.for_file:
         state.job.stop()
 
@@ -225,4 +225,4 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
     bpy.app.handlers.load_pre.remove(_on_load)
-    state.job, state.message, state.scores = None, "", ("", [])
+    state.job, state.message, state.scores = None, "", {}

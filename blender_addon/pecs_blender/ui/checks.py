@@ -9,6 +9,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import bpy
@@ -51,7 +52,7 @@ def sensor_problems(scene) -> list[Problem]:
 
 def _scene_problems(scene) -> Iterator[Problem]:
     if not scene.camera:
-        yield Problem(say("The scene has no camera"))
+        yield Problem(say("The scene has no camera"), fix="pecs.add_camera")
     elif scene.camera.type != "CAMERA":
         yield Problem(say("{name} is not a camera", name=scene.camera.name))
     if scene.frame_end < scene.frame_start:
@@ -137,7 +138,15 @@ def spare_gpu(scene) -> str:
     return named if scene.pecs.device == "CPU" and fits else ""
 
 
+@cache
+def _has_device(kind: str) -> bool:
+    addon = bpy.context.preferences.addons.get("cycles")
+    return not addon or any(one.type == kind for one in addon.preferences.get_devices_for_type(kind))
+
+
 def _device_problems(scene) -> Iterator[Problem]:
+    if scene.pecs.device != "CPU" and not _has_device(scene.pecs.device):
+        yield Problem(say("Cycles finds no {device} device on this computer", device=scene.pecs.device))
     if device := spare_gpu(scene):
         text = say("Cycles' preferences select {device}, but the render uses the CPU", device=device)
         yield Problem(text, False, "pecs.use_gpu")

@@ -103,21 +103,41 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
         return paths.open_outside(path)
 
 
-class PECS_OT_pick_lens(Action, bpy.types.Operator):
-    """Choose a lens prescription file"""
+class _Pick(Action):
+    """Chooses a file for the setting `kind`."""
 
-    bl_label = "Load Lens File"
     bl_options = {"REGISTER", "UNDO"}
-
-    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def invoke(self, context, _event):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def act(self, context) -> None:
-        context.scene.pecs.lens = self.filepath
+        setattr(context.scene.pecs, self.kind, self.filepath)
+
+
+_FILE = {
+    "filepath": StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"}),
+    "filter_glob": StringProperty(default="*.json", options={"HIDDEN"}),
+}
+
+
+class PECS_OT_pick_lens(_Pick, bpy.types.Operator):
+    """Choose a lens prescription file"""
+
+    bl_label = "Load Lens File"
+    kind = "lens"
+
+
+class PECS_OT_pick_chip(_Pick, bpy.types.Operator):
+    """Choose a chip profile file"""
+
+    bl_label = "Load Chip File"
+    kind = "chip"
+
+
+PECS_OT_pick_lens.__annotations__ = dict(_FILE)
+PECS_OT_pick_chip.__annotations__ = dict(_FILE)
 
 
 def _keys(_self, context, text: str) -> list[tuple[str, str]]:

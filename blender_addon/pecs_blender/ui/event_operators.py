@@ -8,7 +8,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ..render.programs import pecs as program
-from . import background, checks, library, operators, paths, settings
+from . import background, checks, event_view, library, operators, paths, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
 from .preferences import preferences
@@ -23,6 +23,12 @@ VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstruct
 
 def _command(*words: object) -> list[str]:
     return [program(), *map(str, words)]
+
+
+def show_events(job: BackgroundJob) -> str:
+    """Draws the new events over the viewport."""
+    event_view.show(job.output)
+    return job.answer[-1] if job.answer else say("{path}: simulated", path=job.output)
 
 
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
@@ -45,7 +51,27 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
         words = ["--chip", library.find("chip", scene.pecs.chip), *settings.sensor_arguments(scene)]
         words += ["--threads", scene.pecs.threads or preferences().threads]
         command = _command("sense", paths.rendered(scene), "-o", events, *words)
-        return BackgroundJob("Simulate Events", command, events, lambda job: job.answer[-1])
+        return BackgroundJob("Simulate Events", command, events, show_events)
+
+
+class PECS_OT_run(operators.Renders, bpy.types.Operator):
+    """Render the EXR stack, then simulate its events. A stopped render resumes"""
+
+    bl_label = "Render and Simulate"
+
+    @staticmethod
+    def job(context) -> BackgroundJob:
+        scene, stack, events = context.scene, paths.stack(context.scene), paths.events(context.scene)
+        name = scene.name
+
+        def done(job: BackgroundJob) -> str:
+            operators.remember_stack(name, job.folder if job.folder != events else stack)
+            return show_events(job)
+
+        words = ["--stack", str(stack), *operators.frame_words(scene), *settings.exists_words(scene)]
+        command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
+        tasks = {"render": "Render", "sense": "Simulate"}
+        return BackgroundJob("Render and Simulate", command, events, done, continues=True, tasks=tasks)
 
 
 class _OnEvents(operators.InBackground):
@@ -175,38 +201,48 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
 
 def _keep_scores(job: BackgroundJob) -> str:
     scores = json.loads("\n".join(job.answer))
-    names, ms = (Path(job.command[2]).name, job.output.name), scores["window_us"] / 1e3
-    title = say("{recording} / {events}, {ms:.4g} ms", recording=names[0], events=names[1], ms=ms)
-    background.state.scores = title, score_rows(scores)
-    return "; ".join(scores["warnings"])
+    background.state.scores = scores | {"recording": Path(job.command[2]).name}
+    return "; ".join(scores["warnings"]) or say("Compared with {recording}", recording=Path(job.command[2]).name)
 
 
-def score_rows(scores: dict) -> list[tuple[str, str]]:
-    """Rows of label and value from the JSON of `pecs compare`; the recording's value first."""
-
-    def both(key: str, spec: str) -> str:
-        real, sim = (_number(scores[which][key], spec) for which in ("real", "sim"))
-        return say("{real} / {simulated}", real=real, simulated=sim)
-
-    def with_halves(key: str) -> str:
-        score, halves = (_number(of[key], ".4g") for of in (scores, scores["split_half"]))
-        return say("{score} (halves of recording: {halves})", score=score, halves=halves)
-
-    return [
-        ("Chamfer", with_halves("chamfer")),
-        ("Gaussian", with_halves("gaussian")),
-        ("Events", both("events", ",")),
-        ("Event Rate (Hz)", both("rate_hz", ".4g")),
-        ("ON Fraction", both("on_fraction", ".3f")),
-        ("Median Interval (µs)", both("interval_median_us", ".4g")),
-        ("Rate Correlation", _number(scores["rate_correlation"], ".3f")),
-        ("Map Correlation", _number(scores["map_correlation"], ".3f")),
-    ]
+ALIKE, CORRELATED = 0.1, 0.9  # deviation up to which two values count as alike; correlation from which on they do
 
 
-def _number(value: float | None, spec: str) -> str:
-    """null where there are too few events."""
-    return say("none") if value is None else format(value, spec)
+def score_rows(scores: dict) -> list[tuple[str, str, str, str, bool]]:
+    """From the JSON of `pecs compare`: label, value of the recording, value of the simulation, ratio or correlation,
+    and whether they are alike. A distance stands beside that of the recording's two halves."""
+    rows = []
+    for label, key in (("Chamfer", "chamfer"), ("Gaussian", "gaussian")):
+        floor, score = scores["split_half"][key], scores[key]
+        rows.append((label, *map(_number, (floor, score)), *_ratio(floor, score, one_sided=True)))
+    for label, key in (
+        ("Events", "events"),
+        ("Rate (Hz)", "rate_hz"),
+        ("ON Share", "on_fraction"),
+        ("Interval (µs)", "interval_median_us"),
+    ):
+        real, sim = (scores[which][key] for which in ("real", "sim"))
+        rows.append((label, _number(real), _number(sim), *_ratio(real, sim)))
+    for label, key in (("Rate Corr.", "rate_correlation"), ("Map Corr.", "map_correlation")):
+        value = scores[key]
+        rows.append((label, "", "", _number(value), value is not None and value >= CORRELATED))
+    return rows
+
+
+def _ratio(real: float | None, sim: float | None, one_sided: bool = False) -> tuple[str, bool]:
+    """Text of simulation / recording, and whether they are alike. one_sided: less is better."""
+    if real is None or sim is None or not real:
+        return "", False
+    ratio = sim / real
+    return f"{ratio:.2f}", ratio <= 1 + ALIKE and (one_sided or ratio >= 1 - ALIKE)
+
+
+def _number(value: float | None) -> str:
+    """At most six characters; null where there are too few events."""
+    if value is None:
+        return say("none")
+    size, unit = next(((s, u) for s, u in ((1e9, " G"), (1e6, " M"), (1e3, " k")) if abs(value) >= 10 * s), (1, ""))
+    return f"{value / size:.3g}{unit}" if abs(value) < 1000 or unit else f"{value:.0f}"
 
 
 class PECS_OT_close_scores(Action, bpy.types.Operator):
@@ -216,7 +252,7 @@ class PECS_OT_close_scores(Action, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     def act(self, _context) -> None:
-        background.state.scores = "", []
+        background.state.scores = {}
 
 
 class PECS_OT_open_folder(Action, bpy.types.Operator):

@@ -45,6 +45,46 @@ def props(layout, owner, *names: str) -> None:
         layout.prop(owner, name)
 
 
+def labelled(layout, text: str):
+    """A row of the panel with a label at the left, as Blender draws properties."""
+    split = layout.split(factor=0.4)
+    label = split.row()
+    label.alignment = "RIGHT"
+    label.label(text=text)
+    return split.row(align=True)
+
+
+# Numbers whose 0 stands for a choice of PECS: name of the choice, and the number that replaces it first.
+AUTO = {
+    "focus_m": ("Infinity", 1.0),
+    "fnumber": ("Wide Open", 8.0),
+    "film_width_mm": ("Chip Width", 10.0),
+    "bands": ("Auto", 3),
+    "min_nm": ("Auto", 400.0),
+    "max_nm": ("Auto", 700.0),
+    "threads": ("Auto", 1),
+    "noise_events": ("Any", 0.1),
+    "window_ms": ("Auto", 1.0),
+    "slow_motion": ("Auto", 100.0),
+    "compare_ms": ("All", 100.0),
+    "erc_mhz": ("No Limit", 10.0),
+}
+
+
+def auto(layout, owner, *names: str) -> None:
+    """Draws numbers of AUTO: a button with the name of the choice, or the number with an X that returns to it."""
+    for name in names:
+        definition, (word, first) = owner.bl_rna.properties[name], AUTO[name]
+        operator = "wm.context_set_int" if definition.type == "INT" else "wm.context_set_float"
+        if getattr(owner, name):
+            row = layout.row(align=True)
+            row.prop(owner, name)
+            button = row.operator(operator, text="", icon="X")
+        else:
+            button = labelled(layout, definition.name).operator(operator, text=word)
+        button.data_path, button.value = f"scene.{owner.path_from_id()}.{name}", 0 if getattr(owner, name) else first
+
+
 def progress(layout, job) -> None:
     """Draws a background.BackgroundJob with the button that stops it."""
     row = layout.row(align=True)

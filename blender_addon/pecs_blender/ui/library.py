@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +25,13 @@ def names(kind: str) -> list[tuple[str, str]]:
     folders = [pecs.data_dir(_FOLDERS[kind]), *([own] if own else [])]
     files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
     return [(name, _description(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
+
+
+def title(kind: str, name: str) -> str:
+    """The name that the maker gives it: a lens file's name, the start of a chip's description, or the file's name."""
+    path, when = version(kind, name)
+    text = _description(Path(path) if when else Path(pecs.data_dir(_FOLDERS[kind]), f"{name}.json"), when)
+    return (text if kind == "lens" else re.split("[,;:(]", text)[0].strip()) or Path(name).stem
 
 
 @lru_cache(maxsize=256)

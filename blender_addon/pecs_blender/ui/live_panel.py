@@ -119,7 +119,7 @@ class PECS_PT_live(bpy.types.Panel):
         layout, s, view = self.layout, context.scene.pecs_live, state.view
         layout.use_property_split, layout.use_property_decorate = True, False
         row = layout.row(align=True)
-        row.operator("pecs.live", text="Stop" if view else "Start", icon="PAUSE" if view else "PLAY")
+        row.operator("pecs.live", text="Stop" if view else "Start", icon="CANCEL" if view else "PLAY")
         recording = view and view.sensor.recording
         row.operator("pecs.live_record", text="Stop Recording" if recording else "Record", icon="REC")
         if state.message:

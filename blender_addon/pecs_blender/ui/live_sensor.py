@@ -44,6 +44,11 @@ class Step:
     frames: float = 0.0
     forward: bool = False
 
+    @property
+    def backward(self) -> bool:
+        """Whether the animation jumped back, as at the end of its range."""
+        return self.frames > 0 and not self.forward
+
 
 class Clock:
     """Time of the live view: scene time during playback, otherwise wall-clock time."""
@@ -75,6 +80,9 @@ def subframes_that_fit(most: int, cost_s: float, frame_s: float) -> int:
     return max(1, min(most, int(0.5 * frame_s / cost_s) if cost_s > 0 else most))
 
 
+JUMP_FRAMES = 2  # frames whose events are dropped after a jump, since events lag by one frame
+
+
 class LiveSensor:
     """Simulates events from a sequence of frames.
 
@@ -101,7 +109,7 @@ class LiveSensor:
         self._weights = rgba_weights(profile)
         self.now_s = self.known_s = 1.0
         self.last_s = np.zeros((height, width), np.float32)
-        self.rate_hz = 0.0
+        self.rate_hz, self._dropped = 0.0, 0
         self.recording: EventRecording | None = None
 
     def light(self, rgba: np.ndarray) -> np.ndarray:
@@ -109,14 +117,18 @@ class LiveSensor:
         light = np.empty(rgba.shape[:2], np.float32)[::-1]  # row 0 last in memory, so that `push` needs no copy
         return np.matmul(rgba, self._weights, out=light)
 
-    def push(self, light: np.ndarray, dt_s: float) -> np.ndarray:
-        """Adds the light `dt_s` after the previous frame; returns the new events, times in us.
+    def push(self, light: np.ndarray, dt_s: float, jump: bool = False) -> np.ndarray:
+        """Adds the light `dt_s` after the previous frame; returns the new events, times in us. jump: the light is not
+        that of the time before (the animation begins again), so the change causes no events.
 
         Raises PecsOutputError if they cannot be recorded, and ends the recording.
         """
         self.known_s = self.now_s
         self.now_s += dt_s
         events = np.asarray(self._sensor.push(light[::-1], self.now_s * 1e6))
+        self._dropped = JUMP_FRAMES if jump else max(0, self._dropped - 1)
+        if self._dropped:
+            events = events[:0]
         if len(events):
             self._keep_times(events)
         if dt_s > 0:

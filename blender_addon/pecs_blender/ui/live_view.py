@@ -170,7 +170,7 @@ class LiveView:
                     scene.frame_set(int(at // 1), subframe=at % 1)
                 elif count > 1:
                     scene.frame_set(frame, subframe=subframe)  # exact frame, from which playback continues
-                self._push(self._draw_frame(window, region, space), step.dt_s / count)
+                self._push(self._draw_frame(window, region, space), step.dt_s / count, playing and step.backward)
         finally:
             self._taking = False
         self._frame_times_s.append(time.perf_counter())
@@ -223,9 +223,9 @@ class LiveView:
             rectangle = of_camera(matrix, projection, region, region_3d)
         return matrix.inverted(), projection, rectangle or inset(width, height, region)
 
-    def _push(self, light: np.ndarray, dt_s: float) -> None:
+    def _push(self, light: np.ndarray, dt_s: float, jump: bool = False) -> None:
         start_s, self._light = time.perf_counter(), light
-        self.sensor.push(light, dt_s)
+        self.sensor.push(light, dt_s, jump)
         self.cost.add("sensor", start_s)
         if self._gpu:
             self._gpu.texture = None
@@ -256,7 +256,7 @@ class LiveView:
         light = live_sensor.shrink(seen, *self.sensor.last_s.shape)
         self.cost.ms.pop("draw", None)  # the viewport itself draws
         self.cost.add("read", start_s)
-        self._push(light, step.dt_s)
+        self._push(light, step.dt_s, step.backward)
         self._frame_times_s.append(time.perf_counter())
 
     # Drawing.
@@ -283,8 +283,10 @@ class LiveView:
         size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
         speed = {"frames": self.frames_per_s(), "dropped": self.clock.dropped, "spent": spent}
         first = say("{width} x {height}, {rate}, subframes: {count}", **size, count=self._subframes)
-        cost = say("{frames:.0f} frames/s, dropped frames: {dropped}, ms: {spent}", **speed)
+        cost = say("{frames:.1f} frames/s, dropped frames: {dropped}, ms: {spent}", **speed)
         lines = [(say(WORDS), WHITE), (first, WHITE), (cost, WHITE)]
+        if self._drawn:
+            lines.append((say("Coarse first samples of the viewport cause false events"), WHITE))
         if recording := self.sensor.recording:
             text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)
             lines.append((text, RED))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from . import background, event_operators, paths
+from . import background, event_operators, library, paths
 from .interface import Action, progress, say
 
 _PAGES = (
@@ -21,8 +21,8 @@ _PAGES = (
 _GROUPS = (  # operators in the Render menu
     "run render sense",
     "check_scene probe_light plan preview stop",
-    "view reconstruct report compare open_folder",
-    "chip_resolution pick_lens wide_open match_lens draw_lens override_add",
+    "view show_events reconstruct report compare open_folder",
+    "chip_resolution pick_chip pick_lens wide_open match_lens draw_lens override_add",
 )
 
 
@@ -43,6 +43,31 @@ class PECS_OT_manual(Action, bpy.types.Operator):
 
     def act(self, _context) -> str:
         return paths.open_outside(_page())
+
+
+def _choices(layout, kind: str) -> None:
+    """Chips or lenses, by the names that their makers gave them."""
+    named = {library.title(kind, name): name for name, _ in library.names(kind)}
+    every = [(say("The scene's camera"), library.SCENES_CAMERA)] if kind == "lens" else []
+    for title, name in [*every, *sorted(named.items())]:
+        item = layout.operator("wm.context_set_string", text=title, translate=False)
+        item.data_path, item.value = f"scene.pecs.{kind}", name
+    layout.separator()
+    layout.operator(f"pecs.pick_{kind}", icon="FILEBROWSER")
+
+
+class PECS_MT_chip(bpy.types.Menu):
+    bl_label = "Chip"
+
+    def draw(self, _context) -> None:
+        _choices(self.layout, "chip")
+
+
+class PECS_MT_lens(bpy.types.Menu):
+    bl_label = "Lens"
+
+    def draw(self, _context) -> None:
+        _choices(self.layout, "lens")
 
 
 class PECS_MT_render(bpy.types.Menu):
@@ -82,6 +107,8 @@ def register() -> None:
     if ours := bpy.context.window_manager.keyconfigs.addon:
         properties = ours.keymaps.new("Property Editor", space_type="PROPERTIES")
         _keys.append((properties, properties.keymap_items.new("pecs.stop", "ESC", "PRESS")))
+        screen = ours.keymaps.new("Screen")  # beside F12 and Ctrl F12, Blender's own renders
+        _keys.append((screen, screen.keymap_items.new("pecs.run", "F12", "PRESS", ctrl=True, shift=True)))
     bpy.types.TOPBAR_MT_render.append(_in_render_menu)
     bpy.types.STATUSBAR_HT_header.append(_in_status_bar)
     bpy.utils.register_manual_map(_manual_pages)

@@ -110,26 +110,6 @@ class PECS_OT_render(Renders, bpy.types.Operator):
         return BackgroundJob("Render Stack", command, output, done, continues=True)
 
 
-class PECS_OT_run(Renders, bpy.types.Operator):
-    """Render the EXR stack, then simulate its events. A stopped render resumes"""
-
-    bl_label = "Render and Simulate"
-
-    @staticmethod
-    def job(context) -> BackgroundJob:
-        scene, stack, events = context.scene, paths.stack(context.scene), paths.events(context.scene)
-        name = scene.name
-
-        def done(job: BackgroundJob) -> str:
-            remember_stack(name, job.folder if job.folder != events else stack)
-            return job.answer[-1] if job.answer else say("{path}: simulated", path=events)
-
-        words = ["--stack", str(stack), *frame_words(scene), *settings.exists_words(scene)]
-        command = blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-        tasks = {"render": "Render", "sense": "Simulate"}
-        return BackgroundJob("Render and Simulate", command, events, done, continues=True, tasks=tasks)
-
-
 class PECS_OT_plan(Renders, bpy.types.Operator):
     """Estimate the frames, time and disk space of the stack from a short probe render"""
 
@@ -173,12 +153,33 @@ def _show(job: BackgroundJob) -> str:
 
 
 def show_image(image: bpy.types.Image) -> str:
-    """Shows an image in all open image editors; the message about it."""
+    """Shows an image in all open image editors, or in a new window if there is none; the message about it."""
+    if not bpy.app.background and not any(areas("IMAGE_EDITOR")):
+        _open_editor()
     editors = list(areas("IMAGE_EDITOR"))
     for area in editors:
         area.spaces.active.image = image
+        bpy.app.timers.register(lambda area=area: _fit(area), first_interval=0.2)  # after its first draw
     text = "{image}: shown in the image editor" if editors else "{image}: open an image editor to see it"
     return say(text, image=image.name)
+
+
+def _open_editor() -> None:
+    """An image editor in a window of its own, as Blender opens for a render."""
+    manager = bpy.context.window_manager
+    window = manager.windows[0]
+    with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
+        bpy.ops.screen.area_dupli("INVOKE_DEFAULT")
+    manager.windows[-1].screen.areas[0].type = "IMAGE_EDITOR"
+
+
+def _fit(area) -> None:
+    """The whole image."""
+    for window in bpy.context.window_manager.windows:
+        if area in window.screen.areas[:]:
+            region = next(r for r in area.regions if r.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=area, region=region):
+                bpy.ops.image.view_all(fit_view=True)
 
 
 class PECS_OT_message(Action, bpy.types.Operator):

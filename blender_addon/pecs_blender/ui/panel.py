@@ -9,9 +9,9 @@ import bpy
 from pecs._errors import PecsError
 
 from ..render.resources import readable
-from . import checks, event_operators, frustum, library, light_probe, paths, settings
+from . import checks, event_operators, event_view, frustum, library, light_probe, paths, settings
 from .background import state
-from .interface import CONTEXT, problem, progress, props, say, wrapped
+from .interface import CONTEXT, auto, problem, progress, props, say, wrapped
 from .presets import PECS_PT_presets
 
 
@@ -55,24 +55,43 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
             problem(layout, one)
 
 
+class PECS_PT_sidebar(bpy.types.Panel):
+    """The button, its message and the events in the sidebar of the 3-D viewport."""
+
+    bl_label = "Event Camera"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "PECS"
+
+    def draw(self, context) -> None:
+        PECS_PT_render.draw(self, context)
+        _events_shown(self.layout)
+
+
+def _events_shown(layout) -> None:
+    shown = event_view.state.view is not None
+    column = layout.column(align=True)
+    column.operator("pecs.show_events", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
+    column.operator("pecs.show_events", text="Image of Current Frame", icon="IMAGE").in_editor = True
+
+
 def _camera(layout, scene, s) -> None:
     """The settings of the event camera, also in the camera's own tab."""
     row = layout.row(align=True)
     row.operator("pecs.setup_camera", icon="CAMERA_DATA", text="Set Up")
     row.operator("pecs.restore_camera", icon="LOOP_BACK", text="Restore")
-    layout.prop(s, "chip")
+    layout.menu("PECS_MT_chip", text=library.title("chip", s.chip), icon="TEXTURE", translate=False)
     chip = library.chip(s.chip)
     text = "{width} x {height} pixels, {pitch:.4g} µm" if chip.width else "Any size, pixel pitch {pitch:.4g} µm"
     layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
     width, height = settings.size(scene)
     if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
         layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
-    row = layout.row(align=True)
-    row.prop(s, "lens")
-    row.operator("pecs.pick_lens", icon="FILEBROWSER", text="")
+    lens = library.title("lens", s.lens) if settings.has_lens(s) else say("The scene's camera")
+    layout.menu("PECS_MT_lens", text=lens, icon="PROP_ON", translate=False)
     if not settings.has_lens(s):
         return
-    props(layout.column(align=True), s, "focus_m", "fnumber")
+    auto(layout.column(align=True), s, "focus_m", "fnumber")
     props(layout, scene.pecs_camera, "focus_object", "show_field")
     wanted = frustum.setting(scene)
     found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
@@ -114,10 +133,11 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         layout.prop(s, "whole_range")
         if not s.whole_range:
             layout.prop(s, "frames")
-        props(layout, s, "fps", "noise_events")
+        layout.prop(s, "fps")
+        auto(layout, s, "noise_events")
         count, passes = settings.frame_count(scene), s.pass_count
-        text = "{count:,} frames, {ms:.4g} ms, {passes} passes each"
-        text = text if passes > 1 else "{count:,} frames, {ms:.4g} ms, 1 pass each"
+        text = "{count:,} frames, {ms:,.4g} ms, {passes} passes each"
+        text = text if passes > 1 else "{count:,} frames, {ms:,.4g} ms, 1 pass each"
         layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
@@ -179,7 +199,8 @@ class PECS_PT_view(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s.sensor, "window_ms", "slow_motion")
+        _events_shown(layout)
+        auto(layout, s.sensor, "window_ms", "slow_motion")
         row = layout.column(align=True)  # a row would cut the labels
         for kind, icon in (("png", "IMAGE_DATA"), ("mp4", "FILE_MOVIE"), ("html", "WORLD")):
             row.operator("pecs.view", text=event_operators.KINDS[kind][0], icon=icon).kind = kind
@@ -203,19 +224,30 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s.sensor, "recording", "compare_ms")
+        layout.prop(s.sensor, "recording")
+        auto(layout, s.sensor, "compare_ms")
         layout.operator("pecs.compare", icon="MOD_DATA_TRANSFER")
-        title, rows = state.scores
-        if rows:
-            box = layout.box()
-            row = box.row()
-            row.label(text=title)
-            row.operator("pecs.close_scores", icon="X", text="", emboss=False)
-            for label, value in rows:
-                split = box.split(factor=0.4)
-                split.scale_y = 0.6
-                split.label(text=say(label))
-                split.label(text=value)
+        if not state.scores:
+            return
+        box = layout.box()
+        row = box.row()
+        row.label(text=say("{recording}, {ms:,.4g} ms", **state.scores, ms=state.scores["window_us"] / 1e3))
+        row.operator("pecs.close_scores", icon="X", text="", emboss=False)
+        column = box.column(align=True)
+        column.scale_y = 0.8
+        _score(column, "", say("Rec."), say("Sim."), say("Ratio"), "NONE")
+        for label, real, sim, ratio, alike in event_operators.score_rows(state.scores):
+            _score(column, say(label), real, sim, ratio, "CHECKMARK" if alike else "ERROR")
+        wrapped(box, say("Distances of the recording are between its two halves. Ratios up to 10 % off are ticked"))
+
+
+def _score(layout, label: str, real: str, sim: str, ratio: str, icon: str) -> None:
+    split = layout.split(factor=0.36)
+    split.label(text=label)
+    row = split.row()
+    for text in (real, sim):
+        row.label(text=text)
+    row.label(text=ratio, icon=icon)
 
 
 class PECS_PT_advanced(SubPanel, bpy.types.Panel):
@@ -271,7 +303,7 @@ class PECS_PT_stages(SubPanel, bpy.types.Panel):
         props(layout, sensor, "trail")
         if sensor.trail != "none":
             props(layout, sensor, "trail_ms")
-        props(layout, sensor, "erc_mhz")
+        auto(layout, sensor, "erc_mhz")
 
 
 class PECS_PT_lens(SubPanel, bpy.types.Panel):
@@ -284,7 +316,8 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
         if not settings.has_lens(s):
             layout.label(text=say("No lens is set"))
             return
-        props(layout, s, "film_width_mm", "film_shift_mm")
+        auto(layout, s, "film_width_mm")
+        layout.prop(s, "film_shift_mm")
         info = settings.lens_now(scene)
         column = layout.column(align=True)
         column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
@@ -302,7 +335,8 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s, "bands", "placement", "illuminant", "light_scale", "samples", "device")
+        auto(layout, s, "bands")
+        props(layout, s, "placement", "illuminant", "light_scale", "samples", "device")
 
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):
@@ -311,8 +345,8 @@ class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_parent_id = "PECS_PT_light"
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s, "min_nm", "max_nm", "bands_per_pass", "no_denoise", "light_tree", "seed")
-        props(layout, s, "threads", "allow_scripts")
+        auto(layout, s, "min_nm", "max_nm", "threads")
+        props(layout, s, "bands_per_pass", "no_denoise", "light_tree", "seed", "allow_scripts")
 
 
 class PECS_PT_stack(SubPanel, bpy.types.Panel):

@@ -15,12 +15,12 @@ from .preferences import preferences
 
 
 def _path(text: str, extension: str) -> Path:
-    """The path set in the panel, or the .blend's name in the preferred folder."""
+    """The path set in the panel, or one in NAME_events in the preferred folder, of NAME.blend."""
     start = None if bpy.data.filepath else tempfile.gettempdir()  # as Blender's own output of an unsaved file
     if text:
         return Path(bpy.path.abspath(text, start=start))
     name = Path(bpy.data.filepath).stem or "untitled"
-    return Path(bpy.path.abspath(preferences().output_folder or "//", start=start), name + extension)
+    return Path(bpy.path.abspath(preferences().output_folder or "//", start=start), f"{name}_events", name + extension)
 
 
 def stack(scene) -> Path:

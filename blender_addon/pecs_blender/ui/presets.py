@@ -38,6 +38,8 @@ class PECS_OT_preset(Action, bpy.types.Operator):
 
     def act(self, _context) -> None:
         bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=self.menu_idname)
+        if bpy.ops.pecs.match_lens.poll():
+            bpy.ops.pecs.match_lens()  # the viewport shows what will be rendered
 
 
 class PECS_OT_preset_add(AddPresetBase, bpy.types.Operator):

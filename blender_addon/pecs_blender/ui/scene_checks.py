@@ -156,7 +156,8 @@ class PECS_OT_check_scene(Action, bpy.types.Operator):
     def act(self, context) -> str:
         scene = context.scene
         state.problems[scene.name] = found = check(scene, context.view_layer)
-        return say("{count} problems found", count=len(found)) if found else say("No problems found")
+        text = "1 problem found" if len(found) == 1 else "{count} problems found" if found else "No problems found"
+        return say(text, count=len(found))
 
 
 class _Fix(Action):

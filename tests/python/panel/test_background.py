@@ -79,7 +79,7 @@ job = background.BackgroundJob("Simulate Events", command, Path("/s"), str, task
 while job.returncode() is None:
     time.sleep(0.02)
 assert (job.progress, job.folder, job.last_line) == (0.25, Path("/s_002"), "stack.json: the error"), vars(job)
-assert job.text.startswith("Simulate 25%, 0:03 left, "), job.text
+assert job.text.startswith("Simulate 25%, 0:03 left"), job.text
 
 # A child that dies is no "Stopped", and its last progress is no error.
 for number, name in ((11, "Segmentation fault"), (9, "Killed")):

@@ -38,12 +38,14 @@ class Layout:
         assert name in data.bl_rna.properties, (data, name)
 
     def operator(self, name, text="", **words):
-        rna = getattr(bpy.ops.pecs, name.removeprefix("pecs.")).get_rna_type()
+        module, _, verb = name.partition(".")
+        rna = getattr(getattr(bpy.ops, module), verb).get_rna_type()
         self.texts.append(text or rna.name)
         return SimpleNamespace()
 
-    def menu(self, name):
+    def menu(self, name, text="", **words):
         assert hasattr(bpy.types, name)
+        self.texts.append(text)
 
     def label(self, text="", **words):
         self.texts.append(text)
@@ -125,20 +127,20 @@ def line(folder):
     _runs(scene, folder)
     _renders_what_is_in_memory(scene, folder)
     _views(scene, folder)
-    _compares(scene, folder / "scene.raw")
+    _compares(scene, folder / "scene_events/scene.raw")
     scene.pecs.sensor.format = "npz"
-    assert paths.events(scene) == folder / "scene.npz"
+    assert paths.events(scene) == folder / "scene_events/scene.npz"
     _renders_a_new_version(scene, folder)
 
 
 def _runs(scene, folder):
     """Render and simulate with an override, then simulate without it, with another seed."""
-    sensor, events = scene.pecs.sensor, folder / "scene.raw"
+    sensor, events = scene.pecs.sensor, folder / "scene_events/scene.raw"
     bpy.ops.pecs.override_add(name="contrast_threshold_on")
     sensor.overrides[0].value = "0.2"
     message = pressed("run")
     assert message.startswith(f"{events}: ") and " events, 32x18" in message, message
-    record = json.loads((folder / "scene.raw.run.json").read_text())
+    record = json.loads((folder / "scene_events/scene.raw.run.json").read_text())
     assert record["config"]["chip"]["values"]["contrast_threshold_on"]["value"] == 0.2
     assert abs(record["config"]["fnumber"] - scene.camera.data.dof.aperture_fstop) < 1e-6  # from the stack
     first = events.read_bytes()
@@ -153,29 +155,32 @@ def _views(scene, folder):
     """Images, page, video, strip, reconstruction and report."""
     assert "image editor" in pressed("view", kind="png") and bpy.data.images["scene.png"].size[0] > 100
     pressed("view", kind="html")
-    assert (folder / "scene.html").stat().st_size > 1000
-    assert str(folder / "scene.mp4") in pressed("view", kind="mp4")
+    assert (folder / "scene_events/scene.html").stat().st_size > 1000
+    assert str(folder / "scene_events/scene.mp4") in pressed("view", kind="mp4")
     event_operators.sequencer_scene = lambda context: context.scene  # as if a sequencer were open
     assert "channel 1" in pressed("view", kind="mp4", to_sequencer=True) and not scene.render.use_sequencer
-    assert str(folder / "scene.light.mp4") in pressed("reconstruct")
+    assert str(folder / "scene_events/scene.light.mp4") in pressed("reconstruct")
     assert scene.sequence_editor.strips[0].frame_final_duration > 10
     pressed("report")
-    assert (folder / "scene.report.html").stat().st_size > 1000
+    assert (folder / "scene_events/scene.report.html").stat().st_size > 1000
 
 
 def _compares(scene, events):
     """With the events themselves as the recording."""
     scene.pecs.sensor.recording = str(events)
     pressed("compare")
-    title, rows = background.state.scores
-    assert title.startswith("scene.raw / scene.raw, ") and dict(rows)["Chamfer"].startswith("0 (halves of recording: ")
-    assert {title, dict(rows)["Events"]} <= set(drawn())
+    rows = {row[0]: row[1:] for row in event_operators.score_rows(background.state.scores)}
+    assert rows["Events"][0] == rows["Events"][1] and rows["Events"][2:] == ("1.00", True), rows
+    assert rows["Chamfer"][1:] == ("0", "0.00", True) and rows["Map Corr."][2:] == ("1", True), rows
+    assert {"scene.raw", rows["Events"][0]} <= {text.partition(",")[0] for text in drawn()}
     bpy.ops.pecs.close_scores()
-    assert title not in drawn()
+    assert "Rec." not in drawn()
     nothing = {"events": 1, "rate_hz": None, "on_fraction": 1.0, "interval_median_us": None}
     few = {key: None for key in ("chamfer", "gaussian", "rate_correlation", "map_correlation")}
-    few |= {"real": nothing, "sim": nothing, "split_half": {"chamfer": None, "gaussian": None}}
-    assert ("Event Rate (Hz)", "none / none") in event_operators.score_rows(few)
+    few |= {"real": nothing, "sim": nothing | {"events": 12_345}, "split_half": {"chamfer": None, "gaussian": None}}
+    rows = event_operators.score_rows(few)
+    assert ("Rate (Hz)", "none", "none", "", False) in rows, rows
+    assert ("Events", "1", "12.3 k", "12345.00", False) in rows, rows
 
 
 def _renders_a_new_version(scene, folder):
@@ -186,10 +191,11 @@ def _renders_a_new_version(scene, folder):
     message, is_error = ended()
     assert is_error and background.state.offer_exists and "differs in 'render.samples'" in message, message
     scene.pecs.exists = "new"
-    assert pressed("render") == f"{folder / 'scene_002.stack'}: rendered"
-    assert (folder / "scene.stack/stack.json").is_file() and paths.rendered(scene) == folder / "scene_002.stack"
+    again = folder / "scene_events/scene_002.stack"
+    assert pressed("render") == f"{again}: rendered"
+    assert (folder / "scene_events/scene.stack/stack.json").is_file() and paths.rendered(scene) == again
     pressed("sense")
-    assert "scene_002.stack" in json.dumps(json.loads((folder / "scene.npz.run.json").read_text()))
+    assert "scene_002.stack" in json.dumps(json.loads((folder / "scene_events/scene.npz.run.json").read_text()))
 
 
 def _renders_what_is_in_memory(scene, folder):
@@ -200,7 +206,7 @@ def _renders_what_is_in_memory(scene, folder):
     started = background.state.job.command
     assert any(background.COPIES in word and Path(word).exists() for word in started)
     assert not ended()[1], background.state.message
-    assert json.loads((folder / "scene.stack/stack.json").read_text())["width"] == WIDTH // 2
+    assert json.loads((folder / "scene_events/scene.stack/stack.json").read_text())["width"] == WIDTH // 2
     assert Path(bpy.data.filepath).read_bytes() == before and "pecs_folder" not in scene
     assert not any(background.COPIES in word and Path(word).exists() for word in started)
     scene.render.resolution_x, scene.pecs.samples = WIDTH, 2
@@ -274,7 +280,9 @@ def _wrong_chip_and_lens(scene, shown, own):
 
 def _wrong_options(scene, shown, folder):
     s = scene.pecs
-    s.device = "CUDA"
+    s.device, checks._has_device = "CUDA", lambda kind: False
+    shown("Cycles finds no CUDA device")
+    checks._has_device = lambda kind: True
     shown("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
     s.illuminant = "moonlight"
@@ -329,20 +337,20 @@ def busy(folder):
     bpy.ops.pecs.render()
     job = background.state.job
     assert "A job is running" in refused("render") and "A job is running" in refused("sense")
-    assert any("Render Stack: starting" in text for text in drawn())
+    assert any("Starting Render Stack" in text for text in drawn())
     bpy.data.objects.remove(scene.camera)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "elsewhere.blend"))
     while job.progress == 0:
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
-    assert any(text.startswith("Render ") and " left, " in text for text in drawn()), drawn()
+    assert any(text.startswith("Render Stack ") and text.endswith(" left") for text in drawn()), drawn()
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
     assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()
     assert job.text == "Render Stack: stopping"
     message, is_error = ended()
     assert message.startswith("Stopped at") and not is_error, message
-    done = len(list((folder / "scene.stack").glob("frame_*.exr")))
+    done = len(list((folder / "scene_events/scene.stack").glob("frame_*.exr")))
     assert 0 < done < 500
     # Blender ends: so does the job
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
@@ -385,7 +393,7 @@ def registered(_folder):
     with_us = there()
     ui.unregister()
     before = there()
-    assert {"Property Editor: ESC", "bpy.ops.pecs.run", "Scene.pecs", "PECS_PT_render"} <= with_us - before
+    assert {"Property Editor: ESC", "Screen: F12", "Scene.pecs", "PECS_PT_render"} <= with_us - before
     for _ in range(100):
         ui.register()
         ui.unregister()
@@ -443,6 +451,9 @@ def one_group_is_open():
     controls = []
 
     class Counting(Layout):
+        def menu(self, name, **words):
+            controls.append(name)
+
         def prop(self, data, name, **words):
             controls.append(name)
 
@@ -459,7 +470,7 @@ def one_group_is_open():
     fake.fill = lambda *words: panel.PECS_PT_camera.fill(fake, *words)
     panel.PECS_PT_camera.draw(fake, bpy.context)
     panel.PECS_PT_render.draw(fake, bpy.context)
-    assert "chip" in controls and "pecs.run" in controls and len(controls) <= 12, controls
+    assert "PECS_MT_chip" in controls and "pecs.run" in controls and len(controls) <= 12, controls
 
 
 def presets(folder):
