@@ -4,10 +4,10 @@ over a factor of 66 of light, and published rates of noise in still light (pecs_
 
     scripts/studies/fitted_over_light.py [--fitted scripts/studies/fitted_peers.json] [-o fitted_over_light.json]
 
-No value of the fit is changed. The ratio of the lamp's light to the recording's is not known to a model without units,
-so that each model has it chosen for the least misfit of its delays: `white_fa`, the photocurrent that the recording's
-mean white would have. For `pecs`, the row `in its own unit` has the white of its fit instead, with nothing chosen.
-Two processes, about ten minutes.
+No value of the fit is changed. The ratio of the lamp's light to the recording's is not known to a model without units.
+So each peer has it chosen among 13 for the least misfit of its delays: `white_fa`, the photocurrent that the
+recording's mean white would have, from 1 to 1,000 fA. `pecs` has the white of its fit; nothing is chosen. Two
+processes, two minutes.
 """
 
 import argparse
@@ -20,8 +20,8 @@ from pecs_lab import fitted, over_light
 from pecs_lab.report import table
 
 HERE = Path(__file__).parent
-TRIED_FA = np.geomspace(0.01, 1000, 11)
-SILENT = 10.0  # a delay that is not there counts as wrong by this factor
+TRIED_FA = np.geomspace(1, 1000, 13)
+SILENT = 1000.0  # a delay that is not there counts as wrong by this factor
 NOISE_STEP_US = {"pecs": 10.0}  # closer than its amplifier's time constant
 STILL_STEP_US = 1000.0  # of the others, whose noise does not depend on it
 
@@ -52,16 +52,10 @@ def misfit(ratio: dict[str, list]) -> float:
     return float(np.exp(np.sqrt(np.mean(np.square(each)))))
 
 
-def of_model(model: str, values: dict, white_fa: float | None) -> dict:
-    def tried(whites: np.ndarray) -> tuple[dict, float]:
-        return min(((ratios(delays_us(model, values, w)), float(w)) for w in whites), key=lambda t: misfit(t[0]))
-
-    if white_fa is None:
-        _, white_fa = tried(TRIED_FA)
-        whites = white_fa * np.geomspace(0.4, 2.5, 7)
-    else:
-        whites = np.array([white_fa])
-    ratio, white_fa = tried(whites)
+def of_model(model: str, values: dict) -> dict:
+    whites = [values["white_fa"]] if model == "pecs" else TRIED_FA
+    tried = ((ratios(delays_us(model, values, w)), float(w)) for w in whites)
+    ratio, white_fa = min(tried, key=lambda t: misfit(t[0]))
     scale = fitted.sensor(model, values, 1, 1)[1]
     step_us = NOISE_STEP_US.get(model, STILL_STEP_US)
     noise = over_light.noise_hz(lambda w, h: fitted.sensor(model, values, w, h, seed=3)[0], scale / white_fa, step_us)
@@ -86,15 +80,9 @@ def main() -> None:
     parser.add_argument("--fitted", type=Path, default=HERE / "fitted_peers.json")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
     args = parser.parse_args()
-    rows = {}
-    for name, row in json.loads(args.fitted.read_text())["models"].items():
-        if "values" in row:
-            model, values = name.split()[0], row["values"]
-            if model == "pecs":
-                rows[f"{name}, in its own unit"] = model, values, values["white_fa"]
-            rows[name] = model, values, None
+    rows = {n: row for n, row in json.loads(args.fitted.read_text())["models"].items() if "values" in row}
     with ProcessPoolExecutor(2) as pool:
-        found = [pool.submit(of_model, *row) for row in rows.values()]
+        found = [pool.submit(of_model, n.split()[0], row["values"]) for n, row in rows.items()]
         report = {name: of.result() for name, of in zip(rows, found, strict=True)}
     args.output.write_text(json.dumps(report, indent=1) + "\n")
     print(*tables(report), sep="\n\n")
