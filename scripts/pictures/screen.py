@@ -23,6 +23,6 @@ def over(one, **more):
 def grab(path: Path, crop: str = "", colours: int = 0) -> None:
     """The screen, or a part of it (WIDTHxHEIGHT+X+Y); colours: their greatest number, 0 for all."""
     words = ["-crop", crop, "+repage"] if crop else []
-    words += ["-colors", str(colours)] if colours else []
-    words += ["-define", "png:compression-level=9", str(path)]
+    words += ["+dither", "-colors", str(colours)] if colours else []
+    words += ["-define", "png:compression-level=9", f"PNG8:{path}" if colours else str(path)]
     subprocess.run(["import", "-window", "root", *words], check=True)

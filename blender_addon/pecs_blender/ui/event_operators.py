@@ -241,7 +241,7 @@ def _number(value: float | None) -> str:
     """At most six characters; null where there are too few events."""
     if value is None:
         return say("none")
-    size, unit = next(((s, u) for s, u in ((1e9, " G"), (1e6, " M"), (1e3, " k")) if abs(value) >= 10 * s), (1, ""))
+    size, unit = next(((s, u) for s, u in ((1e9, "G"), (1e6, "M"), (1e3, "k")) if abs(value) >= 10 * s), (1, ""))
     return f"{value / size:.3g}{unit}" if abs(value) < 1000 or unit else f"{value:.0f}"
 
 

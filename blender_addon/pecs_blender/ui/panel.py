@@ -235,19 +235,18 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
         row.operator("pecs.close_scores", icon="X", text="", emboss=False)
         column = box.column(align=True)
         column.scale_y = 0.8
-        _score(column, "", say("Rec."), say("Sim."), say("Ratio"), "NONE")
+        _score(column, "", say("Rec."), say("Sim."), say("Ratio"), "BLANK1")
         for label, real, sim, ratio, alike in event_operators.score_rows(state.scores):
             _score(column, say(label), real, sim, ratio, "CHECKMARK" if alike else "ERROR")
         wrapped(box, say("Distances of the recording are between its two halves. Ratios up to 10 % off are ticked"))
 
 
 def _score(layout, label: str, real: str, sim: str, ratio: str, icon: str) -> None:
-    split = layout.split(factor=0.36)
-    split.label(text=label)
+    split = layout.split(factor=0.47)
+    split.label(text=label, icon=icon)
     row = split.row()
-    for text in (real, sim):
+    for text in (real, sim, ratio):
         row.label(text=text)
-    row.label(text=ratio, icon=icon)
 
 
 class PECS_PT_advanced(SubPanel, bpy.types.Panel):

@@ -241,7 +241,7 @@ class PecsSensor(bpy.types.PropertyGroup):
     )
     format: EnumProperty(name="Format", items=lambda _s, _c: _format_items(), description="Format of the event file")
     window_ms: FloatProperty(
-        name="Frame Duration (ms)",
+        name="Frame (ms)",
         min=0,
         max=1e6,
         description="Time span of the events in one image; 0: chosen for legibility",
@@ -253,7 +253,7 @@ class PecsSensor(bpy.types.PropertyGroup):
         description="Slow-motion factor of videos; 0: chosen for about 10 s of video",
     )
     cutoff_hz: FloatProperty(
-        name="Filter Cutoff (Hz)",
+        name="Cutoff (Hz)",
         default=1.0,
         min=0.01,
         max=1e6,

@@ -180,7 +180,7 @@ def _compares(scene, events):
     few |= {"real": nothing, "sim": nothing | {"events": 12_345}, "split_half": {"chamfer": None, "gaussian": None}}
     rows = event_operators.score_rows(few)
     assert ("Rate (Hz)", "none", "none", "", False) in rows, rows
-    assert ("Events", "1", "12.3 k", "12345.00", False) in rows, rows
+    assert ("Events", "1", "12.3k", "12345.00", False) in rows, rows
 
 
 def _renders_a_new_version(scene, folder):
