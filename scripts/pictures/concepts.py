@@ -1,5 +1,5 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""The pictures of docs/concepts/, and docs/render_and_events.png, from renders of the lab's disk and docs/studies/.
+"""The pictures of docs/concepts/ from renders of the lab's disk and docs/studies/.
 
 size="--bands 6 --width 320 --height 180 --colour-tolerance 0.2"
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/still $size --frames 1 --samples 32
@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pecs
 from figures import GREY, INK, OFF, ON, ROOT, figure, plt, save
-from matplotlib.colors import to_rgb
 from scipy.interpolate import PchipInterpolator
 
 PECS = ROOT / "build/release/bin/pecs"
@@ -27,7 +26,7 @@ PIXEL = (180, 90)  # x, y: on the disk, where edges pass
 WINDOW_US = (20_000.0, 95_000.0)
 STEP_US = 50.0
 RENDERED_LUX = 100  # of the scene, as it comes
-LUX = (500, 50_000)  # an office, the sun; 5000 in the picture of both
+LUX = (500, 50_000)  # an office, the sun
 SLOW_ROW_S = 5e-6  # so that the order of the rows can be seen; the chip's own is 10 ns
 
 
@@ -123,29 +122,6 @@ def light_to_events(stack, chip, folder):
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
     axes.legend(loc="upper center", ncols=4)
     save(fig, folder / "threshold.svg")
-
-
-def render_and_events(picture_file, stack, chip, path):
-    """The render, and 5 ms of events of the same disk in 50 times the light."""
-    t_us = np.arange(30_000.0, 45_001.0, STEP_US * 2)
-    unit_a = 1e-12
-    with pecs.Light(stack, [chip]) as light, pecs.Sensor(320, 180, chip, photocurrent_a=unit_a) as sensor:
-        parts = [sensor.push(light.at(t)[0] * (LUX[0] * 10 / RENDERED_LUX / unit_a), t) for t in t_us]
-        parts.append(sensor.finish())
-    events = np.concatenate(parts)
-    events = events[events["t"] >= events["t"].max() - 5000]
-    shown = np.ones((180, 320, 3))
-    for p, colour in ((0, OFF), (1, ON)):
-        of = events[events["p"] == p]
-        shown[of["y"], of["x"]] = to_rgb(colour)
-    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.35), layout="constrained")
-    left.imshow(plt.imread(picture_file))
-    right.imshow(shown, interpolation="nearest")
-    left.set_title("rendered light", fontsize=9)
-    right.set_title(f"simulated events of 5 ms: {len(events):,}", fontsize=9)
-    for axes in (left, right):
-        axes.set(xticks=[], yticks=[])
-    save(fig, path)
 
 
 def curve_between_frames(folder):
@@ -248,7 +224,6 @@ def main():
     picture(chip.photocurrent(still, frames=0) * 1e15, "fA", folder / "photocurrent.png", mark=PIXEL)
     light_to_events(options.turning, chip, folder)
     readout(options.turning, folder, scratch)
-    render_and_events(folder / "scene.png", options.turning, chip, folder.parent / "render_and_events.png")
     curve_between_frames(folder)
     if options.ablation:
         bands(options.ablation, folder)

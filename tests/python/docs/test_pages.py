@@ -2,12 +2,16 @@
 name exist, links lead somewhere.
 
 A block that is not run says why in a comment before it: `<!-- not run: REASON -->`. `<!-- run with: OPTIONS -->` adds
-options to the renders of a block, so that they take seconds. A block of JSON with a title is a file."""
+options to the renders of a block, so that they take seconds. A block of JSON with a title is a file. A text block with
+the title "printed" lists lines that the block before it prints."""
 
+import io
+import json
 import os
 import re
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from functools import cache
 
 import pytest
@@ -16,6 +20,7 @@ from support.labels import Rectangle, write_truth
 from support.small_stacks import write
 
 BLOCK = re.compile(r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|json)([^\n]*)\n(.*?)```", re.DOTALL)
+PRINTED = re.compile(r"```(?:sh|python)\n([^`]*)```\n\n```text title=\"printed\"\n([^`]*)```")
 RENDER = re.compile(r"^((?:python -m pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
 RUN_ELSEWHERE = {"docs/reference/trajectories.md"}  # datasets/test_trajectories.py, which also reads its tables
 FOLDERS = ("apps blender_addon calibration common docs examples lens_data python scenes scripts sensor tests").split()
@@ -38,6 +43,20 @@ def blocks(page):
 def stack_and_truth(folder):
     write(folder / "stack")
     write_truth(folder / "truth", Rectangle(), 1, light=False)
+
+
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]\d+)?")
+
+
+def assert_printed(expected, prints):
+    """The lines are there, in this order; numbers within 1 %, since events may differ between instruction sets."""
+    left = prints.splitlines()
+    for line in expected.splitlines():
+        while left and NUMBER.sub("#", left[0]) != NUMBER.sub("#", line):
+            left.pop(0)
+        assert left, f"wanted {line}\nin {prints}"
+        got, wanted = ([float(n) for n in NUMBER.findall(text)] for text in (left.pop(0), line))
+        assert got == pytest.approx(wanted, rel=0.01), f"wanted {line}\nin {prints}"
 
 
 def my_blend(folder):
@@ -70,9 +89,11 @@ def workplace(tmp_path, monkeypatch):
 
 
 def run_shell(text, options):
+    """What it prints."""
     command = RENDER.sub(lambda match: f"{match[1].rstrip()} {options}", text) if options else text
     done = subprocess.run(["bash", "-euo", "pipefail", "-c", command], capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("page", [p for p in pages() if blocks(p) and p not in RUN_ELSEWHERE])
@@ -81,16 +102,46 @@ def test_what_a_page_says_runs(page, workplace):
     if not found:
         pytest.skip("; ".join(sorted({why for _, why, *_ in blocks(page)})))
     INPUTS.get(page, lambda folder: None)(workplace)
-    names = {}
+    names, printed = {}, dict(PRINTED.findall(text_of(page)))
+    assert len(printed) == text_of(page).count('title="printed"'), f"{page}: printed text without a block before it"
     for mark, options, language, title, text in found:
         if language == "json":
             (workplace / re.search(r'title="([\w.]+)"', title)[1]).write_text(text)
         elif language == "python":
-            exec(text, names)
+            with redirect_stdout(io.StringIO()) as output:
+                exec(text, names)
+            prints = output.getvalue()
         else:
-            run_shell(text, options if mark else "")
+            prints = run_shell(text, options if mark else "")
+        if text in printed:
+            assert_printed(printed[text], prints)
     if page == "docs/reference/python.md":
         assert len(names["events"]) > 100 and len(names["noise"]) > 0 and names["on"] > 0
+
+
+def test_rendered_frames_fit_on_the_chips_of_later_commands():
+    """At the sizes as printed: `run with` renders smaller ones."""
+    checked = 0
+    for page in pages():
+        sizes = {}
+        for _, _, language, _, text in blocks(page):
+            for line in re.sub(r"\\\n\s*", " ", text).splitlines() if language == "sh" else ():
+                size = re.search(r"--width (\d+) --height (\d+)", line)
+                named = re.search(r"--chip (\w+)", line)
+                chip = ROOT / f"sensor/chips/{named[1] if named else ''}.json"
+                name = re.search(r"-o (\S+)\.(?:raw|stack)\b", line)
+                if size and name:
+                    sizes[f"{name[1]}.stack"] = int(size[1]), int(size[2])
+                used = re.match(r"pecs sense (\S+)", line)
+                size = sizes.get(used[1] if used else f"{name[1]}.stack" if name else "")
+                if size and chip.is_file():
+                    values = json.loads(chip.read_text())["values"]
+                    limits = [values[key]["value"] for key in ("width", "height")]  # 0: no limit
+                    assert all(n <= limit or not limit for n, limit in zip(size, limits, strict=True)), (
+                        f"{page}: {line}"
+                    )
+                    checked += 1
+    assert checked >= 4
 
 
 def test_every_block_that_is_not_run_says_why():
