@@ -1,4 +1,4 @@
-// pecs chips, pecs chip info: the profiles of sensor/chips, and what light makes of them.
+// pecs chips, pecs chip info: the profiles of sensor/chips, and what light makes of them; pecs presets.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -9,6 +9,7 @@
 #include "help.h"
 #include "pecs/data_dir.h"
 #include "pecs/sensor/lux.h"
+#include "pecs/sensor/sense_options.h"
 #include "units.h"
 
 namespace pecs::app {
@@ -33,6 +34,17 @@ void list(bool json) {
     out.push_back({{"name", chip.name}, {"description", chip.description}, {"trade_names", chip.trade_names}});
   }
   if (json) fmt::print("{}\n", text_of(out));
+}
+
+void list_presets(bool json) {
+  const Json all = sensor::presets();
+  if (json) {
+    fmt::print("{}\n", text_of(all));
+    return;
+  }
+  for (const Json& preset : all)
+    fmt::print("{:<20}{}\n{:<20}{}\n", preset["name"].get<std::string>(), preset["description"].get<std::string>(), "",
+               preset["source"].get<std::string>());
 }
 
 struct InfoOptions {
@@ -83,6 +95,13 @@ void add_chip(CLI::App& app, Console&) {
   chips->add_flag("--json", *json, "machine-readable output");
   add_examples(*chips, {"pecs chips"});
   chips->callback([json] { list(*json); });
+
+  const auto json_of_presets = std::make_shared<bool>(false);
+  CLI::App* presets =
+      app.add_subcommand("presets", "list published settings of other simulators for pecs sense, with their sources");
+  presets->add_flag("--json", *json_of_presets, "machine-readable output, with all values");
+  add_examples(*presets, {"pecs presets", "pecs presets --json"});
+  presets->callback([json_of_presets] { list_presets(*json_of_presets); });
 
   const auto o = std::make_shared<InfoOptions>();
   CLI::App* chip = app.add_subcommand("chip", "a chip profile: values and sources; its photocurrent in a given light");

@@ -32,7 +32,8 @@ struct Options : sensor::SenseOptions {
   input::LiveOptions live;
   std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
-  const CLI::Option *seconds = nullptr, *shown = nullptr;  // valid only with --view
+  const CLI::Option *seconds = nullptr, *shown = nullptr;          // valid only with --view
+  const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
 };
 
 bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
@@ -79,18 +80,21 @@ void add_pixels(CLI::App* sub, Options* o) {
   sub->add_option("--threads", o->threads, "number of threads, 0: all; the events do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  sub->add_option("--model", o->model.name,
-                  fmt::format("pixel model: {}; all but pecs are models of other simulators",
-                              fmt::join(sensor::model_names(), ", ")))
-      ->capture_default_str();
+  sub->add_option("--preset", o->preset,
+                  "published setting of another simulator: model, parameters and values of the chip (pecs presets)");
+  o->own_model = sub->add_option("--model", o->model.name,
+                                 fmt::format("pixel model: {}; all but pecs are models of other simulators",
+                                             fmt::join(sensor::model_names(), ", ")))
+                     ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of another simulator's model (once per key)")
       ->allow_extra_args(false);
   sub->add_option("--white", o->white_a, "photocurrent of white, for the other models (default: first frame's 99.5 %)")
       ->transform(quantity("A"))
       ->check(positive());
-  sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal")
-      ->check(CLI::IsMember({"chip", "ideal"}))
-      ->capture_default_str();
+  o->own_readout =
+      sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal, as with --preset")
+          ->check(CLI::IsMember({"chip", "ideal"}))
+          ->capture_default_str();
   add_output(*sub, "--labels", o->labels,
              "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
              "the renderer");
@@ -141,6 +145,7 @@ void resolve(Options& o, const Console& console) {
     const auto [at, is_new] = o.model.parameters.insert(key_value(text, "--param"));
     if (!is_new) throw Error(ExitCode::usage, fmt::format("--param {}: {} is set twice; set it once", text, at->first));
   }
+  if (!o.preset.empty()) sensor::apply_preset(o, o.own_model->count() > 0, o.own_readout->count() > 0);
   for (const std::string& text : o.bias_texts)
     for (const auto& [name, offset] : sensor::biases_from(text)) o.biases[name] = offset;
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
@@ -209,6 +214,7 @@ void add_sense(CLI::App& app, Console& console) {
                       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
                       "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
                       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                      "pecs sense video.mp4 -o events.h5 --preset v2e_noisy",
                       "pecs sense --source camera --view -o events.raw --run-time 10s"});
   sub->callback([o, &console] {
     resolve(*o, console);

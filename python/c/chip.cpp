@@ -53,6 +53,10 @@ char* pecs_models(pecs_error* error) {
   });
 }
 
+char* pecs_presets(pecs_error* error) {
+  return guard(error, [] { return pecs::capi::hand_over(presets()); });
+}
+
 pecs_chip* pecs_chip_open(const char* path_or_name, const char* overrides_json, pecs_error* error) {
   return guard(error, [&] {
     return new pecs_chip{

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ._library import data_dir, version
     from ._program import program
     from ._sense import sense
-    from .chip import Chip, bands, models
+    from .chip import Chip, bands, models, presets
     from .events import EVENT_DTYPE, EventReader, Events, EventWriter, event_formats, read, write
     from .lens import Camera, Lens
     from .light import Light
@@ -29,7 +29,7 @@ _MODULES = {
     "_library": "data_dir version",
     "_program": "program",
     "_sense": "sense",
-    "chip": "Chip bands models",
+    "chip": "Chip bands models presets",
     "events": "EVENT_DTYPE EventReader Events EventWriter event_formats read write",
     "lens": "Camera Lens",
     "light": "Light",
@@ -68,6 +68,7 @@ __all__ = [
     "event_labels",
     "glass",
     "models",
+    "presets",
     "program",
     "read",
     "sense",

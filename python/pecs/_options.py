@@ -15,6 +15,7 @@ class PixelOptions(TypedDict, total=False):
     overrides: Mapping[str, float] | None  # values of the chip, by the keys and units of `Chip.info`
     biases: Mapping[str, float] | None  # offsets to the factory settings: {"diff_on": 35}
     bias_file: str | PathLike[str] | None  # a Metavision .bias file or camera settings (.json)
+    preset: str | PathLike[str] | None  # one of `pecs.presets()`: model, parameters and overrides at once
     model: str  # one of `pecs.models()`; default "pecs"
     parameters: Mapping[str, float] | None  # of the model
     noise: bool  # photon noise, leak, background events and mismatch; default True

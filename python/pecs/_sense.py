@@ -37,7 +37,7 @@ def sense(
 
     chip: a name, a path, or a `pecs.Chip`. Options:
 
-    - overrides, biases, bias_file, model, parameters, noise, seed, threads, readout, and the stages: as of
+    - overrides, biases, bias_file, preset, model, parameters, noise, seed, threads, readout, and the stages: as of
       `pecs.Sensor`.
     - white_a: photocurrent [A] of white, for models that take no light.
     - format: of the output; by its name if not given.

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _models = function("pecs_models", POINTER)
+_presets = function("pecs_presets", POINTER)
 _bands = json_function("pecs_bands")
 _open = function("pecs_chip_open", POINTER, TEXT, TEXT)
 _info = function("pecs_chip_info", POINTER, POINTER)
@@ -30,6 +31,13 @@ def models() -> list[dict[str, Any]]:
     """The pixel models: [{"name", "source", "takes_light", "tells_causes", "parameters": [{"key", "unit", "value",
     "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's; `tells_causes`: `labels` work."""
     answer: list[dict[str, Any]] = take_json(_models())
+    return answer
+
+
+def presets() -> list[dict[str, Any]]:
+    """Published settings of other simulators, for the option `preset` of `Sensor`, `simulate` and `sense`: [{"name",
+    "description", "source", "model", "set": {key: value} of the chip, "param": {key: value} of the model}, ...]."""
+    answer: list[dict[str, Any]] = take_json(_presets())
     return answer
 
 

@@ -89,6 +89,7 @@ class Sensor(Handle):
 
     - overrides: values of the chip, by the keys and units of `Chip.info`.
     - biases: offsets to the factory settings, {"diff_on": 35}; or bias_file (docs/reference/sensor.md).
+    - preset: one of `pecs.presets()`: its model, parameters and overrides (given ones win), and an ideal readout.
     - model: one of `pecs.models()` ("pecs"), with its parameters; for models that take no light 1 is white.
     - noise: photon noise, leak, background events and mismatch (True).
     - seed (1).

@@ -187,6 +187,9 @@ PECS_API int pecs_event_histogram(const pecs_event* events, int64_t count, int w
  * "tells_causes": false (labels), "parameters": [{"key", "unit", "value": default, "min", "max", "meaning"}, ...]},
  * ...]. The parameters of `pecs` are the chip's. */
 PECS_API char* pecs_models(pecs_error* error);
+/* Published settings of other simulators, for the option "preset": [{"name", "description", "source", "model", "set":
+ * {key: value} of the chip, "param": {key: value} of the model}, ...]. */
+PECS_API char* pecs_presets(pecs_error* error);
 
 typedef struct pecs_chip pecs_chip;
 /* overrides_json: {"contrast_threshold_on": 0.25, ...} within the profile's ranges, or NULL. */
@@ -234,10 +237,10 @@ typedef int (*pecs_progress_fn)(double done, void* user);
 
 /* A stack in, an event file and its run record out, as `pecs sense` does. options: the program's long options with '_'
  * for '-' (docs/reference/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed":
- * 1, "threads": 0 (all), "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" | "ideal",
- * "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels": path,
- * "warmup_loops": 0, "warmup_us": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress: NULL,
- * or called with `user`. result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
+ * 1, "threads": 0 (all), "preset", "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" |
+ * "ideal", "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels":
+ * path, "warmup_loops": 0, "warmup_us": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress:
+ * NULL, or called with `user`. result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
 
@@ -265,7 +268,7 @@ PECS_API int64_t pecs_event_labels(const pecs_event* events, int64_t count, cons
 
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and
- * "chip", "set", "no_noise", "seed", "threads", "model", "param", "readout" as of pecs_sense. */
+ * "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of pecs_sense. */
 PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
  * with the second frame after it, or when `last` says that no frame follows. Negative light is taken as 0; a pixel

@@ -16,6 +16,7 @@ import numpy as np
 
 from .._config import read_toml
 from .._options import STAGE_KEYS
+from ..chip import presets
 from . import placing
 from .checks import LIMITS
 from .table import Table, Value
@@ -74,6 +75,7 @@ class CameraEntry:
     overrides: dict[str, Value]
     biases: dict[str, Value]
     stages: dict[str, Any]
+    preset: str | None
     model: str
     partner: str | None
     pixels_of: str | None
@@ -299,6 +301,7 @@ def _camera(table: Table) -> CameraEntry:
         if key not in STAGE_KEYS:
             raise stages.fail(key, "an unknown stage", f"one of {', '.join(STAGE_KEYS)}")
     own = shared is None
+    preset, model = _pixel(table)
     found = CameraEntry(
         name=table.text("name"),
         kind=kind,
@@ -314,7 +317,8 @@ def _camera(table: Table) -> CameraEntry:
         overrides={k: overrides.value(k) for k in overrides.keys()},
         biases={k: biases.value(k) for k in biases.keys()},
         stages={k: _stage(stages, k) for k in stages.keys()},
-        model=table.text("model", "pecs"),
+        preset=preset,
+        model=model,
         partner=table.optional(table.text, "partner"),
         pixels_of=shared,
         film=_film(table) if kind == "rgb" else None,
@@ -323,6 +327,15 @@ def _camera(table: Table) -> CameraEntry:
         raise table.fail("width", "nothing", "width and height of an RGB camera")
     table.done()
     return found
+
+
+def _pixel(table: Table) -> tuple[str | None, str]:
+    """Preset, if any, and pixel model."""
+    if not table.has("preset"):
+        return None, table.text("model", "pecs")
+    known = {preset["name"]: preset["model"] for preset in presets()}
+    preset = table.text("preset", choices=tuple(known))
+    return preset, known[preset]
 
 
 def _stage(table: Table, key: str) -> Any:

@@ -242,7 +242,9 @@ def _describe(work: Work) -> None:
         K = rig.rectified_K(K_rect, (width, height))
         rectify_map = rig.rectify_map(view.optics.directions, R_rect, K)
         write_whole(work.folder / name / "rectify_map.npy", npy_bytes(rectify_map))
-        described = {key: getattr(entry, key) for key in ("name", "kind", "chip", "model", "partner", "pixels_of")}
+        described = {
+            key: getattr(entry, key) for key in ("name", "kind", "chip", "preset", "model", "partner", "pixels_of")
+        }
         described |= {key: view.stack["lens"][key] for key in ("fnumber", "focus_m")}
         matrices = {"rig_from_camera": view.placed, "K": view.pinhole.K, "distortion": view.pinhole.distortion}
         matrices |= {"K_rect": K, "R_rect": R_rect}
@@ -318,7 +320,7 @@ def _sense(work: Work, entry: CameraEntry) -> None:
             biases=drawn["biases"],
             **stages,
             warmup_us=WARMUP_US,
-            model=entry.model,
+            **({"preset": entry.preset} if entry.preset else {"model": entry.model}),
             seed=drawn["seed"],
             format="dsec",
             labels=causes,

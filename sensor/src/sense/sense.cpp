@@ -329,6 +329,7 @@ Json SenseRun::config() const {
   const PhotocurrentOptions& light = options_.light;
   const bool has_white = source_->info().quantity == Quantity::relative && !light.gain;
   return {{"chip", chip_to_json(chip_)},
+          {"preset", options_.preset.empty() ? Json() : Json(options_.preset)},
           {"model", model_to_json(model_)},
           {"readout", options_.ideal_readout ? "ideal" : "chip"},
           {"stages", stages_to_json(options_.stages)},

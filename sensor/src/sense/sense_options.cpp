@@ -2,6 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <filesystem>
+
+#include "pecs/data_dir.h"
 #include "pecs/error.h"
 #include "pecs/text.h"
 
@@ -34,6 +38,55 @@ std::vector<std::string> overrides_from(const Json& values) {
   return out;
 }
 
+Preset load_preset(const std::string& name) {
+  const std::filesystem::path path = find_data("sensor/presets", name);
+  const Json json = parse_json_file(path);
+  JsonObject o(json, path.string());
+  o.integer("pecs_preset", 1, 1);
+  Preset out{o.text("name"),
+             o.text("description"),
+             o.text("source"),
+             o.one_of("model", model_names()),
+             numbers_of(o.any("set"), "set"),
+             numbers_of(o.any("param"), "param")};
+  o.done();
+  return out;
+}
+
+Json presets() {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(data_dir("sensor/presets")))
+    if (entry.path().extension() == ".json") files.push_back(entry.path().string());
+  std::ranges::sort(files);
+  Json out = Json::array();
+  for (const std::string& file : files) {
+    const Preset p = load_preset(file);
+    out.push_back({{"name", p.name},
+                   {"description", p.description},
+                   {"source", p.source},
+                   {"model", p.model},
+                   {"set", p.set},
+                   {"param", p.param}});
+  }
+  return out;
+}
+
+void apply_preset(SenseOptions& options, bool model_given, bool readout_given) {
+  const Preset preset = load_preset(options.preset);
+  if (model_given && options.model.name != preset.model)
+    throw Error(ExitCode::usage, fmt::format("--preset {}: it is of model {}, and --model is {}; leave one out",
+                                             preset.name, preset.model, options.model.name));
+  options.model.name = preset.model;
+  for (const auto& [key, value] : preset.param.items()) options.model.parameters.emplace(key, value.get<double>());
+  const std::vector<std::string> given = options.overrides;
+  for (const std::string& text : overrides_from(preset.set)) {
+    const std::string key = text.substr(0, text.find('=') + 1);
+    if (std::ranges::none_of(given, [&](const std::string& own) { return own.starts_with(key); }))
+      options.overrides.push_back(text);
+  }
+  if (!readout_given) options.ideal_readout = true;
+}
+
 void read_sensor_options(JsonObject& o, SenseOptions& out) {
   out.chip = o.text_or("chip", out.chip);
   if (o.has("set")) out.overrides = overrides_from(o.any("set"));
@@ -48,6 +101,10 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   out.model.name = o.text_or("model", out.model.name);
   if (o.has("param")) out.model.parameters = numbers_of(o.any("param"), "param");
   out.ideal_readout = o.has("readout") && o.one_of("readout", {"chip", "ideal"}) == "ideal";
+  if (o.has("preset")) {
+    out.preset = o.text("preset");
+    apply_preset(out, o.has("model"), o.has("readout"));
+  }
   out.stages = read_stage_options(o);
 }
 

@@ -61,7 +61,7 @@ print(f(*[None if kind is ctypes.c_void_p else 0 for kind in f.argtypes[:-1]], e
 
 
 def test_null_is_refused(header):
-    answers = {"pecs_event_formats", "pecs_models", "pecs_bands"}  # static
+    answers = {"pecs_event_formats", "pecs_models", "pecs_presets", "pecs_bands"}  # static
     for result, name, arguments in declared(header):
         *kinds, last = [a.rsplit(" ", 1)[0] for a in arguments.split(", ")]
         if last != "pecs_error*" or name in answers:

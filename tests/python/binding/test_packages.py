@@ -136,6 +136,7 @@ def test_tag_and_contents(wheel):
         *weights,
         "pecs/py.typed",
         f"{data}/sensor/chips/imx636.json",
+        f"{data}/sensor/presets/v2e_noisy.json",
         f"{data}/lens_data/lenses/pecs_lab_15mm.json",
     ):
         assert name in names

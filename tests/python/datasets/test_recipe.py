@@ -198,6 +198,16 @@ name = "film\""""
         load(replace={'[[rig.camera]]\nname = "film"': tables.replace("stc_us", "stc")})
 
 
+def test_a_preset_sets_the_model(load):
+    chip = 'chip = "davis346"'
+    camera = load(replace={chip: chip + '\npreset = "v2e_noisy"'}).cameras[0]
+    assert (camera.preset, camera.model) == ("v2e_noisy", "v2e")
+    assert (load().cameras[0].preset, load().cameras[0].model) == (None, "pecs")
+    for beside, line in (("v2e_dirty", 'preset: got "v2e_dirty"'), ('v2e_noisy"\nmodel = "esim', "model")):
+        with pytest.raises(pecs.PecsInputError, match=line):
+            load(replace={chip: f'{chip}\npreset = "{beside}"'})
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "examples/recipes").glob("*.toml")), ids=lambda path: path.stem)
 def test_the_recipes_of_the_examples(path):
     """Each loads, its chips and lenses exist, and its lenses cover the films."""

@@ -16,6 +16,7 @@ HEARD = {
     "bias-file": (["--bias-file", "BIAS"], "chip"),
     "no-noise": (["--no-noise"], "no_noise"),
     "seed": (["--seed", "2"], "seed"),
+    "preset": (["--preset", "v2e_noisy"], "preset"),
     "model": (["--model", "esim"], "model"),
     "param": (["--model", "esim", "--param", "log_eps=0.01"], "model"),
     "white": (["--model", "esim", "--white", "1pA"], "model"),

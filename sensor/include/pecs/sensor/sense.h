@@ -33,6 +33,7 @@ struct SenseOptions {
   PhotocurrentOptions light;
   int monte_carlo_bands = 0;                    // > 0: number of drawn bands; 0: the sum over all bands
   std::shared_ptr<FrameSource> source;          // instead of `stack`
+  std::string preset;                           // that apply_preset() applied, for the record
   ModelChoice model;                            // white_fa 0: the 99.5 % quantile of the first frame
   bool ideal_readout = false;                   // instead of the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's Cause
