@@ -338,7 +338,8 @@ def hashes(folder):
 @pytest.mark.parametrize("name", writers.WRITERS)
 def test_same_bytes_again_and_a_report(name, sequence, exported, tmp_path):
     folder, report = exported(name)
-    assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name) == report
+    options = small.EXPORT.get(name, {})
+    assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name, **options) == report
     assert hashes(tmp_path / name) == hashes(folder) and len(hashes(folder)) > 1
     assert json.loads((folder / "export.json").read_text()) == report
     assert report["format"] == name and any(report["sequences"]["0000"].values())
@@ -360,12 +361,17 @@ def test_only_events(tmp_path, sequence):
     alone = Sequence(bare)
     assert isinstance(alone.cameras["left"], Camera)
     expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
-    expected |= {"ecd": "imu.txt, imu0/data.csv", "coco": "camera left", "webdataset": "camera left"}
+    expected |= {
+        "e_raft": "all but the left events",
+        "ecd": "imu.txt, imu0/data.csv",
+        "coco": "camera left",
+        "webdataset": "camera left",
+    }
     picture_formats = ("evreal", "event_cnn", "radiance")
     for name in picture_formats:
         fails(pecs.PecsInputError, f"{name}: no RGB camera has the same pixels", name, [alone], tmp_path / name)
     for name in set(writers.WRITERS) - {*picture_formats}:
-        report = writers.write(name, [alone], tmp_path / name)
+        report = writers.write(name, [alone], tmp_path / name, **small.EXPORT.get(name, {}))
         assert name == "thumbnails" or expected[name] in left_out(report), name
     with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:
         assert len(file["events/t"]) == len(alone.cameras["left"].events())
@@ -390,6 +396,13 @@ def test_what_cannot_be_written(sequence, tmp_path):
     fails(pecs.PecsInputError, "got generation 'gen2'", "prophesee", [sequence], tmp_path / "a", generation="gen2")
     fails(
         pecs.PecsInputError, "samples_per_shard: got 0", "webdataset", [sequence], tmp_path / "a", samples_per_shard=0
+    )
+    fails(
+        pecs.PecsInputError,
+        "duration: got 100000 us, wanted at least 3 steps of 100000",
+        "e_raft",
+        [sequence],
+        tmp_path / "a",
     )
     skewed = Sequence(sequence.folder)
     skewed.cameras["right"].R_rect = np.eye(3)

@@ -29,6 +29,7 @@ from ..sequence import Sequence
 WRITERS = {
     "dsec": "DSEC: stereo events, rectification, flow, disparity, images",
     "dsec_detection": "DSEC-Detection: DSEC with boxes and pictures in the view of the event camera",
+    "e_raft": "E-RAFT's test set: left events and times of 100 ms steps",
     "prophesee": "Prophesee automotive (RVT): events and boxes of each event camera",
     "m3ed": "M3ED: HDF5 of events, pictures and IMU; depth and poses",
     "evreal": "EVREAL (event_utils' memory maps): events with the pictures of the same pixels",

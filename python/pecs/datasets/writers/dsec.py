@@ -1,4 +1,4 @@
-"""DSEC (Gehrig et al., RA-L 2021; dsec.ifi.uzh.ch), at any size; E-RAFT and DSEC's own code assume 640x480.
+"""DSEC (Gehrig et al., RA-L 2021; dsec.ifi.uzh.ch), at any size; DSEC's own code assumes 640x480.
 
     SPLIT/SEQUENCE/
       events/{left,right}/events.h5        events/{x u2, y u2, t u4 us, p u1}, ms_to_idx u8, t_offset i8
@@ -69,7 +69,7 @@ def write_sequence(sequence: Sequence, folder: Path, report: Report, flow_us: in
             report.leave_out(f"camera {camera.name}", "DSEC has two event cameras and two others", sequence.name)
     for side, role in (("left", "cam0"), ("right", "cam3")):
         if role in cameras:
-            count = _write_events(folder / "events" / side, cameras[role], sequence.duration_us)
+            count = write_events(folder / "events" / side, cameras[role], sequence.duration_us)
             report.count(sequence.name, **{f"events_{side}": count})
     _write_calibration(folder / "calibration" / "cam_to_cam.yaml", cameras)
     _write_images(folder / "images", cameras, sequence, report)
@@ -84,7 +84,7 @@ def write_sequence(sequence: Sequence, folder: Path, report: Report, flow_us: in
         _write_disparity(folder / "disparity", rectifier, Stereo(left, cameras["cam3"]), sequence, report)
 
 
-def _write_events(folder: Path, camera: Camera, duration_us: int) -> int:
+def write_events(folder: Path, camera: Camera, duration_us: int) -> int:
     with camera.event_file() as events, hdf5(folder / "events.h5") as file:
         wide = len(ms_to_idx := events.ms_to_idx(duration_us)) > (1 << 32) // 1000
         put_events(file, events, event_columns("events", t="<i8" if wide else "<u4"))
