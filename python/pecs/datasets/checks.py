@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from .sequence import Camera, Sequence, rig_from_imu
 SUMMARY = {"least": np.min, "median": np.median, "most": np.max}
 EDGE_PX = 1  # how far an event may lie from a pixel whose light changes
 WINDOW_US = 100_000  # of the IMU
+RECORDED = Path(__file__).parent / "recorded_rates.json"
 LIMITS = {"render_noise_share": 0.1, "dropped_share": 0.02}  # of a recipe without any
 
 
@@ -30,7 +32,18 @@ def check(sequence: Sequence) -> dict[str, Any]:
         if _has(a, "depth") and _has(b, "depth")
     }
     found = {"cameras": cameras, "stereo": pairs, "imu": imu(sequence), "motion": motion(sequence)}
+    found["recorded_sets"] = recorded_rates()
     return found | {"outside_limits": outside(found, sequence.info.get("limits", LIMITS))}
+
+
+def recorded_rates() -> dict[str, dict[str, Any]]:
+    """Mean event rates of recorded sets, from their published numbers of events, which are of all cameras together."""
+    sets = read_object(RECORDED, "recorded rates")["sets"]
+    per_pixel = [s["events"] / (s["seconds"] * s["cameras"] * s["width"] * s["height"]) for s in sets]
+    return {
+        s["name"]: {"rate_per_pixel_hz": rate, "what": s["what"], "source": s["source"]}
+        for s, rate in zip(sets, per_pixel, strict=True)
+    }
 
 
 def _has(camera: Camera, *layers: str) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .._errors import optional_module
 from .._files import write_json, write_text, write_whole
 from . import preview
-from .checks import check
+from .checks import check, recorded_rates
 from .files import png_bytes, read_picture
 from .report_pictures import flow_picture
 from .sequence import Camera, Sequence
@@ -50,7 +50,14 @@ def write(sequence: Sequence) -> dict[str, Any]:
         parts.append(_numbers(checks["cameras"][camera.name]))
         rate = checks["cameras"][camera.name].get("events", {}).get("rate_over_time_hz")
         if rate:
-            parts.append(f"<p>Events per second over the sequence</p>{_curve([rate])}")
+            recorded = {
+                k: v["rate_per_pixel_hz"] * camera.width * camera.height for k, v in checks["recorded_sets"].items()
+            }
+            others = ", ".join(f"{name} ({hz / 1e6:.3g} million)" for name, hz in recorded.items())
+            parts.append(
+                "<p>Events per second over the sequence (red), and at the mean rates per pixel of recorded sets: "
+                f"{_text(others)}, green and blue</p>{_curve([rate, *([hz] * len(rate) for hz in recorded.values())])}"
+            )
     if checks["stereo"]:
         parts += ["<h2>Stereo: depth of both cameras</h2>", _numbers(checks["stereo"])]
     samples = sequence.imu()
@@ -90,12 +97,17 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
         "document.querySelectorAll('.card').forEach(c=>c.style.display=picks.every(q=>!q.value||"
         "c.dataset[q.dataset.what]===q.value)?'':'none'));</script>"
     )
+    recorded = "; ".join(
+        f"<a href='{_text(one['source'])}'>{_text(name)}</a> {one['rate_per_pixel_hz']:.3g} ({_text(one['what'])})"
+        for name, one in recorded_rates().items()
+    )
     about = "".join(f"<li>{_text(k)}: {_text(v)}</li>" for k, v in manifest["about"].items())
     parts = [
         f"<h1>{_text(manifest['name'])}</h1>",
         f"<p>{len(cards)} sequences. <a href='dataset.json'>dataset.json</a> has the check sums, "
         "<a href='croissant.json'>croissant.json</a> the description for machines.</p>",
-        f"<ul>{about}</ul><p>{picks}</p>",
+        f"<ul>{about}</ul>",
+        f"<p>Recorded sets, events/s per pixel: {recorded}</p><p>{picks}</p>",
         *cards,
         script,
         f"<h2>Recipe</h2><pre>{_text(manifest['recipe'])}</pre>",
@@ -118,11 +130,12 @@ def _moving(path: str, shape: tuple[int, ...]) -> str:
 
 
 def _quality(checks: dict[str, Any]) -> str:
-    """Shares of noise and of dropped events of each camera, speed, and what is outside the limits."""
+    """Rate, shares of noise and of dropped events of each camera, speed, and what is outside the limits."""
     words = []
     for name, camera in checks["cameras"].items():
         events = camera.get("events", {})
-        shares = [
+        shares = [f"{events['rate_per_pixel_hz']:.3g} events/s per pixel"] if events else []
+        shares += [
             f"{k} {100 * events[f'{k}_share']:.1f} %" for k in ("render_noise", "dropped") if f"{k}_share" in events
         ]
         words += [f"{name}: {', '.join(shares)}"] if shares else []

@@ -173,6 +173,21 @@ def test_quality_is_in_the_set(made):
     assert (made / "set/index.html").read_text().count('class="moving"') == 2
 
 
+def test_rates_stand_beside_those_of_recorded_sets(made):
+    folder = made / "set/sequences/0000"
+    checks = json.loads((folder / "checks.json").read_text())
+    rates = {name: one["rate_per_pixel_hz"] for name, one in checks["recorded_sets"].items()}
+    # 2,233,378,133 events of two cameras of 640x480 in 105 s; 3,631,437,863 of two of 1280x720 in 192 s
+    assert rates == pytest.approx({"DSEC": 34.62, "M3ED": 10.26}, rel=1e-3)
+    index, page = (made / "set/index.html").read_text(), (folder / "report.html").read_text()
+    for one in checks["recorded_sets"].values():
+        assert one["source"] in index and one["source"].startswith("https://")
+    camera = Sequence(folder).cameras["left"]
+    assert f"DSEC ({rates['DSEC'] * camera.width * camera.height / 1e6:.3g} million)" in page
+    own = checks["cameras"]["left"]["events"]["rate_per_pixel_hz"]
+    assert f"left: {own:.3g} events/s per pixel" in index
+
+
 def test_croissant_and_datasheet(made):
     found = json.loads((made / "set/croissant.json").read_text())
     assert found["license"] == "https://spdx.org/licenses/CC0-1.0.html"
