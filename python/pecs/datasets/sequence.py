@@ -30,6 +30,7 @@ from ..sensor import LABELS
 from .event_file import EventFile
 from .files import read_array, read_object, read_rows
 from .rig import Optics, along, optics, stack_json, transformed
+from .tracks import follow
 from .truth import Truth
 
 FORMAT = 1
@@ -144,6 +145,21 @@ class Camera:
         here, there = (transformed(p, along(d, z)) for p, d, z in zip(poses, directions, move[4:6], strict=True))
         with np.errstate(invalid="ignore"):
             return np.where(np.isfinite(there - here), there - here, np.nan)
+
+    def tracks(
+        self, points_px: ArrayLike, at_us: float, times_us: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """What the camera sees at points [n, 2] (x, y; the first pixel's centre is at 0) at one time, at other times
+        [m]: positions [m, n, 2], also behind things and outside the picture, and whether they are seen [m, n].
+
+            positions, seen = camera.tracks([[120.5, 80]], 0, np.arange(0, 100_001, 1000))
+
+        Any times within the truth. Points follow the poses of their objects and of the camera; poses of objects are
+        interpolated between instants of the truth, and a point is seen there if it is seen at the instants before and
+        after. NaN and False for objects that deform (`truth.deforming`), for what is infinitely far, and where no point
+        of either instant comes to the pixel (edges of things, between instants).
+        """
+        return follow(self, points_px, at_us, times_us)
 
     def frames(self) -> list[Frame]:
         """The pictures of an RGB camera, in time; [] of a camera without."""

@@ -124,11 +124,17 @@ class Truth:
         x, y, z = self.layer("motion", i if step > 0 else i - 1, names).astype(np.float64)
         height, width = self.shape
         at = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1) + np.stack([x, y], -1)
+        return self.shows(i + step, at, z)
+
+    def shows(self, i: int, at: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """[...]: whether points at pixels [..., 2] with depths z [...] are seen at an instant: they are inside the
+        picture, and a pixel within 3/4 px in x and y has their depth or more. Pixels as of OpenCV."""
+        height, width = self.shape
         inside = np.isfinite(at).all(-1) & (at > -0.5).all(-1) & (at < [width - 0.5, height - 0.5]).all(-1)
         at = np.where(inside[..., None], at, 0)
         around = np.stack([np.floor(at + 0.25), np.ceil(at - 0.25)]).astype(int)
         columns, rows = np.clip(around[..., 0], 0, width - 1), np.clip(around[..., 1], 0, height - 1)
-        there = self.depth(i + step)[1].astype(np.float64)
+        there = self.depth(i)[1].astype(np.float64)
         deepest = np.max([there[row, column] for row in rows for column in columns], axis=0)
         return inside & ((z <= deepest * (1 + _SAME_DEPTH)) | np.isinf(deepest))
 

@@ -138,6 +138,19 @@ def test_all_parts_agree(made):
         assert checks["imu"] is None or checks["imu"]["worst_m"] < 1e-3
 
 
+def test_tracks_of_pixels_are_the_flow(made):
+    """From one instant to the next, through the lens of the render; its own pixels again at the same time."""
+    camera = Sequence(made / "set/sequences/0000").cameras["left"]
+    truth = camera.truth
+    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).reshape(-1, 2)
+    (here, there), (seen, visible) = camera.tracks(grid, truth.times_us[0], truth.times_us[:2])
+    flow = truth.flow(0).reshape(-1, 2)
+    known = np.isfinite(there).all(1) & np.isfinite(flow).all(1)
+    assert known.mean() > 0.8 and np.abs(here[known] - grid[known]).max() < 1e-3
+    assert np.sqrt(np.mean((there - grid - flow)[known] ** 2)) < 0.01
+    assert seen[known].all() and np.mean(visible[known] == truth.visible_at(0).ravel()[known]) > 0.99
+
+
 def test_every_event_has_its_object_to_the_end(made):
     """The drawn 15 ms become 20 ms, two intervals of the truth."""
     sequence = Sequence(made / "set/sequences/0000")
