@@ -1,0 +1,14 @@
+"""A chip profile from recordings of a camera (docs/howto/fit_camera.md).
+
+    found = pecs.fit.fit([Steps("lamp.raw", (1, 0.1)), Still("cap.raw", 0)], chip="imx636")
+    found.values["contrast_threshold_on"].value, found.values["contrast_threshold_on"].interval
+    found.write("my_camera.json")
+
+The model is the sensor: `pecs.Sensor` simulates the same switches and the same still light with the profile's values,
+and the values are chosen so that the statistics of both agree.
+"""
+
+from .estimate import Fitted, Value, fit
+from .recordings import Steps, Still
+
+__all__ = ["Fitted", "Steps", "Still", "Value", "fit"]

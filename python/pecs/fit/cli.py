@@ -1,0 +1,138 @@
+"""The command line of `pecs fit`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from .._arguments import Parser, Quantity
+from .._command import answer
+from .._errors import UsageError, existing
+from .._files import read_text, write_json
+from .._progress import Line
+from ..chip import Chip
+
+ABOUT = (
+    "Fits a chip profile to recordings of a camera. --steps is a recording of a light that switches through known "
+    "levels again and again, relative to level 1; --still is one of constant light, or with the cap on (level 0). The "
+    "camera does not move. What the recordings do not constrain is kept as in the starting profile."
+)
+EXAMPLES = (
+    "pecs fit --steps lamp.raw=1,0.1 --still cap.raw=0 -o my_camera.json --report fit.html",
+    "pecs fit --steps lamp.raw=1,0.1,1,0.02 --still lit.raw=1 --still cap.raw=0 -o my_camera.json --chip gen3_vga",
+    "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
+)
+MAX_BYTES = 1 << 26
+
+
+def _levels(text: str) -> tuple[Path, tuple[float, ...]]:
+    file, equals, levels = text.rpartition("=")
+    try:
+        numbers = tuple(float(v) for v in levels.split(","))
+    except ValueError:
+        numbers = ()
+    if not (file and equals and numbers):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted FILE=LEVEL or FILE=LEVEL,LEVEL,…")
+    return Path(file), numbers
+
+
+def _region(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    if len(parts) != 4 or not all(p.isdecimal() for p in parts):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted X,Y,W,H")
+    return tuple(map(int, parts))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="pecs fit", description=ABOUT, examples=EXAMPLES)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="the chip profile (.json)")
+    about = "a light that switches through these levels again and again; may be repeated"
+    parser.add_argument("--steps", type=_levels, action="append", default=[], metavar="FILE=LEVELS", help=about)
+    about = "constant light, 0 with the cap on; may be repeated"
+    parser.add_argument("--still", type=_levels, action="append", default=[], metavar="FILE=LEVEL", help=about)
+    parser.add_argument("--chip", default="imx636", help="starting profile, a name or a file")
+    about = "text file of the times of the switches in us, a line each, from one to the first level on (one --steps)"
+    parser.add_argument("--edges", type=Path, metavar="FILE", help=about)
+    parser.add_argument("--region", type=_region, metavar="X,Y,W,H", help="pixels used (default: 64x64 in the centre)")
+    light = parser.add_mutually_exclusive_group()
+    about = "photocurrent of a pixel at level 1, if known; then corner_hz_per_a is fitted"
+    light.add_argument("--photocurrent", type=Quantity("A", above=0), metavar="CURRENT", help=about)
+    about = "irradiance of the chip at level 1 in W/m2, if known, of light of one --wavelength"
+    light.add_argument("--irradiance", type=float, metavar="W_PER_M2", help=about)
+    parser.add_argument("--wavelength", type=Quantity("nm", above=0), metavar="LENGTH", help="of --irradiance")
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
+    parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
+    about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
+    parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)
+    parser.add_argument("--seed", type=int, default=1, help="of the simulation")
+    return parser
+
+
+def main(argv: list[str]) -> int:
+    return answer(_parser(), _fit, argv)
+
+
+def _photocurrent_a(args: argparse.Namespace) -> float | None:
+    if (args.irradiance is None) != (args.wavelength is None):
+        raise UsageError("fit: got one of --irradiance and --wavelength, wanted both")
+    if args.irradiance is None:
+        return args.photocurrent  # type: ignore[no-any-return]
+    if not 0 < args.irradiance < 1e6:
+        raise UsageError(f"fit: --irradiance: got {args.irradiance:g}, wanted W/m2 above 0")
+    band = [{"lambda_nm": args.wavelength, "weight_nm": 1.0}]
+    return Chip(args.chip).amperes_per_unit(band)[0] * args.irradiance  # type: ignore[no-any-return]
+
+
+def _edges_us(path: Path) -> np.ndarray:
+    words = read_text(path, MAX_BYTES).split()
+    try:
+        edges = np.array([float(w) for w in words])
+    except ValueError:
+        edges = np.array([])
+    if len(edges) < 2 or not np.isfinite(edges).all() or (np.diff(edges) <= 0).any():
+        raise UsageError(f"{path}: got no rising numbers, wanted the time of a switch in us in each line")
+    return edges
+
+
+def _fit(args: argparse.Namespace) -> None:
+    from . import report
+    from .estimate import fit
+    from .recordings import Steps, Still
+
+    if not args.steps and not args.still:
+        raise UsageError("fit: no recordings, wanted --steps or --still")
+    if args.edges and len(args.steps) != 1:
+        raise UsageError(f"fit: --edges: got {len(args.steps)} recordings of --steps, wanted one")
+    if args.pixels < 128 or args.pixels % 128:
+        raise UsageError(f"fit: --pixels: got {args.pixels}, wanted a multiple of 128")
+    for file, levels in args.still:
+        if len(levels) != 1:
+            raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
+    edges = _edges_us(args.edges) if args.edges else None
+    recordings: list[Steps | Still] = [Steps(existing(f, "a recording"), levels, edges) for f, levels in args.steps]
+    recordings += [Still(existing(f, "a recording"), levels[0]) for f, levels in args.still]
+    line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
+    found = fit(
+        recordings,
+        args.chip,
+        photocurrent_a=_photocurrent_a(args),
+        region=args.region,
+        pixels=args.pixels,
+        seed=args.seed,
+        progress=lambda n: line(f"fit: {n} simulations", n),
+    )
+    line.end()
+    found.write(args.output)
+    if args.report:
+        report.write(found, args.report)
+    if args.numbers:
+        write_json(args.numbers, found.summary())
+    for key, value in found.values.items():
+        if value.fitted:
+            print(f"{key}: {value.value:.4g} (95 %: {value.interval[0]:.4g} to {value.interval[1]:.4g})")
+    for key, value in found.values.items():
+        if not value.fitted:
+            print(f"{key}: kept at {value.value:.4g}: {value.why}")
+    print(f"{args.output}: fitted to {len(recordings)} recordings, misfit {found.misfit:.2f} (1: as the noise)")

@@ -1,0 +1,291 @@
+"""The values of a profile with which the sensor gives the statistics of the recordings, and how well they are known.
+
+Least squares over the statistics (statistics.py), each weighted by its variance in the recording and in the simulation.
+Intervals come from the covariance of all statistics, by a jackknife over pixels, propagated through the fit; they are
+wider where the model misses the recording by more than the noise. A value that the recordings hardly constrain is kept
+at the starting profile's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._errors import UsageError, optional_module
+from ..chip import Chip
+from . import hot as hot_pixels
+from .model import Model
+from .recordings import Quiet, Steps, Still, Switches, load_steps, load_still
+from .search import LIGHT, LOGARITHMIC, ROOTS, Floats, Problem, Search, back, forward
+
+COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from the best values
+LEAST_SD = 0.003  # the same in the end: what the simulation's steps in time may be wrong by
+MAX_SD = 0.3  # of a logarithm; a value that is known less well is kept
+NORMAL_95 = 1.96
+TOGETHER = 0.9  # correlation of values that are not told apart
+
+
+@dataclass(frozen=True)
+class Value:
+    """`interval`: 95 %. A value that is not `fitted` is the starting profile's, and `why` says so. `without`: recording
+    -> factor by which the interval grows if it is left out."""
+
+    value: float
+    interval: tuple[float, float]
+    start: float
+    fitted: bool = True
+    why: str = ""
+    without: Mapping[str, float] | None = None
+
+
+def _kept(value: float, why: str) -> Value:
+    return Value(value, (value, value), value, False, why)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A recording's statistic: measured, simulated, and the standard deviation of their difference."""
+
+    recording: str
+    switch: str
+    name: str
+    measured: float
+    simulated: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Fitted:
+    chip: str
+    files: list[str]
+    values: dict[str, Value]
+    corner_hz: Value  # of the photoreceptor at level 1: what the speed of the events shows
+    correlations: dict[str, dict[str, float]]
+    compared: list[Compared]
+    misfit: float  # root mean square of (simulated - measured) / deviation
+    data: list[Switches | Quiet]
+    simulated: list[Any]
+
+    def write(self, path: str | Path) -> None:
+        """The chip profile. Raises PecsOutputError."""
+        from .profile import write
+
+        write(self, Path(path))
+
+    def summary(self) -> dict[str, Any]:
+        """All numbers, for JSON."""
+
+        def of(value: Value) -> dict[str, Any]:
+            out: dict[str, Any] = {"value": value.value, "fitted": value.fitted, "start": value.start}
+            out |= {"interval_95": value.interval} if value.fitted else {"why": value.why}
+            return out | ({"interval_grows_without": value.without} if value.without and value.fitted else {})
+
+        out = {
+            "pecs_fit": 1, "chip": self.chip, "files": self.files, "misfit": self.misfit,
+            "values": {key: of(value) for key, value in self.values.items()},
+            "corner_at_level_1_hz": of(self.corner_hz), "correlations": self.correlations,
+            "statistics": [vars(c) for c in self.compared],
+        }  # fmt: skip
+        plain: dict[str, Any] = json.loads(json.dumps(out))
+        return plain
+
+
+def fit(
+    recordings: Sequence[Steps | Still],
+    chip: str | Path = "imx636",
+    *,
+    photocurrent_a: float | None = None,
+    region: Sequence[int] | None = None,
+    pixels: int = 1024,
+    seed: int = 1,
+    progress: Callable[[int], object] | None = None,
+) -> Fitted:
+    """Fits the profile's values to the recordings.
+
+    `photocurrent_a`: of level 1, if known; then corner_hz_per_a is fitted, otherwise the light. `region`: x, y, width,
+    height of the pixels that are used, by default 64 x 64 in the centre. `pixels`: how many are simulated, a multiple
+    of 128. `progress` is called with the number of simulations. Raises PecsInputError for a recording that does not
+    show what was stated.
+    """
+    optional_module("scipy", "SciPy", "pecs fit", "fit")
+    base = Chip(chip)
+    data = [load_steps(of, region) if isinstance(of, Steps) else load_still(of, region) for of in recordings]
+    if not any(isinstance(d, Switches) for d in data):
+        raise UsageError("fit: no recording of steps, wanted at least one: noise follows a speed that only steps show")
+    found = hot_pixels.find([d for d in data if isinstance(d, Quiet)])
+    if found:
+        data = [d.without(found[0]) for d in data]
+    problem = Problem(Model(chip, pixels, seed), data, photocurrent_a, progress)
+    return _Estimate(base, problem, [str(r.file) for r in recordings], found).run()
+
+
+class _Estimate:
+    def __init__(self, chip: Chip, problem: Problem, files: list[str], hot: tuple[NDArray[np.bool_], Quiet] | None):
+        self.chip, self.problem, self.files, self.hot = chip, problem, files, hot
+        self.profile = {key: float(entry["value"]) for key, entry in chip.info["values"].items()}
+        self.search = Search(problem, self._start())
+        self.keys = list(self.search.start)
+
+    def _start(self) -> dict[str, float]:
+        """Of the free values."""
+        quiets = [d for d in self.problem.data if isinstance(d, Quiet)]
+        out = {}
+        for key in LOGARITHMIC.keys() - {LIGHT if self.problem.light_a else "corner_hz_per_a"}:
+            low, high, instead = LOGARITHMIC[key]
+            out[key] = float(np.clip(self.profile.get(key) or instead, low, high))
+        # Half of the shortest gap: much shorter refractory periods have no effect that a search could follow.
+        of = zip(self.problem.names, self.problem.measured, strict=True)
+        gaps = [float(np.expm1(value)) * 1e-6 for (_, _, name), value in of if name.startswith("shortest")]
+        if gaps:
+            low, high, _ = LOGARITHMIC["refractory_period_s"]
+            out["refractory_period_s"] = float(np.clip(min(gaps) / 2, low, high))
+        if quiets:  # all rates of the recording with the fewest events are background
+            out["leak_rate_hz"] = self.profile["leak_rate_hz"]
+            out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in quiets)
+            out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in quiets)
+        return {key: out[key] for key in (*LOGARITHMIC, *ROOTS) if key in out}
+
+    def run(self) -> Fitted:
+        problem, search, keys = self.problem, self.search, self.keys
+        measured = problem.covariance()
+        search.variance = 2 * np.diag(measured) + COARSE_SD[0] ** 2
+        x = self._best_speed()
+        for floor, loss in zip(COARSE_SD, ("soft_l1", "linear"), strict=True):
+            self._weigh(measured, x, floor)
+            x = search.approach(keys, x, loss, 6)
+        self.covariance = self._weigh(measured, x, LEAST_SD)
+        x = search.refine(keys, x, 5)
+        self.covariance = self._weigh(measured, x, LEAST_SD)
+        x = search.refine(keys, x, 2)
+        slopes = search.slopes(keys, x, both_sides=True)
+        spread = self._spread(x, slopes)
+        weak = self._weak(x, spread)
+        if weak:
+            problem.fixed = {key: self._fixed(key) for key in weak}
+            rest = [key for key in keys if key not in weak]
+            refined = dict(zip(rest, search.refine(rest, np.array([x[keys.index(k)] for k in rest]), 2), strict=True))
+            x = np.array([refined.get(key, at) for key, at in zip(keys, x, strict=True)])
+        return self._fitted(x, slopes, spread, weak)
+
+    def _weigh(self, measured: Floats, x: Floats, floor: float) -> Floats:
+        """Weights of the statistics from here on; their covariance."""
+        simulated = self.problem.covariance(self.search.values(self.keys, x))
+        covariance: Floats = measured + simulated + floor**2 * np.eye(len(measured))
+        self.search.variance = np.diag(covariance)
+        return covariance
+
+    def _best_speed(self) -> Floats:
+        """The best of some lights (or corners), all else as in the starting profile."""
+        keys, start = self.keys, self.search.start
+        x = np.array([forward(key, start[key]) for key in keys])
+        speed = "corner_hz_per_a" if self.problem.light_a else LIGHT
+        low, high = (start[speed] / 30, start[speed] * 30) if self.problem.light_a else (1e-14, 1e-9)
+        tried = []
+        for value in np.geomspace(low, high, 11):
+            x[keys.index(speed)] = np.log(value)
+            tried.append((float(np.sum(np.log1p(self.search.residuals(keys, x) ** 2))), float(value)))
+        start[speed] = min(tried)[1]
+        x[keys.index(speed)] = np.log(start[speed])
+        return x
+
+    def _spread(self, x: Floats, slopes: Floats) -> Floats:
+        """Covariance of x."""
+        scale = 1 / np.sqrt(self.search.variance)
+        noise, prior = self.covariance * np.outer(scale, scale), self.search.prior(self.keys)
+        inverse = np.linalg.inv(slopes.T @ slopes + prior)
+        misses = self.search.residuals(self.keys, x)
+        excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(self.keys)))
+        gain = inverse @ slopes.T
+        spread: Floats = excess * gain @ noise @ gain.T + inverse @ prior @ inverse
+        return spread
+
+    def _weak(self, x: Floats, spread: Floats) -> dict[str, str]:
+        """Values that are not constrained, and why."""
+        keys, sd = self.keys, np.sqrt(np.diag(spread))
+        out = {}
+        for i, key in enumerate(keys):
+            others = np.abs(spread[i] / sd[i] / sd) * (np.arange(len(keys)) != i)
+            j = int(np.argmax(others))
+            partner = keys[j] if keys[j] != LIGHT else "the light"
+            if key in ROOTS:  # a leak that is not told from background
+                weak = key == "leak_rate_hz" and bool(x[i] < NORMAL_95 * sd[i])
+            else:
+                weak = bool(sd[i] > MAX_SD)
+            if weak and others[j] > TOGETHER:
+                out[key] = f"the recordings do not tell it from {partner}"
+            elif weak:
+                out[key] = "no regular events were found" if key in ROOTS else "the recordings hardly depend on it"
+        return out
+
+    def _fixed(self, key: str) -> float:
+        return self.search.start[key] if key == LIGHT else self.profile[key]
+
+    def _without(self, slopes: Floats) -> list[dict[str, float]]:
+        """For each key: factor by which its deviation grows with one recording left out."""
+        of, prior = np.array(self.problem.recording_of), self.search.prior(self.keys)
+        whole = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + prior)))
+        out: list[dict[str, float]] = [{} for _ in self.keys]
+        for number, data in enumerate(self.problem.data):
+            left = slopes[of != number]
+            grown = np.sqrt(np.diag(np.linalg.inv(left.T @ left + prior))) / whole
+            for one, factor in zip(out, grown.tolist(), strict=True):
+                one[data.name] = factor
+        return out
+
+    def _fitted(self, x: Floats, slopes: Floats, spread: Floats, weak: dict[str, str]) -> Fitted:
+        problem, keys = self.problem, self.keys
+        sd, without = np.sqrt(np.diag(spread)), self._without(slopes)
+        values: dict[str, Value] = {}
+        for i, key in enumerate(keys):
+            if key in weak:
+                values[key] = _kept(self._fixed(key), weak[key])
+                continue
+            low, high = (x[i] + sign * NORMAL_95 * sd[i] for sign in (-1, 1))
+            interval = back(key, max(low, 0.0) if key in ROOTS else low), back(key, high)
+            start = self.profile.get(key, self.search.start[key])
+            values[key] = Value(back(key, x[i]), interval, start, without=without[i])
+        light = values.pop(LIGHT, None)
+        correlations = {
+            a: {b: float(spread[i, j] / sd[i] / sd[j]) for j, b in enumerate(keys)} for i, a in enumerate(keys)
+        }
+        best = {key: value for key, value in self.search.values(keys, x).items() if key not in weak}
+        simulated, deviation = problem.simulated(best), np.sqrt(np.diag(self.covariance))
+        rows = zip(problem.names, problem.measured, simulated, deviation, strict=True)
+        compared = [Compared(*name, float(real), float(sim), float(sd)) for name, real, sim, sd in rows]
+        misfit = float(np.sqrt(np.mean(((simulated - problem.measured) / deviation) ** 2)))
+        corner_hz = self._corner(light, values)
+        values |= self._not_searched()
+        data, sims = problem.data, problem.simulate(best)
+        return Fitted(
+            str(problem.model.chip), self.files, values, corner_hz, correlations, compared, misfit, data, sims
+        )
+
+    def _corner(self, light: Value | None, values: dict[str, Value]) -> Value:
+        of = light or values["corner_hz_per_a"]
+        factor = self.profile["corner_hz_per_a"] if light else self.problem.light_a or 0.0
+        low, high = of.interval
+        return replace(of, value=factor * of.value, interval=(factor * low, factor * high), start=0.0)
+
+    def _not_searched(self) -> dict[str, Value]:
+        """Hot pixels, which are counted, and values that stay."""
+        out, profile = {}, self.profile
+        if self.hot:
+            out["hot_pixel_fraction"] = Value(*hot_pixels.share(self.hot[0]), profile["hot_pixel_fraction"])
+            if self.hot[0].any():
+                out["hot_pixel_hz"] = Value(*hot_pixels.rate_hz(*self.hot), profile["hot_pixel_hz"])
+            else:
+                out["hot_pixel_hz"] = _kept(profile["hot_pixel_hz"], "no hot pixel was found")
+        else:
+            for key in (*ROOTS, "hot_pixel_fraction", "hot_pixel_hz"):
+                out[key] = _kept(profile[key], "no recording of still light")
+        if not self.problem.light_a:
+            why = "only its product with the light is known, not the light (--irradiance, --photocurrent)"
+            out["corner_hz_per_a"] = _kept(profile["corner_hz_per_a"], why)
+        out["peak_qe"] = _kept(profile["peak_qe"], "only its product with corner_hz_per_a acts on the events")
+        out["dark_current_a"] = _kept(profile["dark_current_a"], "not fitted")
+        return out

@@ -1,0 +1,130 @@
+"""The simulated counterpart of a recording: the sensor before the same light, with values of the profile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..sensor import LABELS, Sensor
+from .recordings import Quiet, Switches
+
+COLUMNS = 64  # of the simulated pixels
+CYCLES = 4  # the first is not used
+STEP_US = 40.0  # between frames, so that noise between them is not missed (docs/reference/sensor.md#amplifier)
+FRAMES = 60_000  # most of a recording
+NOISE_S, NOISE_SETTLE_S, BATCH = 0.6, 0.4, 512  # simulated noise, after its beginning; frames of a batch
+SLOW_S, SETTLE_S = 60.0, 60.0  # of the leak and the background
+STILL_KEYS = ("leak_rate_hz", "background_on_hz", "background_off_hz")
+SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch")
+
+
+def _switch_times_us(length_us: float, step_us: float) -> np.ndarray:
+    """Of frames behind a switch: it takes 1 us."""
+    return np.concatenate([[0.0, 1.0], np.arange(1.0 + step_us, length_us - 0.5, step_us)])
+
+
+@dataclass
+class Model:
+    """`chip` with overrides before the light of recordings, whose level 1 is `light_a` amperes; what was computed for
+    the same values before is kept."""
+
+    chip: str | Path
+    pixels: int = 1024  # before switches; half of them in still light
+    seed: int = 1
+    _known: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def still_pixels(self) -> int:
+        return self.pixels // 2
+
+    def _sensor(self, pixels: int, light_a: float, overrides: Mapping[str, float], **more: Any) -> Sensor:
+        fixed = {"hot_pixel_fraction": 0.0}
+        return Sensor(
+            COLUMNS, pixels // COLUMNS, str(self.chip), overrides={**overrides, **fixed}, seed=self.seed,
+            photocurrent_a=light_a, readout="ideal", **more,
+        )  # fmt: skip
+
+    def _once(self, *key: Any, make: Any) -> Any:
+        if key not in self._known:
+            while len(self._known) > 200:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = make()
+        return self._known[key]
+
+    def switches(self, of: Switches, light_a: float, overrides: Mapping[str, float]) -> Switches:
+        still = dict.fromkeys(STILL_KEYS, 0.0)  # at most a few events in a hundred switches
+        values = {**overrides, **still}
+        key = (of.name, of.levels, light_a, *sorted(values.items()))
+        return self._once(*key, make=lambda: self._switch(of, light_a, values))  # type: ignore[no-any-return]
+
+    def _switch(self, of: Switches, light_a: float, values: Mapping[str, float]) -> Switches:
+        k = len(of.levels)
+        step_us = max(STEP_US, CYCLES * float(of.lengths_us.sum()) / FRAMES)
+        t_us, light, edges = [np.array([0.0])], [np.array([of.levels[-1]])], [1000.0]
+        for c in range(CYCLES * k):
+            behind = _switch_times_us(float(of.lengths_us[c % k]), step_us)
+            t_us.append(edges[-1] + behind)
+            light.append(np.r_[of.levels[c % k - 1], np.full(len(behind) - 1, of.levels[c % k])])
+            edges.append(edges[-1] + float(of.lengths_us[c % k]))
+        times, values_of = np.concatenate(t_us), np.concatenate(light).astype(np.float32)
+        found = []
+        with self._sensor(self.pixels, light_a, values) as sensor:
+            for i in range(0, len(times), BATCH):
+                some = values_of[i : i + BATCH, None, None]
+                frames = np.broadcast_to(some, (len(some), *sensor.shape))
+                found.append(sensor.push(np.ascontiguousarray(frames), times[i : i + BATCH]))
+            events = np.concatenate([*found, sensor.finish()])
+        events = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
+        pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
+        return Switches(
+            of.name, of.levels, pixel, events["t"].astype(float), events["p"] == 1, self.pixels, np.array(edges),
+            of.lengths_us, of.exact,
+        )  # fmt: skip
+
+    def quiet(self, of: Quiet, light_a: float, overrides: Mapping[str, float]) -> tuple[Quiet, Quiet]:
+        """Noise alone, in short; leak and background, for minutes without noise. Their events add up."""
+        light = light_a * of.level
+        noisy = {k: v for k, v in overrides.items() if not k.startswith(("background", "refractory"))}
+        slow = {k: overrides[k] for k in SLOW_KEYS if k in overrides}
+        noise = self._once("noise", light, *sorted(noisy.items()), make=lambda: self._noise(light, noisy))
+        rest = self._once("slow", of.seconds, *sorted(slow.items()), make=lambda: self._slow(slow, of.seconds))
+        return noise, rest
+
+    def _still(self, sensor: Sensor, times: list[np.ndarray], level: float) -> np.ndarray:
+        block = np.full((BATCH, *sensor.shape), level, np.float32)
+        found = []
+        for t_us in times:
+            for i in range(0, len(t_us), BATCH):
+                some = t_us[i : i + BATCH]
+                found.append(sensor.push(block[: len(some)], some))
+        return np.concatenate([*found, sensor.finish()])
+
+    def _counts(self, events: np.ndarray, begin_s: float, seconds: float, windows: int) -> Quiet:
+        """Windows of time count as further pixels, window by window."""
+        pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
+        window = np.floor((events["t"] * 1e-6 - begin_s) / seconds).astype(np.int64)
+        inside = (window >= 0) & (window < windows)
+        number, on = (pixel * windows + window)[inside], events["p"][inside] == 1
+        counts = [np.bincount(number[of], minlength=self.still_pixels * windows) for of in (on, ~on)]
+        return Quiet("", 0.0, *counts, seconds)
+
+    def _noise(self, light_a: float, overrides: Mapping[str, float]) -> Quiet:
+        values = {**overrides, "background_on_hz": 0.0, "background_off_hz": 0.0}
+        settle = np.arange(0, SETTLE_S * 1e6, 2e6) if values.get("leak_rate_hz", 0.0) > 0 else np.array([0.0])
+        begin = settle[-1] + NOISE_SETTLE_S * 1e6
+        fine = np.arange(settle[-1] + STEP_US, begin + NOISE_S * 1e6, STEP_US)
+        level, scale = (1.0, light_a) if light_a > 0 else (0.0, 1e-15)
+        with self._sensor(self.still_pixels, scale, values, labels=True) as sensor:
+            events = self._still(sensor, [settle, fine], level)
+        return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, NOISE_S, 1)
+
+    def _slow(self, overrides: Mapping[str, float], seconds: float) -> Quiet:
+        windows = max(1, int(SLOW_S / seconds))
+        end_s = SETTLE_S + windows * seconds
+        with self._sensor(self.still_pixels, 1e-12, {**overrides, "noise_std": 0.0}) as sensor:
+            events = self._still(sensor, [np.arange(0, end_s * 1e6 + 1e6, 1e6)], 1.0)
+        return self._counts(events, SETTLE_S, seconds, windows)

@@ -1,0 +1,312 @@
+"""Recordings of a camera for a fit: read, checked against what was shown, and cut at the switches of the light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._errors import PecsInputError
+from ..events import Events, read
+
+REGION_PX = 64  # side of the default region
+SKIPPED = 0.1  # share at the start of a recording in still light: cameras need time after they are switched on
+BIN_US = 500.0  # of the rates in which switches are found
+MIN_CYCLES = 4  # complete ones, of which the first is not used
+MOST_NOISE_HZ = 20.0  # per pixel in still light
+SAME_US, TOGETHER = 2000.0, 3.0  # largest variance / mean of numbers of events in such times; pairs of a pixel: 2
+OPPOSITE = 0.2  # largest share of events against the direction of a switch
+UNSTEADY = 5.0  # largest ratio of rates within a recording in still light; noise itself falls for seconds
+IN_ROWS = 0.5  # largest share of the variance of first events that lies between rows
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A light that switches through `levels`, relative to level 1, again and again. `edges_us`: times of the switches
+    on the recording's clock, if known, beginning with the one to levels[0]."""
+
+    file: str | Path
+    levels: tuple[float, ...]
+    edges_us: Sequence[float] | None = None
+
+
+@dataclass(frozen=True)
+class Still:
+    """Constant light at `level`; 0 with the cap on."""
+
+    file: str | Path
+    level: float
+
+
+@dataclass(frozen=True)
+class Switches:
+    """A recording of Steps, cut at the switches: switch c leads to levels[c % len(levels)]."""
+
+    name: str
+    levels: tuple[float, ...]
+    pixel: NDArray[np.int64]  # of each event, within the region
+    t_us: NDArray[np.float64]
+    on: NDArray[np.bool_]
+    pixels: int
+    edges_us: NDArray[np.float64]  # of the switches, and the end of the last one; early by at most a few bins if found
+    lengths_us: NDArray[np.float64]  # of the light at each level
+    exact: bool  # the times of the switches are known
+
+    def without(self, hot: NDArray[np.bool_]) -> Switches:
+        number, keep = np.cumsum(~hot) - 1, ~hot[self.pixel]
+        pixel, t_us, on = number[self.pixel[keep]], self.t_us[keep], self.on[keep]
+        return replace(self, pixel=pixel, t_us=t_us, on=on, pixels=int((~hot).sum()))
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """A recording of Still: events of each pixel of the region."""
+
+    name: str
+    level: float
+    on: NDArray[np.int64]
+    off: NDArray[np.int64]
+    seconds: float
+
+    @property
+    def pixels(self) -> int:
+        return len(self.on)
+
+    def without(self, hot: NDArray[np.bool_]) -> Quiet:
+        return replace(self, on=self.on[~hot], off=self.off[~hot])
+
+
+def _refuse(file: str | Path, got: str, wanted: str) -> PecsInputError:
+    return PecsInputError(f"{file}: got {got}, wanted {wanted}")
+
+
+def region_of(width: int, height: int) -> tuple[int, int, int, int]:
+    """x, y, width, height of the default region, in the centre."""
+    w, h = min(width, REGION_PX), min(height, REGION_PX)
+    return (width - w) // 2, (height - h) // 2, w, h
+
+
+def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Events, tuple[int, int, int, int]]:
+    """All events, those of the region, and the region."""
+    events = read(file)
+    if not len(events):
+        raise _refuse(file, "no events", "a recording")
+    width, height = events.width or int(events["x"].max()) + 1, events.height or int(events["y"].max()) + 1
+    x, y, w, h = region or region_of(width, height)
+    if x < 0 or y < 0 or w < 1 or h < 1 or x + w > width or y + h > height:
+        raise _refuse(file, f"region {x},{y},{w},{h}", f"a region within {width}x{height} pixels")
+    if w * h < 100:
+        raise _refuse(file, f"{w * h} pixels", "a region of at least 100 pixels")
+    inside = (events["x"] >= x) & (events["x"] < x + w) & (events["y"] >= y) & (events["y"] < y + h)
+    return events, events[inside], (x, y, w, h)
+
+
+def _pixels(events: Events, region: tuple[int, int, int, int]) -> NDArray[np.int64]:
+    x, y, w, _ = region
+    pixel: NDArray[np.int64] = (events["y"].astype(np.int64) - y) * w + (events["x"].astype(np.int64) - x)
+    return pixel
+
+
+def load_still(of: Still, region: Sequence[int] | None = None) -> Quiet:
+    """Raises PecsInputError for light that is not still."""
+    if not np.isfinite(of.level) or of.level < 0:
+        raise _refuse(of.file, f"level {of.level:g}", "a number from 0 on")
+    everything, events, place = _load(of.file, region)
+    first, last = float(everything["t"][0]), float(everything["t"][-1])
+    begin = first + SKIPPED * (last - first)
+    seconds = (last - begin) * 1e-6
+    if seconds < 0.5:
+        raise _refuse(of.file, f"{(last - first) * 1e-6:.2g} s", "a recording of at least 1 s")
+    kept = events[events["t"] >= begin]
+    pixel, pixels = _pixels(kept, place), place[2] * place[3]
+    _check_steady(of.file, kept, pixel, pixels, begin, last)
+    _check_motion(of.file, kept, pixels, last - begin)
+    counts = [np.bincount(pixel[kept["p"] == p], minlength=pixels) for p in (1, 0)]
+    return Quiet(Path(of.file).name, of.level, *counts, seconds)
+
+
+def _check_steady(
+    file: str | Path, events: Events, pixel: NDArray[np.int64], pixels: int, begin: float, end: float
+) -> None:
+    """Typical pixels fire seldom, each for itself, and at the same rate at all times."""
+    counts = np.bincount(pixel, minlength=pixels)
+    rate_hz = float(np.median(counts)) / (end - begin) * 1e6
+    if rate_hz > MOST_NOISE_HZ:
+        got = f"{rate_hz:.3g} events per pixel and second"
+        raise _refuse(file, got, f"at most {MOST_NOISE_HZ:g} in still light (the camera moves, or the lamp flickers)")
+    typical = counts <= np.quantile(counts, 0.99) + 5  # a hot pixel may blink
+    times = events["t"][typical[pixel]]
+    in_bins = np.histogram(times, max(2, int((end - begin) / SAME_US)), (begin, end))[0]
+    dispersion = float(np.mean(np.diff(in_bins) ** 2) / 2 / max(in_bins.mean(), 1e-9))
+    if len(times) > 100 and dispersion > TOGETHER:
+        got = (
+            f"numbers of events in {SAME_US / 1e3:g} ms with {dispersion:.1f} times the variance of independent pixels"
+        )
+        raise _refuse(file, got, "still light (the lamp flickers, or the camera moves)")
+    in_eighths = np.histogram(times, 8, (begin, end))[0].astype(float)
+    low, high = in_eighths.min(), in_eighths.max()
+    if high > UNSTEADY * (low + 6 * np.sqrt(low + 1)):
+        span = (end - begin) * 1e-6 / 8 * pixels
+        raise _refuse(
+            file,
+            f"{low / span:.3g} to {high / span:.3g} events per pixel and second in eighths of the recording",
+            "still light (the light changes, or the camera moves)",
+        )
+
+
+def _check_motion(file: str | Path, events: Events, pixels: int, length_us: float) -> None:
+    """Noise of neighbours is independent: few events of one polarity come within 2 ms at adjacent pixels of a row."""
+    near, window_us = 0, 2000.0
+    for p in (0, 1):
+        of = events[events["p"] == p]
+        order = np.lexsort((of["t"], of["y"]))
+        t, x, y = (of[k][order].astype(np.int64) for k in "txy")
+        for shift in (1, 2, 3):
+            if len(t) > shift:
+                close = (y[shift:] == y[:-shift]) & (t[shift:] - t[:-shift] < window_us)
+                near += int((close & (np.abs(x[shift:] - x[:-shift]) == 1)).sum())
+    # Pairs of adjacent pixels, each with Poisson events of half the mean rate per polarity.
+    per_pixel = len(events) / pixels / 2
+    expected = 2 * pixels * per_pixel**2 * 2 * window_us / length_us
+    if near > 5 * expected + 0.1 * len(events) + 20:
+        raise _refuse(
+            file,
+            f"{near} pairs of events at neighbouring pixels within 2 ms where independent pixels have {expected:.0f}",
+            "still light (the camera or something in view moves, or the lamp flickers)",
+        )
+
+
+def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
+    """Raises PecsInputError for switches that are not those of the levels."""
+    levels = tuple(map(float, of.levels))
+    if len(levels) < 2 or not all(np.isfinite(v) and v > 0 for v in levels):
+        raise _refuse(of.file, f"levels {','.join(map(str, levels))}", "at least two levels above 0")
+    if any(a == b for a, b in zip(levels, (*levels[1:], levels[0]), strict=True)):
+        raise _refuse(of.file, f"levels {','.join(map(str, levels))}", "levels that differ from their neighbours")
+    _, events, place = _load(of.file, region)
+    pixels = place[2] * place[3]
+    t_us, on = events["t"].astype(float), events["p"] == 1
+    if of.edges_us is None:
+        edges, rises = _find_edges(of.file, t_us, on, pixels)
+        edges, rises = _in_phase(of.file, levels, edges, rises, t_us, pixels)
+    else:
+        edges = np.asarray(of.edges_us, float)
+    cycles = (len(edges) - 1) // len(levels)
+    if cycles < MIN_CYCLES:
+        raise _refuse(of.file, f"{cycles} complete cycles of {len(levels)} levels", f"at least {MIN_CYCLES}")
+    edges = edges[: cycles * len(levels) + 1]
+    lengths = np.diff(edges).reshape(cycles, len(levels))
+    if (np.ptp(lengths, axis=0) > 0.1 * lengths.mean(axis=0) + 2 * BIN_US).any():
+        worst = int(np.argmax(np.ptp(lengths, axis=0)))
+        low, high = lengths[:, worst].min() / 1e3, lengths[:, worst].max() / 1e3
+        raise _refuse(of.file, f"light at level {levels[worst]:g} for {low:.3g} to {high:.3g} ms", "equal lengths")
+    exact = of.edges_us is not None
+    kept = (t_us >= edges[0]) & (t_us < edges[-1])
+    pixel = _pixels(events, place)[kept]
+    out = Switches(
+        Path(of.file).name, levels, pixel, t_us[kept], on[kept], pixels, edges, np.median(lengths, axis=0), exact
+    )
+    _check_steps(of.file, out, place[2])
+    return out
+
+
+def _find_edges(
+    file: str | Path, t_us: NDArray[np.float64], on: NDArray[np.bool_], pixels: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Times and directions of bursts in which most pixels fire."""
+    count = max(2, int(np.ceil((t_us[-1] - t_us[0]) / BIN_US)))
+    span = (t_us[0], t_us[0] + count * BIN_US)
+    signed = np.histogram(t_us[on], count, span)[0] - np.histogram(t_us[~on], count, span)[0]
+    least = max(0.02 * pixels, 0.05 * float(np.quantile(np.abs(signed), 0.99)))
+    active = np.flatnonzero(np.abs(signed) > least)
+    starts, ends = [], []
+    for bin_ in active:
+        if starts and np.sign(signed[bin_]) == np.sign(signed[starts[-1]]) and bin_ - ends[-1] <= 6:
+            ends[-1] = bin_
+        else:
+            starts.append(bin_)
+            ends.append(bin_)
+    bursts = [(a, b) for a, b in zip(starts, ends, strict=True) if np.abs(signed[a : b + 1].sum()) > 0.3 * pixels]
+    if len(bursts) < 2:
+        raise _refuse(
+            file, f"{len(bursts)} switches of the light", "a light that switches, seen by all pixels of the region"
+        )
+    # Bins in which the first pixels fire lie below `least`.
+    edges = span[0] + BIN_US * (np.array([a for a, _ in bursts]) - 2.0)
+    return edges, np.array([signed[a : b + 1].sum() > 0 for a, b in bursts])
+
+
+def _in_phase(
+    file: str | Path,
+    levels: tuple[float, ...],
+    edges: NDArray[np.float64],
+    rises: NDArray[np.bool_],
+    t_us: NDArray[np.float64],
+    pixels: int,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """From the first switch to levels[0] on."""
+    k = len(levels)
+    change = np.log(np.array(levels) / np.roll(levels, 1))  # of the switch to each level
+    sizes = np.histogram(t_us, np.append(edges, t_us[-1] + 1))[0] / pixels
+    fits = [s for s in range(k) if all(rises[s + i] == (change[i % k] > 0) for i in range(len(rises) - s))]
+    fits = [s for s in fits if len(rises) - s >= k]
+    words = "".join("+" if rise else "-" for rise in rises[: 3 * k])
+    wanted = "".join("+" if c > 0 else "-" for c in change)
+    if not fits:
+        raise _refuse(
+            file, f"switches {words} (up, down)", f"{wanted} again and again, as of {k} levels {_listed(levels)}"
+        )
+
+    def likeness(s: int) -> float:
+        mean = np.array([sizes[s + i : -1 : k].mean() for i in range(k)])
+        return -float(np.abs(mean / mean.sum() - np.abs(change) / np.abs(change).sum()).sum())
+
+    shift = max((s for s in fits if len(sizes) - 1 - s >= k), key=likeness, default=fits[0])
+    means = [sizes[shift + i : -1 : k] for i in range(k)]
+    for level, of in zip(levels, means, strict=True):
+        if len(of) > 2 and np.ptp(of[1:]) > 0.25 * of.mean() + 0.5:
+            raise _refuse(
+                file,
+                f"switches to level {level:g} with {of[1:].min():.1f} to {of[1:].max():.1f} events per pixel",
+                f"equal ones (more levels than the {k} of {_listed(levels)}, or other light that changes)",
+            )
+    if k > 2 and likeness(shift) < -0.5:
+        sizes_of = ", ".join(f"{of.mean():.1f}" for of in means)
+        raise _refuse(file, f"{sizes_of} events per pixel", f"numbers in proportion to the steps of {_listed(levels)}")
+    return edges[shift:], rises[shift:]
+
+
+def _listed(levels: tuple[float, ...]) -> str:
+    return ",".join(f"{level:g}" for level in levels)
+
+
+def _check_steps(file: str | Path, of: Switches, width: int) -> None:
+    k = len(of.levels)
+    switch = np.searchsorted(of.edges_us, of.t_us, "right") - 1
+    up = np.array([b > a for a, b in zip((of.levels[-1], *of.levels[:-1]), of.levels, strict=True)])[switch % k]
+    against = float((of.on != up).mean())
+    if against > OPPOSITE:
+        raise _refuse(
+            file,
+            f"{100 * against:.0f} % of all events against the direction of the switch before them",
+            f"at most {100 * OPPOSITE:.0f} % (the camera moves, the lamp flickers, or room light changes)",
+        )
+    shares = []
+    for c in range(k, len(of.edges_us) - 1):
+        mine = np.flatnonzero((switch == c) & (of.on == up))
+        which, first = np.unique(of.pixel[mine], return_index=True)
+        delay, row = of.t_us[mine][first], which // width
+        delay = np.minimum(delay, np.quantile(delay, 0.95)) if len(delay) else delay
+        rows = np.bincount(row)
+        mean = np.bincount(row, delay)[rows > 0] / rows[rows > 0]
+        if len(delay) > 100 and np.var(delay) > 4.0:  # of whole us
+            shares.append(float(np.average((mean - delay.mean()) ** 2, weights=rows[rows > 0]) / np.var(delay)))
+    if shares and np.median(shares) > IN_ROWS:
+        raise _refuse(
+            file,
+            f"first events whose times differ by row ({100 * np.median(shares):.0f} % of their variance)",
+            "independent pixels (the readout is saturated: set a smaller region of interest in the camera)",
+        )

@@ -1,0 +1,227 @@
+"""Least squares between the statistics of recordings and those of the model, as a function of the profile's values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._errors import optional_module
+from . import statistics
+from .model import Model
+from .recordings import Quiet, Switches
+
+LIGHT = "light_a"  # photocurrent of level 1
+# Key -> least, most, and the start of a value that the profile has at 0; a value is searched in its logarithm.
+LOGARITHMIC = {
+    LIGHT: (1e-16, 1e-8, 1e-12),
+    "corner_hz_per_a": (1e12, 1e18, 2e15),
+    "amplifier_cutoff_hz": (50.0, 1e6, 1e4),
+    "contrast_threshold_on": (0.02, 1.5, 0.2),
+    "contrast_threshold_off": (0.02, 1.5, 0.2),
+    "threshold_mismatch": (0.003, 0.3, 0.05),
+    "noise_std": (0.003, 0.3, 0.03),
+    "refractory_period_s": (1e-6, 0.1, 1e-5),
+}
+# Rates from 0 on are searched in their square roots, whose noise does not depend on them.
+ROOTS = {"leak_rate_hz": (0.0, 10.0), "background_on_hz": (0.0, 10.0), "background_off_hz": (0.0, 10.0)}
+PRIOR_SD = 2.0  # of a logarithm, about the starting profile
+HISTORY = 0.7  # of the rate of noise in still light, which depends for minutes on what the pixels saw before
+STEP = (0.03, 0.25)  # least and most of a logarithm, for derivatives
+SEEN = 10.0  # length of the change of the statistics, in deviations, that a step for a derivative should cause
+DAMPING = (0.0, 0.1, 1.0, 10.0)  # of a step that does not help
+SETTLED = 0.2  # longest step, in standard deviations, that is not worth taking
+
+Floats = NDArray[np.float64]
+Pixels = NDArray[Any] | None  # numbers of some; None: all
+
+
+def forward(key: str, value: float) -> float:
+    return float(np.sqrt(value)) if key in ROOTS else float(np.log(value))
+
+
+def back(key: str, x: float) -> float:
+    return float(x * x) if key in ROOTS else float(np.exp(x))
+
+
+@dataclass
+class Problem:
+    """Statistics of the recordings, and those of the model with `values`: the free ones, LIGHT among them unless
+    `light_a` is known, and `fixed` ones."""
+
+    model: Model
+    data: list[Switches | Quiet]
+    light_a: float | None
+    progress: Callable[[int], object] | None = None
+
+    def __post_init__(self) -> None:
+        self.fixed: dict[str, float] = {}
+        self.names: list[tuple[str, str, str]] = []  # recording, switch, statistic
+        self.recording_of: list[int] = []
+        self.later: list[list[list[int]]] = []
+        self.evaluations = 0
+        measured: list[float] = []
+        for number, of in enumerate(self.data):
+            tables = statistics.tables(of) if isinstance(of, Switches) else []
+            self.later.append([statistics.later_events(t) for t in tables])
+            for switch, found in self._of_recording(number, of, tables):
+                measured += found.values()
+                self.names += [(of.name, switch, name) for name in found]
+                self.recording_of += [number] * len(found)
+        self.measured = np.array(measured)
+
+    def _of_recording(
+        self, number: int, of: Switches | Quiet, tables: list[statistics.Table], pixels: Pixels = None
+    ) -> list[tuple[str, dict[str, float]]]:
+        if isinstance(of, Quiet):
+            return [("", statistics.of_quiet(of, pixels))]
+        out = []
+        for j, table in enumerate(tables):
+            mine = table if pixels is None else table.of(pixels)
+            switch = f"{of.levels[j - 1]:g} to {of.levels[j]:g}"
+            found = statistics.of_switch(mine, self.later[number][j], of.exact, float(of.lengths_us[j]))
+            out.append((switch, found))
+        return out
+
+    def simulate(self, values: Mapping[str, float]) -> list[Any]:
+        """For each recording its Switches or, for still light, noise and rest."""
+        overrides = {**self.fixed, **values}
+        light_a = overrides.pop(LIGHT, None) or self.light_a or 0.0
+        model = self.model
+        return [
+            (model.switches if isinstance(of, Switches) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
+            for of in self.data
+        ]
+
+    def _quiet_rates(self, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> tuple[Floats, Floats, NDArray[Any]]:
+        """ON and OFF: rates of noise, and of the rest; numbers of the rest's ON events."""
+        some = slice(None) if pixels is None else pixels
+        count = self.model.still_pixels
+        of_noise = np.array([n[some].mean() / noise.seconds for n in (noise.on, noise.off)])
+        others = [n.reshape(count, -1)[some] for n in (rest.on, rest.off)]
+        return of_noise, np.array([n.mean() / rest.seconds for n in others]), others[0]
+
+    def _quiet_statistics(self, of: Quiet, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> list[float]:
+        of_noise, others, counts = self._quiet_rates(noise, rest, pixels)
+        out: list[float] = np.sqrt(of_noise + others).tolist()
+        if of.level == 0:  # regular events have less variance
+            mean, shot = counts.mean(), of_noise[0] * rest.seconds
+            out.append(float((counts.var() + shot) / (mean + shot)) if mean + shot else 1.0)
+        return out
+
+    def _function(self, number: int, sim: Any) -> Callable[[Pixels], list[float]]:
+        """Statistics of what `simulate` gave, or of a recording."""
+        of = self.data[number]
+        if isinstance(sim, tuple):
+            return lambda pixels: self._quiet_statistics(of, *sim, pixels)  # type: ignore[arg-type]
+        tables = statistics.tables(sim) if isinstance(sim, Switches) else []
+        return lambda pixels: [
+            v for _, found in self._of_recording(number, sim, tables, pixels) for v in found.values()
+        ]
+
+    def simulated(self, values: Mapping[str, float]) -> Floats:
+        self.evaluations += 1
+        if self.progress:
+            self.progress(self.evaluations)
+        return np.concatenate([self._function(i, sim)(None) for i, sim in enumerate(self.simulate(values))])
+
+    def covariance(self, values: Mapping[str, float] | None = None) -> Floats:
+        """Of the measured statistics or, with values, of the simulated ones; recordings are independent."""
+        sims = self.data if values is None else self.simulate(values)
+        out = np.zeros((len(self.measured),) * 2)
+        done = 0
+        for number, (of, sim) in enumerate(zip(self.data, sims, strict=True)):
+            pixels = self.model.still_pixels if isinstance(sim, tuple) else sim.pixels
+            part = statistics.jackknife(self._function(number, sim), pixels)
+            if isinstance(sim, tuple):
+                of_noise, others, _ = self._quiet_rates(*sim)
+                part[[0, 1], [0, 1]] += (HISTORY * of_noise) ** 2 / 4 / np.maximum(of_noise + others, 1e-6)
+            count = self.recording_of.count(number)
+            assert part.shape == (count, count), of.name
+            out[done : done + count, done : done + count] = part
+            done += count
+        return out
+
+
+class Search:
+    """Least squares over free keys, whose values are in a vector x (`forward`)."""
+
+    def __init__(self, problem: Problem, start: Mapping[str, float]):
+        self.problem, self.start = problem, dict(start)
+        self.variance = np.ones(len(problem.measured))
+        self.steps: dict[str, float] = {}
+
+    def values(self, keys: Sequence[str], x: Floats) -> dict[str, float]:
+        return {key: back(key, v) for key, v in zip(keys, x, strict=True)}
+
+    def limits(self, keys: Sequence[str]) -> tuple[Floats, Floats]:
+        pairs = [(ROOTS.get(k) or LOGARITHMIC[k])[:2] for k in keys]
+        low, high = (np.array([forward(k, p[i]) for k, p in zip(keys, pairs, strict=True)]) for i in (0, 1))
+        return low, high
+
+    def residuals(self, keys: Sequence[str], x: Floats) -> Floats:
+        found: Floats = (self.problem.simulated(self.values(keys, x)) - self.problem.measured) / np.sqrt(self.variance)
+        return found
+
+    def slopes(self, keys: Sequence[str], x: Floats, both_sides: bool = False) -> Floats:
+        """d statistic / d x, in deviations. Steps are large where the statistics hardly change: the simulations before
+        and behind a step share their random numbers, but events that come or go let them part."""
+        low, high = self.limits(keys)
+        out = np.empty((len(self.variance), len(keys)))
+        here = self.residuals(keys, x)
+        for i, key in enumerate(keys):
+            step = self.steps.setdefault(key, STEP[0])
+            up, down = x.copy(), x.copy()
+            up[i] = min(x[i] + step, high[i])
+            down[i] = max(x[i] - step, low[i]) if both_sides or up[i] - x[i] < step / 2 else x[i]
+            behind = self.residuals(keys, up) if up[i] > x[i] else here
+            before = self.residuals(keys, down) if down[i] < x[i] else here
+            out[:, i] = (behind - before) / (up[i] - down[i])
+            wanted = float(np.clip(SEEN / (np.linalg.norm(out[:, i]) + 1e-9), *STEP))
+            if not 0.5 < wanted / step < 2:  # the simulations of a step that stays are kept
+                self.steps[key] = wanted
+        return out
+
+    def prior(self, keys: Sequence[str]) -> Floats:
+        """Its inverse variance; very little for rates, so that matrices can be inverted."""
+        return np.diag([1e-6 if k in ROOTS else PRIOR_SD**-2 for k in keys])
+
+    def approach(self, keys: Sequence[str], x: Floats, loss: str, most: int) -> Floats:
+        """From far away: a trust region, with slopes from one side."""
+        optimize = optional_module("scipy.optimize", "SciPy", "pecs fit", "fit")
+        low, high = self.limits(keys)
+        middle, weight = np.array([forward(k, self.start[k]) for k in keys]), np.sqrt(self.prior(keys))
+
+        def residuals(at: Floats) -> Floats:
+            return np.concatenate([self.residuals(keys, at), weight @ (at - middle)])
+
+        def slopes(at: Floats) -> Floats:
+            return np.vstack([self.slopes(keys, at), weight])
+
+        inside = np.clip(x, low + 1e-6, high - 1e-6)
+        found = optimize.least_squares(
+            residuals, inside, slopes, (low, high), loss=loss, f_scale=3.0, max_nfev=most, xtol=2e-3, ftol=1e-4
+        )
+        best: Floats = found.x
+        return best
+
+    def refine(self, keys: Sequence[str], x: Floats, most: int) -> Floats:
+        """Gauss-Newton steps with slopes from both sides, damped until they help (Marquardt 1963)."""
+        low, high = self.limits(keys)
+        for _ in range(most):
+            slopes, misses = self.slopes(keys, x, both_sides=True), self.residuals(keys, x)
+            normal, down = slopes.T @ slopes + self.prior(keys), slopes.T @ misses
+            step, sd = -np.linalg.solve(normal, down), np.sqrt(np.diag(np.linalg.inv(normal)))
+            if (np.abs(step) < SETTLED * sd).all():
+                break
+            damped = (-np.linalg.solve(normal + d * np.diag(np.diag(normal)), down) for d in DAMPING)
+            tried = (np.clip(x + step, low, high) for step in damped)
+            better = (at for at in tried if np.sum(self.residuals(keys, at) ** 2) < misses @ misses)
+            found = next(better, None)
+            if found is None:
+                break
+            x = found
+        return x

@@ -1,0 +1,142 @@
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
+"""How well `pecs fit` finds chips that it does not know: drawn chips, recorded by the sensor with all noise, and fitted
+from the stock profile.
+
+    scripts/studies/fit_hidden.py [--chips 20] [--first-seed 100] [-o fit_hidden.json]
+
+Each chip is drawn in the ranges of published parts (RANGES), and stands before a lamp that switches through four
+levels, and before still light; the photocurrent of level 1 is drawn, too, and not known to the fit. Events are written
+as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has the truth, and the median
+of the relative error. One to two minutes a chip on two cores.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pecs
+from pecs.fit import Steps, Still, fit
+from pecs_lab.report import table
+
+SIDE = 48
+LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
+STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
+STEP_US, DARK_STEP_US = 35.0, 2000.0  # between frames; with the cap on, pixels are slow
+WARM_S = 100  # the camera has been on
+# Low and high, drawn evenly in the logarithm.
+RANGES = {
+    "contrast_threshold_on": (0.12, 0.4),
+    "threshold_mismatch": (0.04, 0.2),
+    "amplifier_cutoff_hz": (1e3, 1e4),
+    "corner_hz_per_a": (6e14, 4e15),
+    "refractory_period_s": (3e-6, 5e-4),
+    "background_on_hz": (0.005, 0.05),
+    "background_off_hz": (0.005, 0.05),
+    "hot_pixel_hz": (5.0, 50.0),
+}
+RATIOS = {"contrast_threshold_off": (0.9, 1.4), "noise_std": (0.1, 0.24)}  # to contrast_threshold_on
+EVENLY = {"leak_rate_hz": (0.0, 0.1), "hot_pixel_fraction": (0.0, 0.005)}
+CORNER_HZ = 200.0, 3000.0  # of the photoreceptor at level 1
+
+
+def draw(seed: int) -> tuple[dict[str, float], float]:
+    """A chip's values, and the photocurrent of level 1."""
+    rng = np.random.default_rng(seed)
+
+    def between(pair: tuple[float, float]) -> float:
+        return float(np.exp(rng.uniform(*np.log(pair))))
+
+    values = {key: between(pair) for key, pair in RANGES.items()}
+    values |= {key: values["contrast_threshold_on"] * between(pair) for key, pair in RATIOS.items()}
+    values |= {key: float(rng.uniform(*pair)) for key, pair in EVENLY.items()}
+    return values, between(CORNER_HZ) / values["corner_hz_per_a"]
+
+
+def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
+    with pecs.Sensor(SIDE, SIDE, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
+        found = []
+        for i in range(0, len(t_us), 512):
+            level = light[i : i + 512, None, None]
+            found.append(sensor.push(np.repeat(np.repeat(level, SIDE, 1), SIDE, 2), t_us[i : i + 512]))
+        return np.concatenate([*found, sensor.finish()])
+
+
+def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = "raw") -> list[Steps | Still]:
+    """The recordings of a camera, as its user would make them."""
+    behind = np.concatenate([[0, 1], np.arange(1 + STEP_US, LENGTH_US - 0.5, STEP_US)])
+    count = len(LEVELS)
+    t_us = np.concatenate([[0.0], *(5e4 + c * LENGTH_US + behind for c in range(count * CYCLES + 1))])
+    levels = [LEVELS[c % count] for c in range(-1, count * CYCLES + 1)]
+    light = [np.r_[before, np.full(len(behind) - 1, now)] for before, now in pairwise(levels)]
+    lit = np.concatenate([[LEVELS[-1]], *light]).astype(np.float32)
+    events = simulate(values, light_a, lit, t_us, seed)
+    pecs.write(folder / f"steps.{suffix}", events, width=SIDE, height=SIDE)
+    recordings: list[Steps | Still] = [Steps(folder / f"steps.{suffix}", LEVELS)]
+    for level, seconds in STILLS.items():
+        warm = 1e6 * np.arange(WARM_S)
+        step_us = STEP_US if level else DARK_STEP_US
+        t_us = np.concatenate([warm, 1e6 * WARM_S + np.arange(0, seconds * 1e6, step_us)])
+        events = simulate(values, light_a, np.full(len(t_us), level, np.float32), t_us, seed)
+        events = events[events["t"] >= 1e6 * WARM_S]
+        events["t"] -= round(1e6 * WARM_S)
+        pecs.write(folder / f"still_{level:g}.{suffix}", events, width=SIDE, height=SIDE)
+        recordings.append(Still(folder / f"still_{level:g}.{suffix}", level))
+    return recordings
+
+
+def one(seed: int) -> dict:
+    values, light_a = draw(seed)
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = record(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
+        recorded = time.monotonic()
+        try:
+            found = fit(recordings)
+        except pecs.PecsError as e:
+            return {"seed": seed, "refused": str(e).replace(folder + "/", "")}
+    truth = values | {"corner at level 1": light_a * values["corner_hz_per_a"]}
+    estimated = found.values | {"corner at level 1": found.corner_hz}
+    rows = {}
+    for key, true in truth.items():
+        of = estimated[key]
+        if of.fitted:
+            inside = of.interval[0] <= true <= of.interval[1]
+            rows[key] = {"truth": true, "found": of.value, "interval_95": of.interval, "inside": inside}
+    kept = {key: estimated[key].why for key in truth if not estimated[key].fitted}
+    took = {"recorded_s": recorded - begin, "fitted_s": time.monotonic() - recorded}
+    return {"seed": seed, "misfit": found.misfit, "values": rows, "kept": kept, **took}
+
+
+def summary(chips: list[dict]) -> list[list[object]]:
+    rows, everything = [], []
+    names = list(dict.fromkeys(key for chip in chips for key in chip.get("values", {})))
+    for name in names:
+        of = [chip["values"][name] for chip in chips if name in chip.get("values", {})]
+        error = [abs(v["found"] / v["truth"] - 1) for v in of if v["truth"] > 0]
+        inside = [v["inside"] for v in of]
+        everything += inside
+        rows.append([name, len(of), f"{100 * np.mean(inside):.0f} %", f"{100 * np.median(error):.1f} %"])
+    rows.append(["all", len(everything), f"{100 * np.mean(everything):.0f} %", ""])
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--chips", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
+    args = parser.parse_args()
+    chips: list[dict] = []
+    for seed in range(args.first_seed, args.first_seed + args.chips):
+        chips.append(one(seed))
+        print(json.dumps(chips[-1], default=float), flush=True)
+        args.output.write_text(json.dumps({"chips": chips}, indent=1, default=float) + "\n")
+    print(table(["value", "fitted", "truth in the 95 % interval", "median relative error"], summary(chips)))
+
+
+if __name__ == "__main__":
+    main()

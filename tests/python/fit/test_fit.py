@@ -1,0 +1,167 @@
+"""pecs.fit: chips that it does not know, and recordings that it refuses."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pecs
+import pytest
+from pecs.fit import Steps, Still, fit
+from pecs.fit.recordings import load_steps, load_still
+from support import ROOT, load_script, run_module
+
+hidden = load_script(ROOT / "scripts/studies/fit_hidden.py")
+run = partial(run_module, "pecs.fit", check=False)
+SIDE, LEVELS, LENGTH_US, CYCLES = 32, (1.0, 0.1), 20e3, 6
+CHIP = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.25, "threshold_mismatch": 0.1, "leak_rate_hz": 0.0}
+
+
+def light_of(levels, length_us=LENGTH_US, cycles=CYCLES):
+    """Light and times of its frames [us]."""
+    count = len(levels)
+    behind = np.concatenate([[0, 1], np.arange(101, length_us - 1, 100)])
+    light = [
+        np.r_[levels[c % count - 1], np.full(len(behind) - 1, levels[c % count])] for c in range(count * cycles + 1)
+    ]
+    t_us = [5e3 + c * length_us + behind for c in range(count * cycles + 1)]
+    return np.concatenate([[levels[-1]], *light]), np.concatenate([[0.0], *t_us])
+
+
+def film(t_us, light, pattern=None, **options):
+    """Events of a film: light [T], or times pattern(t_us) [T, SIDE, SIDE]."""
+    frames = np.asarray(light, np.float32)[:, None, None] * np.ones((1, SIDE, SIDE), np.float32)
+    if pattern is not None:
+        frames *= np.stack([pattern(t) for t in t_us]).astype(np.float32)
+    options = {"overrides": CHIP, "photocurrent_a": 1e-12, "seed": 5} | options
+    return pecs.simulate(frames, t_us, **options)
+
+
+def saved(path, events):
+    pecs.write(path, events, width=SIDE, height=SIDE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def steps(tmp_path_factory):
+    light, t_us = light_of(LEVELS)
+    return saved(tmp_path_factory.mktemp("steps") / "steps.raw", film(t_us, light))
+
+
+def test_steps_are_found(steps):
+    for levels in (LEVELS, LEVELS[::-1]):
+        found = load_steps(Steps(steps, levels))
+        switches = 5e3 + LENGTH_US * np.arange(2 * CYCLES + 1)
+        first = np.argmin(np.abs(switches - found.edges_us[0]))
+        behind = switches[first : first + len(found.edges_us)] - found.edges_us
+        assert (first % 2 == 0) == (levels == LEVELS) and ((behind >= 0) & (behind < 2500)).all()
+        np.testing.assert_allclose(found.lengths_us, LENGTH_US, atol=600)
+
+
+def grating(speed_px_s):
+    x = np.arange(SIDE)[None, :] * np.ones((SIDE, 1))
+    return lambda t_us: 1 + 0.8 * np.sin(2 * np.pi * (x - speed_px_s * t_us * 1e-6) / 8)
+
+
+def flicker(hz, depth):
+    return lambda t_us: np.full((SIDE, SIDE), 1 + depth * np.sin(2 * np.pi * hz * t_us * 1e-6))
+
+
+@pytest.mark.parametrize(
+    ("levels", "shown", "pattern", "words"),
+    [
+        ((1, 0.1, 0.5), LEVELS, None, "switches"),
+        (LEVELS, (1, 0.3, 0.1), None, "switches"),
+        (LEVELS, (1, 0.1, 1, 0.01), None, "events per pixel"),
+        ((1, 0.5, 1, 0.02), (1, 0.1, 1, 0.05), None, "in proportion"),
+        (LEVELS, LEVELS, grating(800), "direction|switches|events per pixel"),
+        (LEVELS, LEVELS, flicker(500, 0.6), "direction|switches|events per pixel"),
+        (LEVELS, (1, 0.95), None, "0 switches|1 switches"),
+    ],
+)
+def test_wrong_steps_are_refused(tmp_path, levels, shown, pattern, words):
+    light, t_us = light_of(shown)
+    path = saved(tmp_path / "steps.raw", film(t_us, light, pattern))
+    with pytest.raises(pecs.PecsInputError, match=words) as refused:
+        load_steps(Steps(path, levels))
+    assert str(refused.value).startswith(f"{path}: got ") and "\n" not in str(refused.value)
+
+
+def test_a_saturated_readout_is_refused(tmp_path):
+    light, t_us = light_of(LEVELS)
+    slow = CHIP | {"readout_row_s": 2e-5, "readout_group_rows": 1}
+    path = saved(tmp_path / "steps.raw", film(t_us, light, overrides=slow, photocurrent_a=1e-11))
+    with pytest.raises(pecs.PecsInputError, match="readout is saturated"):
+        load_steps(Steps(path, LEVELS))
+
+
+@pytest.mark.parametrize("pattern", [grating(100), flicker(20, 0.8), lambda t: np.full((SIDE, SIDE), 1 + (t > 1e6))])
+def test_light_that_is_not_still_is_refused(tmp_path, pattern):
+    t_us = np.arange(0, 2e6, 2000)
+    path = saved(tmp_path / "still.raw", film(t_us, np.ones(len(t_us)), pattern))
+    with pytest.raises(pecs.PecsInputError, match="wanted .*still light"):
+        load_still(Still(path, 1.0))
+
+
+def test_still_light_is_counted(tmp_path):
+    t_us = np.arange(0, 4e6, 2000)
+    chip = CHIP | {"noise_std": 0.0, "background_on_hz": 0.5, "background_off_hz": 0.2}
+    path = saved(tmp_path / "still.raw", film(t_us, np.ones(len(t_us)), overrides=chip))
+    found = load_still(Still(path, 0.0))
+    assert found.on.mean() / found.seconds == pytest.approx(0.5, rel=0.08)
+    assert found.off.mean() / found.seconds == pytest.approx(0.2, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--steps", "{steps}=1,0.3,0.1"], 4, "switches"),
+        (["--steps", "{steps}=1"], 4, "at least two levels"),
+        (["--steps", "missing.raw=1,0.1"], 3, "missing.raw"),
+        (["--steps", "{steps}"], 2, "wanted FILE=LEVEL"),
+        (["--still", "{steps}=1,2"], 2, "wanted one"),
+        (["--still", "{steps}=1"], 4, "at least 1 s"),
+        ([], 2, "wanted --steps or --still"),
+        (["--steps", "{steps}=1,0.1", "--irradiance", "1"], 2, "wanted both"),
+        (["--steps", "{steps}=1,0.1", "--region", "0,0,99,99"], 4, "region"),
+    ],
+)
+def test_a_wrong_command_is_one_line(steps, tmp_path, words, code, said):
+    done = run(*(w.format(steps=steps) for w in words), "-o", tmp_path / "chip.json")
+    assert done.returncode == code and said in done.stderr, done.stderr
+    assert done.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_hidden_chip_is_found(tmp_path, monkeypatch, seed):
+    monkeypatch.setattr(hidden, "STILLS", {0.0: 20.0})
+    monkeypatch.setattr(hidden, "SIDE", 32)
+    values, light_a = hidden.draw(seed)
+    recordings = hidden.record(tmp_path, values, light_a, seed, "aedat4" if seed % 2 else "raw")
+    found = fit(recordings, pixels=256)
+    for key in ("contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch"):
+        assert found.values[key].value == pytest.approx(values[key], rel=0.1), key
+        low, high = found.values[key].interval
+        assert low < found.values[key].value < high and np.log(high / low) < 0.5
+    assert found.corner_hz.value == pytest.approx(light_a * values["corner_hz_per_a"], rel=0.1)
+    kept = found.values["corner_hz_per_a"]
+    assert not kept.fitted and kept.value == pecs.Chip().corner_hz_per_a and "light" in kept.why
+    assert found.values["background_off_hz"].value == pytest.approx(values["background_off_hz"], rel=0.4)
+
+
+def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(hidden, "STILLS", {0.0: 20.0})
+    monkeypatch.setattr(hidden, "SIDE", 24)
+    values, light_a = hidden.draw(13)
+    files = [r.file for r in hidden.record(tmp_path, values, light_a, 13)]
+    chip, page, numbers = (tmp_path / name for name in ("mine.json", "fit.html", "fit.json"))
+    levels = ",".join(map(str, hidden.LEVELS))
+    words = ["--steps", f"{files[0]}={levels}", "--still", f"{files[1]}=0", "--photocurrent", f"{light_a:g}A"]
+    done = run(*words, "--pixels", 128, "-o", chip, "--report", page, "--numbers", numbers)
+    assert done.returncode == 0, done.stderr
+    found, wrote = pecs.Chip(str(chip)), json.loads(numbers.read_text())
+    for key in ("contrast_threshold_on", "corner_hz_per_a"):  # the light is known
+        assert wrote["values"][key]["fitted"] and getattr(found, key) == pytest.approx(values[key], rel=0.15)
+    entry = json.loads(chip.read_text())["values"]["contrast_threshold_on"]
+    assert "pecs fit" in entry["source"] and entry["interval"][0] < entry["value"] < entry["interval"][1]
+    assert page.read_text().count("<svg") >= 3 * len(hidden.LEVELS) and "steps.raw" in page.read_text()
+    assert set(wrote["values"]["contrast_threshold_on"]["interval_grows_without"]) == {"steps.raw", "still_0.raw"}
