@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -59,6 +60,16 @@ TEST(Diffraction, NeverNegative) {
   std::vector<float> picture = point();
   diffract(picture, kSize, kSize, kPitch, 450, 2.8);
   for (const float v : picture) EXPECT_GE(v, 0.f);
+}
+
+TEST(Diffraction, OfADifferenceIsTheDifference) {
+  std::vector<float> difference = point(), mirror = point();
+  std::ranges::for_each(mirror, [](float& v) { v = -v; });
+  difference[kMiddle] = mirror[kMiddle] = -1e-6f;  // neither is irradiance
+  diffract(difference, kSize, kSize, kPitch, 450, 2.8);
+  diffract(mirror, kSize, kSize, kPitch, 450, 2.8);
+  EXPECT_LT(*std::ranges::min_element(mirror), -0.5f);
+  for (std::size_t i = kSize; i < kPixels; ++i) EXPECT_NEAR(difference[i], -mirror[i], 1e-6);
 }
 
 }  // namespace

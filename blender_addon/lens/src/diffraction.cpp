@@ -32,20 +32,14 @@ int mirrored(int i, int n) {
   return j < n ? j : period - 1 - j;
 }
 
-// Transforms every line of `count` lines of `length` values, `stride` apart within a line.
-void transform(std::vector<Complex>& data, int count, int length, int between, int stride, bool forward) {
+using Fft = Eigen::FFT<double>;
+
+// Calls use(fft, first, end) for blocks of `count` lines, in parallel.
+template <class Use>
+void for_lines(int count, const Use& use) {
   tbb::parallel_for(tbb::blocked_range<int>(0, count, 16), [&](const tbb::blocked_range<int>& lines) {
-    Eigen::FFT<double> fft;
-    std::vector<Complex> in(length), out(length);
-    for (int line = lines.begin(); line < lines.end(); ++line) {
-      Complex* at = data.data() + static_cast<std::size_t>(line) * between;
-      for (int i = 0; i < length; ++i) in[i] = at[static_cast<std::size_t>(i) * stride];
-      if (forward)
-        fft.fwd(out, in);
-      else
-        fft.inv(out, in);
-      for (int i = 0; i < length; ++i) at[static_cast<std::size_t>(i) * stride] = out[i];
-    }
+    Fft fft(Fft::impl_type(), Fft::HalfSpectrum);
+    use(fft, lines.begin(), lines.end());
   });
 }
 
@@ -64,28 +58,42 @@ void diffract(std::span<float> pixels, int width, int height, double pixel_pitch
     throw std::invalid_argument("diffract: the picture is not width x height");
   // The pattern falls as 1/r^3: 16 Airy radii contain 99 % of the light; mirroring covers the rest.
   const int margin = static_cast<int>(std::ceil(16 * airy_radius_mm(lambda_nm, working_fnumber) / pixel_pitch_mm)) + 8;
-  const int w = fast_length(width + 2 * margin), h = fast_length(height + 2 * margin);
-  std::vector<Complex> field(static_cast<std::size_t>(w) * h);
-  for (int y = 0; y < h; ++y)
-    for (int x = 0; x < w; ++x)
-      field[static_cast<std::size_t>(y) * w + x] =
-          pixels[static_cast<std::size_t>(mirrored(y - margin, height)) * width + mirrored(x - margin, width)];
-
-  transform(field, h, w, w, 1, true);
-  transform(field, w, h, 1, w, true);
-  const auto frequency = [&](int i, int n) { return (i <= n / 2 ? i : i - n) / (n * pixel_pitch_mm); };
-  tbb::parallel_for(0, h, [&](int y) {
-    for (int x = 0; x < w; ++x)
-      field[static_cast<std::size_t>(y) * w + x] *=
-          diffraction_mtf(std::hypot(frequency(x, w), frequency(y, h)), lambda_nm, working_fnumber);
-  });
-  transform(field, w, h, 1, w, false);
-  transform(field, h, w, w, 1, false);
+  const int w = fast_length(width + 2 * margin), h = fast_length(height + 2 * margin), half = w / 2 + 1;
   // Rounding and the cut-off at the pixel grid's frequency may give small negative values; irradiance is not negative.
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      pixels[static_cast<std::size_t>(y) * width + x] =
-          static_cast<float>(std::max(0.0, field[static_cast<std::size_t>(y + margin) * w + x + margin].real()));
+  const bool irradiance = std::ranges::all_of(pixels, [](float v) { return v >= 0; });
+  std::vector<Complex> field(static_cast<std::size_t>(half) * h);  // column by column
+  for_lines(h, [&](Fft& fft, int first, int end) {
+    std::vector<double> line(w);
+    std::vector<Complex> spectrum;
+    for (int y = first; y < end; ++y) {
+      const float* row = pixels.data() + static_cast<std::size_t>(mirrored(y - margin, height)) * width;
+      for (int x = 0; x < w; ++x) line[x] = row[mirrored(x - margin, width)];
+      fft.fwd(spectrum, line);
+      for (int x = 0; x < half; ++x) field[static_cast<std::size_t>(x) * h + y] = spectrum[x];
+    }
+  });
+  const auto frequency = [&](int i, int n) { return std::min(i, n - i) / (n * pixel_pitch_mm); };
+  for_lines(half, [&](Fft& fft, int first, int end) {
+    std::vector<Complex> spectrum(h);
+    for (int x = first; x < end; ++x) {
+      Complex* column = field.data() + static_cast<std::size_t>(x) * h;
+      fft.fwd(spectrum.data(), column, h);
+      for (int y = 0; y < h; ++y)
+        spectrum[y] *= diffraction_mtf(std::hypot(frequency(x, w), frequency(y, h)), lambda_nm, working_fnumber);
+      fft.inv(column, spectrum.data(), h);
+    }
+  });
+  for_lines(height, [&](Fft& fft, int first, int end) {
+    std::vector<double> line(w);
+    std::vector<Complex> spectrum(half);
+    for (int y = first; y < end; ++y) {
+      for (int x = 0; x < half; ++x) spectrum[x] = field[static_cast<std::size_t>(x) * h + y + margin];
+      fft.inv(line.data(), spectrum.data(), w);
+      float* row = pixels.data() + static_cast<std::size_t>(y) * width;
+      for (int x = 0; x < width; ++x)
+        row[x] = static_cast<float>(irradiance ? std::max(0.0, line[x + margin]) : line[x + margin]);
+    }
+  });
 }
 
 }  // namespace pecs::lens

@@ -24,7 +24,7 @@ from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import BLOCK_PX, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
+from .tiles import BLOCK_PX, at, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -228,18 +228,18 @@ class ChangedParts:
 
     def __init__(self, stage: Stage, light: Light, hits: HitCache, judge: Judge):
         self._stage, self._light, self._hits, self._judge = stage, light, hits, judge
-        self._anchor: tuple[float, np.ndarray, np.ndarray | None, SurfaceHits] | None = None  # time, frame, clean, hits
+        self._anchor: tuple[float, np.ndarray, np.ndarray | None, Picture, SurfaceHits] | None = None
 
     def render(self, index: int, t_s: float, anchor_s: float) -> Picture:
         """Keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
         if self._anchor is None or self._anchor[0] != anchor_s:
             hits = self._hits.at(anchor_s)
             self._stage.set_time(anchor_s)
-            frame = self._light.fresh()
-            self._anchor = anchor_s, frame, self._light.clean(frame), hits
-        _, still, still_clean, before = self._anchor
+            still, still_clean = self._whole()
+            self._anchor = anchor_s, still, still_clean, self._picture(still, still_clean), hits
+        _, still, still_clean, anchor, before = self._anchor
         if t_s == anchor_s:
-            return self._picture(still, still_clean)
+            return anchor
         now = self._hits.at(t_s)
         self._stage.set_time(t_s)
         changed = self._judge.strips_differing(
@@ -251,21 +251,25 @@ class ChangedParts:
         while more.any():
             done |= more
             if done.mean() > MAX_CHANGED:
-                frame = self._light.fresh()
-                return self._picture(frame, self._light.clean(frame))
-            fresh = self._light.fresh(self._light.boxes(more))
-            frame = np.where(np.isnan(fresh), frame, fresh)
+                return self._picture(*self._whole())
+            self._light.refresh(frame, self._light.boxes(more))
             more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
-        if not done.any():
-            return self._picture(still, still_clean)
-        clean = self._light.clean(frame)
-        if clean is not None:  # where no sample of a block changed, the anchor's values: still parts stay bit-identical
-            different = tiles_with((frame != still).any(0), BLOCK_PX)
-            clean = np.where(pixels_of(different, self._stage.size, BLOCK_PX), clean, still_clean)
-        return self._picture(frame, clean)
+        # Where no sample of a block changed, the anchor's values: still parts stay bit-identical.
+        different = pixels_of(tiles_with((frame != still).any(0), BLOCK_PX), self._stage.size, BLOCK_PX)
+        reached = grown(tiles_with(different))  # by diffraction
+        raw, clean = anchor.raw.copy(), None if anchor.clean is None else anchor.clean.copy()
+        for box, part in self._light.raw_parts(frame, self._light.boxes(reached)):
+            raw[at(box)] = part
+        for box, part in self._light.clean_parts(frame, reached, still_clean, different):
+            clean[at(box)] = self._judge.with_noise(part)
+        return Picture(frame, raw, clean)
+
+    def _whole(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """The current instant: its frame, and this denoised, both before diffraction."""
+        frame = self._light.fresh()
+        return frame, self._light.clean(frame)
 
     def _picture(self, frame: np.ndarray, clean: np.ndarray | None) -> Picture:
-        """clean: denoised light before diffraction; None if nothing is denoised."""
         raw = self._light.blur(frame[: len(self._judge.weights)].copy())
         return Picture(frame, raw, None if clean is None else self._judge.with_noise(self._light.blur(clean.copy())))
 
@@ -327,7 +331,8 @@ class KeyframeInterval:
     second: Picture
     motion: np.ndarray
     photocurrents: tuple[np.ndarray, ...] = ()  # of both
-    residual: dict[int, np.ndarray] = field(default_factory=dict)  # ln(rendered / warped), NaN where not rendered
+    frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
+    residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
 
 
 class Between:
@@ -345,7 +350,9 @@ class Between:
     def refine(self, it: KeyframeInterval) -> None:
         if it.end - it.start > 1:
             it.photocurrents = self._judge.photocurrent(it.first.raw), self._judge.photocurrent(it.second.raw)
+            it.frame = it.first.frame.copy()
             self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
+            it.frame = None
 
     def _fraction(self, it: KeyframeInterval, step: int) -> float:
         start_s, end_s = self._grid_s[it.start], self._grid_s[it.end]
@@ -370,19 +377,17 @@ class Between:
 
     def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
         """The sensor's prediction: warped photocurrent, times the residual interpolated between rendered pictures."""
-        shape = warped.shape
-        before, after = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        t_before = np.full(shape, self._grid_s[it.start])
-        t_after = np.full(shape, self._grid_s[it.end])
-        for node in sorted(it.residual):
-            known = np.isfinite(it.residual[node])
-            t, values = self._grid_s[node], it.residual[node]
-            earlier = known & (node < step)
-            before[earlier], t_before[earlier] = values[earlier], t
-            later = known & (node > step) & (t < t_after)
-            after[later], t_after[later] = values[later], t
+        before, after = np.zeros(warped.size, np.float32), np.zeros(warped.size, np.float32)
+        t_before, t_after = (np.full(warped.size, self._grid_s[end], np.float64) for end in (it.start, it.end))
+        nodes = sorted(it.residual)
+        for node in (n for n in nodes if n < step):
+            at, values = it.residual[node]
+            before[at], t_before[at] = values, self._grid_s[node]
+        for node in (n for n in reversed(nodes) if n > step):
+            at, values = it.residual[node]
+            after[at], t_after[at] = values, self._grid_s[node]
         part = (self._grid_s[step] - t_before) / (t_after - t_before)
-        return warped * np.exp(before + part * (after - before))
+        return warped * np.exp(before + part * (after - before)).reshape(warped.shape)
 
     def _halve(self, it: KeyframeInterval, low: int, high: int, wrong: np.ndarray) -> None:
         middle = (low + high) // 2
@@ -393,26 +398,31 @@ class Between:
         self._stage.set_time(self._grid_s[middle])
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
-        done, raw = np.zeros_like(wrong), np.full(it.first.raw.shape, np.nan, np.float32)
-        under, frame = it.first.frame, np.full(it.first.frame.shape, np.nan, np.float32)
+        done, current = np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
+        light = np.full(it.first.written.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
             more = grown(wrong) & ~done
             if not more.any():
                 break
             if (done | more).mean() > MAX_BETWEEN:
                 more = ~done
-            fresh, part = self._light.parts(self._light.boxes(more), under)
-            frame, raw = np.where(np.isnan(fresh), frame, fresh), np.where(np.isnan(part), raw, part)
-            rendered = np.isfinite(raw[0])  # boxes may cover more tiles
-            done = tiles_with(rendered)
-            current = self._judge.photocurrent(raw)
+            found = self._light.boxes(more)
+            self._light.refresh_around(it.frame, found)
+            for box, part in self._light.raw_parts(it.frame, found):
+                current[at(box)] = self._judge.photocurrent(part)
+                if it.first.clean is None:
+                    light[at(box)] = part
+            done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
             wrong = self._judge.differing(predicted, current)
-        clean = self._light.clean_parts(self._light.boxes(done), frame, under)
-        light = raw if clean is None else np.where(rendered, self._judge.with_noise(clean), np.nan)
+        around = it.frame[: 2 * len(self._judge.weights)]
+        for box, part in self._light.clean_parts(it.frame, done, around):
+            rendered = np.isfinite(current[at(box)])
+            light[at(box)] = np.where(rendered, self._judge.with_noise(part), np.nan)
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):
-            residual = np.log(current / warped)
-        it.residual[middle] = np.where(np.isinf(residual), 0, residual)
+            residual = np.log(current / warped).ravel()
+        known = np.flatnonzero(~np.isnan(residual))
+        it.residual[middle] = known, np.where(np.isinf(residual[known]), 0, residual[known])
         self._halve(it, low, middle, wrong)
         self._halve(it, middle, high, wrong)

@@ -128,13 +128,14 @@ def _images(tree: bpy.types.NodeTree):
 
 
 def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
-    """Renders only this box (left, top, right, bottom), with the same rays; the rest of the picture is black."""
+    """Renders only this box (left, top, right, bottom), with the same rays."""
     render = scene.render
     render.use_border, render.use_crop_to_border = box_px is not None, False
     if box_px:
         (left, top, right, bottom), width, height = box_px, render.resolution_x, render.resolution_y
-        render.border_min_x, render.border_max_x = left / width, right / width
-        render.border_min_y, render.border_max_y = 1 - bottom / height, 1 - top / height
+        # Blender multiplies by the size and truncates: half a pixel keeps rounding errors from the result.
+        render.border_min_x, render.border_max_x = (left + 0.5) / width, (right + 0.5) / width
+        render.border_min_y, render.border_max_y = 1 - (bottom - 0.5) / height, 1 - (top - 0.5) / height
 
 
 @contextlib.contextmanager
@@ -184,12 +185,13 @@ class Film:
         return self.passes("Combined")["Combined"][:3]
 
     def passes(self, *names: str, inspect: Callable | None = None) -> dict[str, np.ndarray]:
-        """Passes of Cycles by name, each [channels, height, width]. inspect: called with the render's own depsgraph
-        before Cycles reads the scene from it; a viewport's depsgraph lacks what only renders show."""
+        """Passes of Cycles by name, each [channels, height, width] of the picture or of `set_border`'s box. inspect:
+        called with the render's own depsgraph before Cycles reads the scene from it; a viewport's depsgraph
+        lacks what only renders show."""
         results = self._run(inspect, True)
         if not results or any(name not in results[-1] for name in names):
             raise PecsError(f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}", ExitCode.UNSUPPORTED)
-        return {name: self._whole(results[-1][name]) for name in names}
+        return {name: results[-1][name] for name in names}
 
     def inspect(self, inspect: Callable) -> None:
         """Calls `inspect` as `passes` does, and renders nothing."""
@@ -202,17 +204,6 @@ class Film:
             bpy.ops.render.render(scene=self._scene.name)
         stop.check()
         return results
-
-    def _whole(self, part: np.ndarray) -> np.ndarray:
-        """Puts the part inside a border in its place in a black picture."""
-        render = self._scene.render
-        if not render.use_border:
-            return part
-        width, height = render.resolution_x, render.resolution_y
-        left, top = round(render.border_min_x * width), height - round(render.border_max_y * height)
-        whole = np.zeros((len(part), height, width), np.float32)
-        whole[:, top : top + part.shape[1], left : left + part.shape[2]] = part
-        return whole
 
 
 @contextlib.contextmanager

@@ -17,6 +17,12 @@ STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
 
+def at(box: Box, origin: tuple[int, ...] = (0, 0)) -> tuple:
+    """Index of a box in pictures [..., height, width] whose first pixel is `origin`, x and y."""
+    x, y = origin[:2]
+    return ..., slice(box[1] - y, box[3] - y), slice(box[0] - x, box[2] - x)
+
+
 def tiles_of(width: int, height: int) -> tuple[int, int]:
     """Rows and columns."""
     return -(-height // TILE_PX), -(-width // TILE_PX)
@@ -52,8 +58,10 @@ def differing_blocks(
     total = d.sum(-1)
     scatter = np.sqrt(np.maximum((d**2).sum(-1) - total**2 / np.maximum(n, 1), 0) * n / np.maximum(n - 1, 1))
     limit = np.where(known, _blocks(allowed), 0).sum(-1)
-    scatter = np.minimum(scatter, LIKE_NEIGHBOURS * _median(np.where(n >= BLOCK_PX, scatter, np.nan)))
-    return (n >= BLOCK_PX) & (np.abs(total) > limit) & (np.abs(total) > sigmas * scatter)
+    different = (n >= BLOCK_PX) & (np.abs(total) > limit)
+    usual = LIKE_NEIGHBOURS * _median(np.where(n >= BLOCK_PX, scatter, np.nan), different)
+    different[different] = np.abs(total[different]) > sigmas * np.minimum(scatter[different], usual)
+    return different
 
 
 def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
@@ -64,12 +72,10 @@ def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
     return padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
 
 
-def _median(values: np.ndarray) -> np.ndarray:
-    """Median of each value and its 24 neighbours, without NaN."""
+def _median(values: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Median, without NaN, of each value that is wanted and its 24 neighbours."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), (5, 5))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # all-NaN slices
-        return np.nanmedian(around, axis=(2, 3))
+    return np.nanmedian(around[where].reshape(-1, 25), axis=1)
 
 
 def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:

@@ -186,6 +186,14 @@ def test_through_a_lens_too(root, tmp_path):
     assert len(pecs.read(tmp_path / "e.npz")) > 50
 
 
+def test_noise_has_both_signs_with_diffraction(root, tmp_path):
+    args = ("--bands", 2, "--width", 48, "--fps", 2000, "--frames", 3, "--samples", 8, "--fnumber", 150)
+    pecs_blender("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *args, "--time", "adaptive")
+    assert json.loads((tmp_path / "s/stack.json").read_text())["lens"]["diffraction"]
+    with pecs.StackReader(tmp_path / "s") as reader:
+        assert 0.2 < (reader.read_layer("noise", 0) < 0).mean() < 0.8
+
+
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
     result = pecs_blender(
         "render",

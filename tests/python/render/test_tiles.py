@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pecs_blender.render import tiles
+from support import in_bpy
 
 SHAPE = 90, 150  # no multiple of a tile
 
@@ -69,3 +70,24 @@ def test_strips_lie_in_the_picture():
             for left, top, right, bottom in tiles.probe_strips(64, height, index):
                 assert (left, right) == (0, 64) and 0 <= top < bottom <= height
     assert tiles.probe_strips(64, 54, 0) and tiles.probe_strips(64, 54, 0) != tiles.probe_strips(64, 54, 1)
+
+
+def test_a_box_has_the_pixels_of_the_whole_picture():
+    """For sizes whose quotients round down, too."""
+    pytest.importorskip("bpy")
+    in_bpy("""
+import bpy, numpy as np
+from pecs_blender.render import cycles, tiles
+scene, sampling = bpy.context.scene, cycles.Sampling(1, 1, {})
+film = cycles.Film(scene)
+for width, height in ((346, 260), (1280, 720)):
+    cycles.configure(scene, width, height, sampling)
+    cycles.set_border(scene, None)
+    whole = film.render()
+    for k in range(12):
+        box = (16 * k, 17 * k, width - 13 * k, min(height, 17 * k + 1 + k % 4))
+        cycles.set_border(scene, box)
+        part = film.render()
+        assert np.array_equal(part, whole[tiles.at(box)]), (width, height, box, part.shape)
+assert np.ptp(whole) > 0
+""")

@@ -7,6 +7,7 @@ n_k there (emitters.py). Absolute radiance = rendered * n_k * s, with s of the s
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -17,7 +18,7 @@ from .. import cycles, denoise
 from .. import lens as lenses
 from ..plan import Sampling
 from ..stage import Stage
-from ..tiles import Box, boxes
+from ..tiles import Box, at, boxes
 from .layer import Layer
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
@@ -54,60 +55,67 @@ class Light(Layer):
     def render(self, t_s: float) -> np.ndarray:
         if not self._stage.moving_px:
             return self.blur(self.fresh())
-        left, top, right, bottom = self._stage.moving_px
-        fresh, frame = self.fresh([self._stage.moving_px]), self._still.copy()
-        frame[:, top:bottom, left:right] = fresh[:, top:bottom, left:right]
-        self._light_up(frame)  # across the border of the box
+        frame = self._still.copy()
+        self.refresh(frame, [self._stage.moving_px])
         return self.blur(frame)
 
     def boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `fresh` takes."""
         return boxes(tiles, *self._stage.size, CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples))
 
-    def fresh(self, boxes_px: list[Box] | None = None) -> np.ndarray:
-        """[bands (and what __init__ lists), height, width] of the current instant in these boxes (None: everywhere),
-        before diffraction; NaN elsewhere."""
+    def fresh(self) -> np.ndarray:
+        """[bands (and what __init__ lists), height, width] of the current instant, before diffraction."""
+        bands, guides = len(self._to_film), denoise.CHANNELS * len(denoise.GUIDES)
+        frame = np.empty((2 * (bands + guides) if self._denoiser else bands, *self._stage.size[::-1]), np.float32)
+        self.refresh(frame, [(0, 0, *self._stage.size)])
+        return frame
+
+    def refresh(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
+        """Renders the current instant into these boxes of a frame that is as `fresh` returns it."""
         passes = range(len(self._stage.passes))
         if not self._denoiser:
-            frame = self._rendered(passes, boxes_px)
+            patches = self._rendered(passes, boxes_px)
         else:
-            half, bands = self._samples // 2, len(self._to_film)
-            halves = []
+            half, bands, halves = self._samples // 2, len(self._to_film), []
             for first in (0, half):
                 with cycles.sample_subset(self._stage.source.scene, first, half):
                     halves.append(self._rendered(passes, boxes_px, denoise.GUIDES))
-            a, b = (one[:bands] for one in halves)
-            frame = np.concatenate([(a + b) / 2, (a - b) / 2, *(one[bands:] for one in halves)])
-        self._light_up(frame)
-        return frame
+            patches = (
+                np.concatenate([(a[:bands] + b[:bands]) / 2, (a[:bands] - b[:bands]) / 2, a[bands:], b[bands:]])
+                for a, b in zip(*halves, strict=True)
+            )
+        for box, patch in zip(boxes_px, patches, strict=True):
+            frame[at(box)] = patch
+        self._light_up(frame)  # also across the borders of boxes
 
     def strips(self, boxes_px: list[Box], which: int) -> np.ndarray:
         """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN
         elsewhere."""
-        frame = self._rendered(range(which, which + 1), boxes_px)
+        frame = np.full(self._to_film.shape, np.nan, np.float32)
+        for box, patch in zip(boxes_px, self._rendered(range(which, which + 1), boxes_px), strict=True):
+            frame[at(box)] = patch
         self._light_up(frame)
         return frame
 
-    def _rendered(self, passes: range, boxes_px: list[Box] | None, guides: tuple[str, ...] = ()) -> np.ndarray:
-        """[bands + guides, height, width]; guides are means over the passes."""
-        (width, height), scene, bands = self._stage.size, self._stage.source.scene, len(self._to_film)
-        frame = np.full((bands + denoise.CHANNELS * len(guides), height, width), np.nan, np.float32)
+    def _rendered(self, passes: range, boxes_px: list[Box], guides: tuple[str, ...] = ()) -> list[np.ndarray]:
+        """[bands + guides, height, width] of each box; guides are means over the passes."""
+        scene, bands = self._stage.source.scene, len(self._to_film)
+        channels = bands + denoise.CHANNELS * len(guides)
+        patches = [np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
             if self._stage.lens:
                 scene.camera = one.camera
             self._stage.spectral.set_pass(one.channels)
-            for box in [(0, 0, width, height)] if boxes_px is None else boxes_px:
-                cycles.set_border(scene, box if boxes_px else None)
-                at = (slice(box[1], box[3]), slice(box[0], box[2]))
+            for box, patch in zip(boxes_px, patches, strict=True):
+                cycles.set_border(scene, None if box == (0, 0, *self._stage.size) else box)
                 pictures = self._film.passes("Combined", *guides)
-                picture = pictures["Combined"][: one.bands.stop - one.bands.start, at[0], at[1]]
-                frame[one.bands, at[0], at[1]] = picture * self._to_film[one.bands, at[0], at[1]]
+                patch[one.bands] = pictures["Combined"][: one.bands.stop - one.bands.start]
+                patch[one.bands] *= self._to_film[one.bands][at(box)]
                 for first, name in enumerate(guides):
-                    guide = frame[bands + denoise.CHANNELS * first :][: denoise.CHANNELS, at[0], at[1]]
-                    new = pictures[name][:, at[0], at[1]]
+                    guide, new = patch[bands + denoise.CHANNELS * first :][: denoise.CHANNELS], pictures[name]
                     guide[:] = new if count == 1 else guide + (new - guide) / count
         cycles.set_border(scene, None)
-        return frame
+        return patches
 
     def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray | None:
         """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], that of all
@@ -135,45 +143,32 @@ class Light(Layer):
                     blur(picture)
         return frame
 
-    def parts(self, boxes_px: list[Box], under: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Renders the current instant in these boxes: the frame, NaN elsewhere, and its light [bands, height, width]
-        with diffraction. under: frame of another instant, which diffraction uses around the boxes."""
-        bands = len(self._to_film)
-        if not any(one.blurs for one in self._stage.passes):
-            frame = self.fresh(boxes_px)
-            return frame, frame[:bands]
-        frame = self.fresh([self._grown(box, BLUR_PX) for box in boxes_px])
-        return frame, self._in_boxes(_over(under[:bands], frame[:bands]), boxes_px)
+    def refresh_around(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
+        """As `refresh`, and, for diffraction, around the boxes."""
+        around_px = BLUR_PX if any(one.blurs for one in self._stage.passes) else 0
+        self.refresh(frame, [self._grown(box, around_px) for box in boxes_px])
 
-    def clean_parts(self, boxes_px: list[Box], frame: np.ndarray, under: np.ndarray) -> np.ndarray | None:
-        """As `clean`, with diffraction, of a frame that was rendered in these boxes, NaN elsewhere. under: frame of
-        another instant, which denoiser and diffraction use around the boxes."""
-        if not self._denoiser:
-            return None
-        corners = np.array([self._grown(box, DENOISE_PX) for box in boxes_px])
-        (left, top), (right, bottom) = corners[:, :2].min(0), corners[:, 2:].max(0)
-        around = _over(under, frame)
-        clean = around[: 2 * len(self._to_film)].copy()
-        clean[:, top:bottom, left:right] = self.clean(around[:, top:bottom, left:right], fast=True)
-        return self._in_boxes(clean, boxes_px)
-
-    def _in_boxes(self, light: np.ndarray, boxes_px: list[Box]) -> np.ndarray:
-        """Light with diffraction in the boxes, NaN elsewhere."""
-        result = np.full_like(light, np.nan)
+    def raw_parts(self, frame: np.ndarray, boxes_px: list[Box]) -> Iterator[tuple[Box, np.ndarray]]:
+        """The light [bands, height, width] in these boxes of a frame, with diffraction."""
         for box in boxes_px:
-            left, top, right, bottom = self._grown(box, HALO_PX)
-            part = self.blur(np.ascontiguousarray(light[:, top:bottom, left:right]))
-            x, y = slice(box[0] - left, box[2] - left), slice(box[1] - top, box[3] - top)
-            result[:, box[1] : box[3], box[0] : box[2]] = part[:, y, x]
-        return result
+            outer = self._grown(box, HALO_PX)
+            yield box, self.blur(frame[: len(self._to_film)][at(outer)].copy())[at(box, outer)]
+
+    def clean_parts(
+        self, frame: np.ndarray, tiles: np.ndarray, around: np.ndarray, where: np.ndarray | None = None
+    ) -> Iterator[tuple[Box, np.ndarray]]:
+        """As `clean`, with diffraction: boxes that cover the tiles, and their light. around: [2 * bands, height,
+        width], what diffraction uses around a box and, with `where` [height, width], where that is False. Nothing if
+        nothing is denoised."""
+        for box in boxes(tiles, *self._stage.size, HALO_PX**2) if self._denoiser else []:
+            outer, inner = self._grown(box, HALO_PX), self._grown(box, DENOISE_PX)
+            part, clean = around[at(outer)].copy(), self.clean(frame[at(inner)], fast=where is None)
+            part[at(inner, outer)] = clean if where is None else np.where(where[at(inner)], clean, around[at(inner)])
+            yield box, self.blur(part)[at(box, outer)]
 
     def _grown(self, box: Box, by_px: int) -> Box:
         (left, top, right, bottom), (width, height) = box, self._stage.size
         return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
-
-
-def _over(under: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    return np.where(np.isnan(frame), under, frame)
 
 
 def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,9 @@ double diffraction_mtf(double cycles_per_mm, double lambda_nm, double working_fn
 double airy_radius_mm(double lambda_nm, double working_fnumber);
 
 // Blurs a picture in place by multiplying its spectrum with that MTF. pixels: [height][width]. The picture is
-// mirrored at its border, so that a uniform one stays uniform and no light is lost. Throws std::invalid_argument
-// for sizes that do not match.
+// mirrored at its border, so that a uniform one stays uniform and no light is lost. Of a picture without negative
+// pixels none becomes negative (rounding could make it so); of others, as differences of pictures are, all is kept.
+// Throws std::invalid_argument for sizes that do not match.
 void diffract(std::span<float> pixels, int width, int height, double pixel_pitch_mm, double lambda_nm,
               double working_fnumber);
 
