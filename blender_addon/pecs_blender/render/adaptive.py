@@ -246,7 +246,9 @@ class ChangedParts:
             self._stage, self._light, index, lambda bands: self._judge.photocurrent(still, bands)
         )
         frame, current = still.copy(), self._judge.photocurrent(still)
-        more = grown(self._moved(before, now) | changed)
+        surfaces = self._hits.surfaces
+        moved = surfaces.moved(before, now.poses) | surfaces.moved(now, before.poses)
+        more = grown(tiles_with(moved) | changed)
         done = np.zeros_like(more)
         while more.any():
             done |= more
@@ -258,7 +260,7 @@ class ChangedParts:
         different = pixels_of(tiles_with((frame != still).any(0), BLOCK_PX), self._stage.size, BLOCK_PX)
         reached = grown(tiles_with(different))  # by diffraction
         raw, clean = anchor.raw.copy(), None if anchor.clean is None else anchor.clean.copy()
-        for box, part in self._light.raw_parts(frame, self._light.boxes(reached)):
+        for box, part in self._light.raw_parts(frame, self._light.filter_boxes(reached)):
             raw[at(box)] = part
         for box, part in self._light.clean_parts(frame, reached, still_clean, different):
             clean[at(box)] = self._judge.with_noise(part)
@@ -272,14 +274,6 @@ class ChangedParts:
     def _picture(self, frame: np.ndarray, clean: np.ndarray | None) -> Picture:
         raw = self._light.blur(frame[: len(self._judge.weights)].copy())
         return Picture(frame, raw, None if clean is None else self._judge.with_noise(self._light.blur(clean.copy())))
-
-    def _moved(self, before: SurfaceHits, now: SurfaceHits) -> np.ndarray:
-        """Tiles with a surface point that has moved, or whose place at the other instant is unknown."""
-        surfaces = self._hits.surfaces
-        centres, moved = surfaces.centres(), np.zeros(before.depth.shape, bool)
-        for hits, poses in ((before, now.poses), (now, before.poses)):
-            moved |= ~(surfaces.place(hits, poses)[:2] == centres).all(0)
-        return tiles_with(moved)
 
 
 def average_samples(

@@ -58,9 +58,11 @@ class Sight:
         self._per_pixel = np.array(self.size) / stage.size  # pixels here per pixel of the stage
         self._sharp: dict[bpy.types.Camera, bpy.types.Camera] = {}
         if stage.lens:
-            self._directions = self._lens_directions()
+            directions = self._lens_directions()
+            x, y, z = np.moveaxis(directions, -1, 0)
+            self._slopes = np.stack([x, y]) / z
             self._field = self._lens_field()
-            seen = np.nan_to_num(self._directions * (1, -1, 1))  # Cycles' camera axes; without a chief ray, no surface
+            seen = np.nan_to_num(directions * (1, -1, 1))  # Cycles' camera axes; without a chief ray, no surface
             path = stage.scratch / f"{name}.exr"
             # The picture twice, the second upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
             both = np.concatenate([seen, seen[::-1]])
@@ -120,8 +122,7 @@ class Sight:
     def rays(self, view: View) -> tuple[np.ndarray, np.ndarray] | None:
         """x and y of each pixel's ray at z = 0, and their slope in z: [2, height, width] each; None if unknown."""
         if view.lens:
-            x, y, z = np.moveaxis(self._directions, -1, 0)
-            return np.zeros((2, *z.shape)), np.stack([x, y]) / z
+            return np.broadcast_to(0.0, self._slopes.shape), self._slopes
         if view.clip_from_camera is None:
             return None
         clip = view.clip_from_camera

@@ -134,12 +134,25 @@ class Surfaces:
         out[2] *= self._stage.source.unit_m
         return out.reshape(3, *seen.instance.shape)
 
-    def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
-        """Directions [3, n] in camera axes of sky pixels [n], which turn with the camera. 0 where the sky stays: along
-        all rays of an orthographic camera it is the same, and where a lens has no ray it is dark."""
+    def moved(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
+        """[h, w]: whether the seen instance or sky stands otherwise before the camera at the poses' instant, or is
+        unknown."""
+        still = _Moves(seen.poses, poses).still
+        return ~np.append(still, [False, self._sky_stays(seen.poses.view, poses.view)])[seen.instance]  # UNKNOWN, SKY
+
+    def _sky_stays(self, before: View, view: View) -> bool:
+        """Along all rays of an orthographic camera the sky is the same."""
+        if before.same(view):
+            return True
         rays = self._sight.rays(before)
-        if before.same(view) or (rays is not None and not rays[1].any()):
+        return rays is not None and not rays[1].any()
+
+    def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
+        """Directions [3, n] in camera axes of sky pixels [n], which turn with the camera. 0 where the sky stays; where
+        a lens has no ray it is dark."""
+        if self._sky_stays(before, view):
             return np.zeros((3, sky.size))
+        rays = self._sight.rays(before)
         if rays is None:
             return np.full((3, sky.size), np.nan)
         along = np.vstack([rays[1].reshape(2, -1)[:, sky], np.ones((1, sky.size))])

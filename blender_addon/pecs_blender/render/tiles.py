@@ -101,10 +101,10 @@ def probe_strips(width: int, height: int, index: int) -> list[Box]:
     return [(0, y, width, y + STRIP_PX) for y in range(first, height - STRIP_PX + 1, EVERY_PX)]
 
 
-def boxes(tiles: np.ndarray, width: int, height: int, call_px: float) -> list[Box]:
+def boxes(tiles: np.ndarray, width: int, height: int, call_px: float, around_px: float = 0) -> list[Box]:
     """Rectangles [px] that cover the tiles without overlap. They may cover other tiles, too: each rectangle costs its
-    pixels, and `call_px` pixels more for the call that renders it."""
-    call = call_px / TILE_PX**2
+    pixels and those around it up to this distance, and `call_px` pixels more for the call that handles it."""
+    call, around = call_px / TILE_PX**2, 2 * around_px / TILE_PX
 
     def cover(top: int, left: int, part: np.ndarray) -> tuple[float, list[Box]]:
         """The cost in tiles, and the rectangles."""
@@ -114,7 +114,7 @@ def boxes(tiles: np.ndarray, width: int, height: int, call_px: float) -> list[Bo
         top, left, part = int(top + ys[0]), int(left + xs[0]), part[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         h, w = part.shape
         x, y = left * TILE_PX, top * TILE_PX
-        whole = call + part.size, [(x, y, min(width, x + w * TILE_PX), min(height, y + h * TILE_PX))]
+        whole = call + (h + around) * (w + around), [(x, y, min(width, x + w * TILE_PX), min(height, y + h * TILE_PX))]
         if part.size - part.sum() <= call:  # another call costs more
             return whole
         y, x = (h // 2, w) if h > w else (h, w // 2)

@@ -39,6 +39,7 @@ class Light(Layer):
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
+        self._around_px = BLUR_PX if any(one.blurs for one in stage.passes) else 0
         self._denoiser = denoise.Denoiser(sampling.threads) if sampling.denoise else None
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
         scene.cycles.samples, scene.cycles.seed, self._samples = rays.samples, rays.seed, rays.samples
@@ -60,8 +61,13 @@ class Light(Layer):
         return self.blur(frame)
 
     def boxes(self, tiles: np.ndarray) -> list[Box]:
-        """Boxes that cover the tiles, in the least time that `fresh` takes."""
-        return boxes(tiles, *self._stage.size, CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples))
+        """Boxes that cover the tiles, in the least time that `refresh_around` takes."""
+        call_px = CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples)
+        return boxes(tiles, *self._stage.size, call_px, self._around_px)
+
+    def filter_boxes(self, tiles: np.ndarray) -> list[Box]:
+        """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take."""
+        return boxes(tiles, *self._stage.size, 0, HALO_PX)
 
     def fresh(self) -> np.ndarray:
         """[bands (and what __init__ lists), height, width] of the current instant, before diffraction."""
@@ -145,8 +151,7 @@ class Light(Layer):
 
     def refresh_around(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
         """As `refresh`, and, for diffraction, around the boxes."""
-        around_px = BLUR_PX if any(one.blurs for one in self._stage.passes) else 0
-        self.refresh(frame, [self._grown(box, around_px) for box in boxes_px])
+        self.refresh(frame, [self._grown(box, self._around_px) for box in boxes_px])
 
     def raw_parts(self, frame: np.ndarray, boxes_px: list[Box]) -> Iterator[tuple[Box, np.ndarray]]:
         """The light [bands, height, width] in these boxes of a frame, with diffraction."""
@@ -160,7 +165,7 @@ class Light(Layer):
         """As `clean`, with diffraction: boxes that cover the tiles, and their light. around: [2 * bands, height,
         width], what diffraction uses around a box and, with `where` [height, width], where that is False. Nothing if
         nothing is denoised."""
-        for box in boxes(tiles, *self._stage.size, HALO_PX**2) if self._denoiser else []:
+        for box in self.filter_boxes(tiles) if self._denoiser else []:
             outer, inner = self._grown(box, HALO_PX), self._grown(box, DENOISE_PX)
             part, clean = around[at(outer)].copy(), self.clean(frame[at(inner)], fast=where is None)
             part[at(inner, outer)] = clean if where is None else np.where(where[at(inner)], clean, around[at(inner)])
