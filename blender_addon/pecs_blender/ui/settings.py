@@ -49,8 +49,8 @@ SHOWN = {
     ),
     "bands_per_pass": ("Bands per Pass", {}),
     "placement": ("Placement", {}),
-    "min_nm": ("Min Wavelength (nm)", {}),
-    "max_nm": ("Max Wavelength (nm)", {}),
+    "min_nm": ("Bands From (nm)", {}),
+    "max_nm": ("Bands To (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
     "illuminant": (
         "Lamp Spectrum",
@@ -225,7 +225,7 @@ class PecsSensor(bpy.types.PropertyGroup):
         name="Threshold (ms)", default=10, min=1, max=100, description="Longest time between two events of a burst"
     )
     erc_mhz: FloatProperty(
-        name="Event Rate Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit"
+        name="Rate Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit"
     )
     mask: StringProperty(
         name="Event Mask",

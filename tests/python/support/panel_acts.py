@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import time
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,8 +20,10 @@ from pecs_blender.ui import (
     paths,
     settings,
 )
+from pecs_blender.ui.interface import AUTO
 
 from support.blend_parts import ball, floor, lamp, material, start
+from support.panel_widths import cut
 
 WIDTH, HEIGHT = 32, 18
 
@@ -372,6 +375,23 @@ def killed(folder):
     assert "preexec_fn" not in options  # may deadlock, since Blender has threads
     (folder / "pid").write_text(str(background.state.job._process.pid))
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def widths(folder):
+    """No text is cut at the default width of Blender's properties, in English and in German."""
+    scene = scene_file(folder)
+    modules = (import_module(f"{ui.__name__}.{name}") for name in ("panel", "live_panel"))
+    panels = [cls for module in modules for cls in ui.classes(module) if issubclass(cls, bpy.types.Panel)]
+    panels = [cls for cls in panels if getattr(cls, "bl_context", "render") in ("render", "data")]
+    german, s = json.loads((Path(ui.__file__).parent / "languages/de_DE.json").read_text()), scene.pecs
+    for is_set in (False, True):
+        s.lens, s.time = ("angenieux_100mm_f1p1", "uniform") if is_set else (s.lens, "adaptive")
+        s.sensor.afk, s.sensor.trail = ("stop", "trail") if is_set else ("none", "none")
+        for one in (s.sensor, s):
+            for name in set(AUTO) & set(one.bl_rna.properties.keys()):
+                setattr(one, name, AUTO[name][1] if is_set else 0)
+        found = [cut(panels, bpy.context, language) for language in ({}, german)]
+        assert found == [{}, {}], found
 
 
 def registered(_folder):
