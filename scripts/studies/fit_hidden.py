@@ -26,7 +26,7 @@ SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
 STEP_US, DARK_STEP_US = 35.0, 2000.0  # between frames; with the cap on, pixels are slow
-WARM_S = 100  # the camera has been on
+WARM_S = 600  # the camera has been on
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),

@@ -62,6 +62,8 @@ def _parser() -> Parser:
     about = "irradiance of the chip at level 1 in W/m2, if known, of light of one --wavelength"
     light.add_argument("--irradiance", type=float, metavar="W_PER_M2", help=about)
     parser.add_argument("--wavelength", type=Quantity("nm", above=0), metavar="LENGTH", help="of --irradiance")
+    about = "a value that stays as in the starting profile; may be repeated"
+    parser.add_argument("--keep", action="append", default=[], metavar="KEY", help=about)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
     parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
@@ -118,6 +120,7 @@ def _fit(args: argparse.Namespace) -> None:
         recordings,
         args.chip,
         photocurrent_a=_photocurrent_a(args),
+        keep=args.keep,
         region=args.region,
         pixels=args.pixels,
         seed=args.seed,

@@ -21,11 +21,11 @@ from ..chip import Chip
 from . import hot as hot_pixels
 from .model import Model
 from .recordings import Quiet, Steps, Still, Switches, load_steps, load_still
-from .search import LIGHT, LOGARITHMIC, ROOTS, Floats, Problem, Search, back, forward
+from .search import FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
 
 COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from the best values
 LEAST_SD = 0.003  # the same in the end: what the simulation's steps in time may be wrong by
-MAX_SD = 0.3  # of a logarithm; a value that is known less well is kept
+MAX_SD = 0.3  # of the logarithm of a value; one that is known less well is kept
 NORMAL_95 = 1.96
 TOGETHER = 0.9  # correlation of values that are not told apart
 
@@ -100,6 +100,7 @@ def fit(
     chip: str | Path = "imx636",
     *,
     photocurrent_a: float | None = None,
+    keep: Sequence[str] = (),
     region: Sequence[int] | None = None,
     pixels: int = 1024,
     seed: int = 1,
@@ -107,13 +108,16 @@ def fit(
 ) -> Fitted:
     """Fits the profile's values to the recordings.
 
-    `photocurrent_a`: of level 1, if known; then corner_hz_per_a is fitted, otherwise the light. `region`: x, y, width,
-    height of the pixels that are used, by default 64 x 64 in the centre. `pixels`: how many are simulated, a multiple
-    of 128. `progress` is called with the number of simulations. Raises PecsInputError for a recording that does not
-    show what was stated.
+    `photocurrent_a`: of level 1, if known; then corner_hz_per_a is fitted, otherwise the light. `keep`: values that
+    stay as in the profile. `region`: x, y, width, height of the pixels that are used, by default 64 x 64 in the centre.
+    `pixels`: how many are simulated, a multiple of 128. `progress` is called with the number of simulations. Raises
+    PecsInputError for a recording that does not show what was stated.
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
     base = Chip(chip)
+    known = sorted(FREE.keys() - {LIGHT})
+    for key in set(keep) - set(known):
+        raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
     data = [load_steps(of, region) if isinstance(of, Steps) else load_still(of, region) for of in recordings]
     if not any(isinstance(d, Switches) for d in data):
         raise UsageError("fit: no recording of steps, wanted at least one: noise follows a speed that only steps show")
@@ -121,34 +125,43 @@ def fit(
     if found:
         data = [d.without(found[0]) for d in data]
     problem = Problem(Model(chip, pixels, seed), data, photocurrent_a, progress)
-    return _Estimate(base, problem, [str(r.file) for r in recordings], found).run()
+    return Estimate(base, problem, [str(r.file) for r in recordings], found, keep).run()
 
 
-class _Estimate:
-    def __init__(self, chip: Chip, problem: Problem, files: list[str], hot: tuple[NDArray[np.bool_], Quiet] | None):
-        self.chip, self.problem, self.files, self.hot = chip, problem, files, hot
+class Estimate:
+    """A fit of a problem: from the chip's values, `keep` of which stay, to Fitted."""
+
+    def __init__(
+        self,
+        chip: Chip,
+        problem: Problem,
+        files: list[str],
+        hot: tuple[NDArray[np.bool_], Quiet] | None = None,
+        keep: Sequence[str] = (),
+    ):
+        self.problem, self.files, self.hot = problem, files, hot
         self.profile = {key: float(entry["value"]) for key, entry in chip.info["values"].items()}
-        self.search = Search(problem, self._start())
-        self.keys = list(self.search.start)
+        self.search = Search(problem, {key: v for key, v in self._start().items() if key not in keep})
+        self.keys, self.keep = list(self.search.start), keep
+        self.weak: dict[str, str] = {}  # values that the recordings do not constrain, and why
 
     def _start(self) -> dict[str, float]:
         """Of the free values."""
         quiets = [d for d in self.problem.data if isinstance(d, Quiet)]
-        out = {}
-        for key in LOGARITHMIC.keys() - {LIGHT if self.problem.light_a else "corner_hz_per_a"}:
-            low, high, instead = LOGARITHMIC[key]
-            out[key] = float(np.clip(self.profile.get(key) or instead, low, high))
+        out, known = {}, LIGHT if self.problem.light_a else "corner_hz_per_a"
+        for key, (_, low, high, instead) in FREE.items():
+            if key != known and (quiets or key not in STILL_KEYS):
+                out[key] = float(np.clip(self.profile.get(key) or instead, low, high))
         # Half of the shortest gap: much shorter refractory periods have no effect that a search could follow.
         of = zip(self.problem.names, self.problem.measured, strict=True)
         gaps = [float(np.expm1(value)) * 1e-6 for (_, _, name), value in of if name.startswith("shortest")]
         if gaps:
-            low, high, _ = LOGARITHMIC["refractory_period_s"]
+            _, low, high, _ = FREE["refractory_period_s"]
             out["refractory_period_s"] = float(np.clip(min(gaps) / 2, low, high))
         if quiets:  # all rates of the recording with the fewest events are background
-            out["leak_rate_hz"] = self.profile["leak_rate_hz"]
             out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in quiets)
             out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in quiets)
-        return {key: out[key] for key in (*LOGARITHMIC, *ROOTS) if key in out}
+        return out
 
     def run(self) -> Fitted:
         problem, search, keys = self.problem, self.search, self.keys
@@ -163,19 +176,20 @@ class _Estimate:
         self.covariance = self._weigh(measured, x, LEAST_SD)
         x = search.refine(keys, x, 2)
         slopes = search.slopes(keys, x, both_sides=True)
-        spread = self._spread(x, slopes)
-        weak = self._weak(x, spread)
-        if weak:
-            problem.fixed = {key: self._fixed(key) for key in weak}
-            rest = [key for key in keys if key not in weak]
-            refined = dict(zip(rest, search.refine(rest, np.array([x[keys.index(k)] for k in rest]), 2), strict=True))
-            x = np.array([refined.get(key, at) for key, at in zip(keys, x, strict=True)])
-        return self._fitted(x, slopes, spread, weak)
+        while (weakest := self._weakest(x, spread := self._spread(x, slopes))) is not None:
+            key = self.keys.pop(weakest)
+            problem.fixed[key] = search.start[key] if key == LIGHT else self.profile[key]
+            x, slopes = np.delete(x, weakest), np.delete(slopes, weakest, axis=1)
+        if self.weak:
+            x = search.refine(self.keys, x, 3)
+            slopes = search.slopes(self.keys, x, both_sides=True)
+            spread = self._spread(x, slopes)
+        return self._fitted(x, slopes, spread)
 
     def _weigh(self, measured: Floats, x: Floats, floor: float) -> Floats:
         """Weights of the statistics from here on; their covariance."""
         simulated = self.problem.covariance(self.search.values(self.keys, x))
-        covariance: Floats = measured + simulated + floor**2 * np.eye(len(measured))
+        covariance: Floats = measured + simulated + np.diag(self.problem.unknown**2 + floor**2)
         self.search.variance = np.diag(covariance)
         return covariance
 
@@ -184,6 +198,8 @@ class _Estimate:
         keys, start = self.keys, self.search.start
         x = np.array([forward(key, start[key]) for key in keys])
         speed = "corner_hz_per_a" if self.problem.light_a else LIGHT
+        if speed not in keys:
+            return x
         low, high = (start[speed] / 30, start[speed] * 30) if self.problem.light_a else (1e-14, 1e-9)
         tried = []
         for value in np.geomspace(low, high, 11):
@@ -204,26 +220,42 @@ class _Estimate:
         spread: Floats = excess * gain @ noise @ gain.T + inverse @ prior @ inverse
         return spread
 
-    def _weak(self, x: Floats, spread: Floats) -> dict[str, str]:
-        """Values that are not constrained, and why."""
+    def _weakest(self, x: Floats, spread: Floats) -> int | None:
+        """The value that is constrained least of those that are hardly constrained; what is known of the others, and
+        how well, then follows with this one kept."""
         keys, sd = self.keys, np.sqrt(np.diag(spread))
-        out = {}
-        for i, key in enumerate(keys):
-            others = np.abs(spread[i] / sd[i] / sd) * (np.arange(len(keys)) != i)
-            j = int(np.argmax(others))
-            partner = keys[j] if keys[j] != LIGHT else "the light"
-            if key in ROOTS:  # a leak that is not told from background
-                weak = key == "leak_rate_hz" and bool(x[i] < NORMAL_95 * sd[i])
-            else:
-                weak = bool(sd[i] > MAX_SD)
-            if weak and others[j] > TOGETHER:
-                out[key] = f"the recordings do not tell it from {partner}"
-            elif weak:
-                out[key] = "no regular events were found" if key in ROOTS else "the recordings hardly depend on it"
-        return out
+        relative = np.array([0.0 if key in STILL_KEYS else self._relative(key, x[i]) for i, key in enumerate(keys)])
+        i = int(np.argmax(relative * sd))
+        if relative[i] * sd[i] < MAX_SD:
+            if "leak_rate_hz" not in keys or self._leak_shows(x):
+                return None
+            i = keys.index("leak_rate_hz")
+        others = np.abs(spread[i] / sd[i] / sd) * (np.arange(len(keys)) != i)
+        partner = keys[int(np.argmax(others))]
+        if others.max() > TOGETHER:
+            self.weak[keys[i]] = f"the recordings do not tell it from {'the light' if partner == LIGHT else partner}"
+        else:
+            self.weak[keys[i]] = (
+                "no regular events were found" if keys[i] in STILL_KEYS else "the recordings hardly show it"
+            )
+        return i
 
-    def _fixed(self, key: str) -> float:
-        return self.search.start[key] if key == LIGHT else self.profile[key]
+    def _leak_shows(self, x: Floats) -> bool:
+        """Background alone, fitted again, describes the recordings worse (likelihood ratio): few leak events come
+        where background events are more frequent, so that a leak's deviation says little near 0."""
+        search, fixed, only = self.search, self.problem.fixed, ["background_on_hz"]
+        if only[0] not in self.keys:
+            return True
+        values = search.values(self.keys, x) | {"leak_rate_hz": self.profile["leak_rate_hz"]}
+        self.problem.fixed = fixed | values
+        found = search.refine(only, np.array([forward(only[0], values[only[0]])]), 4)
+        with_background = float(np.sum(search.residuals(only, found) ** 2))
+        self.problem.fixed = fixed
+        return with_background - float(np.sum(search.residuals(self.keys, x) ** 2)) > NORMAL_95**2
+
+    def _relative(self, key: str, x: float) -> float:
+        """d ln value / d x."""
+        return abs(float(np.log(back(key, 1.001 * x + 1e-9) / back(key, x)) / (0.001 * x + 1e-9)))
 
     def _without(self, slopes: Floats) -> list[dict[str, float]]:
         """For each key: factor by which its deviation grows with one recording left out."""
@@ -237,29 +269,26 @@ class _Estimate:
                 one[data.name] = factor
         return out
 
-    def _fitted(self, x: Floats, slopes: Floats, spread: Floats, weak: dict[str, str]) -> Fitted:
+    def _fitted(self, x: Floats, slopes: Floats, spread: Floats) -> Fitted:
         problem, keys = self.problem, self.keys
         sd, without = np.sqrt(np.diag(spread)), self._without(slopes)
         values: dict[str, Value] = {}
         for i, key in enumerate(keys):
-            if key in weak:
-                values[key] = _kept(self._fixed(key), weak[key])
-                continue
-            low, high = (x[i] + sign * NORMAL_95 * sd[i] for sign in (-1, 1))
-            interval = back(key, max(low, 0.0) if key in ROOTS else low), back(key, high)
+            limits = self.search.limits([key])
+            ends = [back(key, float(np.clip(x[i] + sign * NORMAL_95 * sd[i], *limits)[0])) for sign in (-1, 1)]
+            interval = min(ends), max(ends)
             start = self.profile.get(key, self.search.start[key])
             values[key] = Value(back(key, x[i]), interval, start, without=without[i])
-        light = values.pop(LIGHT, None)
         correlations = {
             a: {b: float(spread[i, j] / sd[i] / sd[j]) for j, b in enumerate(keys)} for i, a in enumerate(keys)
         }
-        best = {key: value for key, value in self.search.values(keys, x).items() if key not in weak}
+        best = self.search.values(keys, x)
         simulated, deviation = problem.simulated(best), np.sqrt(np.diag(self.covariance))
         rows = zip(problem.names, problem.measured, simulated, deviation, strict=True)
         compared = [Compared(*name, float(real), float(sim), float(sd)) for name, real, sim, sd in rows]
         misfit = float(np.sqrt(np.mean(((simulated - problem.measured) / deviation) ** 2)))
-        corner_hz = self._corner(light, values)
-        values |= self._not_searched()
+        values |= {key: _kept(problem.fixed[key], why) for key, why in self.weak.items()} | self._not_searched()
+        corner_hz = self._corner(values.pop(LIGHT, None), values)
         data, sims = problem.data, problem.simulate(best)
         return Fitted(
             str(problem.model.chip), self.files, values, corner_hz, correlations, compared, misfit, data, sims
@@ -281,8 +310,9 @@ class _Estimate:
             else:
                 out["hot_pixel_hz"] = _kept(profile["hot_pixel_hz"], "no hot pixel was found")
         else:
-            for key in (*ROOTS, "hot_pixel_fraction", "hot_pixel_hz"):
+            for key in (*STILL_KEYS, "hot_pixel_fraction", "hot_pixel_hz"):
                 out[key] = _kept(profile[key], "no recording of still light")
+        out |= {key: _kept(profile[key], "as given (--keep)") for key in self.keep}
         if not self.problem.light_a:
             why = "only its product with the light is known, not the light (--irradiance, --photocurrent)"
             out["corner_hz_per_a"] = _kept(profile["corner_hz_per_a"], why)

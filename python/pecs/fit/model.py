@@ -16,8 +16,10 @@ COLUMNS = 64  # of the simulated pixels
 CYCLES = 4  # the first is not used
 STEP_US = 40.0  # between frames, so that noise between them is not missed (docs/reference/sensor.md#amplifier)
 FRAMES = 60_000  # most of a recording
-NOISE_S, NOISE_SETTLE_S, BATCH = 0.6, 0.4, 512  # simulated noise, after its beginning; frames of a batch
-SLOW_S, SETTLE_S = 60.0, 60.0  # of the leak and the background
+NOISE_S, NOISE_SETTLE_S = 0.6, 0.4  # simulated noise, after its beginning
+DARK_S, DARK_SETTLE_S, DARK_STEP_US = 30.0, 10.0, 2000.0  # the same with the cap on, where pixels are slow
+BATCH = 512  # frames
+SLOW_S, SETTLE_S, SLOW_STEP_S = 120.0, 600.0, 2.0  # leak and background: phases of leaks become random
 STILL_KEYS = ("leak_rate_hz", "background_on_hz", "background_off_hz")
 SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch")
 
@@ -114,17 +116,19 @@ class Model:
 
     def _noise(self, light_a: float, overrides: Mapping[str, float]) -> Quiet:
         values = {**overrides, "background_on_hz": 0.0, "background_off_hz": 0.0}
-        settle = np.arange(0, SETTLE_S * 1e6, 2e6) if values.get("leak_rate_hz", 0.0) > 0 else np.array([0.0])
-        begin = settle[-1] + NOISE_SETTLE_S * 1e6
-        fine = np.arange(settle[-1] + STEP_US, begin + NOISE_S * 1e6, STEP_US)
-        level, scale = (1.0, light_a) if light_a > 0 else (0.0, 1e-15)
+        settle = np.arange(0, SETTLE_S, SLOW_STEP_S) * 1e6 if values.get("leak_rate_hz", 0.0) > 0 else np.array([0.0])
+        lit = light_a > 0
+        seconds, step_us = (NOISE_S, STEP_US) if lit else (DARK_S, DARK_STEP_US)
+        begin = settle[-1] + 1e6 * (NOISE_SETTLE_S if lit else DARK_SETTLE_S)
+        fine = np.arange(settle[-1] + step_us, begin + seconds * 1e6, step_us)
+        level, scale = (1.0, light_a) if lit else (0.0, 1e-15)
         with self._sensor(self.still_pixels, scale, values, labels=True) as sensor:
             events = self._still(sensor, [settle, fine], level)
-        return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, NOISE_S, 1)
+        return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, seconds, 1)
 
     def _slow(self, overrides: Mapping[str, float], seconds: float) -> Quiet:
         windows = max(1, int(SLOW_S / seconds))
         end_s = SETTLE_S + windows * seconds
         with self._sensor(self.still_pixels, 1e-12, {**overrides, "noise_std": 0.0}) as sensor:
-            events = self._still(sensor, [np.arange(0, end_s * 1e6 + 1e6, 1e6)], 1.0)
+            events = self._still(sensor, [np.arange(0, end_s + SLOW_STEP_S, SLOW_STEP_S) * 1e6], 1.0)
         return self._counts(events, SETTLE_S, seconds, windows)

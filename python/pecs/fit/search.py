@@ -15,23 +15,33 @@ from .model import Model
 from .recordings import Quiet, Switches
 
 LIGHT = "light_a"  # photocurrent of level 1
-# Key -> least, most, and the start of a value that the profile has at 0; a value is searched in its logarithm.
-LOGARITHMIC = {
-    LIGHT: (1e-16, 1e-8, 1e-12),
-    "corner_hz_per_a": (1e12, 1e18, 2e15),
-    "amplifier_cutoff_hz": (50.0, 1e6, 1e4),
-    "contrast_threshold_on": (0.02, 1.5, 0.2),
-    "contrast_threshold_off": (0.02, 1.5, 0.2),
-    "threshold_mismatch": (0.003, 0.3, 0.05),
-    "noise_std": (0.003, 0.3, 0.03),
-    "refractory_period_s": (1e-6, 0.1, 1e-5),
+# How a value becomes a coordinate of the search, in which the statistics are nearly linear, and back: rates add up, and
+# delays are proportional to refractory periods and to the inverse of a cut-off.
+COORDINATES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+    "logarithm": (lambda v: float(np.log(v)), lambda x: float(np.exp(x))),
+    "in 0.1 Hz": (lambda v: 10 * v, lambda x: 0.1 * x),
+    "in 0.1 ms": (lambda v: 1e4 * v, lambda x: 1e-4 * x),
+    "inverse in ms": (lambda v: 1e3 / v, lambda x: 1e3 / x),
 }
-# Rates from 0 on are searched in their square roots, whose noise does not depend on them.
-ROOTS = {"leak_rate_hz": (0.0, 10.0), "background_on_hz": (0.0, 10.0), "background_off_hz": (0.0, 10.0)}
+# Key -> coordinate, least, most, and the start of a value that the profile has at 0.
+FREE = {
+    LIGHT: ("logarithm", 1e-16, 1e-8, 1e-12),
+    "corner_hz_per_a": ("logarithm", 1e12, 1e18, 2e15),
+    "amplifier_cutoff_hz": ("inverse in ms", 50.0, 1e6, 1e4),
+    "contrast_threshold_on": ("logarithm", 0.02, 1.5, 0.2),
+    "contrast_threshold_off": ("logarithm", 0.02, 1.5, 0.2),
+    "threshold_mismatch": ("logarithm", 0.003, 0.3, 0.05),
+    "noise_std": ("logarithm", 0.003, 0.3, 0.03),
+    "refractory_period_s": ("in 0.1 ms", 1e-6, 0.1, 1e-5),
+    "leak_rate_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
+    "background_on_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
+    "background_off_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
+}
+STILL_KEYS = tuple(key for key, (kind, *_) in FREE.items() if kind == "in 0.1 Hz")
 PRIOR_SD = 2.0  # of a logarithm, about the starting profile
 HISTORY = 0.7  # of the rate of noise in still light, which depends for minutes on what the pixels saw before
-STEP = (0.03, 0.25)  # least and most of a logarithm, for derivatives
-SEEN = 10.0  # length of the change of the statistics, in deviations, that a step for a derivative should cause
+STEP = (0.03, 0.3)  # least and most of a coordinate, for derivatives
+SEEN = 20.0  # length of the change of the statistics, in deviations, that a step for a derivative should cause
 DAMPING = (0.0, 0.1, 1.0, 10.0)  # of a step that does not help
 SETTLED = 0.2  # longest step, in standard deviations, that is not worth taking
 
@@ -40,11 +50,11 @@ Pixels = NDArray[Any] | None  # numbers of some; None: all
 
 
 def forward(key: str, value: float) -> float:
-    return float(np.sqrt(value)) if key in ROOTS else float(np.log(value))
+    return COORDINATES[FREE[key][0]][0](value)
 
 
 def back(key: str, x: float) -> float:
-    return float(x * x) if key in ROOTS else float(np.exp(x))
+    return COORDINATES[FREE[key][0]][1](x)
 
 
 @dataclass
@@ -72,6 +82,8 @@ class Problem:
                 self.names += [(of.name, switch, name) for name in found]
                 self.recording_of += [number] * len(found)
         self.measured = np.array(measured)
+        rows = zip(self.names, measured, strict=True)
+        self.unknown = np.array([statistics.unknown(name, value) for (_, _, name), value in rows])
 
     def _of_recording(
         self, number: int, of: Switches | Quiet, tables: list[statistics.Table], pixels: Pixels = None
@@ -155,12 +167,11 @@ class Search:
         self.steps: dict[str, float] = {}
 
     def values(self, keys: Sequence[str], x: Floats) -> dict[str, float]:
-        return {key: back(key, v) for key, v in zip(keys, x, strict=True)}
+        return {key: float(np.clip(back(key, v), *FREE[key][1:3])) for key, v in zip(keys, x, strict=True)}
 
     def limits(self, keys: Sequence[str]) -> tuple[Floats, Floats]:
-        pairs = [(ROOTS.get(k) or LOGARITHMIC[k])[:2] for k in keys]
-        low, high = (np.array([forward(k, p[i]) for k, p in zip(keys, pairs, strict=True)]) for i in (0, 1))
-        return low, high
+        pairs = np.array([sorted((forward(key, FREE[key][1]), forward(key, FREE[key][2]))) for key in keys])
+        return pairs[:, 0], pairs[:, 1]
 
     def residuals(self, keys: Sequence[str], x: Floats) -> Floats:
         found: Floats = (self.problem.simulated(self.values(keys, x)) - self.problem.measured) / np.sqrt(self.variance)
@@ -186,8 +197,8 @@ class Search:
         return out
 
     def prior(self, keys: Sequence[str]) -> Floats:
-        """Its inverse variance; very little for rates, so that matrices can be inverted."""
-        return np.diag([1e-6 if k in ROOTS else PRIOR_SD**-2 for k in keys])
+        """Its inverse variance; very little except for logarithms, so that matrices can be inverted."""
+        return np.diag([PRIOR_SD**-2 if FREE[key][0] == "logarithm" else 1e-6 for key in keys])
 
     def approach(self, keys: Sequence[str], x: Floats, loss: str, most: int) -> Floats:
         """From far away: a trust region, with slopes from one side."""

@@ -15,6 +15,8 @@ from .recordings import Quiet, Switches
 KEPT_EVENTS = 10  # of a pixel behind a switch whose times are used
 LATER = (2, 3, 4, 6, 9)  # events whose median time behind the first one counts
 GROUPS = 60  # of pixels, for the jackknife
+READOUT_US = 1.0  # standard deviation of the readout's delays
+DARK_NOISE = 0.03  # of the root of a rate
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 
 Floats = NDArray[np.float64]
@@ -84,10 +86,11 @@ def of_switch(table: Table, later: Sequence[int], exact: bool, length_us: float)
     jitter = np.abs(np.diff(np.where(fired, first - middle, np.nan), axis=1))
     jitter = jitter[np.isfinite(jitter)]
     out["jitter of first events, ln us"] = _log_us(float(np.median(jitter)) if len(jitter) else np.nan, length_us)
-    of_pixel = table.count.mean(axis=1)
+    of_pixel, over_cycles = table.count.mean(axis=1), float(table.count.var(axis=1, ddof=1).mean())
+    over_pixels = float(of_pixel.var()) - over_cycles / table.count.shape[1]  # any number of cycles has the same mean
     out["events per pixel"] = float(of_pixel.mean())
-    out["their spread over pixels"] = float(of_pixel.std())
-    out["their spread over cycles"] = float(np.sqrt(table.count.var(axis=1, ddof=1).mean()))
+    out["their spread over pixels"] = float(np.sqrt(max(over_pixels, 0.0)))
+    out["their spread over cycles"] = float(np.sqrt(over_cycles))
     for k in later:
         gap = (table.times_us[:, :, k - 1] - first).ravel()
         gap = gap[np.isfinite(gap)]
@@ -104,6 +107,13 @@ def of_quiet(of: Quiet, pixels: NDArray[Any] | None = None) -> dict[str, float]:
     if of.level == 0:
         out["variance / mean of the number of ON events"] = float(on.var() / on.mean()) if on.any() else 1.0
     return out
+
+
+def unknown(name: str, value: float) -> float:
+    """Standard deviation of what is not simulated: the readout's delays, noise of pixels in darkness."""
+    if name.endswith("ln us"):
+        return float(READOUT_US * np.exp(-value))
+    return DARK_NOISE * value if name.startswith("root") else 0.0
 
 
 def jackknife(compute: Callable[[NDArray[Any]], Sequence[float]], pixels: int) -> NDArray[np.float64]:
