@@ -49,8 +49,8 @@ SHOWN = {
     ),
     "bands_per_pass": ("Bands per Pass", {}),
     "placement": ("Placement", {}),
-    "min_nm": ("Bands From (nm)", {}),
-    "max_nm": ("Bands To (nm)", {}),
+    "min_nm": ("From (nm)", {}),
+    "max_nm": ("To (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
     "illuminant": (
         "Lamp Spectrum",
@@ -85,7 +85,7 @@ SHOWN = {
     ),
     "step_px": ("Max Motion (px)", {}),
     "moving_px": (
-        "Moving Region (px)",
+        "Region (px)",
         {
             "description": "Region X0:Y0:X1:Y1 from the top left that changes; the rest is rendered once. If empty, "
             "everything changes"
