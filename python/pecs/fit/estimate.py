@@ -27,6 +27,9 @@ COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from t
 LEAST_SD = 0.003  # the same in the end: what the simulation's steps in time may be wrong by
 MAX_SD = 0.3  # of the logarithm of a value; one that is known less well is kept
 NORMAL_95 = 1.96
+# Factor on all deviations: noise in the slopes makes them too small. Found on drawn chips (seeds below 400 of
+# scripts/studies/fit_hidden.py), of whose values the intervals without it held 77 to 88 %.
+WIDER = 1.4
 TOGETHER = 0.9  # correlation of values that are not told apart
 
 
@@ -217,7 +220,7 @@ class Estimate:
         misses = self.search.residuals(self.keys, x)
         excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(self.keys)))
         gain = inverse @ slopes.T
-        spread: Floats = excess * gain @ noise @ gain.T + inverse @ prior @ inverse
+        spread: Floats = WIDER**2 * excess * gain @ noise @ gain.T + inverse @ prior @ inverse
         return spread
 
     def _weakest(self, x: Floats, spread: Floats) -> int | None:

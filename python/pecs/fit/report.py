@@ -143,7 +143,7 @@ def _median_gap(table: statistics.Table, k: int) -> float:
 def _figure(real: Floats, model: Floats, caption: str) -> str:
     """Two histograms over the same bins, each with an area of 1."""
     low, high = np.quantile(np.concatenate([real, model]), (0.005, 0.995))
-    edges = np.linspace(low, high + 1e-9 + 1e-9 * abs(high), 41)
+    edges = np.linspace(low, high + 1e-9 + 1e-9 * abs(high), 26)
     heights = [np.histogram(v, edges)[0] / max(len(v), 1) for v in (real, model)]
     middles = (edges[:-1] + edges[1:]) / 2
     return _curves(middles, heights, caption)

@@ -66,6 +66,10 @@ def flicker(hz, depth):
     return lambda t_us: np.full((SIDE, SIDE), 1 + depth * np.sin(2 * np.pi * hz * t_us * 1e-6))
 
 
+def brighter(at_us, by):
+    return lambda t_us: np.full((SIDE, SIDE), 1 + by * (t_us > at_us))
+
+
 @pytest.mark.parametrize(
     ("levels", "shown", "pattern", "words"),
     [
@@ -94,7 +98,7 @@ def test_a_saturated_readout_is_refused(tmp_path):
         load_steps(Steps(path, LEVELS))
 
 
-@pytest.mark.parametrize("pattern", [grating(100), flicker(20, 0.8), lambda t: np.full((SIDE, SIDE), 1 + (t > 1e6))])
+@pytest.mark.parametrize("pattern", [grating(100), flicker(20, 0.8), brighter(1e6, 1)])
 def test_light_that_is_not_still_is_refused(tmp_path, pattern):
     t_us = np.arange(0, 2e6, 2000)
     path = saved(tmp_path / "still.raw", film(t_us, np.ones(len(t_us)), pattern))
@@ -165,3 +169,32 @@ def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch):
     assert "pecs fit" in entry["source"] and entry["interval"][0] < entry["value"] < entry["interval"][1]
     assert page.read_text().count("<svg") >= 3 * len(hidden.LEVELS) and "steps.raw" in page.read_text()
     assert set(wrote["values"]["contrast_threshold_on"]["interval_grows_without"]) == {"steps.raw", "still_0.raw"}
+
+
+def wrong_protocol(seed):
+    """What is wrong, light and pattern of a film, options of the sensor, and whether the light should be still."""
+    rng, kind = np.random.default_rng(seed), seed % 5
+    still, shown, pattern, options = bool(rng.integers(2)), LEVELS, None, {}
+    if kind == 0:
+        pattern = grating(float(rng.choice((-1, 1)) * np.exp(rng.uniform(*np.log((100, 2000))))))
+    elif kind == 1:
+        pattern = flicker(float(rng.uniform(40, 400)), float(rng.uniform(0.4, 0.9)))
+    elif kind == 2:  # room light
+        at_us, by = float(rng.uniform(4e4, 1.5e5)) * (10 if still else 1), float(rng.uniform(1.0, 3.0))
+        pattern = brighter(at_us, by)
+    elif kind == 3:
+        still, shown = False, (1, float(rng.uniform(0.2, 0.4)), float(rng.uniform(0.02, 0.1)))
+    else:
+        still, slow = False, CHIP | {"readout_row_s": float(rng.uniform(1e-5, 3e-5)), "readout_group_rows": 1}
+        options = {"overrides": slow, "photocurrent_a": 1e-11}
+    return still, shown, pattern, options
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_drawn_wrong_protocols_are_refused(tmp_path, seed):
+    still, shown, pattern, options = wrong_protocol(seed)
+    t_us = np.arange(0, 2e6, 2000) if still else None
+    light, t_us = (np.ones(len(t_us)), t_us) if still else light_of(shown)
+    path = saved(tmp_path / "wrong.raw", film(t_us, light, pattern, **options))
+    with pytest.raises(pecs.PecsInputError, match="got .*, wanted "):
+        load_still(Still(path, 1.0)) if still else load_steps(Steps(path, LEVELS))
