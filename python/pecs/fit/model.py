@@ -60,7 +60,7 @@ class Model:
     def switches(self, of: Switches, light_a: float, overrides: Mapping[str, float]) -> Switches:
         still = dict.fromkeys(STILL_KEYS, 0.0)  # at most a few events in a hundred switches
         values = {**overrides, **still}
-        key = (of.name, of.levels, light_a, *sorted(values.items()))
+        key = (of.levels, *of.lengths_us, of.exact, light_a, *sorted(values.items()))
         return self._once(*key, make=lambda: self._switch(of, light_a, values))  # type: ignore[no-any-return]
 
     def _switch(self, of: Switches, light_a: float, values: Mapping[str, float]) -> Switches:
