@@ -100,9 +100,9 @@ def existing(path: Path, what: str) -> Path:
 
 
 def optional_module(name: str, package: str, task: str, extra: str = "datasets") -> Any:
-    """An imported module of the optional dependencies: `pip install 'pecs[EXTRA]'`."""
+    """An imported module of the optional dependencies: `pip install 'pecs-sim[EXTRA]'`."""
     try:
         return importlib.import_module(name)
     except ImportError as e:
-        message = f"{task} requires {package} (pip install 'pecs[{extra}]'): {e}"
+        message = f"{task} requires {package} (pip install 'pecs-sim[{extra}]'): {e}"
         raise PecsError(message, ExitCode.UNSUPPORTED) from None

@@ -17,14 +17,14 @@ import tempfile
 from pathlib import Path
 
 from make_extension import extension
-from wheels import LIBRARIES, ROOT, VERSION, built_wheel, epoch_s, self_contained
+from wheels import LIBRARIES, NAME, ROOT, VERSION, built_wheel, epoch_s, self_contained
 
 
 def source_package(folder: Path) -> Path:
     command = [sys.executable, "-m", "build", "--sdist", "-o", folder, ROOT]
     environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s())}
     subprocess.run(list(map(str, command)), check=True, env=environment, stdout=subprocess.DEVNULL)
-    return folder / f"pecs-{VERSION}.tar.gz"
+    return folder / f"{NAME}-{VERSION}.tar.gz"
 
 
 def main() -> None:

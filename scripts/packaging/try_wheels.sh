@@ -9,7 +9,7 @@ BLENDER=''
 [ "${1:-}" != --blender ] || { BLENDER=1; shift; }
 [ $# -gt 0 ] || set -- bookworm trixie sid
 [ "$(id -u)" = 0 ] || die "try_wheels.sh: chroot requires root" 2
-compgen -G 'dist/pecs-*.whl' >/dev/null || die "try_wheels.sh: dist/pecs-*.whl is missing; run scripts/packaging/make_wheels.py" 3
+compgen -G 'dist/pecs_sim-*.whl' >/dev/null || die "try_wheels.sh: dist/pecs_sim-*.whl is missing; run scripts/packaging/make_wheels.py" 3
 debian_packages debootstrap
 
 # system SUITE: makes a bare Debian with python3-venv, once, and gives it this machine's network settings.
@@ -52,7 +52,7 @@ try() {
   cp dist/*.whl "$root/root/dist/"
   cp -r examples "$root/root/"
   say "$suite: $(inside "$suite" 'python3 --version; ldd --version | head -1' | tr '\n' ' ')"
-  local wheels='dist/pecs-*.whl'
+  local wheels='dist/pecs_sim-*.whl'
   [ -z "$BLENDER" ] || wheels+=' dist/pecs_blender-*.whl'
   inside "$suite" 'for p in OpenEXR OpenCV libhdf5 libtbb; do ! ls /usr/lib/*/ | grep -qi $p; done' || die "$suite: not bare"
   timed "venv" "$suite" 'cd; python3 -m venv v'

@@ -15,6 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = ROOT / "build" / "wheel-libraries"
 VERSION = (ROOT / "VERSION").read_text().strip()
+NAME = "pecs_sim"  # of the wheel's files
 HEADERS = ["libeigen3-dev", "libcli11-dev", "libflatbuffers-dev", "nlohmann-json3-dev"]
 
 Files = dict[str, tuple[bytes, int]]  # name in the archive: content, mode
@@ -57,7 +58,7 @@ def self_contained(wheel: Path, folder: Path) -> Path:
         (repaired,) = Path(scratch).glob("*.whl")
         files = files_of(repaired)
     for name, path in licences(files).items():
-        files[f"pecs-{VERSION}.dist-info/licenses/third_party/{name}.txt"] = path.read_bytes(), 0o644
+        files[f"{NAME}-{VERSION}.dist-info/licenses/third_party/{name}.txt"] = path.read_bytes(), 0o644
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / repaired.name
     write_wheel(files, target, epoch_s())
@@ -68,7 +69,7 @@ def licences(files: Files) -> dict[str, Path]:
     """Licence texts of a repaired wheel's third-party code, by Debian package: bundled libraries, headers, and the
     libraries of build/wheel-libraries."""
     packages = set(HEADERS)
-    for name in (Path(n).name for n in files if n.startswith("pecs.libs/lib")):
+    for name in (Path(n).name for n in files if n.startswith(f"{NAME}.libs/lib")):
         file = re.sub(r"-[0-9a-f]{8}(?=\.)", "", name)  # auditwheel's hash
         if not (LIBRARIES / "lib" / file).exists():
             owner = subprocess.run(["dpkg", "-S", f"*/{file}"], capture_output=True, text=True, check=True)

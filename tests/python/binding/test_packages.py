@@ -90,7 +90,7 @@ def test_it_carries_its_libraries(root, extension):
             held = inside.namelist()
             listed = json.loads(inside.read(next(n for n in held if n.endswith("sboms/auditwheel.cdx.json"))))
             record = inside.read(next(n for n in held if n.endswith("/RECORD"))).decode()
-    libraries = [n for n in held if n.startswith("pecs.libs/lib")]
+    libraries = [n for n in held if n.startswith("pecs_sim.libs/lib")]
     assert "__init__.py" in names and "render/stage.py" in names and not [n for n in names if n.endswith(".pyc")]
     pictures = (root / "docs/start/panel.md").read_text().count("![")
     assert page.count('src="data:image/png;base64,') == pictures > 0 and "href=" not in page
@@ -123,7 +123,7 @@ def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, ext
     blender(INSTALL, extension, zip_of(again, tmp_path))
     (package,) = tmp_path.glob("extensions/.local/lib/python3*/site-packages/pecs")
     assert (package / "new.txt").read_text() == "a newer build"
-    assert len(list(package.parent.glob("pecs-*.dist-info"))) == 1
+    assert len(list(package.parent.glob("pecs_sim-*.dist-info"))) == 1
 
 
 def test_tag_and_contents(wheel):
