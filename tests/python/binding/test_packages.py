@@ -97,7 +97,7 @@ def test_it_carries_its_libraries(root, extension):
     assert manifest["version"] == (root / "VERSION").read_text().strip()
     assert any("OpenEXR" in n for n in libraries) and any("libtbb" in n for n in libraries)
     texts = {n.split("/")[-1].removesuffix(".txt") for n in held if "/licenses/third_party/" in n}
-    assert {"libtbb12", "libeigen3-dev"} | {c["name"] for c in listed["components"]} - {"pecs"} <= texts
+    assert {"libtbb12", "libeigen3-dev"} | {c["name"] for c in listed["components"]} - {"pecs_sim"} <= texts
     assert sorted(line.split(",")[0] for line in record.splitlines()) == sorted(held)
 
 
