@@ -24,6 +24,7 @@ for part in "MAJOR $major" "MINOR $minor" "PATCH $patch"; do
 done
 same blender_addon/pecs_blender/blender_manifest.toml '^version = "([^"]+)"'
 same CITATION.cff '^version: (.+)$'
+same README.md '^  version = \{([^}]+)\}$'
 same scripts/packaging/debian/changelog '^pecs \(([0-9.]+)-'
 echo "all files say $VERSION"
 [ "${1:-}" != --versions ] || exit 0
@@ -31,6 +32,10 @@ echo "all files say $VERSION"
 say "Changelog"
 grep -qE "^## $VERSION \([0-9]{4}-[0-9]{2}-[0-9]{2}\)$" CHANGELOG.md ||
   die "release.sh: CHANGELOG.md: wanted a heading '## $VERSION (DATE)' in place of 'Unreleased'"
+say "Addresses"
+for key in repository-code url doi; do # of the repository, the site and the archived version: README and pages have none
+  grep -qE "^$key: .+" CITATION.cff || die "release.sh: CITATION.cff: wanted a line '$key: …'"
+done
 say "Tree"
 [ -z "$(git status --porcelain)" ] || die "release.sh: the working tree: got changes, wanted none: git status"
 ! git rev-parse -q --verify "refs/tags/v$VERSION" >/dev/null || die "release.sh: tag v$VERSION: exists already"
