@@ -107,7 +107,7 @@ def light_to_events(stack, chip, folder):
     base = np.log(current).min()
     fig, axes = figure()
     axes.plot(ms, np.log(current) - base, color=GREY, ls="--", label="ln(photocurrent)")
-    for voltage, lux, colour in zip(voltages, LUX, (OFF, "#e67e22"), strict=True):
+    for voltage, lux, colour in zip(voltages, LUX, ("#009e73", "#e69f00"), strict=True):
         axes.plot(ms, voltage - base, color=colour, label=f"photoreceptor, {lux:,} lx")
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
     axes.legend(loc="upper center", ncols=3)

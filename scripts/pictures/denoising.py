@@ -12,7 +12,7 @@ import numpy as np
 import pecs
 
 BEGIN_US, LENGTH_US = 60_000, 3_000
-ON, OFF = (200, 80, 0), (0, 0, 220)  # BGR
+ON, OFF = (178, 114, 0), (0, 94, 213)  # BGR, of pecs view
 
 
 def row(camera: Path) -> np.ndarray:

@@ -8,7 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[2]
-ON, OFF, INK, GREY = "#c0392b", "#2471a3", "#1b1f24", "#8a9199"
+ON, OFF, INK, GREY = "#0072b2", "#d55e00", "#1b1f24", "#8a9199"  # ON and OFF as in pecs view
 plt.rcParams.update(
     {"font.size": 9, "legend.frameon": False, "legend.fontsize": 8, "svg.hashsalt": "pecs", "svg.fonttype": "path"}
 )
