@@ -56,6 +56,14 @@ def _library() -> ctypes.CDLL:
     return library
 
 
+def is_available() -> bool:
+    """Whether this Blender was built with Open Image Denoise."""
+    try:
+        return bool(_library())
+    except PecsError:
+        return False
+
+
 class Denoiser:
     """threads: 0 for all cores; does not change the result."""
 

@@ -25,9 +25,9 @@ import bpy
 from pecs._child import mortal
 from pecs._errors import ExitCode
 
-from .interface import redraw, say, wrapped
+from .interface import areas, redraw, say, wrapped
 
-POLL_S, STATUS_S = 0.2, 1.0  # interval of polls, and of redraws of the status bar
+POLL_S = 0.2  # interval of polls
 STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
 COPIES = "pecs_copy_"  # prefix of the folders of copies that jobs render
 READ_S = 2.0  # timeout for the remaining output of a process that has ended
@@ -138,7 +138,7 @@ class _State:
     job: BackgroundJob | None = None
     message, is_error = "", False  # result of the last job
     offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
-    status_at = 0.0  # time of the last redraw of the status bar
+    shown = ""  # text of the job at the last redraw
     scores: dict[str, Any] = {}  # JSON of the last comparison
     # Results for the open file, by scene name: of the light probe, and checks.Problem of the scene checks.
     light: dict[str, dict[str, Any]] = {}
@@ -159,7 +159,9 @@ def poll() -> float | None:
     if not job:
         return None
     code = job.returncode()
-    _redraw(code is not None)
+    if code is not None or job.text != state.shown:  # a redraw costs Blender more than the poll
+        state.shown = job.text
+        _redraw()
     if code is None:
         return POLL_S
     job.remove_copy()
@@ -199,13 +201,12 @@ def _on_load(*_) -> None:
         state.job.stop()
 
 
-def _redraw(at_once: bool) -> None:
+def _redraw() -> None:
     redraw("PROPERTIES")
-    # Not at every poll, since it hides the hints of the active tool.
-    if at_once or time.monotonic() - state.status_at >= STATUS_S:
-        state.status_at = time.monotonic()
-        for window in bpy.context.window_manager.windows:
-            window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
+    for area in areas("VIEW_3D"):
+        next(region for region in area.regions if region.type == "UI").tag_redraw()  # the sidebar alone
+    for window in bpy.context.window_manager.windows:
+        window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
 
 
 def pop_up(text: str) -> None:

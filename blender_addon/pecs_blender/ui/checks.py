@@ -16,6 +16,7 @@ import bpy
 from pecs._errors import PecsError
 from pecs._files import existing_folder
 
+from ..render import denoise
 from ..render.options import DEVICES, RULES
 from ..render.resources import readable
 from ..render.spectra import spectrum
@@ -37,8 +38,8 @@ class Problem:
 
 def problems(scene) -> list[Problem]:
     """Problems of a render."""
-    parts = (_scene_problems, _chip_problems, _lens_problems, _light_problems, _output_problems, _device_problems)
-    return [one for part in parts for one in part(scene)]
+    rendering = (_lens_problems, _light_problems, _output_problems, _device_problems, _denoiser_problems)
+    return [one for part in (_scene_problems, _chip_problems, *rendering) for one in part(scene)]
 
 
 def sensor_problems(scene) -> list[Problem]:
@@ -150,6 +151,15 @@ def _device_problems(scene) -> Iterator[Problem]:
     if device := spare_gpu(scene):
         text = say("Cycles' preferences select {device}, but the render uses the CPU", device=device)
         yield Problem(text, False, "pecs.use_gpu")
+
+
+_has_denoiser = cache(denoise.is_available)
+
+
+def _denoiser_problems(scene) -> Iterator[Problem]:
+    if not scene.pecs.no_denoise and not _has_denoiser():
+        text = "This Blender was built without a denoiser. Use Blender from blender.org, or keep the render noise"
+        yield Problem(say(text), fix="pecs.keep_noise")
 
 
 def _light_problems(scene) -> Iterator[Problem]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on the chip and the lens: resolution, aperture, angle of view, parameters."""
+"""Operators on the chip and the lens: resolution, device, aperture, angle of view, parameters."""
 
 import math
 from pathlib import Path
@@ -53,6 +53,16 @@ class PECS_OT_use_gpu(Action, bpy.types.Operator):
 
     def act(self, context) -> None:
         context.scene.pecs.device = checks.spare_gpu(context.scene)
+
+
+class PECS_OT_keep_noise(Action, bpy.types.Operator):
+    """Render without denoising. More samples reduce the noise"""
+
+    bl_label = "Keep Render Noise"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    def act(self, context) -> None:
+        context.scene.pecs.no_denoise = True
 
 
 class _OnLens(Action):

@@ -90,6 +90,19 @@ for number, name in ((11, "Segmentation fault"), (9, "Killed")):
         time.sleep(0.02)
     text = f"Render Stack was ended by signal {number} ({name})"
     assert (background.state.message, background.state.is_error) == (text, True), background.state.message
+
+# The windows are drawn again when the text of the job changes, and at its end, not at each poll.
+drawn, shown = [], ["Render 0%"]
+background._redraw = lambda: drawn.append(shown[0])
+background.BackgroundJob.text = property(lambda self: shown[0])
+background.start(background.BackgroundJob("Render Stack", [sys.executable, "-c", "input()"], Path("/s"), str))
+for text in ("Render 0%", "Render 0%", "Render 10%", "Render 10%"):
+    shown[0] = text
+    background.poll()
+background.state.job.stop()
+while background.poll() is not None:
+    time.sleep(0.02)
+assert drawn == ["Render 0%", "Render 10%", "Render 10%"], drawn
 """
 
 

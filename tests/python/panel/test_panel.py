@@ -16,7 +16,7 @@ def act(tmp_path, name):
     return in_bpy(body, name, tmp_path, check=name != "killed", env=environment)
 
 
-@pytest.mark.parametrize("name", ["line", "wrong", "busy", "registered", "saved", "presets", "widths"])
+@pytest.mark.parametrize("name", ["line", "cube", "wrong", "busy", "registered", "saved", "presets", "widths"])
 def test_panel(tmp_path, name):
     act(tmp_path, name)
 

@@ -11,11 +11,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 from pecs_blender import ui
 from pecs_blender.ui import (
     background,
     checks,
     event_operators,
+    event_view,
     panel,
     paths,
     settings,
@@ -26,6 +28,7 @@ from support.blend_parts import ball, floor, lamp, material, start
 from support.panel_widths import cut
 
 WIDTH, HEIGHT = 32, 18
+PRESETS = Path(ui.__file__).parent / "presets/pecs"
 
 
 class Layout:
@@ -218,6 +221,29 @@ def _renders_what_is_in_memory(scene, folder):
     scene.pecs.exists = "continue"
 
 
+def cube(folder):
+    """From Blender's default cube, animated, to events over the viewport: three clicks, or four with the camera's view
+    (support/window_acts.py)."""
+    bpy.ops.wm.read_factory_settings()
+    thing, scene = bpy.data.objects["Cube"], bpy.context.scene
+    for frame, x in ((1, -2.0), (24, 2.0)):
+        thing.location.x = x
+        thing.keyframe_insert("location", frame=frame)
+    scene.frame_end = 24
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "cube.blend"))
+    bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_look.py"), menu_idname="PECS_PT_presets")  # two
+    assert not checks.problems(scene), checks.problems(scene)
+    pressed("run")
+    view = event_view.state.view
+    covered = []
+    for frame in (6, 12, 18):
+        scene.frame_set(frame)
+        columns = np.flatnonzero(view.picture(scene)[..., 3].sum(axis=0) > 5)
+        assert len(columns) > 20, frame
+        covered.append(columns.mean())
+    assert covered == sorted(covered), covered  # as the cube moves
+
+
 def wrong(folder):
     """The panel reports each mistake, and nothing hangs."""
     scene = scene_file(folder)
@@ -288,6 +314,11 @@ def _wrong_options(scene, shown, folder):
     checks._has_device = lambda kind: True
     shown("A lens requires the device CPU or OPTIX")
     s.device, s.lens = "CPU", "none"
+    checks._has_denoiser = lambda: False
+    shown("This Blender was built without a denoiser")
+    bpy.ops.pecs.keep_noise()
+    assert s.no_denoise and not checks.problems(scene)
+    s.no_denoise, checks._has_denoiser = False, lambda: True
     s.illuminant = "moonlight"
     shown("Lamp spectrum: moonlight: cannot be opened")
     s.illuminant, s.time, s.moving_px = "d65", "uniform", "5"
@@ -500,7 +531,7 @@ def presets(folder):
     scene.pecs.lens = "pecs_lab_15mm"
     one_group_is_open()
     assert "UNDO" in ui.presets.PECS_OT_preset.bl_options
-    for file in (Path(ui.__file__).parent / "presets/pecs").glob("*.py"):
+    for file in PRESETS.glob("*.py"):
         scene.pecs.sensor.overrides.add()
         bpy.ops.pecs.preset(filepath=str(file), menu_idname="PECS_PT_presets")
         assert (scene.pecs.whole_range, scene.pecs.time, len(scene.pecs.sensor.overrides)) == (True, "adaptive", 0)
