@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Writes the page of all commands from what they say to --help.
 
-.venv/bin/python scripts/docs/commands.py -o commands.md
+.venv/bin/python scripts/docs/commands.py -o docs/reference/commands.md
 """
 
 import argparse
@@ -16,12 +16,12 @@ PROGRAM = ROOT / "build/release/bin/pecs"
 TOOLS = sorted(p for p in (ROOT / "scripts/tools").glob("*.py"))
 HEAD = """# Commands
 
-This page is made from what each command answers to `--help`. Every command ends with an
+This page lists the `--help` of all commands. `scripts/docs/commands.py` writes it. Every command ends with an
 [exit code](exit_codes.md) and, on an error, with one line on standard error. Values may carry their unit, such as
 `20ms`, `0.5m`, `10kHz` or `2pA`; a plain number is in the unit in brackets.
 
-With `--quiet`, a command says nothing but errors (on standard error) and results (on standard output): no progress, no
-warnings. With `--verbose` it also says what it used and how long it took, and each step of progress that has steps.
+With `--quiet`, a command prints only errors (on standard error) and results (on standard output): no progress, no
+warnings. With `--verbose` it also prints what it used, how long it took, and each step of progress.
 
 """
 
@@ -54,12 +54,15 @@ def all_commands():
         yield from commands(f"scripts/tools/{tool.name}", [sys.executable, str(tool)])
 
 
+def page(helps) -> str:
+    text = "\n".join(f"## {name}\n\n```text\n{text}\n```\n" for name, text in helps)
+    return (HEAD + text).replace(str(ROOT) + "/", "")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    output = parser.parse_args().output
-    page = HEAD + "".join(f"## {name}\n\n```text\n{text}\n```\n\n" for name, text in all_commands())
-    output.write_text(page.replace(str(ROOT) + "/", ""))
+    parser.parse_args().output.write_text(page(all_commands()))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,6 @@ def on_files(files, config):
         whole = path.endswith((".md", *PICTURES))
         given = {"abs_src_path": str(ROOT / path)} if whole else {"content": listing(path)}
         files.append(File.generated(config, site_path(path), **given))
-    files.append(File.generated(config, "reference/commands.md", abs_src_path=str(GENERATED / "commands.md")))
     for path in sorted((GENERATED / "c").rglob("*")):
         if path.is_file():
             name = path.relative_to(GENERATED).as_posix()
