@@ -25,6 +25,7 @@ import bpy
 from pecs._child import mortal
 from pecs._errors import ExitCode
 
+from . import disk
 from .interface import areas, redraw, say, wrapped
 
 POLL_S = 0.2  # interval of polls
@@ -165,6 +166,7 @@ def poll() -> float | None:
     if code is None:
         return POLL_S
     job.remove_copy()
+    disk.forget()
     stopped = job.is_stopping and code in STOPPED
     state.job, state.is_error = None, code != 0 and not stopped
     state.offer_exists = job.continues and code == ExitCode.BAD_OUTPUT
@@ -194,6 +196,7 @@ def _ending(job: BackgroundJob, code: int) -> str:
 @bpy.app.handlers.persistent
 def _on_load(*_) -> None:
     """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
+    disk.forget()
     state.light.clear()
     state.problems.clear()
     state.message, state.is_error, state.offer_exists, state.scores = "", False, False, {}

@@ -5,8 +5,6 @@ redraw."""
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -14,17 +12,14 @@ from pathlib import Path
 
 import bpy
 from pecs._errors import PecsError
-from pecs._files import existing_folder
 
 from ..render import denoise
 from ..render.options import DEVICES, RULES
 from ..render.resources import readable
 from ..render.spectra import spectrum
 from ..render.timeline import MAX_INSTANTS
-from . import library, paths, settings
+from . import disk, library, paths, settings
 from .interface import say
-
-NO_FOLDER = "{path}: is a file; choose a folder"
 
 
 @dataclass(frozen=True)
@@ -179,22 +174,16 @@ def _light_problems(scene) -> Iterator[Problem]:
 
 def _output_problems(scene) -> Iterator[Problem]:
     folder = paths.stack(scene)
-    if folder.exists() and not folder.is_dir():
-        yield Problem(say(NO_FOLDER, path=folder))
-        return
     yield from _folder_problems(folder)
-    wanted = settings.stack_bytes(scene)
-    disk = shutil.disk_usage(existing_folder(folder))
-    if scene.pecs.time == "uniform" and disk.total and wanted > disk.free:  # 0 in /proc
-        text = say(
-            "The stack requires up to {wanted}; {free} are free", wanted=readable(wanted), free=readable(disk.free)
-        )
-        yield Problem(text)
+    wanted, free = settings.stack_bytes(scene), disk.place(folder).free
+    if scene.pecs.time == "uniform" and free is not None and wanted > free:
+        text = "The stack requires up to {wanted}; {free} are free"
+        yield Problem(say(text, wanted=readable(wanted), free=readable(free)))
 
 
 def _folder_problems(folder: Path) -> Iterator[Problem]:
-    place = existing_folder(folder)
-    if not place.is_dir():
-        yield Problem(say(NO_FOLDER, path=place))
-    elif not os.access(place, os.W_OK | os.X_OK):
-        yield Problem(say("{path}: is not writable", path=place))
+    place = disk.place(folder)
+    if not place.is_folder:
+        yield Problem(say("{path}: is a file; choose a folder", path=place.path))
+    elif not place.is_writable:
+        yield Problem(say("{path}: is not writable", path=place.path))

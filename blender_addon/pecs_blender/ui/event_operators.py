@@ -8,7 +8,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ..render.programs import pecs as program
-from . import background, checks, event_view, library, operators, paths, settings
+from . import background, checks, disk, event_view, library, operators, paths, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
 from .preferences import preferences
@@ -41,7 +41,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
         if busy := super().why_not(context):
             return busy
         stack = paths.rendered(context.scene)
-        if not (stack / "stack.json").is_file():
+        if not disk.is_file(stack / "stack.json"):
             return say("{path}: does not exist; render the stack first", path=stack)
         return next((one.text for one in checks.sensor_problems(context.scene)), "")
 
@@ -78,7 +78,7 @@ class _OnEvents(operators.InBackground):
     @classmethod
     def why_not(cls, context) -> str:
         events = paths.events(context.scene)
-        missing = "" if events.is_file() else say("{path}: does not exist; simulate the events first", path=events)
+        missing = "" if disk.is_file(events) else say("{path}: does not exist; simulate the events first", path=events)
         return super().why_not(context) or missing
 
 
@@ -262,7 +262,7 @@ class PECS_OT_open_folder(Action, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return paths.events(context.scene).parent.is_dir()
+        return disk.is_folder(paths.events(context.scene).parent)
 
     def act(self, context) -> str:
         return paths.open_outside(paths.events(context.scene).parent)

@@ -13,7 +13,7 @@ import pecs
 from bpy.props import BoolProperty
 from gpu_extras.presets import draw_texture_2d
 
-from . import live_view, operators, paths
+from . import disk, live_view, operators, paths
 from .interface import Action, redraw, say
 
 IMAGE = "PECS Events"
@@ -124,7 +124,7 @@ class PECS_OT_show_events(Action, bpy.types.Operator):
     @classmethod
     def why_not(cls, context) -> str:
         events = paths.events(context.scene)
-        return "" if events.is_file() else say("{path}: does not exist; simulate the events first", path=events)
+        return "" if disk.is_file(events) else say("{path}: does not exist; simulate the events first", path=events)
 
     @classmethod
     def description(cls, _context, properties) -> str:

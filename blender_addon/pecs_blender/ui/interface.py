@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
+from functools import lru_cache
 
 import bpy
 
@@ -36,8 +37,11 @@ def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, max(20, int(width_px / PIXELS_PER_LETTER)))):
+    for number, line in enumerate(_lines(text, max(20, int(width_px / PIXELS_PER_LETTER)))):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+_lines = lru_cache(64)(textwrap.wrap)
 
 
 def props(layout, owner, *names: str) -> None:

@@ -6,23 +6,29 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 import bpy
 import pecs
 
+from . import disk
 from .preferences import own_folder
 
 _FOLDERS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
 SCENES_CAMERA = "none"  # value of the lens setting for the scene's own camera
 
 
+@cache
+def _shipped(kind: str) -> Path:
+    return pecs.data_dir(_FOLDERS[kind])
+
+
 def names(kind: str) -> list[tuple[str, str]]:
     """Names and descriptions. kind: "lens" or "chip"."""
     own = own_folder(kind)
-    folders = [pecs.data_dir(_FOLDERS[kind]), *([own] if own else [])]
+    folders = [_shipped(kind), *([own] if own else [])]
     files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
     return [(name, _description(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
 
@@ -30,7 +36,7 @@ def names(kind: str) -> list[tuple[str, str]]:
 def title(kind: str, name: str) -> str:
     """The name that the maker gives it: a lens file's name, the start of a chip's description, or the file's name."""
     path, when = version(kind, name)
-    text = _description(Path(path) if when else Path(pecs.data_dir(_FOLDERS[kind]), f"{name}.json"), when)
+    text = _description(Path(path) if when else _shipped(kind) / f"{name}.json", when)
     return (text if kind == "lens" else re.split("[,;:(]", text)[0].strip()) or Path(name).stem
 
 
@@ -87,7 +93,7 @@ def find(kind: str, name: str) -> str:
     if name.endswith(".json") or name.startswith("//"):
         return bpy.path.abspath(name)
     own = own_folder(kind)
-    return str(own / f"{name}.json") if own and (own / f"{name}.json").is_file() else name
+    return str(own / f"{name}.json") if own and disk.is_file(own / f"{name}.json") else name
 
 
 def chip(name: str) -> pecs.Chip:
@@ -103,10 +109,7 @@ def lens_info(name: str, **setting: float | int | None) -> dict[str, Any]:
 def version(kind: str, name: str) -> tuple[str, int]:
     """Path and modification time: the cache key of a file. 0 if it does not exist."""
     path = find(kind, name)
-    try:
-        return path, Path(path).stat().st_mtime_ns
-    except OSError:
-        return path, 0
+    return path, disk.modified_ns(path)
 
 
 @lru_cache(maxsize=16)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
+from functools import cache
 from pathlib import Path
 
 import bpy
@@ -47,5 +48,6 @@ def open_outside(path: Path) -> str:
     return str(path) if opened else say("{path}: the system has no program to open it", path=path)
 
 
+@cache
 def extension(event_format: str) -> str:
     return next((f["extensions"][0] for f in pecs.event_formats() if f["name"] == event_format), ".raw")

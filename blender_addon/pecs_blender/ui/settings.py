@@ -154,9 +154,12 @@ def _forget_version(self, _context) -> None:
     self.last_stack = ""
 
 
+_models = cache(pecs.models)
+
+
 @cache  # Blender requires the same string objects at each call
 def _model_items() -> list[tuple]:
-    return [_item(m["name"], m["name"], m["source"]) for m in pecs.models()]
+    return [_item(m["name"], m["name"], m["source"]) for m in _models()]
 
 
 @cache
@@ -442,7 +445,7 @@ def parameters(settings) -> dict[str, dict]:
     pecs.PecsError for an invalid chip."""
     values = library.chip(settings.chip).info["values"]
     known = {key: {**entry, "of": "chip"} for key, entry in values.items()}
-    model = next((m for m in pecs.models() if m["name"] == settings.sensor.model), {"parameters": []})
+    model = next((m for m in _models() if m["name"] == settings.sensor.model), {"parameters": []})
     for p in model["parameters"]:
         known[p["key"]] = {"unit": p["unit"], "value": p["value"], "range": [p["min"], p["max"]], "of": "model"}
     return known

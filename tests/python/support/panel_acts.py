@@ -69,13 +69,13 @@ class Layout:
     box = column = split = row
 
 
-def drawn(context=None):
-    """All texts of all panels and menus."""
+def drawn(context=None, kinds=bpy.types.Panel | bpy.types.Menu):
+    """All texts of all panels and menus, or of these kinds."""
     texts = []
     for module in ui.modules():
         for cls in ui.classes(module):
             own_context = context or bpy.context
-            if not issubclass(cls, bpy.types.Panel | bpy.types.Menu) or "preset" in cls.__name__.lower():
+            if not issubclass(cls, kinds) or "preset" in cls.__name__.lower():
                 continue
             if getattr(cls, "bl_context", "render") not in ("render",):
                 continue
