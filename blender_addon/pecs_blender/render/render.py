@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import bpy
 import pecs
-from pecs._progress import Line, Progress, for_a_program
+from pecs._progress import Line, Progress, for_a_program, report
 
 from . import adaptive, cycles, noise, stop
 from .layers import layer_class
@@ -126,11 +126,12 @@ class Render:
         count, of = len(self._instants.times_ns), len(self._plan.instants.grid.times_ns)
         frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
         between = ", plus pictures between keyframes; still parts cost nothing" if count < of else ""
-        print(
+        text = (
             f"render: {frames}, {_duration(each_s)} each: {_duration(count * each_s)}{between}; up to "
-            f"{readable(needed_bytes)} on the disk, about {readable(memory_bytes)} of memory",
-            file=sys.stderr,
+            f"{readable(needed_bytes)} on the disk, about {readable(memory_bytes)} of memory"
         )
+        cost = {"frames": count, "of": of, "each_s": each_s, "disk_bytes": needed_bytes, "memory_bytes": memory_bytes}
+        report(text, plan=cost)
 
     def _needed_bytes(self, counts: Callable[[str], bool]) -> int:
         """Upper bound of this process's frames, as far as `counts` says of their names."""

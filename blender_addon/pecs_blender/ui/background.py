@@ -65,6 +65,7 @@ class BackgroundJob:
 
     def __post_init__(self):
         self.last_line, self.progress, self.answer, self.folder = "", 0.0, [], self.output
+        self.plan: dict[str, float] = {}
         self._error, self._task, self._left_s, self._left_at, self._stopping = "", "", None, 0.0, False
         self._start = time.monotonic()
         pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -90,6 +91,7 @@ class BackgroundJob:
     def _take_status(self, status: dict) -> None:
         if "folder" in status:
             self.folder = Path(status["folder"])
+        self.plan = status.get("plan", self.plan)
         if "progress" in status and status.get("total"):
             self._task, self.progress = status["progress"], status["done"] / status["total"]
             self._left_s, self._left_at = status.get("left_s"), time.monotonic()
@@ -141,8 +143,9 @@ class _State:
     offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
     shown = ""  # text of the job at the last redraw
     scores: dict[str, Any] = {}  # JSON of the last comparison
-    # Results for the open file, by scene name: of the light probe, and checks.Problem of the scene checks.
+    # Results for the open file, by scene name: of the light probe, of the plan, and checks.Problem of the scene checks.
     light: dict[str, dict[str, Any]] = {}
+    plan: dict[str, dict[str, Any]] = {}
     problems: dict[str, list] = {}
 
 
@@ -198,6 +201,7 @@ def _on_load(*_) -> None:
     """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
     disk.forget()
     state.light.clear()
+    state.plan.clear()
     state.problems.clear()
     state.message, state.is_error, state.offer_exists, state.scores = "", False, False, {}
     if state.job and state.job.for_file:

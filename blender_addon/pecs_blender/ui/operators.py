@@ -15,6 +15,7 @@ import pecs
 from ..render.blend import FOLDER_KEY
 from ..render.colour import linear_rgb
 from ..render.cycles import fill
+from ..render.resources import readable
 from . import background, checks, paths, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
@@ -118,8 +119,33 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
     @staticmethod
     def job(context) -> BackgroundJob:
         scene, output = context.scene, paths.stack(context.scene)
+        name, used = scene.name, planned_with(scene)
+
+        def done(job: BackgroundJob) -> str:
+            background.state.plan[name] = job.plan | {"settings": used}
+            (_, frames), (_, duration), *_rest = plan_rows(job.plan)
+            return say("Plan: {frames} frames, {time}", frames=frames, time=duration)
+
         command = blender(scene, "render", output, *frame_words(scene), "--plan")
-        return BackgroundJob("Plan", command, output, lambda job: job.last_line.removeprefix("render: "))
+        return BackgroundJob("Plan", command, output, done, for_file=True)
+
+
+def planned_with(scene) -> list[str]:
+    """Settings on which the answer depends."""
+    at = scene.frame_start, scene.frame_end, scene.render.fps, scene.render.fps_base
+    return [*settings.render_arguments(scene), *frame_words(scene), *map(str, (*settings.size(scene), *at))]
+
+
+def plan_rows(found: dict) -> list[tuple[str, str]]:
+    """Labels and values of the answer. Pictures between keyframes take time beyond that of the keyframes."""
+    duration = background.clock(found["frames"] * found["each_s"])
+    some = found["frames"] < found["of"]
+    return [
+        ("Rendered", say("{count:,} of {of:,}", count=found["frames"], of=found["of"])),
+        ("Time", say("more than {time}", time=duration) if some else duration),
+        ("Disk", say("up to {size}", size=readable(found["disk_bytes"]))),
+        ("Memory", readable(found["memory_bytes"])),
+    ]
 
 
 class PECS_OT_preview(Renders, bpy.types.Operator):

@@ -9,9 +9,9 @@ import bpy
 from pecs._errors import PecsError
 
 from ..render.resources import readable
-from . import checks, event_operators, event_view, frustum, library, light_probe, paths, settings
+from . import checks, event_operators, event_view, frustum, library, light_probe, operators, paths, settings
 from .background import state
-from .interface import CONTEXT, auto, problem, progress, props, say, wrapped
+from .interface import CONTEXT, auto, labelled, problem, progress, props, say, wrapped
 from .presets import PECS_PT_presets
 
 
@@ -125,6 +125,15 @@ class PECS_PT_camera_data(bpy.types.Panel):
             _camera(self.layout, context.scene, context.scene.pecs)
 
 
+def _answer(layout, found, now: list[str]):
+    """A column for an answer, grey if the settings have changed since."""
+    column = layout.column(align=True)
+    if found["settings"] != now:
+        column.active = False
+        column.label(text=say("Measured with other settings"), icon="INFO")
+    return column
+
+
 class PECS_PT_time(SubPanel, bpy.types.Panel):
     bl_label = "Time and Quality"
     bl_options = {"DEFAULT_CLOSED"}
@@ -142,6 +151,10 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
+        if found := state.plan.get(scene.name):
+            column = _answer(layout, found, operators.planned_with(scene))
+            for label, value in operators.plan_rows(found):
+                labelled(column, say(label)).label(text=value)
 
 
 class PECS_PT_probe(SubPanel, bpy.types.Panel):
@@ -153,10 +166,7 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
         layout.operator("pecs.probe_light", icon="LIGHT_SUN")
         if found := state.light.get(scene.name):
             scale = s.light_scale / found["light_scale"]
-            column = layout.column(align=True)
-            if found["settings"] != light_probe.measured_with(scene):
-                column.active = False
-                column.label(text=say("Measured with other settings"), icon="INFO")
+            column = _answer(layout, found, light_probe.measured_with(scene))
             for row in light_probe.rows(found, scale):
                 wrapped(column, row)
             corner = found["corner_hz"]

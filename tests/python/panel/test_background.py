@@ -13,7 +13,7 @@ import bpy
 from pecs_blender import ui
 from pecs_blender.cli import _parser
 from pecs_blender.render.options import LAYERS, Options
-from pecs_blender.ui import background, settings
+from pecs_blender.ui import background, operators, settings
 
 def ended():
     while background.poll() is not None:
@@ -55,11 +55,22 @@ bpy.ops.pecs.render()
 assert ended() == (output + ": rendered", False), background.state.message
 bpy.ops.pecs.plan()
 message, is_error = ended()
-assert message.startswith("2 instants, ") and not is_error, message
-assert " s each: " in message and "B on the disk, about " in message, message
+assert message.startswith("Plan: 2 of 2 frames, 0:") and not is_error, message
+found = background.state.plan[bpy.context.scene.name]
+assert found["disk_bytes"] == 2 * 3 * 48 * 32 * 4 and found["memory_bytes"] > 1e8, found
+rows = dict(operators.plan_rows(found))
+assert rows["Disk"].startswith("up to ") and list(rows) == ["Rendered", "Time", "Disk", "Memory"], rows
+assert dict(operators.plan_rows(found | {"of": 200}))["Time"].startswith("more than 0:"), rows
+for name, value in (("samples", 2), ("samples", 1)):  # grey with other settings
+    is_same = found["settings"] == operators.planned_with(bpy.context.scene)
+    setattr(bpy.context.scene.pecs, name, value)
+    assert is_same == (value == 2)
+bpy.context.scene.frame_end += 1
+assert found["settings"] != operators.planned_with(bpy.context.scene)
+bpy.context.scene.frame_end -= 1
 bpy.ops.pecs.preview()
 bpy.ops.wm.open_mainfile(filepath=blend)  # its preview is in vain
-assert ended()[0].startswith("Stopped"), background.state.message
+assert ended()[0].startswith("Stopped") and not background.state.plan, background.state.message
 bpy.ops.pecs.preview()
 assert ended()[0].startswith("PECS preview: open an image editor"), background.state.message
 assert bpy.data.images["PECS preview"].size[0] == 48

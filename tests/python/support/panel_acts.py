@@ -216,7 +216,11 @@ def _renders_what_is_in_memory(scene, folder):
     assert Path(bpy.data.filepath).read_bytes() == before and "pecs_folder" not in scene
     assert not any(background.COPIES in word and Path(word).exists() for word in started)
     scene.render.resolution_x, scene.pecs.samples = WIDTH, 2
-    assert "of memory" in pressed("plan")
+    assert pressed("plan").startswith("Plan: ")
+    assert {"Rendered", "Disk", "Memory"} <= set(drawn()) and "Measured with other settings" not in drawn()
+    scene.pecs.samples = 3
+    assert "Measured with other settings" in drawn()
+    scene.pecs.samples = 2
     pressed("run")
     scene.pecs.exists = "continue"
 
@@ -414,7 +418,10 @@ def widths(folder):
     modules = (import_module(f"{ui.__name__}.{name}") for name in ("panel", "live_panel"))
     panels = [cls for module in modules for cls in ui.classes(module) if issubclass(cls, bpy.types.Panel)]
     panels = [cls for cls in panels if getattr(cls, "bl_context", "render") in ("render", "data")]
-    german, s = json.loads((Path(ui.__file__).parent / "languages/de_DE.json").read_text()), scene.pecs
+    s = scene.pecs
+    plan = {"frames": 12_345, "of": 123_456, "each_s": 7.0, "disk_bytes": 123e9, "memory_bytes": 12.3e9}
+    background.state.plan[scene.name] = plan | {"settings": []}
+    german = json.loads((Path(ui.__file__).parent / "languages/de_DE.json").read_text())
     for is_set in (False, True):
         s.lens, s.time = ("angenieux_100mm_f1p1", "uniform") if is_set else (s.lens, "adaptive")
         s.sensor.afk, s.sensor.trail = ("stop", "trail") if is_set else ("none", "none")
