@@ -24,10 +24,17 @@ class ExitCode(IntEnum):
 
 
 class PecsError(RuntimeError):
-    """An error of one line. `code` is one of the program's exit codes (docs/reference/exit_codes.md).
+    """An error of one line.
 
-    Its kinds are also Python's own: `PecsNotFoundError` a FileNotFoundError, `PecsInputError` a ValueError,
+    Its kinds are also Python's own: `PecsNotFoundError` is a FileNotFoundError, `PecsInputError` a ValueError,
     `PecsOutputError` an OSError.
+
+    Parameters
+    ----------
+    message : str
+        The line.
+    code : int, optional
+        One of the program's exit codes (docs/reference/exit_codes.md). Default: that of the kind.
     """
 
     code: int = ExitCode.INTERNAL

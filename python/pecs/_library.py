@@ -68,7 +68,13 @@ def _load_blender_tbb() -> None:
 
 
 def version() -> str:
-    """The library's version."""
+    """The version of the library.
+
+    Returns
+    -------
+    str
+        Such as "0.1.0".
+    """
     text: bytes = _library().pecs_version()
     return text.decode()
 
@@ -117,7 +123,18 @@ def take_json(text: int) -> Any:
 
 
 def data_dir(room: str) -> Path:
-    """The folder of the data files that ship with PECS, such as "lens_data/spectra"."""
+    """The folder of the data files that ship with PECS.
+
+    Parameters
+    ----------
+    room : str
+        Such as "lens_data/spectra".
+
+    Returns
+    -------
+    Path
+        The folder.
+    """
     return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(room.encode())))
 
 

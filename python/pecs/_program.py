@@ -8,9 +8,17 @@ from pathlib import Path
 
 
 def program() -> Path:
-    """The `pecs` program: PECS_PROGRAM, or the wheel's own, or the checkout's.
+    """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout.
 
-    Raises FileNotFoundError where there is none (a library built with -DPECS_BUILD_PROGRAM=OFF).
+    Returns
+    -------
+    Path
+        The program.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is none (a library built with -DPECS_BUILD_PROGRAM=OFF).
     """
     if named := os.environ.get("PECS_PROGRAM"):
         return Path(named)

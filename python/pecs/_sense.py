@@ -30,33 +30,73 @@ def sense(
     progress: Callable[[float], object] | None = None,
     **options: Unpack[SenseOptions],
 ) -> dict[str, Any]:
-    """Simulates an event file from an EXR stack, as `pecs sense` does, and returns its report.
+    """Simulate an event file from a stack, images or video, as `pecs sense` does.
 
         report = pecs.sense("out/stack", "out/events.raw", chip="imx636", seed=1)
         report["results"]["events"], report["config"]["chip"]["values"]
 
-    chip: a name, a path, or a `pecs.Chip`. Options:
+    Warns of values that are not finite or negative, of events that the readout lost, and of a duration beyond the end
+    of
+    the stack.
 
-    - overrides, biases, bias_file, preset, model, parameters, noise, seed, threads, readout, and the stages: as of
-      `pecs.Sensor`.
-    - white_a: photocurrent [A] of white, for models that take no light.
-    - format: of the output; by its name if not given.
-    - fps, or times_us (a text file): times of frames without any.
-    - fnumber: of the lens, for a stack of radiance. gain, photocurrent_a: for relative light
-      (`Chip.amperes_per_unit`).
-    - bands: "all" (default), or "mc:N" for N bands drawn by their light.
-    - labels: an NPY file for each event's cause (`pecs.sensor.LABELS`).
-    - dropped: an NPY file of the events that a stage dropped: t, x, y, p, stage (`pecs.sensor.STAGES`).
-    - warmup_us: light before the first frame, extrapolated, and pixels that begin at random distances from their
-      thresholds, as pixels that have been on (0: at rest).
-    - warmup_loops: of a periodic stack, before the output begins (0). start_us, duration_us: begin (0) and length of
-      the output.
-    - render_noise: factor on the renderer's noise in the estimate of the events that come from it (1); 0: no estimate.
-    - motion: light between frames follows the stack's layer `motion`, if there is one (True).
+    Parameters
+    ----------
+    stack : str or path
+        EXR stack, folder of EXR files or images, or video.
+    output : str or path
+        Event file; its extension selects the format.
+    chip : str, path or Chip
+        The chip. Default "imx636".
+    progress : callable, optional
+        Called with the share done, 0 to 1; an exception from it stops the work.
+    overrides, biases, bias_file, preset, model, parameters, noise, seed, readout, threads
+        As of `Sensor`.
+    roi, mask, afk_hz, afk_pass_hz, trail_us, stc_us, stc_keep_us, erc_hz
+        As of `Sensor`.
+    white_a : float, optional
+        Photocurrent [A] of white, for models that take grey values. Default: 99.5 % of the first frame.
+    format : str, optional
+        Of the output. Default: by its extension.
+    fps : float, optional
+        Frame rate [Hz] of frames without times.
+    times_us : str or path, optional
+        Text file of the frames' times [us].
+    fnumber : float, optional
+        Of the lens, for a stack of radiance. Default: that of the stack.
+    gain, photocurrent_a : float, optional
+        As of `Chip.amperes_per_unit`, for relative light.
+    bands : str
+        "all" (default), or "mc:N" for N bands drawn by their light.
+    labels : str or path, optional
+        NPY file of each event's cause (`pecs.sensor.LABELS`).
+    dropped : str or path, optional
+        NPY file of the events that a stage dropped: t, x, y, p, stage (`pecs.sensor.STAGES`).
+    warmup_loops : int
+        Loops of a periodic stack before the output begins. Default 0.
+    warmup_us : int
+        Light before the first frame [us], extrapolated, for pixels that have been on. Default 0: pixels are at rest.
+    start_us : int
+        Begin of the output [us]. Default 0.
+    duration_us : int, optional
+        Length of the output [us]. Default: to the end of the stack.
+    render_noise : float
+        Factor on the renderer's noise in the estimate of its events. Default 1; 0: no estimate.
+    motion : bool
+        Warp light between frames along the stack's layer `motion`, if there is one. Default True.
 
-    `progress` is called with the share done, 0 to 1; an exception from it stops the work. Raises PecsNotFoundError,
-    PecsInputError and PecsOutputError; warns of values that no light has, of events that the readout lost, and of a
-    duration beyond the end of the stack.
+    Returns
+    -------
+    dict
+        The report, as in the run record (.run.json).
+
+    Raises
+    ------
+    PecsNotFoundError
+        The input or the chip is missing.
+    PecsInputError
+        The input or an option is wrong.
+    PecsOutputError
+        The output cannot be written.
     """
     raised: list[BaseException] = []  # by progress (Ctrl-C too): it stops the work, and comes out behind it
 

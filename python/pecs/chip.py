@@ -28,21 +28,34 @@ _close = function("pecs_chip_close", None, POINTER, error=False)
 
 
 def models() -> list[dict[str, Any]]:
-    """The pixel models: [{"name", "source", "takes_light", "tells_causes", "parameters": [{"key", "unit", "value",
-    "min", "max", "meaning"}, ...]}, ...]. The parameters of `pecs` are the chip's; `tells_causes`: `labels` work."""
+    """List the pixel models.
+
+    Returns
+    -------
+    list of dict
+        For each model `name`, `source`, `takes_light` (False: it takes grey values), `tells_causes` (True: the option
+        `labels` works), and `parameters`: a list of `key`, `unit`, `value` (default), `min`, `max`, `meaning`. The
+        parameters of `pecs` are the values of the chip.
+    """
     answer: list[dict[str, Any]] = take_json(_models())
     return answer
 
 
 def presets() -> list[dict[str, Any]]:
-    """Published settings of other simulators, for the option `preset` of `Sensor`, `simulate` and `sense`: [{"name",
-    "description", "source", "model", "set": {key: value} of the chip, "param": {key: value} of the model}, ...]."""
+    """List published settings of other simulators, for the option `preset` of `Sensor`, `simulate` and `sense`.
+
+    Returns
+    -------
+    list of dict
+        For each preset `name`, `description`, `source`, `model`, `set` (values of the chip) and `param` (parameters of
+        the model).
+    """
     answer: list[dict[str, Any]] = take_json(_presets())
     return answer
 
 
 class ScaleOptions(TypedDict, total=False):
-    """From light to photocurrent: options of `Chip.amperes_per_unit`, `Chip.photocurrent` and `Light`."""
+    """Options of `Chip.amperes_per_unit`, `Chip.photocurrent` and `Light`, from light to photocurrent."""
 
     fnumber: float | None  # of the lens, for radiance
     gain: float | None  # A per sum of lambda_nm QE L weight_nm, for relative light
@@ -50,14 +63,29 @@ class ScaleOptions(TypedDict, total=False):
 
 
 class Chip(Handle):
-    """A chip profile, by name or path, with `overrides` of its values (in the profile's unit and range).
+    """A chip profile. Every value of the profile is an attribute, such as `chip.width` and `chip.pixel_pitch_m`.
 
         chip = pecs.Chip("imx636", overrides={"contrast_threshold_on": 0.25})
-        chip.pixel_pitch_m, chip.width                 # every value of the profile is an attribute
         current_a = chip.photocurrent("stack", 0)      # [height, width]
 
-    `info` also has units, ranges, description and the relative quantum efficiency. Raises PecsNotFoundError for an
-    unknown name, PecsInputError for a wrong profile, key or value.
+    Parameters
+    ----------
+    name : str or path
+        Name of a shipped profile (`pecs chips`) or a .json file. Default "imx636".
+    overrides : dict of str to float, optional
+        Values of the chip, by key, in the profile's unit and range.
+
+    Attributes
+    ----------
+    info : dict
+        Values with units, ranges and sources, description, relative quantum efficiency.
+
+    Raises
+    ------
+    PecsNotFoundError
+        The name is unknown.
+    PecsInputError
+        The profile, a key or a value is wrong.
     """
 
     _free = staticmethod(_close)
@@ -83,12 +111,25 @@ class Chip(Handle):
         quantity: str = "irradiance",
         **scale: Unpack[ScaleOptions],
     ) -> list[float]:
-        """Photocurrent [A] of a pixel per unit of each band's value.
+        """Photocurrent of a pixel per unit of each band's value.
 
-        `bands`: [{"lambda_nm", "weight_nm"}, ...] as of `pecs.bands` or a stack. `quantity`: "irradiance" [W m^-2
-        nm^-1 on the film], "radiance" [W m^-2 sr^-1 nm^-1, through a lens of `fnumber`] or "relative": then `gain` is
-        A per sum of lambda_nm QE L weight_nm, or `photocurrent_a` the current of light 1 in all bands (1 pA if
-        neither).
+        Parameters
+        ----------
+        bands : sequence of dict
+            `lambda_nm` and `weight_nm` of each band, as `pecs.bands` or a stack lists them.
+        quantity : str
+            "irradiance" (default; W m^-2 nm^-1 on the film), "radiance" (W m^-2 sr^-1 nm^-1) or "relative".
+        fnumber : float, optional
+            Of the lens; required for radiance.
+        gain : float, optional
+            A per sum of lambda_nm QE L weight_nm, for relative light.
+        photocurrent_a : float, optional
+            Photocurrent [A] of light 1 in all bands, for relative light. Default 1e-12.
+
+        Returns
+        -------
+        list of float
+            [A] per unit, one per band.
         """
         pairs = [{key: float(band[key]) for key in ("lambda_nm", "weight_nm")} for band in bands]
         options = {"bands": pairs, "quantity": quantity, **scale}
@@ -103,10 +144,25 @@ class Chip(Handle):
         fps: float | None = None,
         **scale: Unpack[ScaleOptions],
     ) -> NDArray[np.float32]:
-        """The photocurrent of a stack's frames [A]: [height, width] of one, [frames, height, width] of several or,
-        with None, of all. Without dark current. Negative light gives 0, what is not finite gives NaN.
+        """Photocurrent of a stack's frames, without dark current.
 
-        Options as of `amperes_per_unit`; `fps`: for a folder without stack.json.
+        Parameters
+        ----------
+        stack : str, path or StackReader
+            The stack.
+        frames : int or sequence of int, optional
+            Numbers of frames. Default: all.
+        fps : float, optional
+            Frame rate [Hz] of a folder without stack.json.
+        fnumber, gain, photocurrent_a : float, optional
+            As of `amperes_per_unit`.
+
+        Returns
+        -------
+        float32 array
+            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that
+            is not
+            finite gives NaN.
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:
@@ -135,13 +191,28 @@ def bands(
     min_nm: float | None = None,
     max_nm: float | None = None,
 ) -> list[dict[str, float]]:
-    """Wavelengths and quadrature weights: [{"lambda_nm": .., "weight_nm": ..}, ...], rising.
+    """Choose wavelengths and quadrature weights for a chip.
 
         pecs.bands("imx636", n=3)[0]["lambda_nm"]
 
-    `placement`: "gauss" (quadrature) or "uniform". `illuminant`: a name of
-    lens_data/spectra, a .csv file, "blackbody:T", "daylight:T", or (lambda_nm, power) pairs, linear in between; the
-    bands then integrate reflectances under it.
+    Parameters
+    ----------
+    chip : str, path or Chip
+        The chip. Default "imx636".
+    n : int
+        Number of bands. Default 6.
+    placement : str
+        "gauss" (default; quadrature) or "uniform".
+    illuminant : str or sequence of (float, float), optional
+        A name of lens_data/spectra, a .csv file, "blackbody:T", "daylight:T" (T in K), or pairs of wavelength [nm] and
+        power, linear in between. The bands then integrate reflectances under it. Default: equal power.
+    min_nm, max_nm : float, optional
+        Range of wavelengths [nm]. Default: where the response of chip and illuminant begins and ends.
+
+    Returns
+    -------
+    list of dict
+        `lambda_nm` and `weight_nm` of each band, with increasing wavelength.
     """
     pairs: Any = illuminant
     if illuminant is not None and not isinstance(illuminant, str):

@@ -32,10 +32,16 @@ else:
 
 
 class Events(_Array):
-    """Events with the size of their pixel array: `width`, `height` in pixels, 0 if unknown.
+    """Events with the size of their sensor: a structured array with the fields t, x, y and p.
 
-    A structured array with the fields t, x, y, p, whose slices, masks and copies keep the size; a single field is a
-    plain array. `pecs.Events(array, width, height)` makes one of any structured array.
+    Slices, masks and copies keep the size; a single field is a plain array.
+
+    Parameters
+    ----------
+    events : structured array
+        With the fields t [us], x, y [pixels] and p (1: ON, 0: OFF).
+    width, height : int
+        Size of the sensor [pixels]. Default 0: unknown.
     """
 
     width: int
@@ -87,18 +93,36 @@ _writer_close = function("pecs_event_writer_close", None, POINTER, error=False)
 
 
 def event_formats() -> list[dict[str, Any]]:
-    """[{"name", "description", "extensions", "reads", "writes"}, ...]"""
+    """List the formats of event files.
+
+    Returns
+    -------
+    list of dict
+        `name`, `description`, `extensions`, `reads` and `writes` of each format.
+    """
     formats: list[dict[str, Any]] = take_json(_formats())
     return formats
 
 
 class EventReader(Handle):
-    """Iterates over a file's events in blocks. `format`: a name of `event_formats()`, or None: by content.
+    """Read a file of events in blocks; iterating gives `Events`.
 
         with pecs.EventReader("recording.raw") as reader:
             on = sum(int(block["p"].sum()) for block in reader)
 
-    Raises PecsNotFoundError for no file, PecsInputError for a wrong one; what came before its damage is good.
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    format : str, optional
+        A name of `event_formats()`. Default: detected from the content.
+
+    Raises
+    ------
+    PecsNotFoundError
+        There is no such file.
+    PecsInputError
+        The file is damaged; events before the damage are valid.
     """
 
     _free = staticmethod(_reader_close)
@@ -108,13 +132,26 @@ class EventReader(Handle):
 
     @property
     def info(self) -> dict[str, Any]:
-        """format, width, height, camera. If the file does not state its size, width and height are 0 until all events
-        are read."""
+        """`format`, `width`, `height` [pixels] and `camera` of the file. If the file does not state its size, width and
+        height
+        are 0 until all events are read.
+        """
         info: dict[str, Any] = take_json(self._call(_info))
         return info
 
     def read(self, count: int = _BLOCK) -> Events:
-        """At most `count` events; empty at the end."""
+        """Read the next events.
+
+        Parameters
+        ----------
+        count : int
+            Largest number of events. Default 65536.
+
+        Returns
+        -------
+        Events
+            Empty at the end of the file.
+        """
         block = np.empty(count, EVENT_DTYPE)
         with self._use():
             block = block[: self.read_into(block)]
@@ -125,7 +162,18 @@ class EventReader(Handle):
         return Events(events, info["width"], info["height"])
 
     def read_into(self, block: NDArray[np.void]) -> int:
-        """Fills an array of EVENT_DTYPE; returns how many events, 0 only at the end."""
+        """Read the next events into an array.
+
+        Parameters
+        ----------
+        block : structured array
+            Contiguous, of `EVENT_DTYPE`.
+
+        Returns
+        -------
+        int
+            Number of events; 0 only at the end of the file.
+        """
         if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
             raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
         count: int = self._call(_read, block.ctypes.data, len(block))
@@ -137,12 +185,28 @@ class EventReader(Handle):
 
 
 class EventWriter(Handle):
-    """Writes events in blocks, sorted by t. The file appears when the `with` block ends without an exception.
+    """Write a file of events in blocks. The file appears when the `with` block ends without an exception.
 
         with pecs.EventWriter("events.raw", 1280, 720) as writer:
             writer.write(events)
 
-    Raises PecsOutputError for what cannot be written, PecsInputError for events that the format does not hold.
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    width, height : int
+        Size of the sensor [pixels]; required by RAW and DAT. Default 0: unknown.
+    format : str, optional
+        A name of `event_formats()`. Default: by the extension.
+    camera : str
+        Name of the camera for formats that have one. Default "".
+
+    Raises
+    ------
+    PecsOutputError
+        The file cannot be written.
+    PecsInputError
+        The format cannot contain these events.
     """
 
     _free = staticmethod(_writer_close)
@@ -154,12 +218,18 @@ class EventWriter(Handle):
         super().__init__(_create(path_bytes(path), json.dumps(options).encode()))
 
     def write(self, events: NDArray[Any]) -> None:
-        """A structured array with the fields t, x, y and p, of integers (p also boolean)."""
+        """Append events.
+
+        Parameters
+        ----------
+        events : structured array
+            With the integer fields t, x, y and p (p may be boolean), with increasing t.
+        """
         events = as_events(events)
         self._call(_write, events.ctypes.data, len(events))
 
     def finish(self) -> None:
-        """Completes the file and gives it its name."""
+        """Complete the file and give it its name."""
         with self._use() as handle:
             _finish(handle)
             self.close()
@@ -173,7 +243,20 @@ class EventWriter(Handle):
 
 
 def read(path: str | PathLike[str], format: str | None = None) -> Events:
-    """All events of a file, with its `width` and `height`."""
+    """Read all events of a file.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    format : str, optional
+        A name of `event_formats()`. Default: detected from the content.
+
+    Returns
+    -------
+    Events
+        With `width` and `height`.
+    """
     with EventReader(path, format) as reader:
         events = np.empty(_BLOCK, EVENT_DTYPE)
         size = 0
@@ -193,10 +276,22 @@ def write(
     format: str | None = None,
     camera: str = "",
 ) -> None:
-    """Writes a whole file: `pecs.write("events.raw", events)`.
+    """Write all events to a file. Errors are those of `EventWriter`.
 
-    `width` and `height` (pixels; RAW and DAT need them) are those of `events` if not given; `format`: a name of
-    `event_formats()`, or None: by the extension. Errors as of `EventWriter`.
+        pecs.write("events.raw", events)
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    events : structured array
+        With the fields t, x, y and p.
+    width, height : int
+        Size of the sensor [pixels]; required by RAW and DAT. Default 0: that of `events`.
+    format : str, optional
+        A name of `event_formats()`. Default: by the extension.
+    camera : str
+        Name of the camera for formats that have one. Default "".
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     with EventWriter(path, width, height, format, camera) as writer:

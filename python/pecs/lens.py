@@ -68,7 +68,15 @@ class Camera:
     sha256: str
 
     def diffract(self, pixels: NDArray[np.float32], band: int) -> None:
-        """Blurs one band's rendered picture in place; pixels: C-contiguous float32 array [height, width]."""
+        """Blur the rendered image of one band in place.
+
+        Parameters
+        ----------
+        pixels : float32 array
+            [height, width], C-contiguous.
+        band : int
+            Number of the band in `bands_nm`.
+        """
         if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
             raise ValueError("pixels must be a C-contiguous float32 array [height, width]")
         height, width = pixels.shape
@@ -82,7 +90,7 @@ class _Setting(TypedDict, total=False):
 
 
 class PupilOptions(_Setting, total=False):
-    """Options of `Lens.pupil`. lambda_nm: 587.56. Film: 36 x 24 mm."""
+    """Options of `Lens.pupil`. lambda_nm: 587.56. Film: 6.2208 x 3.4992 mm."""
 
     lambda_nm: float
     film_width_mm: float
@@ -152,14 +160,25 @@ def _image_json(options: Mapping[str, Any]) -> bytes:
 
 
 class Lens(Handle):
-    """A prescription, by path or by the name of one of lens_data/lenses.
+    """A lens prescription.
 
         with pecs.Lens("dgauss_50mm_tronnier") as lens:
             lens.info(focus_m=1.5, fnumber=4)["film_z_mm"]
 
-    Lengths are in mm, focus distances in m from the entrance pupil. `focus_m` None is infinity; `stop_diameter_mm` and
-    `fnumber`, of which at most one is given, are wide open if None. Raises PecsNotFoundError for an unknown lens,
-    PecsInputError for a wrong file, an unknown option or a value out of range (docs/reference/lens.md).
+    Methods share the options `focus_m` (from the entrance pupil; None: infinity), `stop_diameter_mm` and `fnumber`
+    (at most one of both; None: wide open).
+
+    Parameters
+    ----------
+    path : str or path
+        Name of a shipped lens, or a file (docs/reference/lens.md).
+
+    Raises
+    ------
+    PecsNotFoundError
+        The lens is unknown.
+    PecsInputError
+        The file is wrong, an option is unknown or a value is out of range.
     """
 
     _free = staticmethod(_close)
@@ -168,34 +187,143 @@ class Lens(Handle):
         super().__init__(_open(path_bytes(path)))
 
     def info(self, **options: Unpack[InfoOptions]) -> dict[str, Any]:
-        """First-order data, film position, field of view, and "field": illumination, distortion, colour along the
-        film. Options: `InfoOptions`."""
+        """First-order data, film position and field of view.
+
+        Parameters
+        ----------
+        focus_m, stop_diameter_mm, fnumber : float, optional
+            As of `Lens`.
+        lambda_nm : float
+            Wavelength [nm]. Default 587.56.
+        film_width_mm, film_height_mm : float
+            Size of the film [mm]. Default 6.2208, 3.4992.
+        bands_nm : sequence of float
+            Wavelengths [nm] of the columns of lateral colour. Default: `lambda_nm`.
+        field_rows : int
+            Number of film radii from centre to corner. Default 5.
+
+        Returns
+        -------
+        dict
+            Names end with their unit; `field` lists illumination, distortion and colour along the film radius.
+        """
         return self._answer(_info, options)
 
     def pupil(self, **options: Unpack[PupilOptions]) -> dict[str, Any]:
-        """The pupil over the film radius ("pupil": r_mm, ellipse, exact area, irradiance per radiance, ...). Options:
-        `PupilOptions`."""
+        """The exit pupil over the film radius.
+
+        Parameters
+        ----------
+        focus_m, stop_diameter_mm, fnumber : float, optional
+            As of `Lens`.
+        lambda_nm : float
+            Wavelength [nm]. Default 587.56.
+        film_width_mm, film_height_mm : float
+            Size of the film [mm]. Default 6.2208, 3.4992.
+
+        Returns
+        -------
+        dict
+            `pupil` lists film radius, covering ellipse, exact area and irradiance per radiance.
+        """
         return self._answer(_pupil, options)
 
     def draw(self, **options: Unpack[DrawOptions]) -> str:
-        """The lens in section with its rays, as SVG text. Options: `DrawOptions`."""
+        """Draw a section of the lens with rays.
+
+        Parameters
+        ----------
+        focus_m, stop_diameter_mm, fnumber : float, optional
+            As of `Lens`.
+        film_width_mm, film_height_mm : float
+            Size of the film [mm]. Default 6.2208, 3.4992.
+        bands_nm : sequence of float
+            Wavelengths [nm] of the rays.
+
+        Returns
+        -------
+        str
+            SVG.
+        """
         return take_text(self._call(_draw, json.dumps(_plain(options)).encode()))
 
     def camera(self, *, bands_nm: Sequence[float], **options: Unpack[CameraOptions]) -> Camera:
-        """The OSL camera of one pass of up to three bands. Options: `CameraOptions`."""
+        """The OSL camera of one pass.
+
+        Parameters
+        ----------
+        bands_nm : sequence of float
+            One to three wavelengths [nm]: red, green and blue of the pass.
+        focus_m, stop_diameter_mm, fnumber : float, optional
+            As of `Lens`.
+        focus_bands_nm : sequence of float, optional
+            All bands of the stack, for one common focus. Default: `bands_nm`.
+        film_width_mm, film_height_mm : float, optional
+            Size of the film [mm]. Default 6.2208, 3.4992.
+        film_shift_x_mm, film_shift_y_mm : float
+            Shift of the film's centre [mm], +x right, +y up, seen from behind. Default 0.
+        film_tilt_x_deg, film_tilt_y_deg : float
+            Tilt of the film [deg]. Default 0.
+        pixel_pitch_mm : float, optional
+            Distance of pixel centres [mm]. Default 0.00486.
+        colour_tolerance_px : float, optional
+            Largest lateral colour [pixels] at which the pass is traced at one wavelength. Default 0.1.
+        unit_m : float, optional
+            Metres per unit of the scene. Default 1.
+
+        Returns
+        -------
+        Camera
+            Shader source and calibration.
+        """
         return Camera(**self._answer(_camera, {"bands_nm": np.asarray(bands_nm, float), **options}))
 
     def directions(self, pixels: ArrayLike, **options: Unpack[ImageOptions]) -> NDArray[np.float64]:
-        """Unit vectors [..., 3] of the chief rays of pixels [..., 2]; NaN where none arrives. Options: `ImageOptions`.
+        """Chief rays of pixels.
 
-        Camera axes: x right, y down, z forward, origin at the entrance pupil. Pixel (0, 0) has its centre at
-        (0.5, 0.5).
+        Axes: x right, y down, z forward, origin at the entrance pupil. Pixel (0, 0) has its centre at (0.5, 0.5).
+
+        Parameters
+        ----------
+        pixels : array
+            [..., 2], x and y [pixels].
+        width, height : int
+            Size of the image [pixels]; required.
+        pixel_pitch_mm : float
+            Distance of pixel centres [mm]. Default 0.00486.
+        lambda_nm : float
+            Wavelength [nm]. Default 550.
+        focus_m, stop_diameter_mm, fnumber : float, optional
+            As of `Lens`.
+        focus_bands_nm : sequence of float, optional
+            As of `camera`.
+        film_shift_mm, film_tilt_deg : (float, float)
+            x and y, as of `camera`. Default (0, 0).
+
+        Returns
+        -------
+        float64 array
+            [..., 3], unit vectors; NaN where no ray arrives.
         """
         return self._mapped(_directions, _image_json(options), pixels, 2, 3)
 
     def pixels(self, directions: ArrayLike, **options: Unpack[ImageOptions]) -> NDArray[np.float64]:
-        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions`; NaN for directions outside
-        the field of view. Options: `ImageOptions`."""
+        """Pixels of directions, the inverse of `directions`.
+
+        Parameters
+        ----------
+        directions : array
+            [..., 3], of any length; axes as of `directions`.
+        width, height, pixel_pitch_mm, lambda_nm, focus_m, stop_diameter_mm, fnumber
+            As of `directions`.
+        focus_bands_nm, film_shift_mm, film_tilt_deg
+            As of `directions`.
+
+        Returns
+        -------
+        float64 array
+            [..., 2], x and y [pixels]; NaN outside the field of view.
+        """
         return self._mapped(_pixels, _image_json(options), directions, 3, 2)
 
     def _answer(self, call: Any, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,20 +27,47 @@ _Chip = str | PathLike[str] | Chip
 
 
 class Light(Handle):
-    """The photocurrent [A] of a stack at any time, as `pecs sense` gives it to the pixels: carried along the stack's
-    motion between its frames, pictures between them included; without motion, blended at the pixel. Planes are
-    float32, without dark current, as of `Chip.photocurrent`.
+    """The photocurrent of a stack at any time, as `pecs sense` gives it to the pixels.
+
+    Light between frames is warped along the stack's motion; without motion it is interpolated at the pixel. Memory:
+    the
+    frames of two intervals. Increasing times are the fastest.
 
         with pecs.Light("stack", ["red.json", "green.json", "blue.json"]) as light:
             sharp = light.at(5000.0)                          # [3, height, width]
             blurred = light.mean(5000.0, 9000.0)              # global shutter
             rolling = light.exposure(5000.0, 4000.0, row_delay_us=20.0)
 
-    chips: one `Chip`, name or file, or several: the colours of a camera are chips whose QE are its responses. Times
-    count in microseconds from the first frame, as events do, to `end_us` (None: a stack with a period, which
-    repeats without end). Times may come in any order; increasing ones are the fastest. Memory: two intervals' frames.
-    Options as of `Chip.amperes_per_unit`; `fps`: for a folder without stack.json; `motion=False`: blended at the pixel
-    all the same; `threads`: 0 is all. Raises PecsNotFoundError for no stack, PecsInputError for a time outside.
+    Parameters
+    ----------
+    stack : str or path
+        The stack.
+    chips : Chip, str, path, or a sequence of these
+        One chip or several. The colours of a camera are chips whose quantum efficiencies are its responses.
+    fps : float, optional
+        Frame rate [Hz] of a folder without stack.json.
+    motion : bool
+        Warp along the stack's motion. Default True.
+    threads : int
+        Number of threads. Default 0: all.
+    fnumber, gain, photocurrent_a : float, optional
+        As of `Chip.amperes_per_unit`.
+
+    Attributes
+    ----------
+    shape : (int, int, int)
+        Chips, height, width.
+    end_us : float or None
+        Last time [us] from the first frame; None: the stack is periodic.
+    along_motion : bool
+        Whether light is warped.
+
+    Raises
+    ------
+    PecsNotFoundError
+        There is no such stack.
+    PecsInputError
+        A time is outside the stack.
     """
 
     _free = staticmethod(_close)
@@ -65,7 +92,18 @@ class Light(Handle):
         self.along_motion: bool = info["motion"]
 
     def at(self, t_us: ArrayLike) -> NDArray[np.float32]:
-        """The light at a time, [chips, height, width], or at several, [times, chips, height, width]."""
+        """The photocurrent at a time or at several.
+
+        Parameters
+        ----------
+        t_us : float or sequence of float
+            Times [us] from the first frame.
+
+        Returns
+        -------
+        float32 array
+            [A], [chips, height, width], or [times, chips, height, width]. Without dark current.
+        """
         times = np.asarray(t_us, np.float64)
         if times.ndim > 1:
             raise ValueError(f"t_us: got shape {times.shape}, wanted one time or a list")
@@ -74,20 +112,46 @@ class Light(Handle):
         return out
 
     def mean(self, begin_us: float, end_us: float, steps: int | None = None) -> NDArray[np.float32]:
-        """The mean of the light from `begin_us` to `end_us`, [chips, height, width]: the picture of a global shutter.
-        `steps` as of `exposure`."""
+        """The mean photocurrent over a time, as of a global shutter.
+
+        Parameters
+        ----------
+        begin_us, end_us : float
+            Times [us] from the first frame.
+        steps : int, optional
+            As of `exposure`.
+
+        Returns
+        -------
+        float32 array
+            [A], [chips, height, width].
+        """
         return self.exposure(begin_us, end_us - begin_us, steps=steps)
 
     def exposure(
         self, begin_us: float, exposure_us: float, row_delay_us: float = 0.0, steps: int | None = None
     ) -> NDArray[np.float32]:
-        """The mean of the light over each row's exposure, [chips, height, width]: row y is exposed for `exposure_us`
-        from `begin_us + y * row_delay_us` on (rolling shutter; negative: the last row comes first).
+        """The mean photocurrent over each row's exposure, as of a rolling shutter.
 
-        The exposure is cut into `steps` equal cells, each with the light of its middle; None: so many that nothing
-        moves more than half a pixel from one to the next, and more than the pictures between two frames (without
-        motion: four per interval). With a row delay the cells begin at `begin_us` and those at the ends of a row's
-        exposure count in part; all rows together may have 2^20 cells. No planes are kept.
+        The exposure is cut into equal cells, each with the light of its middle. With a row delay, the cells begin at
+        `begin_us`, and those at the ends of a row's exposure count in part; all rows together may have 2^20 cells.
+
+        Parameters
+        ----------
+        begin_us : float
+            Start [us] of row 0 from the first frame.
+        exposure_us : float
+            Exposure [us] of each row.
+        row_delay_us : float
+            Delay [us] from row to row; negative: the last row comes first. Default 0.
+        steps : int, optional
+            Number of cells. Default: as many as keep all motion below half a pixel per cell (without motion: four per
+            interval).
+
+        Returns
+        -------
+        float32 array
+            [A], [chips, height, width].
         """
         if steps is not None and steps < 1:
             raise ValueError(f"steps: got {steps}, wanted 1 or more")

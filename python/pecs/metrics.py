@@ -28,16 +28,38 @@ def compare(
     seed: int = 1,
     disk: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Compares two event streams; the dictionary that `pecs compare --json` prints ("chamfer", "gaussian", ...).
+    """Score simulated events against recorded ones. docs/reference/metrics.md defines the scores.
 
         pecs.compare(pecs.read("real.raw"), pecs.read("sim.raw"))["chamfer"]
 
-    Streams are arrays as `pecs.read` gives them, with x below `width` and y below `height` (pixels; if not given, those
-    of `real`). `window_us` counts from each stream's first event, or with origin="zero" from t = 0 of both.
-    normalisation: "shared", "eq16" or "paper". `split_half`: also score random halves of `real`
-    against each other. `disk`: the output of `pecs align detect --json` for `real`, to compare the delays behind its
-    edges ("delays"). Raises PecsInputError when a stream is empty or an
-    event lies outside the sensor.
+    Parameters
+    ----------
+    real, sim : structured array
+        Recorded and simulated events, as of `pecs.read`.
+    width, height : int
+        Size of the sensor [pixels]. Default 0: that of `real`.
+    normalisation : str
+        "shared" (default), "eq16" or "paper".
+    window_us : int, optional
+        Length [us] of the window of both. Default: all.
+    origin : str
+        Begin of the window: "first-event" (default) of each, or "zero": t = 0 of both.
+    split_half : bool
+        Also score random halves of `real` against each other. Default True.
+    seed : int
+        Of the halves. Default 1.
+    disk : dict, optional
+        Output of `pecs align detect --json` for `real`, to compare the delays behind the edges of a disk.
+
+    Returns
+    -------
+    dict
+        The scores, as `pecs compare --json` prints them.
+
+    Raises
+    ------
+    PecsInputError
+        A stream is empty, or an event lies outside the sensor.
     """
     width, height = width or getattr(real, "width", 0), height or getattr(real, "height", 0)
     real, sim = as_events(real), as_events(sim)
@@ -58,13 +80,24 @@ def compare(
 def delays(
     events: NDArray[np.void], *, disk: dict[str, Any], duration_us: int, width: int = 0, height: int = 0
 ) -> dict[str, Any]:
-    """How long after the edges of a turning disk its events come, in time order and with t in [0, duration_us).
+    """Delays of events behind the edges of a rotating disk.
 
-    `width`, `height` (pixels): those of `events` if not given.
-    `disk`: what `pecs align detect --json` found, its phase_time_us in the clock of `events`. The dictionary is
-    `compare`'s "delays" for one stream, with what a model of the pixel needs to predict it: by polarity "passes",
-    `[region][bin]` pixels times passing edges; "regions": how many around (counter-clockwise from the left) and along
-    the radius (inner_px to outer_px), and the events of each (docs/reference/metrics.md).
+    Parameters
+    ----------
+    events : structured array
+        Sorted by t, with t in [0, duration_us).
+    disk : dict
+        Output of `pecs align detect --json`, its `phase_time_us` in the clock of `events`.
+    duration_us : int
+        Length [us] of the recording.
+    width, height : int
+        Size of the sensor [pixels]. Default 0: that of `events`.
+
+    Returns
+    -------
+    dict
+        As `delays` of `compare` for one stream. By polarity also `passes`, [region][bin], pixels times passing edges;
+        `regions`: how many around (counter-clockwise from the left) and along the radius, and the events of each.
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     events = as_events(events)

@@ -21,14 +21,32 @@ _event_labels = function("pecs_event_labels", INT64, POINTER, INT64, POINTER, TE
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light at `fraction` (0 to 1) of the interval between two keyframes, float32, shaped as they are.
+    """The light between two keyframes, warped along motion.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
 
-    first, second: [H, W] or [bands, H, W], any positive light. motion: [12, H, W], of a stack's layer `motion`; or
-    [2, H, W], forward optical flow in pixels; or [4, H, W], forward and backward flow; NaN where it is not known.
-    `side`: "first" or "second" is what that keyframe alone predicts, NaN where it does not show what is there.
-    Raises ValueError for wrong shapes.
+    Parameters
+    ----------
+    first, second : array
+        [H, W] or [bands, H, W], any positive light.
+    motion : array
+        [12, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
+        backward flow. NaN: unknown.
+    fraction : float
+        Time within the interval, 0 to 1.
+    side : str
+        "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
+        surface.
+
+    Returns
+    -------
+    float32 array
+        In the shape of `first`.
+
+    Raises
+    ------
+    ValueError
+        A shape is wrong.
     """
     a, b, m = (np.ascontiguousarray(v, np.float32) for v in (first, second, motion))
     if a.shape != b.shape or a.ndim not in (2, 3):
@@ -41,11 +59,26 @@ def carry(
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """Object ids at `fraction` of the interval between two planes of them, int32 [H, W].
+    """Object ids between two planes of them, warped along motion. The nearest surface wins; ids are never blended.
 
-    Each pixel gets the number of the surface point that is visible there then: the nearest one, never blended. What
-    neither plane shows is what both have at the pixel, or 0. first, second: [H, W], whole numbers; motion as of
-    `carry`. Raises ValueError for wrong shapes and for values that are not whole numbers.
+    Parameters
+    ----------
+    first, second : array
+        [H, W], whole numbers.
+    motion : array
+        As of `carry`.
+    fraction : float
+        Time within the interval, 0 to 1.
+
+    Returns
+    -------
+    int32 array
+        [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
+
+    Raises
+    ------
+    ValueError
+        A shape is wrong, or a value is not a whole number.
     """
     a, b = _whole(first), _whole(second)
     m = np.ascontiguousarray(motion, np.float32)
@@ -60,13 +93,30 @@ def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fractio
 def event_labels(
     events: NDArray[Any], stack: str | PathLike[str] | StackReader, layer: str = "objects", begin_us: float = 0.0
 ) -> NDArray[np.uint16]:
-    """The object that each event's pixel saw at the event's own time (to half a pixel of motion), uint16.
+    """The object that each event's pixel saw at the event's own time, to half a pixel of motion.
 
         ids = pecs.event_labels(pecs.read("events.h5"), "truth")
 
-    `stack` has the layer `motion` and a `layer` of one channel of whole numbers per instant; it needs no light.
-    0 outside the stack's time, and where the layer has it. Events in the order of time; `begin_us`: their time at the
-    stack's first instant. Raises PecsInputError for another layer and for pixels outside the picture.
+    Parameters
+    ----------
+    events : structured array
+        Sorted by t.
+    stack : str, path or StackReader
+        With the layer `motion` and `layer`; light is not required.
+    layer : str
+        A layer of one channel of whole numbers per frame. Default "objects".
+    begin_us : float
+        Time [us] of the events at the stack's first frame. Default 0.
+
+    Returns
+    -------
+    uint16 array
+        One id per event; 0 outside the stack's time and where the layer has 0.
+
+    Raises
+    ------
+    PecsInputError
+        The layer is another one, or a pixel is outside the image.
     """
     if not isinstance(stack, StackReader):
         with StackReader(stack) as reader:

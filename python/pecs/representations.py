@@ -38,10 +38,30 @@ def voxel_grid(
     normalise: bool = False,
     out: _Planes | None = None,
 ) -> _Planes:
-    """[bins, height, width]: bin b is the sum over events of (1 if p else -1) * max(0, 1 - |b - t*|), with t* =
-    (bins - 1) (t - begin_us) / (end_us - begin_us): bilinear in time (Zhu et al., CVPR 2019), as E2VID takes it.
+    """Voxel grid, bilinear in time (Zhu et al., CVPR 2019), as E2VID takes it.
 
-    `normalise`: the values that are not 0 get mean 0 and standard deviation 1, as for E2VID's network.
+    Bin b is the sum over events of (1 if p else -1) * max(0, 1 - |b - t*|), with t* = (bins - 1) (t - begin_us) /
+    (end_us - begin_us).
+
+    Parameters
+    ----------
+    events : structured array
+        With the fields t, x, y and p.
+    width, height : int
+        Size of the planes [pixels].
+    bins : int
+        Number of bins. Default 5.
+    begin_us, end_us : float, optional
+        Window [us]. Default: that of the events.
+    normalise : bool
+        Give the values that are not 0 mean 0 and standard deviation 1. Default False.
+    out : float32 array, optional
+        Of the result's shape, written and returned.
+
+    Returns
+    -------
+    float32 array
+        [bins, height, width].
     """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(bins, height, width, out)
@@ -58,8 +78,26 @@ def time_surface(
     end_us: float | None = None,
     out: _Planes | None = None,
 ) -> _Planes:
-    """[2, height, width], OFF and ON: exp(-(end_us - t) / tau_us) of the pixel's last event of that polarity, 0 without
-    one (Lagorce et al., HOTS, TPAMI 2017)."""
+    """Time surface (Lagorce et al., HOTS, TPAMI 2017): exp(-(end_us - t) / tau_us) of the pixel's last event.
+
+    Parameters
+    ----------
+    events : structured array
+        With the fields t, x, y and p.
+    width, height : int
+        Size of the planes [pixels].
+    tau_us : float
+        Time constant [us].
+    begin_us, end_us : float, optional
+        Window [us]. Default: that of the events.
+    out : float32 array, optional
+        Of the result's shape, written and returned.
+
+    Returns
+    -------
+    float32 array
+        [2, height, width], OFF and ON; 0 without an event.
+    """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2, height, width, out)
     _time_surface(some.ctypes.data, len(some), width, height, begin, end, tau_us, planes, planes.size)
@@ -75,8 +113,26 @@ def event_histogram(
     end_us: float | None = None,
     out: _Planes | None = None,
 ) -> _Planes:
-    """[2 * bins, height, width]: counts, all bins in time of OFF, then all of ON, as RVT's stacked histograms (Gehrig &
-    Scaramuzza, CVPR 2023), not cut off."""
+    """Counts of events, as RVT's stacked histograms (Gehrig & Scaramuzza, CVPR 2023), without their upper limit.
+
+    Parameters
+    ----------
+    events : structured array
+        With the fields t, x, y and p.
+    width, height : int
+        Size of the planes [pixels].
+    bins : int
+        Number of bins in time. Default 1.
+    begin_us, end_us : float, optional
+        Window [us]. Default: that of the events.
+    out : float32 array, optional
+        Of the result's shape, written and returned.
+
+    Returns
+    -------
+    float32 array
+        [2 * bins, height, width]: all bins of OFF, then all of ON.
+    """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2 * bins, height, width, out)
     _event_histogram(some.ctypes.data, len(some), width, height, bins, begin, end, planes, planes.size)

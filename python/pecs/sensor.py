@@ -80,29 +80,72 @@ def _from_srgb(v: NDArray[Any]) -> NDArray[Any]:
 
 
 class Sensor(Handle):
-    """Frames in, events out. An interval's events come with the second frame after it, or at `finish`.
+    """Simulate events frame by frame. The events of an interval are returned with the second frame after it, or by
+    `finish`.
 
         with pecs.Sensor(640, 480, "davis346", overrides={"contrast_threshold_on": 0.25}, seed=2) as sensor:
             events = [sensor.push(frame, t_us) for frame, t_us in frames]
 
-    chip: a name, a path, or a `pecs.Chip`. Options:
+    Any thread may push; pushes wait for each other.
 
-    - overrides: values of the chip, by the keys and units of `Chip.info`.
-    - biases: offsets to the factory settings, {"diff_on": 35}; or bias_file (docs/reference/sensor.md).
-    - preset: one of `pecs.presets()`: its model, parameters and overrides (given ones win), and an ideal readout.
-    - model: one of `pecs.models()` ("pecs"), with its parameters; for models that take no light 1 is white.
-    - noise: photon noise, leak, background events and mismatch (True).
-    - seed (1).
-    - readout: "chip" (row arbiter, rate limit, time base; the default) or "ideal".
-    - roi, mask, afk_hz or afk_pass_hz, trail_us or stc_us or stc_keep_us, erc_hz: the chip's digital stages
-      (docs/reference/sensor.md), none by default. Their drops are counted in `dropped_by_stage`.
-    - labels: events have a field `label`, the cause as an index into `pecs.sensor.LABELS` (False).
-    - photocurrent_a: photocurrent of a value of 1 (1e-12 A).
-    - encoding of the frames: "linear", "srgb", or None (srgb for uint8).
-    - threads: 0 is all; the events are the same with any number.
+    Parameters
+    ----------
+    width, height : int
+        Size of the frames [pixels].
+    chip : str, path or Chip
+        Name of a shipped profile, a .json file or a `Chip`. Default "imx636".
+    overrides : dict of str to float, optional
+        Values of the chip, by the keys and units of `Chip.info`.
+    biases : dict of str to float, optional
+        Offsets to the factory settings, such as {"diff_on": 35} (docs/reference/sensor.md).
+    bias_file : str or path, optional
+        A Metavision .bias file or camera settings (.json).
+    preset : str or path, optional
+        One of `pecs.presets()`: its model, parameters and overrides (given ones win), and an ideal readout.
+    model : str
+        One of `pecs.models()`. Default "pecs". For models that take grey values, 1 is white.
+    parameters : dict of str to float, optional
+        Of the model.
+    noise : bool
+        Photon noise, leak, background events and mismatch. Default True.
+    seed : int
+        Of all random numbers. Default 1.
+    readout : str
+        "chip" (default; row arbiter, rate limit, time base) or "ideal".
+    roi : sequence of (int, int, int, int), optional
+        Windows x, y, width, height [pixels]; pixels outside all of them are off.
+    mask : str or path, optional
+        File of pixels whose events are dropped.
+    afk_hz, afk_pass_hz : (float, float), optional
+        Anti-flicker: band [Hz] whose flicker is dropped, or kept; at most one of both.
+    trail_us, stc_us, stc_keep_us : int, optional
+        Keep the first event of a burst, the second, or all but the first [us]; at most one of these.
+    erc_hz : float, optional
+        Event rate control: largest number of events per second.
+    labels : bool
+        Events have a field `label`, the cause as an index into `pecs.sensor.LABELS`. Default False.
+    photocurrent_a : float
+        Photocurrent [A] of a pixel of value 1 (255 in uint8, 65535 in uint16). Default 1e-12.
+    encoding : str, optional
+        "linear" or "srgb". Default: "srgb" for uint8, "linear" for others.
+    threads : int
+        Number of threads; the events do not depend on it. Default 0: all.
 
-    Any thread may push; pushes wait for each other. Raises PecsNotFoundError for an unknown chip, PecsInputError for an
-    unknown option, a wrong value, or a picture larger than the chip.
+    Attributes
+    ----------
+    dropped : int
+        Number of events that the readout lost so far.
+    dropped_by_stage : dict of str to int
+        Number of events that each digital stage dropped so far.
+    bad_values : dict of str to int
+        Number of pixels of the frames that were not finite or negative so far.
+
+    Raises
+    ------
+    PecsNotFoundError
+        The chip is unknown.
+    PecsInputError
+        An option is unknown, a value is wrong, or the frames are larger than the chip.
     """
 
     _free = staticmethod(_close)
@@ -127,14 +170,35 @@ class Sensor(Handle):
     def push(
         self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
     ) -> Events:
-        """One frame [H, W], or several [T, H, W], at increasing times in us. Returns t, x, y, p (`pecs.EVENT_DTYPE`).
+        """Simulate one frame or several.
 
-        `motion`: how things moved in the interval before each frame, [channels, H, W] (or [T, channels, H, W]) as
-        `pecs.carry` takes it: 12 channels, or optical flow in 2 or 4; NaN where it is not known. Light between the
-        frames is then carried along it. The motion of the very first frame is ignored.
-        `last`: no frame follows; the sensor closes. Negative values are taken as 0, a pixel whose value is not finite
-        keeps its last one; both are counted in `bad_values`, and the first push that has some warns.
-        Raises ValueError for a wrong shape, and for times that do not increase by at least 1 us.
+        Negative values are taken as 0; a pixel whose value is not finite keeps its last one. Both are counted in
+        `bad_values`, and the first push that has some warns.
+
+        Parameters
+        ----------
+        frame : array
+            [H, W], or [T, H, W].
+        t_us : float or array
+            Increasing times [us], at least 1 us apart; [T] for several frames.
+        last : bool
+            No frame follows; the sensor closes. Default False.
+        motion : array, optional
+            Motion in the interval before each frame, [channels, H, W] or [T, channels, H, W] as `pecs.carry` takes it:
+            12
+            channels, or optical flow in 2 or 4; NaN: unknown. Light between the frames is then warped along it. That
+            of the
+            very first frame is ignored.
+
+        Returns
+        -------
+        Events
+            t [us], x, y [pixels], p (1: ON), sorted by t.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, or times do not increase by at least 1 us.
         """
         frames = _to_linear(frame, self.encoding)
         times = np.ascontiguousarray(np.atleast_1d(t_us), np.float64)
@@ -154,7 +218,13 @@ class Sensor(Handle):
         return out
 
     def finish(self) -> Events:
-        """The events of the last interval; nothing can be pushed after it."""
+        """Return the events of the last interval and close the sensor.
+
+        Returns
+        -------
+        Events
+            As of `push`.
+        """
         return self._push(np.empty((0, *self.shape), np.float32), np.empty(0), True)
 
     def _push(
@@ -207,11 +277,27 @@ def simulate(
     progress: Callable[[float], object] | None = None,
     **options: Unpack[SensorOptions],
 ) -> Events:
-    """All events of frames [T, H, W] at increasing times `t_us` [us]; options and errors as of `Sensor`.
+    """Simulate the events of frames.
 
         events = pecs.simulate(frames, 1000 * np.arange(len(frames)), chip="imx636", photocurrent_a=1e-12)
 
-    `progress` is called with the share done, 0 to 1; an exception from it stops the work.
+    Parameters
+    ----------
+    frames : array
+        [T, H, W], at least two; floating point is linear light, uint8 is sRGB, uint16 is linear.
+    t_us : array
+        [T], increasing times [us], at least 1 us apart.
+    chip : str, path or Chip
+        The chip. Default "imx636".
+    progress : callable, optional
+        Called with the share done, 0 to 1; an exception from it stops the work.
+    **options
+        As of `Sensor`.
+
+    Returns
+    -------
+    Events
+        t [us], x, y [pixels], p (1: ON), sorted by t; with `labels=True` also `label`.
     """
     frames, times = _as_array(frames), np.asarray(t_us, np.float64)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:

@@ -1,0 +1,47 @@
+"""Docstrings of the public package follow NumPy's convention, and list exactly the parameters that the code has."""
+
+import dataclasses
+import importlib
+import inspect
+import re
+
+import pecs
+import pytest
+
+SECTION = re.compile(r"^(\w+)\n-{3,}\n((?:(?!^\w+\n-{3,}\n)(?:.*\n))*)", re.MULTILINE)
+
+
+def callables():
+    """(name, callable, docstring) of functions, of classes, and of their public methods."""
+    for name in pecs.__all__:
+        value = getattr(pecs, name)
+        if inspect.isclass(value):
+            if {"__init__", "__new__"} & set(vars(value)) and not dataclasses.is_dataclass(value):
+                yield name, value, value.__doc__
+            methods = [(k, v) for k, v in vars(value).items() if k[0] != "_" and inspect.isfunction(v)]
+            yield from ((f"{name}.{key}", method, method.__doc__) for key, method in methods)
+        elif inspect.isroutine(value):
+            yield name, value, value.__doc__
+
+
+def expected(call) -> set[str]:
+    """Parameters, with the keys of `**options: Unpack[KIND]`; those of `simulate` are described at `Sensor`."""
+    found = set()
+    for parameter in inspect.signature(call).parameters.values():
+        options = re.search(r"Unpack\[(\w+)\]", str(parameter.annotation))
+        if options and call is not pecs.simulate:
+            found |= set(getattr(importlib.import_module(call.__module__), options[1]).__annotations__)
+        elif parameter.name != "self":
+            found.add("**options" if options else parameter.name)
+    return found
+
+
+@pytest.mark.parametrize(("name", "call", "doc"), [pytest.param(*found, id=found[0]) for found in callables()])
+def test_parameters_are_those_of_the_code(name, call, doc):
+    text = inspect.cleandoc(doc) + "\n"
+    sections = dict(SECTION.findall(text))
+    listed = re.findall(r"^(\S[^:\n]*?)(?: : .+)?$", sections.get("Parameters", ""), re.MULTILINE)
+    names = [part.strip() for line in listed for part in line.split(",")]
+    assert len(names) == len(set(names)) and set(names) == expected(call)
+    summary = text.split("\n\n")[0]
+    assert summary.strip().endswith(".") and summary.strip()[0].isupper()
