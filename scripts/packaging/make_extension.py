@@ -21,16 +21,16 @@ import markdown
 from wheels import ROOT, VERSION, built_wheel, epoch_s, self_contained, with_own_version, write_entry
 
 ADD_ON = ROOT / "blender_addon" / "pecs_blender"
-PAGE = ROOT / "docs/start/panel.md"
+PAGES = ROOT / "docs/start/panel.md", ROOT / "docs/howto/fit_camera.md"
 STYLE = "body{max-width:50em;margin:2em auto;font:16px/1.5 sans-serif}img{max-width:100%}td{padding:.2em .6em}"
 
 
-def manual() -> str:
-    """PAGE as one HTML file with its pictures, which opens without a network; links to other pages become text."""
-    body = markdown.markdown(PAGE.read_text(), extensions=["tables"], output_format="html")
+def manual(page: Path) -> str:
+    """A page as one HTML file with its pictures, which opens without a network; links to other pages become text."""
+    body = markdown.markdown(page.read_text(), extensions=["tables", "fenced_code"], output_format="html")
     body = re.sub(r'<a href="(?!https?:)[^"]*">(.*?)</a>', r"\1", body, flags=re.DOTALL)
     for name in set(re.findall(r'src="([^":]+)"', body)):
-        data = base64.b64encode((PAGE.parent / name).read_bytes()).decode()
+        data = base64.b64encode((page.parent / name).read_bytes()).decode()
         body = body.replace(f'src="{name}"', f'src="data:image/png;base64,{data}"')
     return f'<!doctype html><meta charset="utf-8"><title>PECS in Blender</title><style>{STYLE}</style>\n{body}\n'
 
@@ -55,7 +55,7 @@ def extension(wheel: Path, folder: Path) -> Path:
         if path.is_file() and "__pycache__" not in path.parts
     }
     files["blender_manifest.toml"] = manifest(wheel_name).encode()
-    files["manual/panel.html"] = manual().encode()
+    files |= {f"manual/{page.stem}.html": manual(page).encode() for page in PAGES}
     files[f"wheels/{wheel_name}"] = wheel_data
     unfinished = target.with_suffix(".partial")
     with zipfile.ZipFile(unfinished, "w") as archive:

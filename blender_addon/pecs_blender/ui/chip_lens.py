@@ -150,6 +150,23 @@ PECS_OT_pick_lens.__annotations__ = dict(_FILE)
 PECS_OT_pick_chip.__annotations__ = dict(_FILE)
 
 
+class PECS_OT_use_preset(Action, bpy.types.Operator):
+    """Use the values of the chip"""
+
+    bl_label = "Use Published Setting"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, _context, properties) -> str:
+        found = settings.published().get(properties.name)
+        return f"{found['description']}. {found['source']}" if found else say(cls.__doc__)
+
+    def act(self, context) -> None:
+        context.scene.pecs.sensor.preset = self.name
+
+
 def _keys(_self, context, text: str) -> list[tuple[str, str]]:
     try:
         known = settings.parameters(context.scene.pecs)

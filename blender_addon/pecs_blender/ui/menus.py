@@ -9,14 +9,10 @@ from pathlib import Path
 
 import bpy
 
-from . import background, event_operators, library, paths
+from . import background, event_operators, library, paths, settings
 from .interface import Action, progress, say
 
-_PAGES = (
-    Path(__file__).parents[1] / "manual/panel.html",
-    Path(__file__).parents[3] / "docs/start/panel.md",
-)  # zip; checkout
-
+_PAGES = {"panel": "start/panel.md", "fit_camera": "howto/fit_camera.md"}  # in the zip as manual/NAME.html
 
 _GROUPS = (  # operators in the Render menu
     "run render sense",
@@ -26,8 +22,9 @@ _GROUPS = (  # operators in the Render menu
 )
 
 
-def _page() -> Path:
-    return next((path for path in _PAGES if path.is_file()), _PAGES[0])
+def _page(name: str = "panel") -> Path:
+    in_zip, in_checkout = Path(__file__).parents[1] / f"manual/{name}.html", Path(__file__).parents[3] / "docs"
+    return in_zip if in_zip.is_file() else in_checkout / _PAGES[name]
 
 
 def _manual_pages() -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -43,6 +40,16 @@ class PECS_OT_manual(Action, bpy.types.Operator):
 
     def act(self, _context) -> str:
         return paths.open_outside(_page())
+
+
+class PECS_OT_fit_camera(Action, bpy.types.Operator):
+    """Open the page that fits a chip profile to recordings of your camera. Profiles in the folder Own Chips of the
+    preferences are listed here"""
+
+    bl_label = "Fit My Camera"
+
+    def act(self, _context) -> str:
+        return paths.open_outside(_page("fit_camera"))
 
 
 def _choices(layout, kind: str) -> None:
@@ -61,6 +68,7 @@ class PECS_MT_chip(bpy.types.Menu):
 
     def draw(self, _context) -> None:
         _choices(self.layout, "chip")
+        self.layout.operator("pecs.fit_camera", icon="HELP")
 
 
 class PECS_MT_lens(bpy.types.Menu):
@@ -68,6 +76,18 @@ class PECS_MT_lens(bpy.types.Menu):
 
     def draw(self, _context) -> None:
         _choices(self.layout, "lens")
+
+
+class PECS_MT_preset(bpy.types.Menu):
+    """Settings of other simulators, as papers and repositories give them."""
+
+    bl_label = "Published Setting"
+
+    def draw(self, _context) -> None:
+        layout = self.layout
+        layout.operator("pecs.use_preset", text=say("The chip's values"), translate=False).name = ""
+        for name, preset in sorted(settings.published().items()):
+            layout.operator("pecs.use_preset", text=f"{name}: {preset['description']}", translate=False).name = name
 
 
 class PECS_MT_render(bpy.types.Menu):

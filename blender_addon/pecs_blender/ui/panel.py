@@ -273,7 +273,9 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        props(layout, s.sensor, "model", "readout")
+        name = s.sensor.preset or say("The chip's values")
+        layout.menu("PECS_MT_preset", text=name, icon="PRESET", translate=False)
+        props(layout, s.sensor, "model", *(() if s.sensor.preset else ("readout",)))
 
 
 class PECS_PT_parameters(SubPanel, bpy.types.Panel):

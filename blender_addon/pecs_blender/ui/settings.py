@@ -157,6 +157,22 @@ def _forget_version(self, _context) -> None:
 _models = cache(pecs.models)
 
 
+@cache
+def published() -> dict[str, dict]:
+    """Settings of other simulators (`pecs presets`), by name."""
+    return {preset["name"]: preset for preset in pecs.presets()}
+
+
+def _take_model(self, _context) -> None:
+    if self.preset in published() and self.model != published()[self.preset]["model"]:
+        self.model = published()[self.preset]["model"]
+
+
+def _forget_preset(self, _context) -> None:
+    if self.preset in published() and self.model != published()[self.preset]["model"]:
+        self.preset = ""
+
+
 @cache  # Blender requires the same string objects at each call
 def _model_items() -> list[tuple]:
     return [_item(m["name"], m["name"], m["source"]) for m in _models()]
@@ -182,7 +198,16 @@ class PecsOverride(bpy.types.PropertyGroup):
 
 class PecsSensor(bpy.types.PropertyGroup):
     model: EnumProperty(
-        name="Pixel", items=lambda _s, _c: _model_items(), description="Pixel model that generates the events"
+        name="Pixel",
+        items=lambda _s, _c: _model_items(),
+        update=_forget_preset,
+        description="Pixel model that generates the events",
+    )
+    preset: StringProperty(
+        name="Published Setting",
+        update=_take_model,
+        description="Setting of another simulator, as a paper or its repository gives it: pixel model, its parameters "
+        "and the values of the chip that it uses, with an ideal readout. Empty: the chip's values",
     )
     seed: IntProperty(name="Seed", default=1, min=0, description="Seed of the sensor's random numbers")
     no_noise: BoolProperty(
@@ -467,7 +492,8 @@ def override_error(override, known: dict[str, dict]) -> str:
 def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
     """Arguments of `pecs sense`, without stack, output, chip and threads."""
     sensor = scene.pecs.sensor
-    words = ["--seed", str(sensor.seed), "--model", sensor.model, "--readout", sensor.readout]
+    words = ["--seed", str(sensor.seed)]
+    words += ["--preset", sensor.preset] if sensor.preset else ["--model", sensor.model, "--readout", sensor.readout]
     words += ["--format", sensor.format] if sensor.format != "auto" else []
     words += ["--no-noise"] if sensor.no_noise else []
     known = parameters(scene.pecs) if sensor.overrides else {}

@@ -84,6 +84,7 @@ def test_it_carries_its_libraries(root, extension):
     with zipfile.ZipFile(extension) as archive:
         names = archive.namelist()
         page = archive.read("manual/panel.html").decode()
+        assert b"pecs fit" in archive.read("manual/fit_camera.html")
         manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
         (wheel,) = manifest["wheels"]
         with zipfile.ZipFile(archive.open(wheel.removeprefix("./"))) as inside:

@@ -1,11 +1,16 @@
-"""Biases and digital stages of the panel become the options of `pecs sense`."""
+"""Biases, digital stages, published settings and fitted chips of the panel become the options of `pecs sense`."""
 
 from support import in_bpy
 
 BODY = """
+import json, sys
+from pathlib import Path
+from types import SimpleNamespace
 import bpy
+import pecs
 from pecs_blender import ui
-from pecs_blender.ui import presets, settings
+from pecs_blender.ui import checks, library, menus, presets, settings
+from support.panel_acts import Layout
 
 ui.register()
 sensor = bpy.context.scene.pecs.sensor
@@ -22,9 +27,44 @@ sensor.afk, sensor.trail, sensor.trail_ms, sensor.erc_mhz, sensor.mask = "stop",
 assert words() == "--afk 50:520 --stc-keep 2.5ms --erc 20MHz --mask /tmp/m.txt"
 sensor.afk, sensor.afk_low_hz, sensor.afk_high_hz, sensor.trail = "pass", 90, 110, "trail"
 assert words() == "--afk-pass 90:110 --trail 2.5ms --erc 20MHz --mask /tmp/m.txt"
+
+def model_words():
+    found = settings.sensor_arguments(bpy.context.scene)
+    return " ".join(found[2:])
+
+sensor.afk, sensor.trail, sensor.erc_mhz, sensor.mask = "none", "none", 0, ""
+bpy.ops.pecs.use_preset(name="v2e_noisy")
+assert sensor.model == "v2e" and model_words() == "--preset v2e_noisy"
+sensor.model = "esim"  # which the setting does not use
+assert sensor.preset == "" and model_words() == "--model esim --readout chip"
+bpy.ops.pecs.use_preset(name="v2e_noisy")
+sensor.model = "v2e"
+assert sensor.preset == "v2e_noisy"
+bpy.ops.pecs.use_preset()
+assert model_words() == "--model v2e --readout chip"
+texts = []
+menus.PECS_MT_preset.draw(SimpleNamespace(layout=Layout(texts)), bpy.context)
+assert any("ESIM for the training data of Stoffregen" in text for text in texts), texts
+
+# A profile that `pecs fit` wrote into the folder of own chips
+own = Path(sys.argv[1])
+fitted = json.loads((pecs.data_dir("sensor/chips") / "davis346.json").read_text())
+(own / "my_camera.json").write_text(json.dumps(fitted | {"description": "My DAVIS, fitted"}))
+library.own_folder = lambda kind: own if kind == "chip" else None
+texts = []
+menus.PECS_MT_chip.draw(SimpleNamespace(layout=Layout(texts)), bpy.context)
+assert "My DAVIS" in texts and texts[-1] == "Fit My Camera", texts
+scene = bpy.context.scene
+scene.pecs.chip = "my_camera"
+bpy.ops.pecs.chip_resolution()
+assert settings.size(scene) == (346, 260) and not checks.sensor_problems(scene)
+words = settings.render_arguments(scene)
+assert words[words.index("--chip") + 1] == str(own / "my_camera.json")
+assert menus._page("fit_camera").name == "fit_camera.md" and menus._page("fit_camera").is_file()
+
 assert all(hasattr(sensor, key) for key in presets._SENSOR_KEYS)
 """
 
 
-def test_the_panel_gives_options_of_the_program():
-    in_bpy(BODY)
+def test_the_panel_gives_options_of_the_program(tmp_path):
+    in_bpy(BODY, tmp_path)

@@ -155,6 +155,11 @@ def _runs(scene, folder):
     sensor.seed = 2
     pressed("sense")
     assert events.read_bytes() != first
+    bpy.ops.pecs.use_preset(name="v2e_noisy")
+    pressed("sense")
+    assert json.loads((folder / "scene_events/scene.raw.run.json").read_text())["config"]["preset"] == "v2e_noisy"
+    sensor.model = "pecs"
+    assert not sensor.preset
 
 
 def _views(scene, folder):
