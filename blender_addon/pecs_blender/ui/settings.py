@@ -47,13 +47,13 @@ SHOWN = {
         "Bands",
         {"description": "Number of bands; a pass renders three. 0: as few as the scene's colours and lamps allow"},
     ),
-    "bands_per_pass": ("Bands per Pass", {}),
+    "bands_per_pass": ("Bands/Pass", {}),
     "placement": ("Placement", {}),
     "min_nm": ("From (nm)", {}),
     "max_nm": ("To (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
     "illuminant": (
-        "Lamp Spectrum",
+        "Lamps",
         {
             "search": library.search(library.spectra),
             "description": "Spectrum of lamps and skies that have only a colour: a name, FILE.csv, blackbody:T or "
@@ -70,12 +70,12 @@ SHOWN = {
             "noise of the renderer; 0: off",
         },
     ),
-    "no_denoise": ("Keep Render Noise", {}),
+    "no_denoise": ("Keep Noise", {}),
     "light_tree": ("Light Tree", {}),
     "seed": ("Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
-    "fps": ("Frame Rate (Hz)", {"description": "Frames per second of scene time"}),
+    "fps": ("Rate (Hz)", {"description": "Frames per second of scene time"}),
     "time": (
         "Steps",
         {
@@ -83,7 +83,7 @@ SHOWN = {
             "description": "Uniform renders every frame; adaptive renders keyframes and the motion between them",
         },
     ),
-    "step_px": ("Max Motion (px)", {}),
+    "step_px": ("Motion (px)", {}),
     "moving_px": (
         "Region (px)",
         {
@@ -252,9 +252,7 @@ class PecsSensor(bpy.types.PropertyGroup):
     trail_ms: FloatProperty(
         name="Threshold (ms)", default=10, min=1, max=100, description="Longest time between two events of a burst"
     )
-    erc_mhz: FloatProperty(
-        name="Rate Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit"
-    )
+    erc_mhz: FloatProperty(name="Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit")
     mask: StringProperty(
         name="Event Mask",
         subtype="FILE_PATH",
@@ -320,7 +318,7 @@ class PecsSettings(bpy.types.PropertyGroup):
         description="Action if the stack exists",
     )
     whole_range: BoolProperty(
-        name="Scene Frame Range", default=True, description="Render from the scene's start frame to its end frame"
+        name="Scene Range", default=True, description="Render from the scene's start frame to its end frame"
     )
     frames: IntProperty(
         name="Frames",

@@ -7,8 +7,9 @@ import blf
 import bpy
 from pecs_blender.ui import interface
 
-REGION_PX = 290  # of a Properties editor at its default width
-WIDTH_PX = REGION_PX - 20 - 12  # less a panel's margins and the scroll bar
+REGION_PX = 252  # of the panels in a window of 1600 px, whose Properties editor is 282 px wide
+WIDTH_PX = REGION_PX - 20 - 14  # less a panel's margins and the scroll bar
+GAP_PX = 8  # between the columns of a split
 POINTS, ICON_PX, PADDING_PX, BOX_PX, SPLIT = 11, 20, 8, 10, 0.4
 
 
@@ -94,6 +95,7 @@ class Layout:
             width_px -= BOX_PX
         if self.kind == "split" and self.factor and len(self.items) > 1:
             first, rest = self.items[0], self.items[1:]
+            width_px -= GAP_PX
             share = (1 - self.factor) * width_px / len(rest)
             return first.cut(self.factor * width_px) + [c for one in rest for c in one.cut(share)]
         if self.kind in ("row", "split"):
