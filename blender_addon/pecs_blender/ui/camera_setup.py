@@ -103,12 +103,12 @@ def _focus_on_object(self, context) -> None:
 
 class PecsCamera(bpy.types.PropertyGroup):
     show_field: BoolProperty(
-        name="Show Field of View",
+        name="Show Field",
         default=True,
         description="Draw the lens's field of view, with distortion, up to the focus plane",
     )
     focus_object: PointerProperty(
-        name="Focus on Object",
+        name="Focus On",
         type=bpy.types.Object,
         update=_focus_on_object,
         description="Sets the focus to the plane through the current origin of this object",

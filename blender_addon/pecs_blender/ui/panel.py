@@ -87,7 +87,7 @@ def _camera(layout, scene, s) -> None:
     width, height = settings.size(scene)
     if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
         layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
-    lens = library.title("lens", s.lens) if settings.has_lens(s) else say("The scene's camera")
+    lens = library.title("lens", s.lens).partition(" (")[0] if settings.has_lens(s) else say("The scene's camera")
     layout.menu("PECS_MT_lens", text=lens, icon="PROP_ON", translate=False)
     if not settings.has_lens(s):
         return
@@ -335,9 +335,9 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
         column.label(
             text=say("Field of view {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"])
         )
-        row = layout.row(align=True)
-        row.operator("pecs.match_lens", text="Match Camera", icon="CAMERA_DATA")
-        row.operator("pecs.draw_lens", icon="VIEW_ORTHO")
+        column = layout.column(align=True)
+        column.operator("pecs.match_lens", text="Match Camera", icon="CAMERA_DATA")
+        column.operator("pecs.draw_lens", icon="VIEW_ORTHO")
 
 
 class PECS_PT_light(SubPanel, bpy.types.Panel):

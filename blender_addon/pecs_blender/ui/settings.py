@@ -39,10 +39,10 @@ SHOWN = {
     ),
     "fnumber": ("f-number", {"description": "f-number of the lens; 0: wide open"}),
     "film_width_mm": (
-        "Film Width (mm)",
+        "Film (mm)",
         {"precision": 4, "description": "Film width of the lens camera; 0: width of the chip"},
     ),
-    "film_shift_mm": ("Film Shift (mm)", {"size": 2, "precision": 3}),
+    "film_shift_mm": ("Shift (mm)", {"size": 2, "precision": 3}),
     "bands": (
         "Bands",
         {"description": "Number of bands; a pass renders three. 0: as few as the scene's colours and lamps allow"},
@@ -250,7 +250,7 @@ class PecsSensor(bpy.types.PropertyGroup):
         description="Filters bursts: events of one pixel and polarity that follow each other within the threshold",
     )
     trail_ms: FloatProperty(
-        name="Threshold (ms)", default=10, min=1, max=100, description="Longest time between two events of a burst"
+        name="Within (ms)", default=10, min=1, max=100, description="Longest time between two events of a burst"
     )
     erc_mhz: FloatProperty(name="Limit (MHz)", min=0, max=3200, description="ERC: most events per second; 0: no limit")
     mask: StringProperty(
@@ -292,7 +292,7 @@ class PecsSensor(bpy.types.PropertyGroup):
         description="Event file of a real camera for the comparison, in any supported format",
     )
     compare_ms: FloatProperty(
-        name="Duration (ms)",
+        name="Time (ms)",
         min=0,
         max=1e7,
         description="Compared duration from the first event of each file on; 0: all",
