@@ -238,11 +238,15 @@ def _ratio(real: float | None, sim: float | None, one_sided: bool = False) -> tu
 
 
 def _number(value: float | None) -> str:
-    """At most six characters; null where there are too few events."""
+    """Four characters, which fit the table's columns; null where there are too few events."""
     if value is None:
         return say("none")
-    size, unit = next(((s, u) for s, u in ((1e9, "G"), (1e6, "M"), (1e3, "k")) if abs(value) >= 10 * s), (1, ""))
-    return f"{value / size:.3g}{unit}" if abs(value) < 1000 or unit else f"{value:.0f}"
+    size, unit = next(((s, u) for s, u in ((1e9, "G"), (1e6, "M"), (1e4, "k")) if abs(value) >= s), (1, ""))
+    value /= 1e3 if unit == "k" else size
+    if abs(value) >= 100 or (unit and abs(value) >= 10):
+        return f"{value:.0f}{unit}"
+    text = f"{value:.{1 if unit or abs(value) >= 10 else 2}f}"
+    return text.rstrip("0").rstrip(".") + unit
 
 
 class PECS_OT_close_scores(Action, bpy.types.Operator):

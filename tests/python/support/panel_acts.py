@@ -191,7 +191,10 @@ def _compares(scene, events):
     few |= {"real": nothing, "sim": nothing | {"events": 12_345}, "split_half": {"chamfer": None, "gaussian": None}}
     rows = event_operators.score_rows(few)
     assert ("Rate (Hz)", "none", "none", "", False) in rows, rows
-    assert ("Events", "1", "12.3k", "12345.00", False) in rows, rows
+    assert ("Events", "1", "12k", "12345.00", False) in rows, rows
+    numbers = (0, 0.488, 2.917, 10.53, 1653, 342_100, 2_331_000, 45e6)
+    texts = ["0", "0.49", "2.92", "10.5", "1653", "342k", "2.3M", "45M"]
+    assert [event_operators._number(number) for number in numbers] == texts
 
 
 def _renders_a_new_version(scene, folder):
@@ -426,6 +429,10 @@ def widths(folder):
     s = scene.pecs
     plan = {"frames": 12_345, "of": 123_456, "each_s": 7.0, "disk_bytes": 123e9, "memory_bytes": 12.3e9}
     background.state.plan[scene.name] = plan | {"settings": []}
+    one = {"events": 342_000, "rate_hz": 2.33e6, "on_fraction": 0.488, "interval_median_us": 1653}
+    scores = {"real": one, "sim": one, "split_half": {"chamfer": 2.92, "gaussian": 1.72}, "window_us": 146_800}
+    rest = {"chamfer": 3.1, "gaussian": 1.9, "rate_correlation": 0.98, "map_correlation": 0.97}
+    background.state.scores = scores | rest | {"recording": "cube.raw"}
     german = json.loads((Path(ui.__file__).parent / "languages/de_DE.json").read_text())
     for is_set in (False, True):
         s.lens, s.time = ("angenieux_100mm_f1p1", "uniform") if is_set else (s.lens, "adaptive")
