@@ -18,6 +18,7 @@ ARRAYS = "import numpy as np, pecs; pecs.simulate(np.zeros({}), {})"
 COMMANDS = [
     ("sense", "pics", "-o", "a.raw"),
     ("sense", "my.stack", "--fps", "100", "-o", "a.raw", "--chip", "davis346"),
+    ("sense", "rad.stack", "-o", "a.raw"),
     ("sense", "out.raw", "-o", "a.raw"),
     (*SENSE[:-1], "x.xyz"),
     ("compare", "out.raw", "g.raw"),
@@ -55,6 +56,12 @@ def folder(tmp_path_factory):
             Image.fromarray(np.full(size[::-1], 60 * i + 60, np.uint8)).save(folder / name / f"{i}.png")
     import pecs
 
+    band = {"lambda_nm": 550.0, "weight_nm": 100.0}
+    stack = {"pecs_stack": 1, "quantity": "radiance", "width": 8, "height": 8, "pixel_pitch_m": None, "bands": [band]}
+    stack |= {"times_ns": [0, 1000], "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {}}
+    with pecs.StackWriter(folder / "rad.stack", stack) as writer:
+        for i in range(2):
+            writer.write_frame(i, np.ones((1, 8, 8), np.float32))
     for name, width, height in (("out", 320, 240), ("g", 640, 360)):
         events = np.zeros(200, pecs.events.EVENT_DTYPE)
         events["t"] = 10 * np.arange(200)
