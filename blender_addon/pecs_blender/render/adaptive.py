@@ -43,7 +43,8 @@ SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
 MOST_NOISE = 0.99  # difference of the halves' photocurrents over their sum
 
 # Pictures between keyframes
-ROUNDS = 3  # of growing the rendered tiles until they agree with the prediction at their border
+ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction at their border
+AROUND_PX = 21  # side of the squares in which differences are compared with noise, in rendered pixels
 MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
 
 
@@ -102,6 +103,26 @@ class Judge:
         noise = np.arctanh(np.clip(np.nan_to_num(share), -MOST_NOISE, MOST_NOISE))
         return np.concatenate([mean, np.where(np.isnan(mean[:1]), np.nan, noise).astype(np.float32)])
 
+    def mixed(self, expected: np.ndarray, rendered: np.ndarray) -> np.ndarray:
+        """`rendered`, with less noise where it shows what was expected. Both: [bands + 1, height, width], as
+        `with_noise` returns them, `expected` with NaN where nothing is known.
+
+        ln(rendered / expected) is split into its mean over the surroundings and the rest; of each the part is taken
+        that the noise does not explain: 1 - noise^2 / difference^2, averaged over the surroundings (Wiener)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            difference = np.log(self.photocurrent(rendered) / self.photocurrent(expected))
+        noise = rendered[-1] - expected[-1]
+        known = np.isfinite(difference) & np.isfinite(noise)
+        size = np.maximum(_around(known), 1 / AROUND_PX**2)
+        difference, noise = np.where(known, difference, 0), np.where(known, noise, 0)
+        wide, wide_noise = _around(difference) / size, _around(noise) / size
+        wide_share = _signal(wide, wide_noise)
+        fine_share = _signal(np.where(known, difference - wide, 0), np.where(known, noise - wide_noise, 0))
+        lifted, lowered = expected.copy(), rendered.copy()  # differ in the rest only
+        lifted[:-1] *= np.exp(wide_share * wide)
+        lowered[:-1] *= np.exp((wide_share - 1) * wide)
+        return np.where(known, lifted + fine_share * (lowered - lifted), rendered).astype(np.float32)
+
     def strips_differing(
         self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
     ) -> np.ndarray:
@@ -119,6 +140,20 @@ class Judge:
     def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""
         return ~(self.differing(a, b) | differing_tiles(a, b, SAME_LIGHT, self.subpixels, SUSPECT_SIGMAS))
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    """Means over the squares around the pixels; 0 outside."""
+    n = AROUND_PX
+    padded = np.pad(values.astype(np.float64), ((n // 2 + 1, n // 2), (n // 2 + 1, n // 2)))
+    total = padded.cumsum(0).cumsum(1)
+    return (total[n:, n:] - total[n:, :-n] - total[:-n, n:] + total[:-n, :-n]) / n**2
+
+
+def _signal(difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Share of a difference that is not noise."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(np.clip(1 - _around(noise**2) / _around(difference**2), 0, 1))
 
 
 class Adaptive:
@@ -387,17 +422,15 @@ class Between:
         middle = (low + high) // 2
         if middle == low or not wrong.any():
             return
-        warped = pecs.carry(*it.photocurrents, it.motion, self._fraction(it, middle))
+        fraction = self._fraction(it, middle)
+        warped = pecs.carry(*it.photocurrents, it.motion, fraction)
         predicted = self._predicted(it, middle, warped)
         self._stage.set_time(self._grid_s[middle])
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
-        done, current = np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
+        more, done, current = wrong, np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
         light = np.full(it.first.written.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
-            more = grown(wrong) & ~done
-            if not more.any():
-                break
             if (done | more).mean() > MAX_BETWEEN:
                 more = ~done
             found = self._light.boxes(more)
@@ -408,10 +441,17 @@ class Between:
                     light[at(box)] = part
             done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
             wrong = self._judge.differing(predicted, current)
-        around = it.frame[: 2 * len(self._judge.weights)]
-        for box, part in self._light.clean_parts(it.frame, done, around):
-            rendered = np.isfinite(current[at(box)])
-            light[at(box)] = np.where(rendered, self._judge.with_noise(part), np.nan)
+            more = grown(wrong) & ~done
+            if not more.any():
+                break
+        if it.first.clean is not None:
+            expected = pecs.carry(it.first.clean, it.second.clean, it.motion, fraction)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                expected[:-1] *= np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
+            around = it.frame[: 2 * len(self._judge.weights)]
+            for box, part in self._light.clean_parts(it.frame, done, around):
+                mixed = self._judge.mixed(expected[at(box)], self._judge.with_noise(part))
+                light[at(box)] = np.where(np.isfinite(current[at(box)]), mixed, np.nan)
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):
