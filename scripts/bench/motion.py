@@ -3,7 +3,7 @@ precision and time error of events against a reference: keyframes 6 pixels apart
 pixel, many samples, no denoising. "ceiling" is a second reference with another seed. noise_events is the share that
 `pecs sense` estimates from the stack alone. Prints JSON and a table.
 
-    .venv/bin/python scripts/bench/motion.py -o out/motion [--scenes room shadow …] [--samples 4] [--variants …]
+    .venv/bin/python scripts/bench/motion.py -o out/motion [--scenes room shadow …] [--samples 8] [--variants …]
 
 The scenes are those of motion_scenes.py and two of the lab's; pixels are ideal (no noise, threshold 0.2). Stacks that
 are there are taken as they are.
@@ -118,7 +118,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", default=[s.name for s in SCENES])
-    parser.add_argument("--samples", type=int, default=4)
+    parser.add_argument("--samples", type=int, help="by default those of the renderer")
     parser.add_argument("--variants", nargs="+", default=["uniform", "adaptive"])
     args = parser.parse_args()
     made = make_scenes(args.output / "scenes")
@@ -132,7 +132,7 @@ def main() -> None:
         rows["ceiling"] = score(truth, reference_events(scene, args.output, made, seed=78), step_us)
         for variant in args.variants:
             folder = args.output / variant / scene.name
-            options = ["--samples", args.samples, *VARIANTS[variant]]
+            options = [*(["--samples", args.samples] if args.samples else []), *VARIANTS[variant]]
             seconds = render(scene, folder, made, scene.fps, *options)
             found, share = simulated(folder)
             rows[variant] = {"cpu_s": seconds, "noise_events": share, **score(truth, found, step_us)}

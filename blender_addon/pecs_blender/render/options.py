@@ -15,7 +15,8 @@ from pecs._errors import UsageError
 
 from .layers import LAYERS
 
-TIMES = ("uniform", "adaptive")
+SAMPLES = {"uniform": 8, "adaptive": 32}  # per pixel and band, by default
+TIMES = tuple(SAMPLES)
 POINTS = ("gauss", "uniform")  # placements of single wavelengths
 PLACEMENTS = ("means", *POINTS)
 MOST_BANDS = 256
@@ -188,7 +189,12 @@ class Options:
         metavar=("X", "Y"),
         unit="deg",
     )
-    samples: int = option(8, "paths per sensor pixel and band", low=1, high=65536)
+    samples: int | None = option(
+        None,
+        f"paths per sensor pixel and band; by default {SAMPLES['uniform']}, with adaptive steps {SAMPLES['adaptive']}",
+        low=1,
+        high=65536,
+    )
     noise_events: float | None = option(
         None,
         "adaptive: chooses --samples so that at most this share of the events comes from the noise of the renderer",
@@ -241,6 +247,10 @@ class Options:
     @property
     def is_adaptive(self) -> bool:
         return self.time == "adaptive"
+
+    @property
+    def samples_per_pixel(self) -> int:
+        return self.samples or SAMPLES[self.time]
 
     def recorded(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name, rule in RULES.items() if rule.recorded}

@@ -144,7 +144,7 @@ def resolve(options: Options, source: Source) -> Plan:
     denoise = options.is_adaptive and not options.no_denoise
     least = 2 if denoise else 1
     sampling = Sampling(
-        least * -(-options.samples // (least * subpixels**2)),
+        least * -(-options.samples_per_pixel // (least * subpixels**2)),
         options.seed,
         source.bounces,
         options.threads,

@@ -12,6 +12,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..render.blend import missing_files, python_drivers
+from ..render.options import SAMPLES
 from ..render.spectral import beyond_reach
 from . import settings
 from .background import state
@@ -62,9 +63,10 @@ def _noise(scene) -> Iterator[Problem]:
     found = state.light.get(scene.name)
     if s.noise_events or not found or found["noise_thresholds"] is None:
         return
-    noise = found["noise_thresholds"] * math.sqrt(found["samples"] / s.samples)
+    samples = s.samples or SAMPLES[s.time]
+    noise = found["noise_thresholds"] * math.sqrt(found["samples"] / samples)
     if noise > MOST_NOISE:
-        wanted = math.ceil(s.samples * (noise / MOST_NOISE) ** 2)
+        wanted = math.ceil(samples * (noise / MOST_NOISE) ** 2)
         text = (
             "Render noise of about {noise:.2g} contrast thresholds flickers at moving objects and causes false events. "
             "Use at least {samples} samples, or limit the noise events"

@@ -23,7 +23,7 @@ from bpy.props import (
 from pecs._arguments import flag
 
 from ..render.layers import LAYERS, layer_class
-from ..render.options import DEFAULTS, RULES, Options
+from ..render.options import DEFAULTS, RULES, SAMPLES, Options
 from ..render.plan import film_width_mm_of
 from ..render.resources import BYTES_PER_VALUE
 from ..render.timeline import passes
@@ -61,7 +61,13 @@ SHOWN = {
         },
     ),
     "light_scale": ("Light Scale", {}),
-    "samples": ("Samples", {}),
+    "samples": (
+        "Samples",
+        {
+            "description": "Paths per sensor pixel and band; 0: "
+            f"{SAMPLES['adaptive']} with adaptive steps, {SAMPLES['uniform']} with uniform ones"
+        },
+    ),
     "noise_events": (
         "Noise Events",
         {
