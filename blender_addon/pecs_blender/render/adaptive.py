@@ -11,20 +11,20 @@ made on the light as rendered: a denoiser's error has no known distribution, tha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import pecs
 
 from . import keyframes
+from .judge import Judge
 from .layers.layer import Layer
 from .layers.light import Light
 from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import BLOCK_PX, at, differing, differing_tiles, grown, pixels_of, probe_strips, tiles_with
+from .tiles import BLOCK_PX, at, grown, pixels_of, tiles_with
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -38,13 +38,9 @@ MAX_CHANGED = 0.7  # of the picture; beyond it the whole picture is rendered
 SAME_DEPTH = 0.02  # relative difference of depth within which two hits are on one surface
 SKY_M = 1e6  # depth of the sky: finite, so that it can be warped
 ALMOST_ONE = 1 - 2.0**-20  # at 1 itself, pecs.carry returns the other keyframe unchanged
-SAME_LIGHT = 0.02  # relative difference of light within which samples are averaged
-SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
-MOST_NOISE = 0.99  # difference of the halves' photocurrents over their sum
 
 # Pictures between keyframes
 ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction at their border
-AROUND_PX = 21  # side of the squares in which differences are compared with noise, in rendered pixels
 MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
 
 
@@ -79,81 +75,6 @@ def choose_keyframes(stage: Stage, instants: Instants) -> Keyframes:
     scale = PLAN_SCALE / stage.subpixels
     paths = keyframes.Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
     return Keyframes(instants.grid, keyframes.choose(instants.grid, paths, instants.step_px))
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Compares pictures of one instant as a chip sees them. weights: photocurrent per light in each band. tolerance: of
-    ln(photocurrent). subpixels: per sensor pixel, in x and y."""
-
-    weights: np.ndarray
-    tolerance: float
-    subpixels: int
-
-    def photocurrent(self, light: np.ndarray, bands: slice = slice(None)) -> np.ndarray:
-        """[height, width] of some bands of [bands, height, width]; further channels are ignored."""
-        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[: len(self.weights)][bands])
-
-    def with_noise(self, clean: np.ndarray) -> np.ndarray:
-        """[bands + 1, height, width] of light as Light.clean returns it: the mean of the halves, and ln(photocurrent)
-        of the first half minus that of the second, halved."""
-        mean, difference = np.split(clean, 2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = self.photocurrent(difference) / self.photocurrent(mean)
-        noise = np.arctanh(np.clip(np.nan_to_num(share), -MOST_NOISE, MOST_NOISE))
-        return np.concatenate([mean, np.where(np.isnan(mean[:1]), np.nan, noise).astype(np.float32)])
-
-    def mixed(self, expected: np.ndarray, rendered: np.ndarray) -> np.ndarray:
-        """`rendered`, with less noise where it shows what was expected. Both: [bands + 1, height, width], as
-        `with_noise` returns them, `expected` with NaN where nothing is known.
-
-        ln(rendered / expected) is split into its mean over the surroundings and the rest; of each the part is taken
-        that the noise does not explain: 1 - noise^2 / difference^2, averaged over the surroundings (Wiener)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            difference = np.log(self.photocurrent(rendered) / self.photocurrent(expected))
-        noise = rendered[-1] - expected[-1]
-        known = np.isfinite(difference) & np.isfinite(noise)
-        size = np.maximum(_around(known), 1 / AROUND_PX**2)
-        difference, noise = np.where(known, difference, 0), np.where(known, noise, 0)
-        wide, wide_noise = _around(difference) / size, _around(noise) / size
-        wide_share = _signal(wide, wide_noise)
-        fine_share = _signal(np.where(known, difference - wide, 0), np.where(known, noise - wide_noise, 0))
-        lifted, lowered = expected.copy(), rendered.copy()  # differ in the rest only
-        lifted[:-1] *= np.exp(wide_share * wide)
-        lowered[:-1] *= np.exp((wide_share - 1) * wide)
-        return np.where(known, lifted + fine_share * (lowered - lifted), rendered).astype(np.float32)
-
-    def strips_differing(
-        self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
-    ) -> np.ndarray:
-        """Tiles in which strips of the current instant, rendered in the brightest pass, differ from the photocurrent
-        that `expected` gives for the pass's bands. index: selects the strips' rows."""
-        brightest = int(np.argmax([self.weights[one.bands].sum() for one in stage.passes]))
-        bands = stage.passes[brightest].bands
-        rendered = light.strips(probe_strips(*stage.size, index), brightest)
-        return self.differing(expected(bands), self.photocurrent(rendered, bands))
-
-    def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Tiles [rows, columns] in which two photocurrents differ; NaN pixels are ignored."""
-        return differing(a, b, self.tolerance, self.subpixels)
-
-    def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""
-        return ~(self.differing(a, b) | differing_tiles(a, b, SAME_LIGHT, self.subpixels, SUSPECT_SIGMAS))
-
-
-def _around(values: np.ndarray) -> np.ndarray:
-    """Means over the squares around the pixels; 0 outside."""
-    n = AROUND_PX
-    padded = np.pad(values.astype(np.float64), ((n // 2 + 1, n // 2), (n // 2 + 1, n // 2)))
-    total = padded.cumsum(0).cumsum(1)
-    return (total[n:, n:] - total[n:, :-n] - total[:-n, n:] + total[:-n, :-n]) / n**2
-
-
-def _signal(difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Share of a difference that is not noise."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.nan_to_num(np.clip(1 - _around(noise**2) / _around(difference**2), 0, 1))
 
 
 class Adaptive:
