@@ -6,6 +6,7 @@
 
 import argparse
 import dataclasses
+import functools
 import importlib
 import inspect
 import re
@@ -67,9 +68,10 @@ def entry(head: str, text: str) -> str:
 
 
 def members(cls):
-    """(name, value) of methods, properties and fields in the order of the source."""
+    """(name, value) of methods and properties in the order of the source."""
+    kinds = (property, functools.cached_property, classmethod, staticmethod)
     for name, value in vars(cls).items():
-        if name[0] != "_" and (inspect.isfunction(value) or isinstance(value, (property, classmethod, staticmethod))):
+        if name[0] != "_" and (inspect.isfunction(value) or isinstance(value, kinds)):
             yield name, value
 
 
@@ -85,8 +87,8 @@ def describe(module: str, name: str, value) -> str:
         plain = dataclasses.is_dataclass(value) or "__init__" in vars(value)
         page = block(3, title, value if plain else None, doc)
         for key, member in members(value):
-            call = getattr(value, key)
-            page += block(4, f"{name}.{key}", None if isinstance(member, property) else call, member.__doc__)
+            plain = isinstance(member, (property, functools.cached_property))
+            page += block(4, f"{name}.{key}", None if plain else getattr(value, key), member.__doc__)
         return page
     if inspect.isroutine(value):
         return block(3, title, value, value.__doc__)

@@ -18,11 +18,17 @@ if TYPE_CHECKING:
 
 
 class EventFile:
-    """Opens the file when first asked, and again in another process (pickled, or forked).
+    """Parts of an event file in DSEC's layout, by time or index. The file is opened at the first access, and again in
+    another process.
 
-    with EventFile("events.h5") as file:
-        events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms
-        events = file.read(0, 5000)                # by index
+        with EventFile("events.h5") as file:
+            events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms
+            events = file.read(0, 5000)                # by index
+
+    Parameters
+    ----------
+    path : Path
+        The file (.h5).
     """
 
     def __init__(self, path: Path):
@@ -39,6 +45,7 @@ class EventFile:
         self.close()
 
     def close(self) -> None:
+        """Close the file."""
         if self._opened and self._opened[0] == os.getpid():
             self._opened[1].close()
         self._opened = None
@@ -63,11 +70,12 @@ class EventFile:
 
     @cached_property
     def t_offset_us(self) -> int:
+        """Offset that is added to the stored times [us]."""
         return int(self._file["t_offset"][()])
 
     @cached_property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pixel array."""
+        """Width and height of the sensor [pixels]."""
         attributes = self._file["events"].attrs
         return int(attributes.get("width", 0)), int(attributes.get("height", 0))
 
@@ -75,7 +83,18 @@ class EventFile:
         return int(self._file["events/t"].shape[0])
 
     def read(self, first: int, last: int) -> Events:
-        """The events of these indices."""
+        """Read events by index.
+
+        Parameters
+        ----------
+        first, last : int
+            Indices; `last` is not included.
+
+        Returns
+        -------
+        Events
+            t [us], x, y [pixels], p.
+        """
         first, last = max(0, first), min(last, len(self))
         out = np.zeros(max(0, last - first), EVENT_DTYPE)
         if len(out):
@@ -85,12 +104,34 @@ class EventFile:
         return Events(out, *self.size)
 
     def blocks(self, size: int = 1 << 20) -> Any:
-        """All events, some at a time."""
+        """Iterate over all events.
+
+        Parameters
+        ----------
+        size : int
+            Events in a block. Default 1048576.
+
+        Yields
+        ------
+        Events
+            A block.
+        """
         for first in range(0, len(self), size):
             yield self.read(first, first + size)
 
     def index(self, t_us: float) -> int:
-        """Of the first event at t_us or later."""
+        """Index of the first event at a time or later.
+
+        Parameters
+        ----------
+        t_us : float
+            Time [us].
+
+        Returns
+        -------
+        int
+            Index.
+        """
         t_us = int(np.ceil(t_us)) - self.t_offset_us
         ms_to_idx = self._file["ms_to_idx"]
         ms = t_us // 1000
@@ -103,7 +144,18 @@ class EventFile:
         return first + int(np.searchsorted(self._file["events/t"][first:last], t_us, "left"))
 
     def ms_to_idx(self, duration_us: int) -> NDArray[np.uint64]:
-        """For every millisecond to the end of `duration_us`, or of the events: the first event with t >= 1000 ms."""
+        """Index of the first event of each millisecond.
+
+        Parameters
+        ----------
+        duration_us : int
+            Length [us]; longer events lengthen the table.
+
+        Returns
+        -------
+        uint64 array
+            Entry i is the index of the first event with t >= 1000 i us.
+        """
         stored, late_ms = self._file["ms_to_idx"][:], self.t_offset_us // 1000
         out = np.full(max(-(-duration_us // 1000) + 1, late_ms + len(stored)), len(self), np.uint64)
         out[:late_ms] = 0
@@ -111,5 +163,16 @@ class EventFile:
         return out
 
     def between(self, start_us: float, end_us: float) -> Events:
-        """The events with start_us <= t < end_us."""
+        """Read events by time.
+
+        Parameters
+        ----------
+        start_us, end_us : float
+            Window [us]: start_us <= t < end_us.
+
+        Returns
+        -------
+        Events
+            t [us], x, y [pixels], p.
+        """
         return self.read(self.index(start_us), self.index(end_us))

@@ -39,7 +39,7 @@ IMU_DTYPE = np.dtype([("t_us", "<f8"), ("gyro", "<f8", 3), ("accel", "<f8", 3)])
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture of an RGB camera; start and end of the exposure of its middle row."""
+    """An image of an RGB camera. Times are those of the exposure of its middle row [us]."""
 
     start_us: int
     end_us: int
@@ -48,11 +48,20 @@ class Frame:
 
     @property
     def middle_us(self) -> float:
+        """Middle of the exposure [us]."""
         return (self.start_us + self.end_us) / 2
 
 
 class Camera:
-    """One camera of the rig; its recordings are read when they are used."""
+    """A camera of the rig. Its recordings are read when they are used; `truth` is its `Truth`.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the camera.
+    entry : dict
+        Its entry in sequence.json.
+    """
 
     def __init__(self, folder: Path, entry: Fields):
         self.name = entry.text("name")
@@ -82,30 +91,66 @@ class Camera:
 
     @property
     def events_path(self) -> Path:
+        """The event file, in the layout of DSEC."""
         return self.folder / "events.h5"
 
     def events(self) -> Events:
-        """All events; `event_file` reads parts."""
+        """All events.
+
+        Returns
+        -------
+        Events
+            t [us], x, y [pixels], p.
+        """
         events = read(existing(self.events_path, "the events of an event camera"), "dsec")
         if (events.width, events.height) != (self.width, self.height):
             raise bad_input(self.events_path, "size", (events.width, events.height), f"{(self.width, self.height)}")
         return events
 
     def event_file(self) -> EventFile:
-        """The events by time or index, without reading all of them."""
+        """The events by time or index, without reading all of them.
+
+        Returns
+        -------
+        EventFile
+            The open file.
+        """
         return EventFile(existing(self.events_path, "the events of an event camera"))
 
     def has(self, name: str) -> bool:
-        """Whether the events have "causes" or "objects"."""
+        """Whether the events have labels.
+
+        Parameters
+        ----------
+        name : str
+            "causes" or "objects".
+
+        Returns
+        -------
+        bool
+            True if they have.
+        """
         return (self.folder / f"{name}.npy").is_file()
 
     def causes(self) -> NDArray[np.uint8]:
-        """Why each event came [n]: index into `pecs.sensor.LABELS`."""
+        """The cause of each event.
+
+        Returns
+        -------
+        uint8 array
+            [n], indices into `pecs.sensor.LABELS`.
+        """
         causes = read_array(self.folder / "causes.npy", "the cause of each event", "u1", (-1,))
         return self._per_event(causes, len(LABELS))
 
     def objects(self) -> NDArray[np.uint16]:
-        """The object that the pixel saw at the event's time [n]: its id, 0 none or unknown."""
+        """The object that the pixel of each event saw at the event's time.
+
+        Returns
+        -------
+        uint16 array
+            [n], ids; 0: none or unknown.
+        """
         return self._per_event(read_array(self.folder / "objects.npy", "the object of each event", "<u2", (-1,)))
 
     @cached_property
@@ -121,21 +166,55 @@ class Camera:
         return values
 
     def rectify_map(self) -> NDArray[np.float32]:
-        """Where each pixel lies in the undistorted (stereo-rectified) picture [H, W, 2]: x, y of K_rect."""
+        """The place of each pixel in the undistorted (stereo: rectified) image.
+
+        Returns
+        -------
+        float32 array
+            [H, W, 2], x and y [pixels] of K_rect.
+        """
         path = self.folder / "rectify_map.npy"
         return read_array(path, "the rectification map", "<f4", (self.height, self.width, 2))
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times [n] in us and world_from_camera [n, 4, 4], as the renderer followed them."""
+        """Poses as rendered.
+
+        Returns
+        -------
+        (float64 array, float64 array)
+            Times [n] in us, and world_from_camera [n, 4, 4].
+        """
         return read_poses(self._pixels / "camera_path.txt")
 
     def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
-        """world_from_camera at these times [n, 4, 4], between two poses on the shortest way."""
+        """Poses at any times, interpolated on the shortest rotation.
+
+        Parameters
+        ----------
+        times_us : array
+            [n], times [us].
+
+        Returns
+        -------
+        float64 array
+            world_from_camera, [n, 4, 4].
+        """
         return interpolate(times_us, *self.poses())
 
     def scene_flow(self, i: int) -> NDArray[np.float64]:
-        """[H, W, 3] in m, in the world's axes: how far what a pixel's centre sees at truth.times_us[i] moves until the
-        next instant, zero for what stands still while the camera moves; NaN unknown, and where there is nothing."""
+        """Motion in the world of the surface points at the pixels' centres, until the next instant.
+
+        Parameters
+        ----------
+        i : int
+            Index into `truth.times_us`.
+
+        Returns
+        -------
+        float64 array
+            [H, W, 3] in m, in the axes of the world; 0 for still surfaces, NaN where it is unknown and where there is
+            no surface.
+        """
         move = self.truth.motion(i)
         y, x = np.mgrid[: self.height, : self.width] + 0.5
         with np.errstate(invalid="ignore"):
@@ -149,20 +228,41 @@ class Camera:
     def tracks(
         self, points_px: ArrayLike, at_us: float, times_us: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """What the camera sees at points [n, 2] (x, y; the first pixel's centre is at 0) at one time, at other times
-        [m]: positions [m, n, 2], also behind things and outside the picture, and whether they are seen [m, n].
+        """Follow surface points through the sequence.
 
             positions, seen = camera.tracks([[120.5, 80]], 0, np.arange(0, 100_001, 1000))
 
-        Any times within the truth. Points follow the poses of their objects and of the camera; poses of objects are
-        interpolated between instants of the truth, and a point is seen there if it is seen at the instants before and
-        after. NaN and False for objects that deform (`truth.deforming`), for what is infinitely far, and where no point
-        of either instant comes to the pixel (edges of things, between instants).
+        Points follow the poses of their objects and of the camera. Poses of objects are interpolated between instants
+        of the
+        truth; a point is visible there if it is at the instants before and after.
+
+        Parameters
+        ----------
+        points_px : array
+            [n, 2], x and y [pixels]; the first pixel's centre is at 0.
+        at_us : float
+            Time [us] of `points_px`.
+        times_us : array
+            [m], times [us] within the truth.
+
+        Returns
+        -------
+        (float64 array, bool array)
+            Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
+            objects
+            that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes to the
+            pixel.
         """
         return follow(self, points_px, at_us, times_us)
 
     def frames(self) -> list[Frame]:
-        """The pictures of an RGB camera, in time; [] of a camera without."""
+        """The images of an RGB camera.
+
+        Returns
+        -------
+        list of Frame
+            By time; empty for other cameras.
+        """
         return list(self._frames)
 
     @cached_property
@@ -183,10 +283,12 @@ class Camera:
 
     @property
     def has_truth(self) -> bool:
+        """Whether the camera has ground truth."""
         return (self._pixels / "truth" / "stack.json").is_file()
 
     @property
     def has_boxes(self) -> bool:
+        """Whether the ground truth contains objects."""
         return self.has_truth and (self._pixels / "truth" / "objects.json").is_file()
 
     @property
@@ -206,7 +308,20 @@ class Camera:
 
 
 class Sequence:
-    """A folder with sequence.json. `info` is its content; `cameras` are by name, in its order."""
+    """A sequence of a data set.
+
+    Parameters
+    ----------
+    folder : str or path
+        Folder that contains sequence.json.
+
+    Attributes
+    ----------
+    info : dict
+        Content of sequence.json.
+    cameras : dict of str to Camera
+        By name, in the order of sequence.json.
+    """
 
     def __init__(self, folder: str | PathLike[str]):
         self.folder = Path(folder)
@@ -241,11 +356,33 @@ class Sequence:
         return f"<Sequence {self.name!r}: {self.duration_us / 1e6:g} s, {', '.join(self.cameras)}>"
 
     def of_kind(self, kind: str) -> list[Camera]:
-        """The cameras of a kind, "events" or "rgb", in the order of sequence.json."""
+        """The cameras of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            "events" or "rgb".
+
+        Returns
+        -------
+        list of Camera
+            In the order of sequence.json.
+        """
         return [camera for camera in self.cameras.values() if camera.kind == kind]
 
     def stereo_pairs(self, kind: str = "events") -> list[tuple[Camera, Camera]]:
-        """(left, right) of a kind: the right one's centre has the greater x in the rectified picture."""
+        """The stereo pairs of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            "events" (default) or "rgb".
+
+        Returns
+        -------
+        list of (Camera, Camera)
+            Left and right: the right one's centre has the greater x in the rectified image.
+        """
         pairs = []
         for camera in self.of_kind(kind):
             other = self.cameras.get(camera.partner or "")
@@ -254,11 +391,24 @@ class Sequence:
         return pairs
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times [n] in us and world_from_rig [n, 4, 4]."""
+        """Poses of the rig.
+
+        Returns
+        -------
+        (float64 array, float64 array)
+            Times [n] in us, and world_from_rig [n, 4, 4].
+        """
         return read_poses(self.folder / "poses.txt")
 
     def imu(self) -> NDArray[Any] | None:
-        """The IMU's samples (`IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s2, specific force] in the IMU's axes)."""
+        """The samples of the IMU.
+
+        Returns
+        -------
+        structured array or None
+            `IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s^2, specific force] in the axes of the IMU. None without an
+            IMU.
+        """
         if self.info.get("imu") is None:
             return None
         t_ns, gyro, accel = read_euroc_imu(existing(self.folder / "imu.csv", "the IMU's samples"))
@@ -303,6 +453,19 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def sequences(folder: str | PathLike[str], split: str | None = None) -> list[Sequence]:
-    """All sequences of a data set in the order of their names, or those of one split."""
+    """Open the sequences of a data set.
+
+    Parameters
+    ----------
+    folder : str or path
+        Folder of the set.
+    split : str, optional
+        Such as "train". Default: all sequences.
+
+    Returns
+    -------
+    list of Sequence
+        In the order of the set.
+    """
     found = sorted(existing(Path(folder) / "sequences", "a data set").glob("*/sequence.json"))
     return [s for s in (Sequence(path.parent) for path in found) if split in (None, s.split)]

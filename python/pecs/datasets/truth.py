@@ -32,10 +32,16 @@ _LARGEST_ID = 1 << 16  # ids per event are u2
 
 
 class Truth:
-    """Depth, normals, objects and flow at `times_us` [n]. Index i is an instant; of flow, the interval from i to i+1.
+    """Ground truth of a camera: depth, normals, objects and flow.
 
-    `classes`: {id: name}. `objects`: the list of objects.json, each with id, name, class, class_id, size_m,
-    centre_local. Pictures are in the camera's own, distorted pixels.
+    Index i is an instant; of flow, the interval from i to i + 1. Images are in the camera's own, distorted pixels.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the truth.
+    width, height : int
+        Size of the images [pixels].
     """
 
     def __init__(self, folder: Path, width: int, height: int):
@@ -58,6 +64,7 @@ class Truth:
 
     @cached_property
     def times_us(self) -> NDArray[np.float64]:
+        """[n], times of the instants [us]."""
         return np.array(self._stack.info["times_ns"], np.float64) / 1e3
 
     def __len__(self) -> int:
@@ -69,15 +76,48 @@ class Truth:
         return tuple(layer["name"] for layer in self._stack.layers if layer["name"] != "light")
 
     def depth(self, i: int) -> NDArray[np.float32]:
-        """[2, H, W] in m: distance along the chief ray, and z along the optical axis; inf where there is nothing."""
+        """Depth at the pixels' centres.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        float32 array
+            [2, H, W] in m: distance along the chief ray, and z along the optical axis; inf where there is no surface.
+        """
         return self.layer("depth", i, ("distance", "z"))
 
     def normal(self, i: int) -> NDArray[np.float32]:
-        """[3, H, W], in the camera's axes; 0 where there is nothing."""
+        """Normals at the pixels' centres.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        float32 array
+            [3, H, W], in the axes of the camera; 0 where there is no surface.
+        """
         return self.layer("normal", i)
 
     def instances(self, i: int) -> NDArray[np.int64]:
-        """[H, W]: ids of `objects`, 0 none."""
+        """Objects at the pixels' centres.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        int64 array
+            [H, W], ids of `objects`; 0: none.
+        """
         (values,) = self.layer("objects", i, ("instance",))
         whole = np.rint(values)
         bad = ~((whole == values) & (0 <= whole) & (whole < _LARGEST_ID))
@@ -89,10 +129,24 @@ class Truth:
         return whole.astype(np.int64)
 
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
-        """[H, W, 2] in px: where what a pixel's centre sees at times_us[i] is at times_us[to], the next instant if not
-        given, or an earlier one; NaN unknown. Over several intervals flows are joined: between pixels by
-        interpolation, and NaN where something else (of `instances`, if there are) hides the point at an instant on
-        the way."""
+        """Optical flow of the surface points at the pixels' centres.
+
+        Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the
+        point at an
+        instant on the way.
+
+        Parameters
+        ----------
+        i : int
+            Instant at which the flow begins.
+        to : int, optional
+            Instant at which it ends, also an earlier one. Default: the next.
+
+        Returns
+        -------
+        float32 array
+            [H, W, 2], x and y [pixels]; NaN: unknown.
+        """
         to = i + 1 if to is None else to
         if to == i:
             raise IndexError(f"{self.folder}: flow from {i}: got to {to}, wanted another instant")
@@ -110,13 +164,37 @@ class Truth:
         return np.moveaxis(self.layer("motion", i if step > 0 else i - 1, names), 0, -1)
 
     def flow_back(self, i: int) -> NDArray[np.float32]:
-        """`flow(i + 1, i)`."""
+        """Backward flow, `flow(i + 1, i)`.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        float32 array
+            [H, W, 2], x and y [pixels]; NaN: unknown.
+        """
         return self._one_flow(i + 1, -1)
 
     def visible_at(self, i: int, to: int | None = None) -> NDArray[np.bool_]:
-        """[H, W]: whether what a pixel's centre sees at times_us[i] is seen at times_us[to] too (the next
-        instant, or the one before): its flow ends inside the picture, and a pixel within 3/4 px of the end in x and y
-        has its depth or more. False where the flow is unknown: the mask of pixels that two pictures can match."""
+        """Pixels whose surface point is also visible at another instant: the mask of pixels that two images can match.
+
+        The flow ends inside the image, and a pixel within 3/4 pixel of its end in x and y has its depth or more.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+        to : int, optional
+            The next instant (default) or the one before.
+
+        Returns
+        -------
+        bool array
+            [H, W]; False where the flow is unknown.
+        """
         step = (i + 1 if to is None else to) - i
         if abs(step) != 1:
             raise IndexError(f"{self.folder}: visible at {i} from {to}: wanted a neighbouring instant")
@@ -127,8 +205,24 @@ class Truth:
         return self.shows(i + step, at, z)
 
     def shows(self, i: int, at: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """[...]: whether points at pixels [..., 2] with depths z [...] are seen at an instant: they are inside the
-        picture, and a pixel within 3/4 px in x and y has their depth or more. Pixels as of OpenCV."""
+        """Whether points are visible at an instant: inside the image, and a pixel within 3/4 pixel in x and y has their
+        depth or
+        more.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+        at : array
+            [..., 2], x and y [pixels]; the first pixel's centre is at 0.
+        z : array
+            [...], depths along the optical axis [m].
+
+        Returns
+        -------
+        bool array
+            [...].
+        """
         height, width = self.shape
         inside = np.isfinite(at).all(-1) & (at > -0.5).all(-1) & (at < [width - 0.5, height - 0.5]).all(-1)
         at = np.where(inside[..., None], at, 0)
@@ -139,7 +233,18 @@ class Truth:
         return inside & ((z <= deepest * (1 + _SAME_DEPTH)) | np.isinf(deepest))
 
     def velocity(self, i: int) -> NDArray[np.float32]:
-        """[H, W, 2] in px/s of what a pixel's centre sees at times_us[i], on the parabola of `motion`; NaN unknown."""
+        """Velocity of the surface points at the pixels' centres.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        float32 array
+            [H, W, 2] in pixels per second, on the parabola of `motion`; NaN: unknown.
+        """
         moves, seconds = self._parabola(i, forward=i + 1 < len(self))
         return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
 
@@ -152,9 +257,22 @@ class Truth:
         return moves, (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
 
     def velocity_at(self, t_us: float) -> NDArray[np.float32]:
-        """[H, W, 2] in px/s of what a pixel sees at any time from the first instant to the last: the points of the
-        nearest instant, moved along their parabolas to the pixels of that time. Where none of them comes (at edges of
-        things) it is the velocity of the pixel at that instant; NaN unknown."""
+        """Velocity at any time.
+
+        The points of the nearest instant are moved along their parabolas. Pixels to which no point comes (at edges)
+        have the
+        velocity of the pixel at that instant.
+
+        Parameters
+        ----------
+        t_us : float
+            Time [us] between the first instant and the last.
+
+        Returns
+        -------
+        float32 array
+            [H, W, 2] in pixels per second; NaN: unknown.
+        """
         if not self.times_us[0] - 1 <= t_us <= self.times_us[-1] + 1:
             raise IndexError(f"{self.folder}: velocity at {t_us} us: got {self.times_us[[0, -1]]} us of truth")
         i = int(np.abs(self.times_us - t_us).argmin())
@@ -176,12 +294,42 @@ class Truth:
         return np.where(comes, bilinear(velocity, source), at_instant).astype(np.float32)
 
     def motion(self, i: int) -> NDArray[np.float32]:
-        """[12, H, W]: the whole layer of the interval from i to i + 1, as `pecs.carry` takes it."""
+        """The layer `motion` of the interval from i to i + 1, as `pecs.carry` takes it.
+
+        Parameters
+        ----------
+        i : int
+            Interval.
+
+        Returns
+        -------
+        float32 array
+            [12, H, W].
+        """
         return self.layer("motion", i)
 
     def layer(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
-        """Any layer, [channels, H, W]; `wanted`: these channels of it. Raises IndexError beyond the last instant or
-        interval."""
+        """Read a layer.
+
+        Parameters
+        ----------
+        name : str
+            One of `layers`.
+        i : int
+            Instant or interval.
+        wanted : tuple of str, optional
+            Channels. Default: all.
+
+        Returns
+        -------
+        float32 array
+            [channels, H, W].
+
+        Raises
+        ------
+        IndexError
+            There is no such instant or interval.
+        """
         layer = next((layer for layer in self._stack.layers if layer["name"] == name), None)
         if layer is None:
             raise bad_input(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")
@@ -223,10 +371,12 @@ class Truth:
 
     @property
     def classes(self) -> dict[int, str]:
+        """Names of the classes by id."""
         return dict(self._json["classes"])
 
     @property
     def objects(self) -> list[dict[str, Any]]:
+        """Content of objects.json: `id`, `name`, `class`, `class_id`, `size_m`, `centre_local` of each object."""
         return list(self._json["objects"].values())
 
     @cached_property
@@ -245,9 +395,22 @@ class Truth:
         return entries
 
     def boxes(self, i: int) -> NDArray[Any]:
-        """`BOX_DTYPE`, one row for each object of the instant, in px. A pixel i covers i to i + 1. `x0` … `y1`: what is
-        seen; `amodal_…`: all of it, also behind others and outside the picture. `occluded`: share of its silhouette
-        in the picture that others hide; `truncated`: share of its amodal box outside."""
+        """Boxes of the objects. Pixel i covers i to i + 1.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        structured array
+            `BOX_DTYPE`, one row per object, in pixels. `x0` to `y1`: the visible part; `amodal_x0` to `amodal_y1`: all
+            of it,
+            also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
+            `truncated`:
+            share of its amodal box outside.
+        """
         entries = self._instant(i)
         out = np.zeros(len(entries), BOX_DTYPE)
         for row, entry in zip(out, entries, strict=True):
@@ -262,7 +425,18 @@ class Truth:
         return out
 
     def object_poses(self, i: int) -> dict[int, NDArray[np.float64]]:
-        """{id: world_from_object [4, 4]}: the object's axes, its scale left out."""
+        """Poses of the objects.
+
+        Parameters
+        ----------
+        i : int
+            Instant.
+
+        Returns
+        -------
+        dict of int to float64 array
+            world_from_object [4, 4] by id, without scale.
+        """
         return {entry.integer("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
 
 

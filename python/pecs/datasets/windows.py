@@ -34,26 +34,52 @@ _OPEN_FILES = 16  # of events, a process
 
 
 class Windows:
-    """Items are dicts; all arrays are NumPy's own.
+    """Windows of events with ground truth, as a data set of PyTorch or an indexable list. Items are dicts of NumPy
+    arrays.
 
-    `by` "time": windows of `window_us` every `step_us` (as long as a window if not given), from the sequence's begin to
-    its end, whole ones alone: start_us <= t < end_us. `by` "count": of `count` events every `step` events, from the
-    first one's time to the last one's. `camera`: the name of an event camera, or None for all. `events` is structured:
-    t (us since the sequence's begin), x, y, p (1 brighter, 0 darker).
+    `events` is structured: t [us since the sequence's begin], x, y, p (1: ON). `fields` adds
 
-    `transform` is called with the events, as tonic's are, and its result takes their place. `fields` adds
-      flow       f4 [2, H, W] px from the truth's instant nearest to the window's begin to that nearest to its end (the
-                 next one, if they are one); `flow_us` [2] says from when to when; NaN unknown
-      visible    bool [H, W]: whether the point of `flow` is seen at both ends (`Truth.visible_at`); windows of one
-                 interval of the truth
-      depth      f4 [2, H, W] m: along the chief ray, and z; of the instant nearest to the end, as are
-      instances  i4 [H, W], and boxes (`BOX_DTYPE`); `truth_us` is that instant
-      frame      u1 [3, H, W] RGB: the picture nearest to the end, of the RGB camera with the same pixels; `frame_us`
-                 [2] is its exposure
-      causes     u1 [n], objects u2 [n] of the events (before `transform`)
-    `voxel_grid`, `time_surface`, `event_histogram`: arguments of the function of `pecs` of that name, whose result,
-    over the window, gets that name; `keep_events` False leaves out the events themselves.
-    Raises PecsInputError for wrong options, and for a field that a camera does not have.
+    - flow: float32 [2, H, W] in pixels, from the truth's instant nearest to the window's begin to that nearest to its
+    end
+      (the next one, if they are the same); `flow_us` [2] are both times; NaN: unknown.
+    - visible: bool [H, W], whether the point of `flow` is visible at both ends; windows of one interval of the truth
+    only.
+    - depth: float32 [2, H, W] in m, along the chief ray, and z; of the instant nearest to the end, `truth_us`.
+    - instances: int32 [H, W]; boxes: `BOX_DTYPE`; of the same instant.
+    - frame: uint8 [3, H, W], RGB, the image nearest to the end of the RGB camera with the same pixels; `frame_us` [2]
+    is its
+      exposure.
+    - causes: uint8 [n]; objects: uint16 [n]; of the events, before `transform`.
+
+    Parameters
+    ----------
+    sequences : Sequence or iterable of Sequence
+        As of `pecs.datasets.sequences`.
+    camera : str, optional
+        Name of an event camera. Default: all.
+    by : str
+        "time" (default): whole windows of `window_us`, start <= t < end. "count": windows of `count` events.
+    window_us : int
+        Length [us]. Default 50000.
+    step_us : int, optional
+        Distance of windows [us]. Default: `window_us`.
+    count : int
+        Number of events. Default 50000.
+    step : int, optional
+        Distance of windows in events. Default: `count`.
+    fields : iterable of str
+        Names of the list above. Default: none.
+    transform : callable, optional
+        Called with the events; its result replaces them.
+    voxel_grid, time_surface, event_histogram : dict, optional
+        Arguments of the function of `pecs` of that name; the item contains its result under that name.
+    keep_events : bool
+        Whether items contain `events`. Default True.
+
+    Raises
+    ------
+    PecsInputError
+        An option is wrong, or a camera does not have a field.
     """
 
     def __init__(
@@ -191,11 +217,22 @@ class Windows:
 
 
 def collate(items: list[dict[str, Any]]) -> dict[str, Any]:
-    """A batch of PyTorch tensors, for `collate_fn`.
+    """Join items of `Windows` to a batch of PyTorch tensors, for `collate_fn`.
 
-    Pictures of one size are stacked. `events`: int64 [n, 5], columns (item, t, x, y, p), of all items one after the
-    other; `boxes`: float64 [m, 7], (item, id, class_id, x0, y0, x1, y1); causes and objects follow the events. What
-    a transform has made of the events is stacked. Names and times are lists and tensors of one value an item.
+    Images of one size are stacked. `events`: int64 [n, 5], columns item, t, x, y, p, of all items one after the other;
+    `boxes`: float64 [m, 7], item, id, class_id, x0, y0, x1, y1; causes and objects follow the events. Results of a
+    transform
+    are stacked. Names are lists, times are tensors of one value per item.
+
+    Parameters
+    ----------
+    items : list of dict
+        Items of `Windows`.
+
+    Returns
+    -------
+    dict
+        The batch.
     """
     torch = optional_module("torch", "PyTorch", "collate")
     out: dict[str, Any] = {}

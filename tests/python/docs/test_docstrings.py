@@ -1,11 +1,13 @@
 """Docstrings of the public package follow NumPy's convention, and list exactly the parameters that the code has."""
 
 import dataclasses
+import functools
 import importlib
 import inspect
 import re
 
 import pecs
+import pecs.datasets
 import pytest
 
 SECTION = re.compile(r"^(\w+)\n-{3,}\n((?:(?!^\w+\n-{3,}\n)(?:.*\n))*)", re.MULTILINE)
@@ -13,8 +15,8 @@ SECTION = re.compile(r"^(\w+)\n-{3,}\n((?:(?!^\w+\n-{3,}\n)(?:.*\n))*)", re.MULT
 
 def callables():
     """(name, callable, docstring) of functions, of classes, and of their public methods."""
-    for name in pecs.__all__:
-        value = getattr(pecs, name)
+    for value in (getattr(module, name) for module in (pecs, pecs.datasets) for name in module.__all__):
+        name = getattr(value, "__name__", "")
         if inspect.isclass(value):
             if {"__init__", "__new__"} & set(vars(value)) and not dataclasses.is_dataclass(value):
                 yield name, value, value.__doc__
@@ -45,3 +47,13 @@ def test_parameters_are_those_of_the_code(name, call, doc):
     assert len(names) == len(set(names)) and set(names) == expected(call)
     summary = text.split("\n\n")[0]
     assert summary.strip().endswith(".") and summary.strip()[0].isupper()
+
+
+def test_properties_are_described():
+    public = [getattr(module, name) for module in (pecs, pecs.datasets) for name in module.__all__]
+    classes = [value for value in public if inspect.isclass(value)]
+    found = [
+        (c, k, v) for c in classes for k, v in vars(c).items() if isinstance(v, (property, functools.cached_property))
+    ]
+    assert len(found) > 10
+    assert not [f"{cls.__name__}.{key}" for cls, key, value in found if key[0] != "_" and not value.__doc__]
