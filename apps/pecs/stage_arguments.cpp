@@ -50,6 +50,23 @@ CLI::Option* add_afk(CLI::App& command, sensor::StageOptions& stages, const char
   return command.add_option_function<std::string>(name, set, help)->type_name("BAND[Hz]");
 }
 
+void add_afk_counts(CLI::App& command, sensor::StageOptions& stages) {
+  const auto set = [&stages](const std::string& text) {
+    const auto counts = numbers_of<int>(text, ':', 2);
+    const Range range = sensor::kAfkCounts;
+    if (!counts || (*counts)[1] < range.min || (*counts)[1] > (*counts)[0] || (*counts)[0] > range.max)
+      throw CLI::ValidationError(
+          "--afk-counts",
+          fmt::format("got '{}', wanted START:STOP from {} to {}, STOP not above START", text, range.min, range.max));
+    stages.afk_counts = sensor::AfkCounts{.start = (*counts)[0], .stop = (*counts)[1]};
+  };
+  command
+      .add_option_function<std::string>("--afk-counts", set,
+                                        "anti-flicker: periods after which a block flickers, and number of them below "
+                                        "which it no longer does (default: 6:4)")
+      ->type_name("START:STOP");
+}
+
 void add_roi(CLI::App& command, sensor::StageOptions& stages) {
   const auto set = [&stages](const std::vector<std::string>& windows) {
     for (const std::string& text : windows) {
@@ -75,6 +92,7 @@ void add_stages(CLI::App& command, sensor::StageOptions& stages, std::optional<s
       add_afk(command, stages, "--afk", false, "anti-flicker: drop events that flicker in this band, such as 50:520");
   add_afk(command, stages, "--afk-pass", true, "anti-flicker: keep only events that flicker in this band")
       ->excludes(stop);
+  add_afk_counts(command, stages);
   CLI::Option* trail = add_trail(command, stages, "--trail", sensor::TrailFilter::first,
                                  "keep the first event of a burst, whose events follow each other within this time");
   CLI::Option* stc =

@@ -25,6 +25,7 @@ class PixelOptions(TypedDict, total=False):
     mask: str | PathLike[str] | None  # file of pixels whose events are dropped
     afk_hz: Sequence[float] | None  # anti-flicker: low, high of a band whose flicker is dropped; or afk_pass_hz: kept
     afk_pass_hz: Sequence[float] | None
+    afk_counts: Sequence[int] | None  # periods counted before a block flickers, and left while it does; default (6, 4)
     trail_us: int | None  # keep the first event of a burst; or stc_us: the second; or stc_keep_us: all but the first
     stc_us: int | None
     stc_keep_us: int | None
@@ -33,7 +34,7 @@ class PixelOptions(TypedDict, total=False):
 
 
 # Options of the chip's digital stages.
-STAGE_KEYS = ("roi", "mask", "afk_hz", "afk_pass_hz", "trail_us", "stc_us", "stc_keep_us", "erc_hz")
+STAGE_KEYS = ("roi", "mask", "afk_hz", "afk_pass_hz", "afk_counts", "trail_us", "stc_us", "stc_keep_us", "erc_hz")
 
 
 class SensorOptions(PixelOptions, total=False):
@@ -71,7 +72,7 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
         raise TypeError(f"unexpected option {key!r}; the options are {', '.join(kind.__annotations__)}")
     out = {key: fspath(value) if isinstance(value, PathLike) else value for key, value in options.items()}
     out.pop("encoding", None)  # the frames are converted here
-    for key in ("afk_hz", "afk_pass_hz", "roi"):
+    for key in ("afk_hz", "afk_pass_hz", "afk_counts", "roi"):
         if out.get(key) is not None:
             out[key] = np.asarray(out[key]).tolist()
     out["param"] = {key: float(value) for key, value in (out.pop("parameters", None) or {}).items()}

@@ -51,7 +51,7 @@ def sense(
         Called with the share done, 0 to 1; an exception from it stops the work.
     overrides, biases, bias_file, preset, model, parameters, noise, seed, readout, threads
         As of `Sensor`.
-    roi, mask, afk_hz, afk_pass_hz, trail_us, stc_us, stc_keep_us, erc_hz
+    roi, mask, afk_hz, afk_pass_hz, afk_counts, trail_us, stc_us, stc_keep_us, erc_hz
         As of `Sensor`.
     white_a : float, optional
         Photocurrent [A] of white, for models that take grey values. Default: 99.5 % of the first frame.

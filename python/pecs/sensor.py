@@ -118,6 +118,9 @@ class Sensor(Handle):
         File of pixels whose events are dropped.
     afk_hz, afk_pass_hz : (float, float), optional
         Anti-flicker: band [Hz] whose flicker is dropped, or kept; at most one of both.
+    afk_counts : (int, int), optional
+        Anti-flicker: a block flickers once this many periods are counted, until fewer than the second number are left.
+        Default (6, 4).
     trail_us, stc_us, stc_keep_us : int, optional
         Keep the first event of a burst, the second, or all but the first [us]; at most one of these.
     erc_hz : float, optional

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 
@@ -38,6 +39,13 @@ StageOptions read_stage_options(JsonObject& o) {
     if (band.size() != 2 || band[0] >= band[1]) o.fail(kAfkKeys[*kind], "no band", "[low, high]");
     out.afk = Afk{.low_hz = band[0], .high_hz = band[1], .pass = *kind == 1};
   }
+  if (o.has("afk_counts")) {
+    const std::vector<double> counts = o.numbers("afk_counts", kAfkCounts);
+    const auto is_whole = [](double n) { return n == std::floor(n); };
+    if (counts.size() != 2 || counts[1] > counts[0] || !std::ranges::all_of(counts, is_whole))
+      o.fail("afk_counts", "no such counts", "[start, stop], stop not above start");
+    out.afk_counts = AfkCounts{.start = static_cast<int>(counts[0]), .stop = static_cast<int>(counts[1])};
+  }
   if (o.has("erc_hz")) out.erc_hz = o.number("erc_hz", kErc_hz);
   if (o.has("mask")) out.mask = o.text("mask");
   if (o.has("roi")) {
@@ -59,6 +67,7 @@ Json stages_to_json(const StageOptions& s) {
   for (const RoiWindow& w : s.roi) out["roi"].push_back({w.x, w.y, w.width, w.height});
   if (s.mask) out["mask"] = s.mask->string();
   if (s.afk) out[kAfkKeys[s.afk->pass]] = {s.afk->low_hz, s.afk->high_hz};
+  if (s.afk_counts) out["afk_counts"] = {s.afk_counts->start, s.afk_counts->stop};
   if (s.trail) out[kTrailKeys[static_cast<std::size_t>(*s.trail)]] = s.trail_us;
   if (s.erc_hz > 0) out["erc_hz"] = s.erc_hz;
   return out;

@@ -24,8 +24,9 @@ constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min() / 4;
 // a block do not disturb it; the block counts one of its pixels' periods at a time.
 class EventStages::Blocks {
  public:
-  Blocks(const Afk& afk, int width, int height)
-      : afk_(afk),
+  Blocks(const Afk& afk, AfkCounts counts, int width, int height)
+      : pass_(afk.pass),
+        counts_(counts),
         shortest_us_(1e6 / afk.high_hz),
         longest_us_(1e6 / afk.low_hz),
         width_(static_cast<std::size_t>(width)),
@@ -43,7 +44,7 @@ class EventStages::Blocks {
       pixel.rise_us = e.t_us;
     }
     pixel.on = e.p;
-    return block.flickers == afk_.pass;
+    return block.flickers == pass_;
   }
 
  private:
@@ -63,16 +64,17 @@ class EventStages::Blocks {
     if (missed < 2) return;  // a period of the longest length may be under way
     block.periods = static_cast<std::int32_t>(std::max<std::int64_t>(0, block.periods - (missed - 1)));
     block.counted_us += static_cast<std::int64_t>(static_cast<double>(missed - 1) * longest_us_);
-    if (block.periods < afk_.stop) block.flickers = false;
+    if (block.periods < counts_.stop) block.flickers = false;
   }
   void count(Block& block, std::int64_t t_us, double period_us) const {
     if (static_cast<double>(t_us - block.counted_us) < 0.75 * period_us) return;  // another pixel's same period
     block.counted_us = t_us;
-    block.periods = std::min(block.periods + 1, afk_.start);
-    if (block.periods == afk_.start) block.flickers = true;
+    block.periods = std::min(block.periods + 1, counts_.start);
+    if (block.periods == counts_.start) block.flickers = true;
   }
 
-  Afk afk_;
+  bool pass_;
+  AfkCounts counts_;
   double shortest_us_, longest_us_;
   std::size_t width_, across_;
   std::vector<Pixel> pixels_;
@@ -127,7 +129,9 @@ EventStages::EventStages(const StageOptions& options, int width, int height) : w
       std::fill_n(outside_.begin() + std::ptrdiff_t{y} * width + w.x, w.width, false);
   }
   if (options.mask) masked_ = read_mask(*options.mask, width, height);
-  if (options.afk) afk_ = std::make_unique<Blocks>(*options.afk, width, height);
+  if (options.afk_counts && !options.afk) throw Error(ExitCode::usage, "AFK: counts without a band");
+  if (options.afk)
+    afk_ = std::make_unique<Blocks>(*options.afk, options.afk_counts.value_or(AfkCounts{}), width, height);
   if (options.trail) trail_ = std::make_unique<Bursts>(*options.trail, options.trail_us, width, height);
   if (options.erc_hz > 0)
     most_ = std::max<std::int64_t>(1, std::llround(options.erc_hz * static_cast<double>(kErcPeriod_us) * 1e-6));

@@ -25,6 +25,7 @@ HEARD = {
     "mask": (["--mask", "MASK"], "stages"),
     "afk": (["--afk", "50:520"], "stages"),
     "afk-pass": (["--afk-pass", "50:520"], "stages"),
+    "afk-counts": (["--afk", "50:520", "--afk-counts", "2:1"], "stages"),
     "trail": (["--trail", "2ms"], "stages"),
     "stc": (["--stc", "2ms"], "stages"),
     "stc-keep": (["--stc-keep", "2ms"], "stages"),

@@ -37,6 +37,24 @@ def test_anti_flicker_takes_the_lamp_and_leaves_the_bar():
     assert passed[0] > 0.99 * lamp and passed[1] == 0
 
 
+def test_anti_flicker_begins_and_ends_after_the_counts_given():
+    frames, t_us = scene(100)
+    light = {"photocurrent_a": 1e-11, "seed": 2, "afk_hz": (50, 520)}
+
+    def first_dropped_us(*counts):  # the lamp's last event before its block flickers
+        events = pecs.simulate(frames, t_us, **light, **({"afk_counts": counts} if counts else {}))
+        return int(events["t"][events["x"] < SIZE // 2].max())
+
+    early, default, late = first_dropped_us(2, 1), first_dropped_us(), first_dropped_us(7, 4)
+    assert default == first_dropped_us(6, 4)
+    assert early + 3e4 < default < late < default + 2.5e4  # periods of 10 ms
+    for counts, message in (((4, 6), "stop not above start"), ((8, 4), "8"), ((3.5, 1), "no such counts")):
+        with pytest.raises(pecs.PecsError, match=message):
+            pecs.Sensor(SIZE, SIZE, afk_hz=(50, 520), afk_counts=counts)
+    with pytest.raises(pecs.PecsError, match="counts without a band"):
+        pecs.Sensor(SIZE, SIZE, afk_counts=(6, 4))
+
+
 def test_anti_flicker_leaves_a_lamp_outside_its_band():
     frames, t_us = scene(100)
     light = {"photocurrent_a": 1e-11, "seed": 2}

@@ -30,8 +30,10 @@ struct RoiWindow {
 struct Afk {
   double low_hz = 0, high_hz = 0;
   bool pass = false;  // keeps only their events, instead of dropping them
-  int start = 6;      // counted periods after which a block flickers
-  int stop = 4;       // it does so until fewer are left; each longest period without one takes one off
+};
+struct AfkCounts {
+  int start = 6;  // counted periods after which a block flickers
+  int stop = 4;   // it does so until fewer are left; each longest period without one takes one off
 };
 
 // Of a burst: events of one pixel and polarity, each less than the threshold after the one before.
@@ -41,18 +43,20 @@ struct StageOptions {
   std::vector<RoiWindow> roi;  // pixels outside all windows are off; empty: none is
   std::optional<std::filesystem::path> mask;
   std::optional<Afk> afk;
+  std::optional<AfkCounts> afk_counts{};  // only with afk
   std::optional<TrailFilter> trail;
   std::int64_t trail_us = 10'000;
   double erc_hz = 0;  // 0: no limit
 
-  bool any() const { return !roi.empty() || mask || afk || trail || erc_hz > 0; }
+  bool any() const { return !roi.empty() || mask || afk || afk_counts || trail || erc_hz > 0; }
 };
 
 inline constexpr std::int64_t kErcPeriod_us = 200;
-inline constexpr Range kTrail_us{1'000, 100'000}, kAfk_hz{50, 520}, kErc_hz{5e3, 3.2e9};
+inline constexpr Range kTrail_us{1'000, 100'000}, kAfk_hz{50, 520}, kAfkCounts{1, 7}, kErc_hz{5e3, 3.2e9};
 
-// Options in JSON: "trail_us", "stc_us" or "stc_keep_us"; "afk_hz" or "afk_pass_hz": [low, high]; "erc_hz"; "roi":
-// [[x, y, width, height], ...]; "mask": a file. Throws usage for two that exclude each other.
+// Options in JSON: "trail_us", "stc_us" or "stc_keep_us"; "afk_hz" or "afk_pass_hz": [low, high], and "afk_counts":
+// [start, stop]; "erc_hz"; "roi": [[x, y, width, height], ...]; "mask": a file. Throws usage for two that exclude each
+// other.
 StageOptions read_stage_options(JsonObject& object);
 Json stages_to_json(const StageOptions& options);
 
