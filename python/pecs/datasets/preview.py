@@ -15,21 +15,22 @@ ROWS, WIDTH = 12, 240  # pixels of one picture
 WINDOW_US = 10_000  # of the events of a picture
 
 
-def strip(sequence: Sequence) -> NDArray[np.uint8] | None:
-    """[ROWS * h, 4 * WIDTH, 3]: light, events, depth and flow at even times, of the first event camera; grey where the
-    sequence lacks something. None without an event camera."""
+def strip(sequence: Sequence) -> dict[str, NDArray[np.uint8]]:
+    """Columns [ROWS * h, WIDTH, 3] by caption, at even times, of the first event camera: light, events, depth and flow,
+    as far as the sequence has them. Empty without an event camera."""
     cameras = sequence.of_kind("events")
     if not cameras:
-        return None
+        return {}
     camera, times = cameras[0], (np.arange(ROWS) + 0.5) / ROWS * sequence.duration_us
-    light, depth, flow = _light(camera, times), _depth(camera, times), _flow(camera, times)
-    rows = []
     with camera.event_file() as file:
-        for i, t in enumerate(times):
-            found = file.between(t - WINDOW_US / 2, t + WINDOW_US / 2)
-            events = event_picture(found, camera.height, camera.width)
-            rows.append(np.concatenate([_fit(p) for p in (light[i], events, depth[i], flow[i])], 1))
-    return np.concatenate(rows)
+        windows = [file.between(t - WINDOW_US / 2, t + WINDOW_US / 2) for t in times]
+    columns = {
+        "light": _light(camera, times),
+        "events": [event_picture(found, camera.height, camera.width) for found in windows],
+        "1 / depth": _depth(camera, times),
+        "flow": _flow(camera, times),
+    }
+    return {caption: np.concatenate([_fit(p) for p in pictures]) for caption, pictures in columns.items() if pictures}
 
 
 def _fit(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -41,15 +42,11 @@ def _fit(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return smaller(picture, WIDTH)
 
 
-def _nothing(camera: Camera) -> list[NDArray[np.uint8]]:
-    return [np.full((camera.height, camera.width), 150, np.uint8)] * ROWS
-
-
 def _light(camera: Camera, times_us: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
     """Photocurrents of the chip, as grey values of one exposure."""
     stack, chip = camera.stack_folder, camera.folder / "chip.json"
     if not (stack / "stack.json").is_file():
-        return _nothing(camera)
+        return []
     with Chip(chip if chip.is_file() else camera.info["chip"]) as profile, Light(stack, profile) as light:
         planes = light.at(np.minimum(times_us, light.end_us or np.inf))[:, 0]
     white = max(float(np.percentile(planes, 99)), 1e-30)
@@ -58,14 +55,14 @@ def _light(camera: Camera, times_us: NDArray[np.float64]) -> list[NDArray[np.uin
 
 def _depth(camera: Camera, times_us: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
     if not camera.has_truth or "depth" not in camera.truth.layers:
-        return _nothing(camera)
+        return []
     truth = camera.truth
     return [depth_picture(truth.depth(int(np.abs(truth.times_us - t).argmin()))[1]) for t in times_us]
 
 
 def _flow(camera: Camera, times_us: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
     if not camera.has_truth or "motion" not in camera.truth.layers or len(camera.truth) < 2:
-        return _nothing(camera)
+        return []
     truth, last = camera.truth, len(camera.truth) - 2
     at = np.searchsorted(truth.times_us, times_us, "right") - 1
     return [flow_picture(truth.flow(int(i))) for i in np.clip(at, 0, last)]

@@ -40,10 +40,11 @@ def write(sequence: Sequence) -> dict[str, Any]:
     write_json(sequence.folder / "checks.json", checks)
     parts = [f"<h1>Sequence {sequence.name}</h1>", _facts(sequence)]
     parts += [f"<p><b>Outside the limits:</b> {_text(line)}</p>" for line in checks["outside_limits"]]
-    strip = preview.strip(sequence)
-    if strip is not None:
+    columns = preview.strip(sequence)
+    if columns:
+        strip = np.concatenate(list(columns.values()), 1)
         write_whole(sequence.folder / "preview.png", png_bytes(strip, 9))
-        parts += [_moving("preview.png", strip.shape), "<p>Light, events, 1 / depth, flow</p>"]
+        parts += [_moving("preview.png", strip.shape), f"<p>{', '.join(columns).capitalize()}</p>"]
     for camera in sequence.cameras.values():
         parts.append(f"<h2>{_text(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
         parts += [_figure(picture, caption) for caption, picture in _pictures(sequence, camera)]
@@ -210,7 +211,7 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
         if frame.sharp_path.exists():
             found.append(("the same instant, sharp", read_picture(frame.sharp_path)))
     if camera.kind == "events":
-        found.append(("events of 10 ms in the middle: ON blue, OFF red", _events_picture(sequence, camera)))
+        found.append(("events of 10 ms in the middle: ON blue, OFF orange", _events_picture(sequence, camera)))
         objects = _events_picture(sequence, camera, by_object=True)
         found.append(("the same events, by the object that each pixel saw", objects))
     if camera.has_truth and not camera.info["pixels_of"]:

@@ -9,16 +9,17 @@ from numpy.typing import NDArray
 
 from ..._errors import optional_module
 
+OFF_ON = np.array([(213, 94, 0), (0, 114, 178)])  # RGB, as in `pecs view`
+
 
 def event_picture(events: NDArray[Any], height: int, width: int) -> NDArray[np.uint8]:
-    """[H, W, 3] RGB on white: ON blue, OFF red, the darker the more; three events of a pixel are full colour."""
+    """[H, W, 3] RGB on white: ON blue, OFF orange, the darker the more; three events of a pixel are full colour."""
     counts = np.zeros((2, height * width), np.int64)
     where = events["y"].astype(np.int64) * width + events["x"]
     for p in (0, 1):
         counts[p] = np.bincount(where[events["p"] == p], minlength=height * width)
-    off, on = (np.minimum(c, 3).reshape(height, width) / 3 for c in counts)
-    rgb = np.stack([1 - on, 1 - np.maximum(on, off), 1 - off], -1)
-    return np.rint(255 * rgb).astype(np.uint8)
+    share = np.minimum(counts, 3).reshape(2, height, width, 1) / 3
+    return np.rint(255 - (share * (255 - OFF_ON[:, None, None])).max(0)).astype(np.uint8)
 
 
 def depth_picture(z_m: NDArray[Any]) -> NDArray[np.uint8]:

@@ -4,7 +4,7 @@
     images/CAMERA/SEQUENCE_NNNNNN.png
 
 An image is an instant of the truth: of an RGB camera the picture whose exposure has it in its middle, of an event
-camera its events from the instant before to this one (ON blue, OFF red). Boxes [x, y, w, h] and masks are of what is
+camera its events from the instant before to this one (ON blue, OFF orange). Boxes [x, y, w, h] and masks are of what is
 seen, on the camera's own, distorted pixels; `iscrowd` is 0. Beside COCO's own keys an annotation has `track_id` (the
 object's id, stable over a sequence and its cameras), `amodal_bbox`, `occluded`, `truncated`, and an image `sequence`
 and `t_us`. Categories are the classes of all sequences by name, from 1.

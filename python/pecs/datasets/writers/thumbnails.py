@@ -1,7 +1,7 @@
 """Small PNG pictures for an index page.
 
 SEQUENCE_CAMERA.png         of an RGB camera the picture in the middle; of an event camera its events
-                            of 10 ms in the middle (ON blue, OFF red)
+                            of 10 ms in the middle (ON blue, OFF orange)
 SEQUENCE_CAMERA_depth.png   1 / z at the truth's instant in the middle, near is white
 SEQUENCE_CAMERA_strip.png   events of ten windows over the sequence, side by side
 """
