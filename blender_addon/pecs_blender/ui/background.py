@@ -16,7 +16,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,19 +126,29 @@ class BackgroundJob:
         """Whether the user stopped it."""
         return self._stopping
 
-    def remove_copy(self) -> None:
-        for word in self.command:
-            if (folder := Path(word).parent).name.startswith(COPIES):
-                shutil.rmtree(folder, ignore_errors=True)
-
     def stop(self) -> None:
         """Terminates the process; the second call kills it."""
         (self._process.kill if self._stopping else self._process.terminate)()
         self._stopping = True
 
 
+def remove_copy(command: list[str]) -> None:
+    for word in command:
+        if (folder := Path(word).parent).name.startswith(COPIES):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@dataclass
+class Next:
+    """A job that starts when those before it have succeeded. make: starts it."""
+
+    command: list[str]
+    make: Callable[[], BackgroundJob]
+
+
 class _State:
     job: BackgroundJob | None = None
+    queue: list[Next] = []
     message, is_error = "", False  # result of the last job
     offer_exists = False  # whether it could not write a stack, perhaps since one with other settings exists
     shown = ""  # text of the job at the last redraw
@@ -152,8 +162,8 @@ class _State:
 state = _State()
 
 
-def start(job: BackgroundJob) -> None:
-    state.job, state.message, state.offer_exists = job, "", False
+def start(job: BackgroundJob, queue: Iterable[Next] = ()) -> None:
+    state.job, state.queue, state.message, state.offer_exists = job, list(queue), "", False
     bpy.app.timers.register(poll, first_interval=POLL_S, persistent=True)
 
 
@@ -168,7 +178,7 @@ def poll() -> float | None:
         _redraw()
     if code is None:
         return POLL_S
-    job.remove_copy()
+    remove_copy(job.command)
     disk.forget()
     stopped = job.is_stopping and code in STOPPED
     state.job, state.is_error = None, code != 0 and not stopped
@@ -177,9 +187,19 @@ def poll() -> float | None:
         state.message = _ending(job, code)
     except Exception as e:  # the result cannot be shown; the panel must accept the next job
         state.message, state.is_error = f"{say(job.label)}: {e}", True
+    if state.queue and code == 0:
+        state.job = state.queue.pop(0).make()
+        return POLL_S
+    _drop_queue()
     if state.is_error:
         pop_up(state.message)
     return None
+
+
+def _drop_queue() -> None:
+    for one in state.queue:
+        remove_copy(one.command)
+    state.queue = []
 
 
 def _ending(job: BackgroundJob, code: int) -> str:
@@ -229,7 +249,8 @@ def register() -> None:
 def unregister() -> None:
     if state.job:  # includes Blender's exit
         state.job.stop()
-        state.job.remove_copy()
+        remove_copy(state.job.command)
+        _drop_queue()
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
     bpy.app.handlers.load_pre.remove(_on_load)

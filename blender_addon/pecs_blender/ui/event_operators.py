@@ -9,7 +9,7 @@ from bpy.props import EnumProperty, StringProperty
 
 from ..render.programs import pecs as program
 from . import background, checks, disk, event_view, library, operators, paths, settings
-from .background import BackgroundJob
+from .background import BackgroundJob, Next
 from .interface import Action, areas, say
 from .preferences import preferences
 
@@ -61,17 +61,44 @@ class PECS_OT_run(operators.Renders, bpy.types.Operator):
 
     @staticmethod
     def job(context) -> BackgroundJob:
-        scene, stack, events = context.scene, paths.stack(context.scene), paths.events(context.scene)
-        name = scene.name
+        return _run_of(context.scene, paths.stack(context.scene), paths.events(context.scene)).make()
 
-        def done(job: BackgroundJob) -> str:
-            operators.remember_stack(name, job.folder if job.folder != events else stack)
-            return show_events(job)
 
-        words = ["--stack", str(stack), *operators.frame_words(scene), *settings.exists_words(scene)]
-        command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-        tasks = {"render": "Render", "sense": "Simulate"}
-        return BackgroundJob("Render and Simulate", command, events, done, continues=True, tasks=tasks)
+def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate", is_shown: bool = True) -> Next:
+    """Renders and simulates the scene as it is now. is_shown: its events are drawn over the viewport."""
+    name = scene.name
+
+    def done(job: BackgroundJob) -> str:
+        if not is_shown:
+            return job.answer[-1]
+        operators.remember_stack(name, job.folder if job.folder != events else stack)
+        return show_events(job)
+
+    words = ["--stack", str(stack), *operators.frame_words(scene), *settings.exists_words(scene)]
+    command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
+    tasks = {"render": "Render", "sense": "Simulate"}
+    return Next(command, lambda: BackgroundJob(label, command, events, done, continues=True, tasks=tasks))
+
+
+class PECS_OT_run_cameras(operators.Renders, bpy.types.Operator):
+    """Render and simulate all cameras of the scene, one after the other. Their names are in those of the files"""
+
+    bl_label = "Run All Cameras"
+
+    def act(self, context) -> None:
+        scene = context.scene
+        chosen, runs = scene.camera, []
+        try:
+            for one in (thing for thing in scene.objects if thing.type == "CAMERA"):
+                scene.camera = one
+                stack, events = (
+                    path.with_stem(f"{path.stem}_{bpy.path.clean_name(one.name)}")
+                    for path in (paths.stack(scene), paths.events(scene))
+                )
+                runs.append(_run_of(scene, stack, events, self.bl_label, is_shown=one == chosen))
+        finally:
+            scene.camera = chosen
+        background.start(runs[0].make(), runs[1:])
 
 
 class _OnEvents(operators.InBackground):

@@ -15,7 +15,7 @@ from .interface import Action, progress, say
 _PAGES = {"panel": "start/panel.md", "fit_camera": "howto/fit_camera.md"}  # in the zip as manual/NAME.html
 
 _GROUPS = (  # operators in the Render menu
-    "run render sense",
+    "run run_cameras render sense",
     "check_scene probe_light plan preview stop",
     "view show_events reconstruct report compare open_folder",
     "chip_resolution pick_chip pick_lens wide_open match_lens draw_lens override_add",

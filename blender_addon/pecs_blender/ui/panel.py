@@ -44,6 +44,8 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
             progress(row, job)
         else:
             row.operator("pecs.run", icon="RENDER_ANIMATION")
+        if len(bpy.data.cameras) > 1:
+            layout.operator("pecs.run_cameras", icon="OUTLINER_OB_CAMERA")
         row = layout.row()  # always one line, so that no button moves when a job starts or ends
         row.alert = bool(not state.job and state.is_error)
         message = "" if state.job else state.message
