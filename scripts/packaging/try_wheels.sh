@@ -61,7 +61,7 @@ try() {
   timed "pecs demo" "$suite" 'cd; v/bin/pecs demo'
   grep -A7 '^model' "$SYSTEMS/$suite.log"
   inside "$suite" 'cd; ls -s pecs-demo/* | grep -E "png|mp4|html|raw$|aedat4"; ! grep -c dejavu /etc/fonts 2>/dev/null' | sed 's/^/    /'
-  timed "examples" "$suite" 'cd; . v/bin/activate; for e in examples/*.py; do echo "$e"; python "$e"; done; pecs info bar.raw'
+  timed "examples" "$suite" 'cd; . v/bin/activate; for e in examples/*/*.py; do echo "$e"; python "$e"; done; pecs info bar.raw'
   timed "every module" "$suite" "cd; v/bin/python -c '$EVERY_MODULE'"
   [ -z "$BLENDER" ] || timed "pecs demo --blender" "$suite" 'cd; v/bin/pecs demo --blender -o blender-demo'
 }

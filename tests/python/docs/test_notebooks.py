@@ -1,55 +1,68 @@
-"""The notebooks of examples/, cell by cell, and what they find."""
+"""The notebooks of examples/, cell by cell: what they find, and what their pages show as printed."""
 
 import json
 import os
 
 import pytest
 from support import ROOT
+from support.printed import PRINTED, assert_printed
 
-NOTEBOOKS = ROOT / "examples/notebooks"
+EXAMPLES = ROOT / "examples"
 
 
-def run(name, monkeypatch):
-    """The variables at the end; figures are not shown."""
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """The variables at the end of a notebook; figures are not shown."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setenv("PATH", f"{ROOT}/build/release/bin:{os.environ['PATH']}")
-    names = {}
-    for cell in json.loads((NOTEBOOKS / f"{name}.ipynb").read_text())["cells"]:
-        if cell["cell_type"] == "code":
-            assert not cell["outputs"]
-            exec("".join(cell["source"]), names)
-    return names
+
+    def run(name):
+        names = {}
+        for cell in json.loads((EXAMPLES / name / f"{name}.ipynb").read_text())["cells"]:
+            if cell["cell_type"] == "code":
+                assert not cell["outputs"]
+                exec("".join(cell["source"]), names)
+        ((_, expected),) = PRINTED.findall((EXAMPLES / name / "README.md").read_text())
+        assert_printed(expected, capsys.readouterr().out)
+        return names
+
+    return run
 
 
-def test_slow_pixels_answer_later_than_grey_values(monkeypatch):
-    events = run("frames_to_events", monkeypatch)["events"]
+def test_slow_pixels_answer_later_than_grey_values(run):
+    events = run("frames_to_events")["events"]
     trail = {name: (found["t"] / 500 + 20 - found["x"])[found["p"] == 0].mean() for name, found in events.items()}
     assert trail["pecs"] > trail["v2e"] > trail["esim"] > 0  # frames behind the bar's middle
 
 
-def test_light_of_the_stack_is_that_of_the_report(monkeypatch):
-    names = run("look_at_a_stack", monkeypatch)
+def test_light_of_the_stack_is_that_of_the_report(run):
+    names = run("look_at_a_stack")
     assert names["light"].shape == (3, 64, 96)
     assert names["report"]["results"]["events"] == len(names["events"]) == names["counts"].sum()
 
 
-def test_comparison_finds_the_threshold(monkeypatch):
-    assert run("compare_with_recording", monkeypatch)["best"] == 0.32
+def test_comparison_finds_the_threshold(run):
+    assert run("compare_with_recording")["best"] == 0.32
 
 
-def test_windows_hold_all_events(monkeypatch):
-    names = run("events_for_pytorch", monkeypatch)
+def test_windows_hold_all_events(run):
+    names = run("events_for_pytorch")
     file = names["windows"].file
     assert tuple(names["batch"].shape) == (4, 5, 120, 160)
     assert sum(len(file.between(20_000 * i, 20_000 * (i + 1))) for i in range(len(names["windows"]))) == len(file)
 
 
-def test_fit_finds_the_hidden_threshold(monkeypatch):
-    names = run("fit_a_chip", monkeypatch)
+def test_fit_finds_the_hidden_threshold(run):
+    names = run("fit_a_chip")
     value = names["on"].value
     assert value == pytest.approx(0.35, rel=0.05) and names["on"].start == pytest.approx(0.254)
 
 
-def test_list_of_notebooks_is_complete():
-    page = (ROOT / "examples/README.md").read_text()
-    assert all(f"notebooks/{path.name}" in page for path in NOTEBOOKS.glob("*.ipynb"))
+def test_every_example_has_a_page_with_command_output_and_picture():
+    """And the list contains it."""
+    folders = sorted({EXAMPLES / path.relative_to(EXAMPLES).parts[0] for path in EXAMPLES.glob("*/*.*")})
+    listed = (EXAMPLES / "README.md").read_text()
+    assert len(folders) > 9
+    for folder in folders:
+        page = (folder / "README.md").read_text()
+        assert PRINTED.search(page) and "![" in page and f"({folder.name}/README.md)" in listed, folder.name

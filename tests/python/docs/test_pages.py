@@ -17,10 +17,10 @@ from functools import cache
 import pytest
 from support import ROOT, in_bpy, load_script
 from support.labels import Rectangle, write_truth
+from support.printed import PRINTED, assert_printed
 from support.small_stacks import write
 
 BLOCK = re.compile(r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|json)([^\n]*)\n(.*?)```", re.DOTALL)
-PRINTED = re.compile(r"```(?:sh|python)\n([^`]*)```\n\n```text title=\"printed\"\n([^`]*)```")
 RENDER = re.compile(r"^((?:python -m pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
 RUN_ELSEWHERE = {"docs/reference/trajectories.md"}  # datasets/test_trajectories.py, which also reads its tables
 FOLDERS = ("apps blender_addon calibration common docs examples lens_data python scenes scripts sensor tests").split()
@@ -43,20 +43,6 @@ def blocks(page):
 def stack_and_truth(folder):
     write(folder / "stack")
     write_truth(folder / "truth", Rectangle(), 1, light=False)
-
-
-NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]\d+)?")
-
-
-def assert_printed(expected, prints):
-    """The lines are there, in this order; numbers within 1 %, since events may differ between instruction sets."""
-    left = prints.splitlines()
-    for line in expected.splitlines():
-        while left and NUMBER.sub("#", left[0]) != NUMBER.sub("#", line):
-            left.pop(0)
-        assert left, f"wanted {line}\nin {prints}"
-        got, wanted = ([float(n) for n in NUMBER.findall(text)] for text in (left.pop(0), line))
-        assert got == pytest.approx(wanted, rel=0.01), f"wanted {line}\nin {prints}"
 
 
 def my_blend(folder):

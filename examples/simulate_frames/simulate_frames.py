@@ -1,6 +1,6 @@
 """Frames in memory to events: a bright bar moves over a dark wall.
 
-python examples/simulate_frames.py [OUTPUT]      OUTPUT: bar.raw (EVT3), or .npz, .hdf5, .aedat4, .csv, …
+python examples/simulate_frames/simulate_frames.py [OUTPUT]  OUTPUT: bar.raw (EVT3), or .npz, .hdf5, .aedat4, .csv, …
 """
 
 import sys
