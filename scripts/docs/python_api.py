@@ -63,7 +63,7 @@ def markdown(text: str | None) -> str:
 
 def entry(head: str, text: str) -> str:
     name, _, kind = head.partition(" : ")
-    names = ", ".join(f"`{part}`" for part in name.split(", "))
+    names = ", ".join(f"`{part}`" for part in ([name] if name[0] == "(" else name.split(", ")))  # (tuple, of types)
     return f"- {names}{f' ({kind})' if kind else ''}: {' '.join(text.split())}"
 
 

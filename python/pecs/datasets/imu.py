@@ -1,15 +1,18 @@
-"""An inertial measurement unit on a trajectory: angular rate and specific force from its exact derivatives, then the
-errors of a named part.
+"""Samples of an inertial measurement unit (IMU) on a trajectory: angular rate and specific force from the exact
+derivatives, with the errors of a named part.
 
     imu = Imu.of_part("mpu6050", rate_hz=1000)
     samples = measure(trajectory, imu, np.random.default_rng(7))
 
-Parts are files in imus/, from data sheets. Axes: the IMU's, `rig_from_imu` [4, 4] says how it sits in the rig (whose
-axes the trajectory's body has). At rest it reads +g along what points up. Model per axis, in this order:
-    turn-on bias, constant, uniform within the part's tolerance times `turn_on` (0: removed by a calibration at rest)
-    + bias instability: first-order Gauss-Markov process whose Allan deviation peaks at the part's floor
-    + bias random walk + white noise of the part's density up to half the rate; then clipped at the range and rounded to
-    a step of the converter. Scale errors, cross-axis sensitivity, temperature and the part's own low-pass are left out.
+Parts are files in imus/, from data sheets. `rig_from_imu` [4, 4] is the pose of the IMU in the rig, whose axes are
+those of the trajectory's body. At rest, the IMU reads +g along the axis that points up. Model per axis, in this order:
+
+1. turn-on bias: constant, uniform within the part's tolerance times `turn_on` (0: removed by a calibration at rest)
+2. bias instability: first-order Gauss-Markov process whose Allan deviation peaks at the part's floor
+3. bias random walk, and white noise of the part's density up to half the rate
+4. clipping at the range, rounding to a step of the converter
+
+Scale errors, cross-axis sensitivity, temperature and the part's own low-pass are not modelled.
 """
 
 from __future__ import annotations
@@ -27,6 +30,8 @@ from .._config import Fields
 from .._errors import PecsInputError
 from .paths import GRAVITY_M_S2, Trajectory
 
+__all__ = ["Errors", "Imu", "Samples", "ideal", "integrate", "measure", "parts", "sample_times_ns"]
+
 PARTS = Path(__file__).parent / "imus"
 UNITS = {"dps": math.radians(1), "g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "ug": 1e-6 * GRAVITY_M_S2}  # in SI units
 # Allan deviation's peak over the standard deviation of a first-order Gauss-Markov process: 0.437 q_c sqrt(T) with
@@ -36,8 +41,25 @@ GAUSS_MARKOV_PEAK = 0.437 * math.sqrt(2)
 
 @dataclass(frozen=True)
 class Errors:
-    """Of three like axes; unit u is rad/s or m/s^2. noise: u/sqrt(Hz), one-sided; bias_floor: u, of the Allan
-    deviation, over bias_time_s; bias_walk: u/sqrt(s); turn_on, range, step: u (0: none, no limit, exact)."""
+    """Errors of a gyroscope or an accelerometer with three equal axes; the unit u is rad/s or m/s^2.
+
+    Parameters
+    ----------
+    noise : float
+        One-sided density of the white noise [u/sqrt(Hz)]. Default 0.
+    bias_floor : float
+        Floor of the Allan deviation [u]. Default 0.
+    bias_time_s : float
+        Correlation time of the bias instability [s]. Default 1.
+    bias_walk : float
+        Random walk of the bias [u/sqrt(s)]. Default 0.
+    turn_on : float
+        Largest turn-on bias [u]. Default 0.
+    range : float
+        Largest value that can be read [u]. Default inf.
+    step : float
+        Step of the converter [u]. Default 0: exact.
+    """
 
     noise: float = 0.0
     bias_floor: float = 0.0
@@ -48,7 +70,24 @@ class Errors:
     step: float = 0.0
 
     def bias(self, count: int, rate_hz: float, turn_on: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """[count, 3]."""
+        """Draw the biases of consecutive samples.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        turn_on : float
+            Factor of the turn-on bias; 0 after a calibration at rest.
+        rng : numpy.random.Generator
+            Source of the random numbers.
+
+        Returns
+        -------
+        float64 array
+            [count, 3] in u.
+        """
         from scipy.signal import lfilter
 
         constant = turn_on * self.turn_on * rng.uniform(-1, 1, 3)
@@ -61,6 +100,24 @@ class Errors:
         return constant + instability + np.cumsum(walk, axis=0) * self.bias_walk / math.sqrt(rate_hz)
 
     def read(self, true: NDArray[np.float64], bias: NDArray[np.float64], rate_hz: float, rng) -> NDArray[np.float64]:
+        """Add bias and noise to true values, clip and round them.
+
+        Parameters
+        ----------
+        true : array
+            [n, 3], values without errors [u].
+        bias : array
+            [n, 3], biases [u], as `bias` returns them.
+        rate_hz : float
+            Sampling rate [Hz].
+        rng : numpy.random.Generator
+            Source of the random numbers.
+
+        Returns
+        -------
+        float64 array
+            [n, 3] in u.
+        """
         noise = self.noise * math.sqrt(rate_hz / 2) * rng.standard_normal(true.shape)
         got = np.clip(true + bias + noise, -self.range, self.range - self.step)
         return np.round(got / self.step) * self.step if self.step else got
@@ -68,7 +125,23 @@ class Errors:
 
 @dataclass(frozen=True)
 class Imu:
-    """`part` is for records. turn_on: see above."""
+    """An IMU: its rate, its errors and its pose in the rig. `Imu.of_part` makes one from a data sheet.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Sampling rate [Hz].
+    gyro : Errors
+        Errors of the gyroscope [rad/s]. Default: none.
+    accel : Errors
+        Errors of the accelerometer [m/s^2]. Default: none.
+    rig_from_imu : array
+        [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
+    turn_on : float
+        Factor of the turn-on bias. Default 0: calibrated at rest.
+    part : str
+        Name of the part, for records. Default "ideal".
+    """
 
     rate_hz: float
     gyro: Errors = Errors()
@@ -87,7 +160,33 @@ class Imu:
         accel_range_g: float | None = None,
         turn_on: float = 0.0,
     ) -> Imu:
-        """A part of imus/ (or "ideal": exact) at its own rate and widest ranges, unless said otherwise."""
+        """Make an IMU from the data sheet of a part.
+
+        Parameters
+        ----------
+        name : str
+            A name that `parts` lists. "ideal" has no errors.
+        rate_hz : float, optional
+            Sampling rate [Hz], 1 to 1e6. Default: that of the part; 1000 for "ideal".
+        rig_from_imu : array, optional
+            [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
+        gyro_range_dps : float, optional
+            Range of the gyroscope [deg/s], one of the part's. Default: the widest.
+        accel_range_g : float, optional
+            Range of the accelerometer [g], one of the part's. Default: the widest.
+        turn_on : float
+            Factor of the turn-on bias, 0 to 10. Default 0: calibrated at rest.
+
+        Returns
+        -------
+        Imu
+            The IMU.
+
+        Raises
+        ------
+        PecsInputError
+            The part, a range, the rate or the matrix is wrong.
+        """
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
         if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
             raise PecsInputError(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
@@ -104,8 +203,14 @@ class Imu:
         return cls(rate, gyro, accel, rig, turn_on, name)
 
     def kalibr(self) -> dict[str, float]:
-        """What Kalibr's imu.yaml calls these: densities two-sided (1/sqrt(2) of ours), and the random walk that the
-        bias makes in times short against its own."""
+        """Return the values of Kalibr's imu.yaml.
+
+        Returns
+        -------
+        dict of str to float
+            Rate [Hz], two-sided noise densities (1/sqrt(2) of the one-sided ones) and random walks of the biases over
+            times that are short against their correlation time.
+        """
         values = {"update_rate": self.rate_hz}
         for name, e in (("gyroscope", self.gyro), ("accelerometer", self.accel)):
             walk = math.hypot(e.bias_walk, e.bias_floor / GAUSS_MARKOV_PEAK * math.sqrt(2 / e.bias_time_s))
@@ -114,7 +219,13 @@ class Imu:
 
 
 def parts() -> list[str]:
-    """Names for Imu.of_part."""
+    """List the names that `Imu.of_part` accepts.
+
+    Returns
+    -------
+    list of str
+        The parts with a data sheet, and "ideal".
+    """
     return [*sorted(path.stem for path in PARTS.glob("*.json")), "ideal"]
 
 
@@ -137,8 +248,21 @@ def _errors(data: Mapping, option: str, wanted: float | None) -> Errors:
 
 @dataclass(frozen=True)
 class Samples:
-    """t_ns [n]; what the IMU says: gyro_rad_s, accel_m_s2 [n, 3] (specific force), in its axes; and what only a
-    simulator knows, the biases in it."""
+    """Samples of an IMU, and the biases in them as ground truth, in the axes of the IMU.
+
+    Attributes
+    ----------
+    t_ns : int64 array
+        [n], times [ns].
+    gyro_rad_s : float64 array
+        [n, 3], angular rates [rad/s].
+    accel_m_s2 : float64 array
+        [n, 3], specific forces [m/s^2].
+    gyro_bias_rad_s : float64 array
+        [n, 3], biases of the gyroscope [rad/s].
+    accel_bias_m_s2 : float64 array
+        [n, 3], biases of the accelerometer [m/s^2].
+    """
 
     t_ns: NDArray[np.int64]
     gyro_rad_s: NDArray[np.float64]
@@ -148,12 +272,40 @@ class Samples:
 
 
 def sample_times_ns(duration_s: float, rate_hz: float) -> NDArray[np.int64]:
-    """From 0 to duration_s, both included where the rate allows."""
+    """Return the times of an IMU's samples.
+
+    Parameters
+    ----------
+    duration_s : float
+        End of the samples [s].
+    rate_hz : float
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    int64 array
+        Times from 0 [ns]; the last one is at `duration_s` or less than a period before it.
+    """
     return np.round(np.arange(math.floor(duration_s * rate_hz * (1 + 1e-12)) + 1) * (1e9 / rate_hz)).astype(np.int64)
 
 
 def measure(trajectory: Trajectory, imu: Imu, rng: np.random.Generator) -> Samples:
-    """The IMU's samples over the whole trajectory. The same generator gives the same bits."""
+    """Simulate the samples of an IMU over a whole trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Motion of the rig.
+    imu : Imu
+        The IMU.
+    rng : numpy.random.Generator
+        The same generator, trajectory and IMU give the same bits.
+
+    Returns
+    -------
+    Samples
+        With the biases in them.
+    """
     t_ns = sample_times_ns(trajectory.duration_s, imu.rate_hz)
     true = ideal(trajectory, t_ns * 1e-9, imu.rig_from_imu)
     errors = (imu.gyro, imu.accel)
@@ -165,8 +317,24 @@ def measure(trajectory: Trajectory, imu: Imu, rng: np.random.Generator) -> Sampl
 def ideal(
     trajectory: Trajectory, t_s: ArrayLike, rig_from_imu: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Angular rate [rad/s] and specific force [m/s^2], [n, 3] in the IMU's axes at t_s [n]:
-    w, and R^T (a + g) + w' x r + w x (w x r) at the lever arm r."""
+    """Return angular rates and specific forces without errors.
+
+    They are w, and R^T (a + g) + w' x r + w x (w x r) at the lever arm r, in the axes of the IMU.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Motion of the rig.
+    t_s : array
+        [n], times within the trajectory [s].
+    rig_from_imu : array, optional
+        [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
+
+    Returns
+    -------
+    (float64 array, float64 array)
+        Angular rates [n, 3] in rad/s, and specific forces [n, 3] in m/s^2.
+    """
     s, rig = trajectory.state(t_s), np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
     turn, lever = rig[:3, :3], rig[:3, 3]
     w, dw = s.angular_velocity_rad_s, s.angular_acceleration_rad_s2
@@ -179,11 +347,28 @@ def ideal(
 def integrate(
     t_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike, world_from_imu: ArrayLike, velocity_m_s: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Strapdown: world_from_imu [n, 4, 4] and velocity [n, 3] at t_s [n], from rates and specific forces [n, 3] then
-    and the first pose [4, 4] and velocity [3].
+    """Integrate samples of an IMU to poses and velocities (strapdown).
 
     Rates between samples are a spline of degree 5; a step's rotation is Magnus' expansion of fourth order (Iserles et
     al. 2000, eq. 4.19). Velocity and position are integrals of the spline of the force in the world.
+
+    Parameters
+    ----------
+    t_s : array
+        [n], increasing times [s].
+    gyro_rad_s : array
+        [n, 3], angular rates [rad/s].
+    accel_m_s2 : array
+        [n, 3], specific forces [m/s^2].
+    world_from_imu : array
+        [4, 4], pose at the first time, translation in m.
+    velocity_m_s : array
+        [3], velocity at the first time [m/s], in world coordinates.
+
+    Returns
+    -------
+    (float64 array, float64 array)
+        Poses world_from_imu [n, 4, 4], and velocities [n, 3] in m/s.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.spatial.transform import Rotation

@@ -99,8 +99,17 @@ class Clock:
 
 @dataclass(frozen=True)
 class State:
-    """A trajectory at n instants. position_m, velocity_m_s, acceleration_m_s2 [n, 3] in the world; world_from_body
-    [n, 3, 3]; angular_velocity_rad_s and angular_acceleration_rad_s2 [n, 3] in the body."""
+    """A trajectory at n times.
+
+    Attributes
+    ----------
+    position_m, velocity_m_s, acceleration_m_s2 : float64 array
+        [n, 3] in world coordinates [m, m/s, m/s^2].
+    world_from_body : float64 array
+        [n, 3, 3], rotation matrices.
+    angular_velocity_rad_s, angular_acceleration_rad_s2 : float64 array
+        [n, 3] in body coordinates [rad/s, rad/s^2].
+    """
 
     position_m: NDArray[np.float64]
     velocity_m_s: NDArray[np.float64]
@@ -111,18 +120,44 @@ class State:
 
 
 class Trajectory:
-    """A path with its clock: pose and exact derivatives at any time from 0 to duration_s. `kind` and `drawn` (what
-    was drawn, as JSON takes it) are for records."""
+    """Pose and exact derivatives at any time of a path. `plan` makes trajectories.
+
+    The body's axes are x right, y down, z ahead; the world's z is up. Methods raise PecsInputError for times outside
+    the trajectory.
+
+    Parameters
+    ----------
+    path : Path
+        Formulas of the motion.
+    clock : Clock
+        Duration, pauses and speed.
+    kind : str
+        Name of the kind, for records. Default "".
+    drawn : dict, optional
+        Values that were drawn, for records in JSON. Default: none.
+    """
 
     def __init__(self, path: Path, clock: Clock, kind: str = "", drawn: dict | None = None):
         self.path, self.clock, self.kind, self.drawn = path, clock, kind, drawn or {}
 
     @property
     def duration_s(self) -> float:
+        """Duration [s]."""
         return self.clock.duration_s
 
     def state(self, t_s: ArrayLike) -> State:
-        """State at t_s [n]. Raises ValueError for times beyond the trajectory."""
+        """Return pose, velocities and accelerations.
+
+        Parameters
+        ----------
+        t_s : array
+            [n], times from 0 to `duration_s` [s].
+
+        Returns
+        -------
+        State
+            At these times.
+        """
         position, rotation = self._series(t_s, max(self.path.order, 2))
         r, r1, r2 = (taylor.matrices(rotation, k) for k in range(3))
         back = np.swapaxes(r, -1, -2)
@@ -136,16 +171,49 @@ class Trajectory:
         )
 
     def positions(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """[n, 3]."""
+        """Return positions.
+
+        Parameters
+        ----------
+        t_s : array
+            [n], times from 0 to `duration_s` [s].
+
+        Returns
+        -------
+        float64 array
+            [n, 3] in m, in world coordinates.
+        """
         return taylor.values(self._series(t_s, self.path.order - 2)[0])
 
     def pose(self, t_s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions [n, 3] [m] and quaternions [n, 4] (x y z w), world_from_body."""
+        """Return positions and quaternions.
+
+        Parameters
+        ----------
+        t_s : array
+            [n], times from 0 to `duration_s` [s].
+
+        Returns
+        -------
+        (float64 array, float64 array)
+            Positions [n, 3] in m, and unit quaternions [n, 4] (x y z w) of world_from_body.
+        """
         position, rotation = self._series(t_s, self.path.order - 2)
         return taylor.values(position), poses.quaternion_from_matrix(taylor.matrices(rotation))
 
     def matrices(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """world_from_body [n, 4, 4]."""
+        """Return pose matrices.
+
+        Parameters
+        ----------
+        t_s : array
+            [n], times from 0 to `duration_s` [s].
+
+        Returns
+        -------
+        float64 array
+            world_from_body [n, 4, 4], translations in m.
+        """
         return poses.pose_matrix(*self.pose(t_s))
 
     def _series(self, t_s: ArrayLike, order: int) -> tuple[Vector, Rotation]:

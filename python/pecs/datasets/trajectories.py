@@ -1,4 +1,4 @@
-"""Motions of a camera or a rig, drawn: `plan` draws until the path keeps clear of the scene's surfaces and sees some.
+"""Random trajectories of a camera or a rig that keep their distance from the surfaces of a scene.
 
     rng = np.random.default_rng(7)
     parameters = {"duration_s": 2, "volume": [[-1, -1, 1], [1, 1, 2]], "speed_m_per_s": 1.5, "pauses": 1}
@@ -23,8 +23,10 @@ from .. import _poses as poses
 from .._errors import PecsInputError
 from . import paths, taylor
 from .parameters import COMMON, PARAMETERS, read
-from .paths import Clock, Trajectory
+from .paths import Clock, State, Trajectory
 from .taylor import Series, spline
+
+__all__ = ["KINDS", "State", "Surfaces", "Trajectory", "instants", "needed_m", "plan"]
 
 KINDS = tuple(PARAMETERS)
 MAX_WAYPOINTS = 2000
@@ -42,9 +44,26 @@ CAR_SHAKE = ((0.8, 2.0, 6, 0.3, 8.0), (9.0, 13.0, 6, 0.01, 0.3))
 
 
 class Surfaces:
-    """Samples of a scene's surfaces. times_s [m] rise; points: m arrays [n, 3] of what moves (or of everything, at one
-    instant); static [n, 3]: what does not. spacing_m: how far a point of a surface may lie from the nearest sample.
-    Between two instants both count."""
+    """Samples of a scene's surfaces, in world coordinates.
+
+    Between two times, the moving samples of both count.
+
+    Parameters
+    ----------
+    times_s : array
+        [m], increasing times of `points` [s].
+    points : sequence of array
+        m arrays [n, 3] of the moving surfaces at these times [m]; n may differ.
+    static : array, optional
+        [n, 3], samples of the surfaces that do not move [m]. Default: none.
+    spacing_m : float
+        Largest distance from a point of a surface to the nearest sample [m]. Default 0.
+
+    Raises
+    ------
+    PecsInputError
+        The times do not increase, or their number is not that of the arrays.
+    """
 
     def __init__(
         self, times_s: ArrayLike, points: Sequence[ArrayLike], static: ArrayLike | None = None, spacing_m: float = 0.0
@@ -62,12 +81,36 @@ class Surfaces:
         self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
 
     def some(self, t_s: float) -> NDArray[np.float64]:
-        """[n, 3]: about FEW samples at about t_s, regularly thinned; the test of what is in view uses them."""
+        """Return about 10,000 samples, regularly thinned, for the test of what is in view.
+
+        Parameters
+        ----------
+        t_s : float
+            Time [s]; the moving samples are those of the last time before it.
+
+        Returns
+        -------
+        float64 array
+            [n, 3] in m.
+        """
         i = max(int(np.searchsorted(self.times_s, t_s, side="right")) - 1, 0)
         return np.concatenate([self._few[0], self._few[1 + i]])
 
     def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """[n]: distances from positions [n, 3] to the nearest sample at t_s [n]; inf without samples."""
+        """Return the distance of each position from the nearest sample.
+
+        Parameters
+        ----------
+        t_s : array
+            [n], times [s].
+        positions_m : array
+            [n, 3], positions at these times [m].
+
+        Returns
+        -------
+        float64 array
+            [n] in m; inf if there are no samples.
+        """
         nearest = self._static_tree.query(positions_m)[0] if self._static_tree.n else np.full(len(t_s), np.inf)
         first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
         second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
@@ -87,10 +130,29 @@ class _Rejected(Exception):
 
 
 def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rng: np.random.Generator) -> Trajectory:
-    """A trajectory of a kind (KINDS) that stays `clearance_m` away from all surfaces at all times and always sees some.
+    """Draw a trajectory that always keeps `clearance_m` from all surfaces and has some of them in view.
 
-    Without surfaces nothing is in the way. Raises PecsInputError, one line: a parameter that is unknown or out of its
-    range, a waypoint that cannot be reached, or what no path of `tries` met.
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    parameters : dict
+        Parameters of the kind, with units and defaults in docs/reference/trajectories.md. `duration_s` is required.
+    surfaces : Surfaces or None
+        Surfaces of the scene. None: no test of distance and view.
+    rng : numpy.random.Generator
+        The same generator, parameters and surfaces give the same bits.
+
+    Returns
+    -------
+    Trajectory
+        Its `drawn` contains all values that were drawn.
+
+    Raises
+    ------
+    PecsInputError
+        A parameter is unknown or out of its range, a waypoint cannot be reached, or none of `tries` paths met a
+        condition, which the message names.
     """
     if kind not in PARAMETERS:
         raise PecsInputError(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
@@ -359,8 +421,23 @@ assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 
 
 def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
-    """Distance required from every sample, so that the surface between samples keeps clearance_m, too. An eighth is
-    added for the camera's motion between two checks."""
+    """Return the distance that a path must keep from every sample.
+
+    The surface between samples is then at least `clearance_m` away, too. An eighth of it is added for the camera's
+    motion between two checks.
+
+    Parameters
+    ----------
+    clearance_m : float
+        Distance required from the surfaces [m].
+    surfaces : Surfaces or None
+        Surfaces with the spacing of their samples.
+
+    Returns
+    -------
+    float
+        Distance [m].
+    """
     return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8
 
 
@@ -426,8 +503,22 @@ def _way(trajectory: Trajectory, t_s: float) -> float:
 
 
 def instants(trajectory: Trajectory, step_m: float, most: int = 20000) -> NDArray[np.float64]:
-    """Times from 0 to the end, at least 65, between which the trajectory moves by at most step_m (more when that takes
-    more than `most`)."""
+    """Return times between which the trajectory moves by a small step.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory.
+    step_m : float
+        Largest distance between neighbouring positions [m].
+    most : int
+        Maximum number of times; longer paths get longer steps. Default 20000.
+
+    Returns
+    -------
+    float64 array
+        Increasing times from 0 to the end [s], at least 65.
+    """
     t = np.linspace(0, trajectory.duration_s, 4097)
     steps = np.linalg.norm(np.diff(trajectory.positions(t), axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])

@@ -5,23 +5,26 @@ import functools
 import importlib
 import inspect
 import re
+from types import FunctionType
 
 import pecs
 import pecs.datasets
 import pytest
+from pecs.datasets import imu, trajectories
 
+MODULES = (pecs, pecs.datasets, imu, trajectories)
 SECTION = re.compile(r"^(\w+)\n-{3,}\n((?:(?!^\w+\n-{3,}\n)(?:.*\n))*)", re.MULTILINE)
 
 
 def callables():
     """(name, callable, docstring) of functions, of classes, and of their public methods."""
-    for value in (getattr(module, name) for module in (pecs, pecs.datasets) for name in module.__all__):
+    for value in (getattr(module, name) for module in MODULES for name in module.__all__):
         name = getattr(value, "__name__", "")
         if inspect.isclass(value):
             if {"__init__", "__new__"} & set(vars(value)) and not dataclasses.is_dataclass(value):
                 yield name, value, value.__doc__
-            methods = [(k, v) for k, v in vars(value).items() if k[0] != "_" and inspect.isfunction(v)]
-            yield from ((f"{name}.{key}", method, method.__doc__) for key, method in methods)
+            names = [k for k, v in vars(value).items() if k[0] != "_" and isinstance(v, (FunctionType, classmethod))]
+            yield from ((f"{name}.{key}", getattr(value, key), getattr(value, key).__doc__) for key in names)
         elif inspect.isroutine(value):
             yield name, value, value.__doc__
 
@@ -38,22 +41,33 @@ def expected(call) -> set[str]:
     return found
 
 
+def entries(section: str) -> list[str]:
+    listed = re.findall(r"^(\S[^:\n]*?)(?: : .+)?$", section, re.MULTILINE)
+    return [part.strip() for line in listed for part in line.split(",")]
+
+
 @pytest.mark.parametrize(("name", "call", "doc"), [pytest.param(*found, id=found[0]) for found in callables()])
 def test_parameters_are_those_of_the_code(name, call, doc):
     text = inspect.cleandoc(doc) + "\n"
     sections = dict(SECTION.findall(text))
-    listed = re.findall(r"^(\S[^:\n]*?)(?: : .+)?$", sections.get("Parameters", ""), re.MULTILINE)
-    names = [part.strip() for line in listed for part in line.split(",")]
+    names = entries(sections.get("Parameters", ""))
     assert len(names) == len(set(names)) and set(names) == expected(call)
     summary = text.split("\n\n")[0]
     assert summary.strip().endswith(".") and summary.strip()[0].isupper()
 
 
 def test_properties_are_described():
-    public = [getattr(module, name) for module in (pecs, pecs.datasets) for name in module.__all__]
+    public = [getattr(module, name) for module in MODULES for name in module.__all__]
     classes = [value for value in public if inspect.isclass(value)]
     found = [
         (c, k, v) for c in classes for k, v in vars(c).items() if isinstance(v, (property, functools.cached_property))
     ]
     assert len(found) > 10
     assert not [f"{cls.__name__}.{key}" for cls, key, value in found if key[0] != "_" and not value.__doc__]
+
+
+@pytest.mark.parametrize("cls", [imu.Errors, imu.Imu, imu.Samples, trajectories.State], ids=lambda cls: cls.__name__)
+def test_fields_are_those_of_the_code(cls):
+    sections = dict(SECTION.findall(inspect.cleandoc(cls.__doc__) + "\n"))
+    listed = entries(sections.get("Parameters", "") + sections.get("Attributes", ""))
+    assert listed == [field.name for field in dataclasses.fields(cls)]
