@@ -15,7 +15,7 @@ import numpy as np
 from .surfaces import Poses, SurfaceHits, Surfaces
 from .timeline import Timeline
 
-BEND_PX = 0.05
+BEND_PX = 0.01  # a still outline, such as a turning disk's, moves by this over what is behind it
 LONGEST = 256  # grid steps; limits aliasing of periodic motion
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 

@@ -194,6 +194,20 @@ def test_noise_has_both_signs_with_diffraction(root, tmp_path):
         assert 0.2 < (reader.read_layer("noise", 0) < 0).mean() < 0.8
 
 
+def test_the_still_outline_of_what_turns_stays_in_place(root, tmp_path, bench):
+    """A path that bends more than its parabola moves the disk's rim over the wall, which makes events."""
+
+    def at_the_rim(name, *options):
+        size = ("--lens", "none", "--focal", 15.02, "--width", 96, "--bands", 1, "--samples", 8)
+        times = ("--fps", 875, "--frames", 43)
+        pecs_blender("render", root / "scenes/rotating_disk", "-o", tmp_path / name, *size, *times, *options)
+        found = bench.events(tmp_path / name)
+        radius = np.hypot(found["x"] - 71.75, found["y"] - 27.0) / 22.7
+        return np.sum((radius > 0.93) & (radius < 1.07))
+
+    assert at_the_rim("adaptive", "--time", "adaptive") < 1.25 * at_the_rim("uniform")
+
+
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
     result = pecs_blender(
         "render",
