@@ -13,13 +13,14 @@
 
 namespace pecs::sensor {
 
-std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options) {
+std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,
+                                     const std::string& name) {
   constexpr double kElectron_c = 1.602176634e-19, kPlanck_js = 6.62607015e-34, kLight_m_per_s = 299792458;
   const bool absolute = stack.quantity != Quantity::relative && !options.gain;
   double film_per_value = 1;
   if (stack.quantity == Quantity::radiance && absolute) {
     const std::optional<double> fnumber = options.fnumber ? options.fnumber : stack.fnumber;
-    if (!fnumber) throw bad_input("stack", "quantity", "radiance without --fnumber", "the lens's f-number, or --gain");
+    if (!fnumber) throw bad_input(name, "quantity", "radiance without --fnumber", "the lens's f-number, or --gain");
     film_per_value = std::numbers::pi / (4 * *fnumber * *fnumber);
   }
   const double area_m2 = chip.pixel_pitch_m * chip.pixel_pitch_m * chip.fill_factor;
@@ -32,7 +33,7 @@ std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, c
     weights.push_back((absolute ? film_per_value * area_m2 * amperes_per_watt : relative) * band.weight_nm);
     total += weights.back();
   }
-  if (!(total > 0)) throw bad_input("stack", "bands", "no band within the chip's spectral range", "at least one");
+  if (!(total > 0)) throw bad_input(name, "bands", "no band within the chip's spectral range", "at least one");
   if (!absolute) {
     const double scale = options.gain ? *options.gain : options.photocurrent_a.value_or(kDefaultWhite_a) / total;
     for (double& w : weights) w *= scale;

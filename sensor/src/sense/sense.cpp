@@ -164,7 +164,7 @@ EventSorter SenseRun::sorter() const {
 
 // Per unit of each band's value: of all bands, or of those drawn.
 std::vector<double> SenseRun::amperes() {
-  std::vector<double> all = amperes_per_unit(chip_, source_->info(), options_.light);
+  std::vector<double> all = amperes_per_unit(chip_, source_->info(), options_.light, source_->name());
   if (options_.monte_carlo_bands == 0) return all;
   DrawnBands drawn = draw_bands(*source_, all, options_.monte_carlo_bands, options_.seed);
   results_["monte_carlo"] = {{"samples", options_.monte_carlo_bands},

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "pecs/sensor/chip.h"
@@ -21,8 +22,9 @@ inline constexpr double kDefaultWhite_a = 1e-12;
 
 // Amperes in a pixel of the chip per unit of each band's value. The pixel's area is the chip's: a stack of coarser
 // pixels (a quick render) gives each of them the light of one real pixel. Throws bad_input for radiance with neither
-// f-number nor gain, and if the QE is 0 in all bands.
-std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options);
+// f-number nor gain, and if the QE is 0 in all bands; `name`: of the stack in such errors.
+std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,
+                                     const std::string& name = "stack");
 
 // Monte Carlo instead of the sum over all bands (Eq. 8-11): draws `n` bands, each with a probability proportional to
 // its share in the mean light (`mean_light` by band), and weights them by its inverse. All pixels share the drawn
