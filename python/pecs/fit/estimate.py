@@ -35,8 +35,23 @@ TOGETHER = 0.9  # correlation of values that are not told apart
 
 @dataclass(frozen=True)
 class Value:
-    """`interval`: 95 %. A value that is not `fitted` is the starting profile's, and `why` says so. `without`: recording
-    -> factor by which the interval grows if it is left out."""
+    """A value of the profile, fitted or kept.
+
+    Parameters
+    ----------
+    value : float
+        In the profile's unit.
+    interval : (float, float)
+        95 % interval; both are `value` if it was kept.
+    start : float
+        Value of the starting profile.
+    fitted : bool
+        Whether the recordings constrain the value. Default True.
+    why : str
+        Reason why the value was kept. Default "".
+    without : dict, optional
+        Name of a recording -> factor by which the interval grows without this recording.
+    """
 
     value: float
     interval: tuple[float, float]
@@ -64,24 +79,63 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fitted:
+    """Result of `fit`.
+
+    Attributes
+    ----------
+    chip : str
+        Starting profile.
+    files : list of str
+        Recordings.
+    values : dict
+        Key of the profile -> `Value`.
+    corner_hz : Value
+        Corner frequency of the photoreceptor at level 1 [Hz].
+    correlations : dict
+        Key -> key -> correlation of the two fitted values.
+    compared : list
+        Statistics of each recording: measured, simulated, and the standard deviation of their difference.
+    misfit : float
+        Root mean square of (simulated - measured) / deviation; 1 if the model misses by the noise alone.
+    data, simulated : list
+        The recordings as they were used, and their simulations with the fitted values.
+    """
+
     chip: str
     files: list[str]
     values: dict[str, Value]
-    corner_hz: Value  # of the photoreceptor at level 1: what the speed of the events shows
+    corner_hz: Value
     correlations: dict[str, dict[str, float]]
     compared: list[Compared]
-    misfit: float  # root mean square of (simulated - measured) / deviation
+    misfit: float
     data: list[Switches | Quiet]
     simulated: list[Any]
 
     def write(self, path: str | Path) -> None:
-        """The chip profile. Raises PecsOutputError."""
+        """Write the chip profile.
+
+        Parameters
+        ----------
+        path : str or path
+            Output file (.json).
+
+        Raises
+        ------
+        PecsOutputError
+            The file cannot be written.
+        """
         from .profile import write
 
         write(self, Path(path))
 
     def summary(self) -> dict[str, Any]:
-        """All numbers, for JSON."""
+        """All numbers of the fit.
+
+        Returns
+        -------
+        dict
+            For JSON; as `pecs fit --numbers` writes it.
+        """
 
         def of(value: Value) -> dict[str, Any]:
             out: dict[str, Any] = {"value": value.value, "fitted": value.fitted, "start": value.start}
@@ -109,12 +163,37 @@ def fit(
     seed: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> Fitted:
-    """Fits the profile's values to the recordings.
+    """Fit the values of a chip profile to recordings.
 
-    `photocurrent_a`: of level 1, if known; then corner_hz_per_a is fitted, otherwise the light. `keep`: values that
-    stay as in the profile. `region`: x, y, width, height of the pixels that are used, by default 64 x 64 in the centre.
-    `pixels`: how many are simulated, a multiple of 128. `progress` is called with the number of simulations. Raises
-    PecsInputError for a recording that does not show what was stated.
+    Parameters
+    ----------
+    recordings : sequence of Steps or Still
+        At least one of `Steps`.
+    chip : str or path
+        Starting profile: a name or a file. Default "imx636".
+    photocurrent_a : float, optional
+        Photocurrent of a pixel at level 1 [A]. With it, `corner_hz_per_a` is fitted; without it, the light.
+    keep : sequence of str
+        Keys of the profile that stay as they are. Default none.
+    region : (x, y, width, height), optional
+        Pixels that are used. Default: 64 x 64 in the centre.
+    pixels : int
+        Number of simulated pixels, a multiple of 128. Default 1024.
+    seed : int
+        Of the simulation. Default 1.
+    progress : callable, optional
+        Called with the number of simulations.
+
+    Returns
+    -------
+    Fitted
+
+    Raises
+    ------
+    PecsInputError
+        A recording does not show what was stated.
+    UsageError
+        There is no recording of steps, or a key of `keep` does not exist.
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
     base = Chip(chip)

@@ -25,8 +25,17 @@ IN_ROWS = 0.5  # largest share of the variance of first events that lies between
 
 @dataclass(frozen=True)
 class Steps:
-    """A light that switches through `levels`, relative to level 1, again and again. `edges_us`: times of the switches
-    on the recording's clock, if known, beginning with the one to levels[0]."""
+    """A recording of a light that switches through levels again and again.
+
+    Parameters
+    ----------
+    file : str or path
+        Event file.
+    levels : tuple of float
+        Light, relative to level 1, in the order of the switches.
+    edges_us : sequence of float, optional
+        Times of the switches on the recording's clock [us], beginning with the one to `levels[0]`.
+    """
 
     file: str | Path
     levels: tuple[float, ...]
@@ -35,7 +44,15 @@ class Steps:
 
 @dataclass(frozen=True)
 class Still:
-    """Constant light at `level`; 0 with the cap on."""
+    """A recording of constant light.
+
+    Parameters
+    ----------
+    file : str or path
+        Event file.
+    level : float
+        Light, relative to level 1; 0 with the cap on.
+    """
 
     file: str | Path
     level: float

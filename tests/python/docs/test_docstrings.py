@@ -9,10 +9,11 @@ from types import FunctionType
 
 import pecs
 import pecs.datasets
+import pecs.fit
 import pytest
 from pecs.datasets import imu, trajectories
 
-MODULES = (pecs, pecs.datasets, imu, trajectories)
+MODULES = (pecs, pecs.datasets, imu, trajectories, pecs.fit)
 SECTION = re.compile(r"^(\w+)\n-{3,}\n((?:(?!^\w+\n-{3,}\n)(?:.*\n))*)", re.MULTILINE)
 
 
@@ -66,7 +67,10 @@ def test_properties_are_described():
     assert not [f"{cls.__name__}.{key}" for cls, key, value in found if key[0] != "_" and not value.__doc__]
 
 
-@pytest.mark.parametrize("cls", [imu.Errors, imu.Imu, imu.Samples, trajectories.State], ids=lambda cls: cls.__name__)
+DESCRIBED = (imu.Errors, imu.Imu, imu.Samples, trajectories.State, *map(vars(pecs.fit).get, pecs.fit.__all__[:-1]))
+
+
+@pytest.mark.parametrize("cls", DESCRIBED, ids=lambda cls: cls.__name__)
 def test_fields_are_those_of_the_code(cls):
     sections = dict(SECTION.findall(inspect.cleandoc(cls.__doc__) + "\n"))
     listed = entries(sections.get("Parameters", "") + sections.get("Attributes", ""))
