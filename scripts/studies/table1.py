@@ -16,15 +16,12 @@ import json
 import sys
 from pathlib import Path
 
-import numpy as np
 import pecs
 from pecs_lab import sequences
-from pecs_lab.disk import Disk
 from pecs_lab.report import table
+from pecs_lab.sensor_grid import WIDTH, onto_sensor, scores
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 1280, 720
-DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
 
 
 def sensed(sequence, folder: Path, info: dict, model: str):
@@ -40,27 +37,6 @@ def sensed(sequence, folder: Path, info: dict, model: str):
     return events
 
 
-def onto_sensor(folder: Path) -> Path:
-    """A folder whose stack has the sensor's own pixels: light between a coarser stack's pixels is linear, and one band
-    stands for all, with the same photocurrent."""
-    import cv2
-
-    chip = pecs.Chip("imx636")
-    info = json.loads((folder / "stack/stack.json").read_text())
-    band = info["bands"][len(info["bands"]) // 2]
-    (ampere,) = chip.amperes_per_unit([band])
-    fine = folder / "onto_sensor"
-    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
-    fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
-    with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
-        for i in range(len(info["times_ns"])):
-            if not writer.has_frame(i):
-                light = chip.photocurrent(reader, i) / np.float32(ampere)
-                grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-                writer.write_frame(i, np.ascontiguousarray(grown[None]))
-    return fine
-
-
 def on_the_sensor(events, factor: int):
     """Events of a grid `factor` times coarser, each at the pixel that decimating a recording keeps."""
     events = events.copy()
@@ -73,26 +49,6 @@ def decimated(events, factor: int):
     """A recording's pixels at the coarse grid's, in the sensor's coordinates."""
     kept = (events["x"] % factor == factor // 2) & (events["y"] % factor == factor // 2)
     return events[kept]
-
-
-def disk_of(parameters: dict) -> dict | None:
-    """The disk as `pecs align detect --json` prints it, by the sequence's parameters."""
-    if "rpm" not in parameters:
-        return None
-    return Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 6 * parameters["rpm"], parameters["phase_deg"]).detected
-
-
-def scores(sequence, reference, found) -> dict:
-    row, sizes = {}, {"width": WIDTH, "height": HEIGHT}
-    paper = pecs.compare(reference, found, normalisation="paper", split_half=False, **sizes)
-    shared = pecs.compare(reference, found, disk=disk_of(sequence.parameters), **sizes)
-    for kind, d in (("paper", paper), ("shared", shared)):
-        for metric in ("chamfer", "gaussian"):
-            row[f"{metric}_{kind}"], row[f"{metric}_{kind}_interval"] = d[metric], d[f"{metric}_interval"]
-    row["floor"] = shared["split_half"]
-    if shared["delays"]:
-        row |= {f"delay_{p}_deg": shared["delays"][p]["earth_mover_deg"] for p in ("off", "on")}
-    return row
 
 
 def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
