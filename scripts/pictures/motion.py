@@ -1,5 +1,5 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""docs/reference/motion.png: what is carried, what is rendered between and what is left, from the stacks of
+"""docs/reference/motion.png: keyframes, warped light, frames rendered between them and wrong events, from the stacks of
 scripts/bench/motion.py.
 
 .venv/bin/python scripts/bench/motion.py -o out/motion
@@ -17,9 +17,9 @@ SCENES = ("room", "shadow", "mirror", "character")
 TITLES = (
     "keyframe",
     "next keyframe",
-    "carried to the middle",
-    "reference there",
-    "rendered between: how often",
+    "warped to the middle",
+    "rendered in the middle",
+    "frames between",
     "wrong events, uniform",
     "wrong events, adaptive",
 )
@@ -38,19 +38,22 @@ def events_per_pixel(folder: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def row(folder: Path, scene: str, interval: int) -> list[tuple[np.ndarray, str]]:
-    with pecs.StackReader(folder / "adaptive" / scene) as stack, pecs.StackReader(folder / "ref" / scene) as reference:
+    with (
+        pecs.StackReader(folder / "adaptive" / scene) as stack,
+        pecs.StackReader(folder / "uniform" / scene) as uniform,
+    ):
         times, side = stack.info["times_ns"], stack.info["subpixels"]
         first, second = (stack.read_frame(interval + k).mean(0) for k in (0, 1))
-        carried = pecs.carry(first, second, stack.read_layer("motion", interval), 0.5)
-        middle = np.argmin(np.abs(np.array(reference.info["times_ns"]) - (times[interval] + times[interval + 1]) / 2))
-        true = reference.read_frame(int(middle)).mean(0)
+        warped = pecs.carry(first, second, stack.read_layer("motion", interval), 0.5)
+        middle = np.argmin(np.abs(np.array(uniform.info["times_ns"]) - (times[interval] + times[interval + 1]) / 2))
+        true = uniform.read_frame(int(middle)).mean(0)
         rendered = np.zeros(first.shape)
         for i in range(len(times) - 1):
             for k in range(len(stack.between_ns(i))):
                 rendered += np.isfinite(stack.read_between(i, k)[0])
     white, shape = np.percentile(true, 99.5), true.shape
-    coarse = [p.reshape(shape[0], side, shape[1], side).mean((1, 3)) for p in (first, second, carried)]
-    truth = events_per_pixel(folder / "ref" / scene, shape)
+    coarse = [p.reshape(shape[0], side, shape[1], side).mean((1, 3)) for p in (first, second, warped)]
+    truth = events_per_pixel(folder / "ref_77" / scene, shape)
     wrong = [np.abs(events_per_pixel(folder / kind / scene, shape) - truth).sum(0) for kind in ("uniform", "adaptive")]
     return [
         *((shown(p, white), "gray") for p in (*coarse, true)),

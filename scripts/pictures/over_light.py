@@ -9,13 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pecs
+from figures import OFF, ON, plt
 from pecs_lab.over_light import IRRADIANCE_W_M2, LUX, PUBLISHED_HZ, noise_hz
 
 ROOT = Path(__file__).resolve().parents[2]
-COLOURS = {"on": "#c0392b", "off": "#2471a3"}
+COLOURS = {"on": ON, "off": OFF}
 STEP_US = 10.0  # frames are closer than the amplifier's time constant
 
 
