@@ -125,7 +125,7 @@ def to_a_set_up_camera():
     bpy.ops.screen.userpref_show(section="ADDONS")
     bpy.ops.preferences.addon_expand(module=MODULE)
     yield 2
-    picture("1_install", "1000x560+100+20")
+    picture("1_install", "694x162+278+284")  # the preferences, without the path above them
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
         bpy.ops.wm.window_close()
     scene()
@@ -153,7 +153,6 @@ def live():
         bpy.ops.screen.animation_play()
     bpy.context.scene.pecs_live.decay_ms = 200
     yield 10
-    picture("live", "716x912+0+24")
     light = state("live_view").view._light
     assert np.abs(np.diff(light)).mean() < 0.05 * np.ptp(light)  # a picture, not its values in another order
     with over(area("VIEW_3D")):

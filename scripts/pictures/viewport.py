@@ -13,7 +13,7 @@ from pathlib import Path
 
 import bpy
 from pecs_blender import ui
-from pecs_blender.ui import live_sensor, live_view
+from pecs_blender.ui import checks, live_sensor, live_view
 
 sys.path.append(str(Path(__file__).parent))
 from screen import area, grab, over, window
@@ -21,6 +21,7 @@ from screen import area, grab, over, window
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 FRAMES, FIRST, PICTURE = 60, 4, 30
 SMALLER = 0.8  # the video, than the screen
+TEXT_PX = 72  # at the viewport's bottom: the live view's rates, which are not those of a computer with a GPU
 
 
 def build() -> None:
@@ -50,7 +51,8 @@ def viewport():
 def take_picture(name: str) -> None:
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
     one = viewport()
-    grab(FOLDER / name, f"{one.width & ~1}x{one.height & ~1}+{one.x}+{window().height - one.y - one.height}")
+    size = f"{one.width & ~1}x{one.height - TEXT_PX & ~1}"
+    grab(FOLDER / name, f"{size}+{one.x}+{window().height - one.y - one.height}")
 
 
 def start() -> None:
@@ -73,6 +75,9 @@ def field() -> None:
     scene, space = bpy.context.scene, viewport().spaces.active
     with over(viewport()):
         bpy.ops.pecs.restore_camera()
+        scene.render.resolution_x, scene.render.resolution_y = 1280, 720  # the chip's
+        if not checks._has_denoiser():
+            bpy.ops.pecs.keep_noise()
         bpy.ops.object.select_all(action="DESELECT")
         scene.pecs_camera.show_field = False
         bpy.ops.view3d.view_camera()
