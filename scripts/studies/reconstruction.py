@@ -41,7 +41,7 @@ from pecs_lab.video_scores import picture_scores
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
 OURS, FILTER = "pecs", "filter"
-WIDE_PX = 1280  # of the picture
+WIDE_PX, TITLE_PX = 1280, 22  # of the picture
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,17 @@ def picture(work: Work, path: Path, names: list[str], seed: int, real: Path | No
         lines.append(
             cv2.resize(line, None, fx=(scale := WIDE_PX / line.shape[1]), fy=scale, interpolation=cv2.INTER_AREA)
         )
-    cv2.imwrite(str(path), np.vstack(lines).round().astype(np.uint8))
+    titles = [FILTER, *names, *(["network that ships"] if more else []), "truth"]
+    cv2.imwrite(str(path), titled(np.vstack(lines).round().astype(np.uint8), titles))
+
+
+def titled(shown: np.ndarray, titles: list[str]) -> np.ndarray:
+    """With a title above each of its columns."""
+    head = np.full((TITLE_PX, shown.shape[1]), 255, np.uint8)
+    for k, title in enumerate(titles):
+        at = k * shown.shape[1] // len(titles) + 4, TITLE_PX - 7
+        cv2.putText(head, title, at, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 0, 1, cv2.LINE_AA)
+    return np.vstack([head, shown])
 
 
 def main(words: list[str] | None = None) -> None:
