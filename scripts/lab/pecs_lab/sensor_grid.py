@@ -13,20 +13,21 @@ WIDTH, HEIGHT = 1280, 720
 DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
 
 
-def onto_sensor(folder: Path) -> Path:
+def onto_sensor(folder: Path, fnumber: float | None = None) -> Path:
     """A folder whose stack has the sensor's own pixels: light between a coarser stack's pixels is linear, and one band
-    stands for all, with the same photocurrent."""
+    stands for all, with the same photocurrent. fnumber: for a stack of radiance."""
     chip = pecs.Chip("imx636")
     info = json.loads((folder / "stack/stack.json").read_text())
     band = info["bands"][len(info["bands"]) // 2]
     (ampere,) = chip.amperes_per_unit([band])
+    fnumber = {"fnumber": fnumber} if fnumber else {}
     fine = folder / "onto_sensor"
-    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
+    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None, "quantity": "irradiance"}
     fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
     with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
         for i in range(len(info["times_ns"])):
             if not writer.has_frame(i):
-                light = chip.photocurrent(reader, i) / np.float32(ampere)
+                light = chip.photocurrent(reader, i, **fnumber) / np.float32(ampere)
                 grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
                 writer.write_frame(i, np.ascontiguousarray(grown[None]))
     return fine
