@@ -6,7 +6,7 @@ against the recording as in table1.py.
 
 Renders the sequence five times (whole, without a lens, without diffraction, one band, three bands at single
 wavelengths), with uniform steps and 4 samples, and simulates the first with five sensors. Writes chain.json and prints
-the table. With --coarser 4, 20 minutes of two cores and 6 GB; each halving takes eight times as long.
+the table. With --coarser 4, 20 minutes of two cores and 4 GB; each halving takes eight times as long.
 """
 
 import argparse
