@@ -191,7 +191,11 @@ def look_and_compare():
     scroll(100)
     yield 2
     picture("5_events")
-    bpy.context.scene.pecs.sensor.recording = str(FOLDER / "cube_events/cube.raw")
+    (FOLDER / "recording.raw").write_bytes((FOLDER / "cube_events/cube.raw").read_bytes())
+    sensor = bpy.context.scene.pecs.sensor
+    sensor.recording, sensor.seed = "//recording.raw", 2  # as another camera of this kind would record
+    press("sense")
+    yield job_ended
     press("compare")
     yield job_ended
     yield 2
