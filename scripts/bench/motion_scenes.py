@@ -114,12 +114,15 @@ def moves(thing, path, first, last):
     for frame, value in ((0, first), (FRAMES - 1, last)):
         setattr(thing, path, value)
         thing.keyframe_insert(path, frame=frame)
-    block = thing.animation_data.action
-    curves = block.fcurves if hasattr(block, "fcurves") else block.layers[0].strips[0].channelbags[0].fcurves
-    for curve in curves:
+    for curve in curves(thing):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
         curve.extrapolation = "LINEAR"
+
+
+def curves(thing):
+    block = thing.animation_data.action
+    return block.fcurves if hasattr(block, "fcurves") else block.layers[0].strips[0].channelbags[0].fcurves
 
 
 def room():
@@ -170,6 +173,33 @@ def flicker():
     for frame in range(0, FRAMES + 4, 4):
         light.data.energy = 200 * (1 + 0.6 * math.sin(2 * math.pi * frame / 8 + math.pi / 4))
         light.data.keyframe_insert("energy", frame=frame)
+    wall = plane(textured("wall", 8), (0, 4, 1), 8)
+    moves(wall, "location", (-1.2, 4, 1), (1.2, 4, 1))
+
+
+def lamps():
+    """A textured board moves under a lamp that is off half of the time, an instance of one that fades, and a fading sky."""
+    scene, _ = start(sky=0.1)
+    for name, at, values in (("switched", -1.5, (300, 0)), ("fading", 1.5, (50, 150))):
+        light = lamp("AREA", (at, 1, 3.5), values[0], 1)
+        light.data.name = name
+        for frame in range(0, FRAMES + 8, 8):
+            light.data.energy = values[frame // 8 % 2]
+            light.data.keyframe_insert("energy", frame=frame)
+        if name == "switched":
+            for point in curves(light.data)[0].keyframe_points:
+                point.interpolation = "CONSTANT"
+        else:
+            collection = bpy.data.collections.new("instanced")
+            scene.collection.objects.unlink(light)
+            collection.objects.link(light)
+            instance = bpy.data.objects.new("instance", None)
+            instance.instance_type, instance.instance_collection = "COLLECTION", collection
+            scene.collection.objects.link(instance)
+    strength = scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    for frame, value in ((0, 0.1), (FRAMES, 0.3)):
+        strength.default_value = value
+        strength.keyframe_insert("default_value", frame=frame)
     wall = plane(textured("wall", 8), (0, 4, 1), 8)
     moves(wall, "location", (-1.2, 4, 1), (1.2, 4, 1))
 
@@ -246,7 +276,7 @@ def still():
     bpy.context.scene.frame_end = 4 * FRAMES
 
 
-SCENES = (room, shadow, mirror, glass, flicker, character, still)
+SCENES = (room, shadow, mirror, glass, flicker, lamps, character, still)
 
 
 def main(folder, *names):

@@ -42,6 +42,8 @@ ALMOST_ONE = 1 - 2.0**-20  # at 1 itself, pecs.carry returns the other keyframe 
 # Pictures between keyframes
 ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction at their border
 MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
+LAMP_PIXELS, LAMP_SHARE = 1000, 0.01  # pixels in which changes of lamps are compared; share of them that may be wrong
+LAMP_TOLERANCE = 0.5  # of other changes: those of lamps are everywhere, and cost no render
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class Adaptive:
                 layer.write(output, index, t_s)
         first = self._picture(index)
         if not output.has_layer("light", index):
-            output.write_layer("light", index, first.written)
+            output.write_layer("light", index, self._judge.lit(first.written, self._stage.lamps.factors(t_s)))
         if index < len(ends):
             second = self._picture((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
@@ -151,17 +153,18 @@ class Adaptive:
         if len(near) == 1:
             return self._own[index]
         hits = {i: self._hits.at(time_s(i)) for i in near}
-        own, bands = self._own[index], len(self._judge.weights)
+        own, factors = self._own[index], self._stage.lamps.factors(time_s(index))
         neighbours = [(self._own[i].light, hits[i]) for i in near if i != index]
-        shared = average_samples(own.light, hits[index], neighbours, self._hits.surfaces, self._judge)
+        shared = average_samples(own.light, hits[index], neighbours, self._hits.surfaces, self._judge, factors)
+        bands = len(own.raw)
         return Picture(own.frame, shared[:bands], None if own.clean is None else shared[bands:])
 
 
 @dataclass(frozen=True)
 class Picture:
-    """frame: as Light.fresh renders it, before diffraction. raw: [bands, height, width] of it with diffraction. clean:
-    [bands + 1, height, width], the same after denoising, and the noise that is left (Judge.noise); None if nothing is
-    denoised."""
+    """frame: as Light.fresh renders it, before diffraction. raw: its bands with diffraction. clean: the same after
+    denoising, and the noise that is left (Judge.with_noise); None if nothing is denoised. Judge.lit gives each at the
+    lamps' strengths of a time."""
 
     frame: np.ndarray
     raw: np.ndarray
@@ -198,10 +201,12 @@ class ChangedParts:
             return anchor
         now = self._hits.at(t_s)
         self._stage.set_time(t_s)
+        factors = self._stage.factors
+        expected = self._judge.lit(self._light.bands_of(still), factors)
         changed = self._judge.strips_differing(
-            self._stage, self._light, index, lambda bands: self._judge.photocurrent(still, bands)
+            self._stage, self._light, index, lambda bands: self._judge.photocurrent(expected, bands)
         )
-        frame, current = still.copy(), self._judge.photocurrent(still)
+        frame, current = still.copy(), self._judge.photocurrent(expected)
         surfaces = self._hits.surfaces
         moved = surfaces.moved(before, now.poses) | surfaces.moved(now, before.poses)
         more = grown(tiles_with(moved) | changed)
@@ -211,7 +216,8 @@ class ChangedParts:
             if done.mean() > MAX_CHANGED:
                 return self._picture(*self._whole())
             self._light.refresh(frame, self._light.boxes(more))
-            more = grown(self._judge.differing(current, self._judge.photocurrent(frame))) & ~done
+            rendered = self._judge.lit(self._light.bands_of(frame), factors)
+            more = grown(self._judge.differing(current, self._judge.photocurrent(rendered))) & ~done
         # Where no sample of a block changed, the anchor's values: still parts stay bit-identical.
         different = pixels_of(tiles_with((frame != still).any(0), BLOCK_PX), self._stage.size, BLOCK_PX)
         reached = grown(tiles_with(different))  # by diffraction
@@ -219,7 +225,7 @@ class ChangedParts:
         for box, part in self._light.raw_parts(frame, self._light.filter_boxes(reached)):
             raw[at(box)] = part
         for box, part in self._light.clean_parts(frame, reached, still_clean, different):
-            clean[at(box)] = self._judge.with_noise(part)
+            clean[at(box)] = self._judge.with_noise(part, factors)
         return Picture(frame, raw, clean)
 
     def _whole(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -228,8 +234,9 @@ class ChangedParts:
         return frame, self._light.clean(frame)
 
     def _picture(self, frame: np.ndarray, clean: np.ndarray | None) -> Picture:
-        raw = self._light.blur(frame[: len(self._judge.weights)].copy())
-        return Picture(frame, raw, None if clean is None else self._judge.with_noise(self._light.blur(clean.copy())))
+        raw, factors = self._light.blur(self._light.bands_of(frame).copy()), self._stage.factors
+        noisy = None if clean is None else self._judge.with_noise(self._light.blur(clean.copy()), factors)
+        return Picture(frame, raw, noisy)
 
 
 def average_samples(
@@ -238,18 +245,21 @@ def average_samples(
     neighbours: list[tuple[np.ndarray, SurfaceHits]],
     surfaces: Surfaces,
     judge: Judge,
+    factors: np.ndarray,
 ) -> np.ndarray:
-    """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light in
-    the first channels, the judge's bands; rounded as in the file."""
+    """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light, at
+    these strengths of lamps, in the first channels, those of Picture.raw; rounded as in the file."""
     depth = np.minimum(hits.depth, SKY_M)
-    total, count, current = own.astype(np.float64), np.ones(own.shape[1:]), judge.photocurrent(own)
+    total, count = own.astype(np.float64), np.ones(own.shape[1:])
+    current = judge.photocurrent(judge.lit(own, factors))
     for light, there in neighbours:
         warped = _warped(light, there, hits, surfaces)
         if warped is None:
             continue
         warped, z = warped[:-1], warped[-1]
         same = np.isfinite(warped).all(0) & (np.abs(z - depth) <= SAME_DEPTH * depth)
-        agree = judge.same_light(np.where(same, current, np.nan), np.where(same, judge.photocurrent(warped), np.nan))
+        other = judge.photocurrent(judge.lit(warped, factors))
+        agree = judge.same_light(np.where(same, current, np.nan), np.where(same, other, np.nan))
         height, width = same.shape
         same &= pixels_of(agree, (width, height))
         total[:, same] += warped[:, same]
@@ -280,9 +290,9 @@ class KeyframeInterval:
     first: Picture
     second: Picture
     motion: np.ndarray
-    photocurrents: tuple[np.ndarray, ...] = ()  # of both
     frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
     residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
+    lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of what lamps change, of light interpolated in time
 
 
 class Between:
@@ -299,8 +309,8 @@ class Between:
 
     def refine(self, it: KeyframeInterval) -> None:
         if it.end - it.start > 1:
-            it.photocurrents = self._judge.photocurrent(it.first.raw), self._judge.photocurrent(it.second.raw)
             it.frame = it.first.frame.copy()
+            it.lamps = self._of_lamps(it) if self._stage.lamps.names else None
             self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
             it.frame = None
 
@@ -308,9 +318,14 @@ class Between:
         start_s, end_s = self._grid_s[it.start], self._grid_s[it.end]
         return (self._grid_s[step] - start_s) / (end_s - start_s)
 
+    def _photocurrents(self, it: KeyframeInterval, step: int, bands: slice = slice(None)) -> list[np.ndarray]:
+        """Of both keyframes, at a step's strengths of lamps."""
+        factors = self._stage.lamps.factors(self._grid_s[step])
+        return [self._judge.photocurrent(self._judge.lit(one.raw, factors), bands) for one in (it.first, it.second)]
+
     def _disagreeing(self, it: KeyframeInterval) -> np.ndarray:
-        first, second = it.photocurrents
-        fraction = self._fraction(it, (it.start + it.end) // 2)
+        middle = (it.start + it.end) // 2
+        (first, second), fraction = self._photocurrents(it, middle), self._fraction(it, middle)
         a, b = (pecs.carry(first, second, it.motion, fraction, side=side) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
@@ -319,14 +334,35 @@ class Between:
         middle = (it.start + it.end) // 2
 
         def warped(bands: slice) -> np.ndarray:
-            photocurrents = (self._judge.photocurrent(light, bands) for light in (it.first.raw, it.second.raw))
-            return pecs.carry(*photocurrents, it.motion, self._fraction(it, middle))
+            return pecs.carry(*self._photocurrents(it, middle, bands), it.motion, self._fraction(it, middle))
 
         self._stage.set_time(self._grid_s[middle])
         return self._judge.strips_differing(self._stage, self._light, it.index, warped)
 
+    def _of_lamps(self, it: KeyframeInterval) -> np.ndarray:
+        """KeyframeInterval.lamps of the first keyframe's light."""
+        steps = range(it.start, it.end + 1)
+        some = it.first.raw.reshape(len(it.first.raw), 1, -1)[..., :: -(-it.first.raw[0].size // LAMP_PIXELS)]
+        factors = [self._stage.lamps.factors(self._grid_s[step]) for step in steps]
+        light = np.concatenate([self._judge.photocurrent(self._judge.lit(some, one)) for one in factors])
+        part = np.array([self._fraction(it, step) for step in steps])[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(light / (light[0] + part * (light[-1] - light[0])))
+
+    def _lamps_bend(self, it: KeyframeInterval, low: int, high: int) -> bool:
+        """Whether lamps change the light between two rendered steps otherwise than linearly in ln(light)."""
+        if it.lamps is None:
+            return False
+        own = it.lamps[low - it.start : high - it.start + 1]
+        part = np.linspace(0, 1, len(own))[:, None]
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(own - own[0] - part * (own[-1] - own[0])).max(0)
+        followed = bend <= LAMP_TOLERANCE * self._judge.tolerance  # not where a lamp is off: NaN
+        return bool(np.mean(~followed) > LAMP_SHARE)
+
     def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
-        """The sensor's prediction: warped photocurrent, times the residual interpolated between rendered pictures."""
+        """Warped photocurrent, times the residual interpolated between rendered pictures: the sensor's prediction if
+        the lamps have constant strength."""
         before, after = np.zeros(warped.size, np.float32), np.zeros(warped.size, np.float32)
         t_before, t_after = (np.full(warped.size, self._grid_s[end], np.float64) for end in (it.start, it.end))
         nodes = sorted(it.residual)
@@ -341,38 +377,46 @@ class Between:
 
     def _halve(self, it: KeyframeInterval, low: int, high: int, wrong: np.ndarray) -> None:
         middle = (low + high) // 2
-        if middle == low or not wrong.any():
+        bends = self._lamps_bend(it, low, high)
+        if middle == low or not (wrong.any() or bends):
             return
         fraction = self._fraction(it, middle)
-        warped = pecs.carry(*it.photocurrents, it.motion, fraction)
+        warped = pecs.carry(*self._photocurrents(it, middle), it.motion, fraction)
         predicted = self._predicted(it, middle, warped)
         self._stage.set_time(self._grid_s[middle])
+        factors = self._stage.factors
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
         more, done, current = wrong, np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
-        light = np.full(it.first.written.shape, np.nan, np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            residual = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
+        expected = pecs.carry(
+            *(self._judge.lit(one.written, factors) for one in (it.first, it.second)), it.motion, fraction
+        )
+        expected[: len(self._judge.weights)] *= residual
+        # Motion and lamps give the light elsewhere; without lamps, the sensor computes the same.
+        light = expected.copy() if bends else np.full(expected.shape, np.nan, np.float32)
         for _ in range(ROUNDS):
+            if not more.any():
+                break
             if (done | more).mean() > MAX_BETWEEN:
                 more = ~done
             found = self._light.boxes(more)
             self._light.refresh_around(it.frame, found)
             for box, part in self._light.raw_parts(it.frame, found):
+                part = self._judge.lit(part, factors)
                 current[at(box)] = self._judge.photocurrent(part)
                 if it.first.clean is None:
                     light[at(box)] = part
             done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
             wrong = self._judge.differing(predicted, current)
             more = grown(wrong) & ~done
-            if not more.any():
-                break
         if it.first.clean is not None:
-            expected = pecs.carry(it.first.clean, it.second.clean, it.motion, fraction)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                expected[:-1] *= np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
-            around = it.frame[: 2 * len(self._judge.weights)]
+            around = it.frame[: 2 * len(it.first.raw)]
             for box, part in self._light.clean_parts(it.frame, done, around):
-                mixed = self._judge.mixed(expected[at(box)], self._judge.with_noise(part))
-                light[at(box)] = np.where(np.isfinite(current[at(box)]), mixed, np.nan)
+                rendered = self._judge.lit(self._judge.with_noise(part, factors), factors)
+                mixed = self._judge.mixed(expected[at(box)], rendered)
+                light[at(box)] = np.where(np.isfinite(current[at(box)]), mixed, light[at(box)])
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):

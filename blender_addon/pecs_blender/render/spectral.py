@@ -181,7 +181,7 @@ class SpectralScene:
             role = ColourRole(self._emitter(spectrum(f"blackbody:{light.temperature:g}")))
         if getattr(light, "use_temperature", False):
             light.use_temperature = False
-            if self._animation(light, "temperature"):
+            if movers(light, "temperature"):
                 self.approximated.append(f"{light.name}: animated temperature: that of the first frame")
         if light.use_nodes and light.node_tree and not own:
             for socket in [n.inputs["Color"] for n in light.node_tree.nodes if n.bl_idname == "ShaderNodeEmission"]:
@@ -281,22 +281,9 @@ class SpectralScene:
 
     def _constant(self, owner, key, id_block, role) -> None:
         path = key if isinstance(owner, bpy.types.ID) else f"{owner.path_from_id()}.{key}"
-        movers = self._animation(id_block, path)
-        constant = Constant(owner, key, role, np.zeros(3), movers, _emits_nothing(role, owner))
+        constant = Constant(owner, key, role, np.zeros(3), movers(id_block, path), _emits_nothing(role, owner))
         constant.read()
         self.constants.append(constant)
-
-    @staticmethod
-    def _animation(id_block, path) -> list:
-        """Drivers, curves and NLA tracks that animate a property; each has `mute`."""
-        animation = id_block.animation_data
-        if not animation:
-            return []
-        curves = [*animation.drivers, *_slot_curves(animation.action, animation.action_slot)]
-        tracks = animation.nla_tracks if animation.use_nla else ()
-        found = [curve for curve in curves if curve.data_path == path]
-        found += [track for track in tracks if any(_strip_moves(strip, path) for strip in track.strips)]
-        return [mover for mover in found if not mover.mute]
 
     def _spectrum(self, owner, key) -> Spectrum | None:
         value = owner.get(key)
@@ -371,6 +358,18 @@ def _blackbody(node) -> str | None:
     if node.bl_idname != "ShaderNodeBlackbody" or node.inputs[0].is_linked:
         return None
     return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range of Cycles
+
+
+def movers(id_block, path: str) -> list:
+    """Drivers, curves and NLA tracks that animate a property; each has `mute`."""
+    animation = id_block.animation_data
+    if not animation:
+        return []
+    curves = [*animation.drivers, *_slot_curves(animation.action, animation.action_slot)]
+    tracks = animation.nla_tracks if animation.use_nla else ()
+    found = [curve for curve in curves if curve.data_path == path]
+    found += [track for track in tracks if any(_strip_moves(strip, path) for strip in track.strips)]
+    return [mover for mover in found if not mover.mute]
 
 
 def _slot_curves(action, slot) -> list:

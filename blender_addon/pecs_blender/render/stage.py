@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import cycles, lens
+from .lamps import Lamps
 from .palette import choose, words
 from .plan import Bands, Plan, Sampling, View
 from .probe import light_scale
@@ -25,7 +26,8 @@ class Stage:
     them; lambda_nm: their wavelengths. weights: photocurrent per light in each band. lens: None for the scene's own
     camera. unit: per band, the film irradiance (without a lens: radiance) of a rendered 1. radiance_per_unit: spectral
     radiance per rendered 1 and relative power of the lamps. moving_px: the only part that changes, None for all.
-    rays_per_sample: so that each band gets its samples.
+    rays_per_sample: so that each band gets its samples. lamps: those of animated strength, whose light adaptive steps
+    render apart; factors: their strengths at the current instant.
     """
 
     def __init__(self, source: Source, plan: Plan, scratch: Path):
@@ -33,8 +35,12 @@ class Stage:
         self.size, self.subpixels, self.moving_px = plan.view.size, plan.view.subpixels, plan.view.moving_px
         self._set_up_cycles(plan.sampling)
         self._choose_bands(plan.bands)
+        apart = plan.instants.step_px and plan.light
+        times_s = [t * 1e-9 for t in plan.instants.grid.bounds_ns] if apart else []
+        self.lamps = Lamps(source.scene, source.set_time, times_s)
         self._pose_first_instant(plan.view)
         self._measure_light(plan.bands, plan.light)
+        self.lamps.hold()
         self._build_cameras(plan.view, plan.bands.per_pass)
 
     def _set_up_cycles(self, sampling: Sampling) -> None:
@@ -74,6 +80,7 @@ class Stage:
         self.spectral.before_instant()
         self.source.set_time(t_s)
         self.spectral.after_instant()
+        self.factors = self.lamps.factors(t_s)
         if self.lens:
             self.source.place([one.camera for one in self.passes])
 

@@ -26,6 +26,7 @@ def blends(root, tmp_path_factory):
         "shadow",
         "mirror",
         "flicker",
+        "lamps",
         "still",
     ]
     subprocess.run(command, check=True)
@@ -109,13 +110,23 @@ def test_samples_are_chosen_for_a_share_of_noise_events(blends, bench):
 
 
 @pytest.mark.parametrize("name", ["shadow", "flicker"])
-def test_what_motion_does_not_explain_is_rendered_between(blends, bench, name):
+def test_pictures_between_show_what_motion_does_not_explain(blends, bench, name):
     folder = adaptive(blends, name)
     assert len(between(folder)) > FRAMES / 2
     truth = bench.events(render(blends, name, "--fps", 2000, "--frames", 2 * FRAMES - 1, "--samples", 32, "--seed", 9))
     every = bench.score(truth, bench.events(render(blends, name)), 1000)
     few = bench.score(truth, bench.events(folder), 1000)
     assert few["recall"] > every["recall"] - 0.02 and few["precision"] > every["precision"] - 0.02
+
+
+def test_lamps_of_any_strength_are_as_rendered(blends):
+    """One is off half of the time, one is instanced and fades, and so does the sky."""
+    folder, every = adaptive(blends, "lamps"), render(blends, "lamps", "--samples", 16)
+    chip = pecs.Chip("ideal")
+    truth = chip.photocurrent(every).mean((1, 2))
+    with pecs.Light(folder, chip) as light:
+        found = np.array([light.at(1000.0 * step)[0].mean() for step in range(FRAMES)])
+    assert np.abs(np.log(found / truth)).max() < 0.05 and np.ptp(np.log(truth)) > 1.5
 
 
 @pytest.mark.filterwarnings("ignore:All-NaN")

@@ -35,7 +35,9 @@ class Light(Layer):
 
         With `sampling.denoise` the samples of a pixel are rendered in two halves of one sequence, which are denoised
         alike: half of their difference has the standard deviation of the error that is left. A frame then has further
-        channels: half the difference of the halves' bands (first minus second), and the denoiser's guides of each."""
+        channels: half the difference of the halves' bands (first minus second), and the denoiser's guides of each.
+
+        Wherever a frame has bands, the bands of each group of `stage.lamps` follow (lamps.lit)."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
@@ -46,7 +48,7 @@ class Light(Layer):
         to_film = stage.unit[:, None, None]
         if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
-        to_film = to_film.astype(np.float32)
+        to_film = np.tile(to_film.astype(np.float32), (1 + len(stage.lamps.names), 1, 1))
         self._dark = [_nearest(~np.isfinite(gain), NEAR_PX * stage.subpixels) for gain in to_film]
         self._to_film = np.broadcast_to(np.where(np.isfinite(to_film), to_film, 0), (len(to_film), *stage.size[::-1]))
         if stage.moving_px:  # with uniform steps only, which are not denoised
@@ -59,6 +61,10 @@ class Light(Layer):
         frame = self._still.copy()
         self.refresh(frame, [self._stage.moving_px])
         return self.blur(frame)
+
+    def bands_of(self, frame: np.ndarray) -> np.ndarray:
+        """The light of a frame, without its further channels."""
+        return frame[: len(self._to_film)]
 
     def boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `refresh_around` takes."""
@@ -105,7 +111,7 @@ class Light(Layer):
 
     def _rendered(self, passes: range, boxes_px: list[Box], guides: tuple[str, ...] = ()) -> list[np.ndarray]:
         """[bands + guides, height, width] of each box; guides are means over the passes."""
-        scene, bands = self._stage.source.scene, len(self._to_film)
+        scene, bands, lamps = self._stage.source.scene, len(self._to_film), self._stage.lamps.names
         channels = bands + denoise.CHANNELS * len(guides)
         patches = [np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
@@ -114,9 +120,10 @@ class Light(Layer):
             self._stage.spectral.set_pass(one.channels)
             for box, patch in zip(boxes_px, patches, strict=True):
                 cycles.set_border(scene, None if box == (0, 0, *self._stage.size) else box)
-                pictures = self._film.passes("Combined", *guides)
-                patch[one.bands] = pictures["Combined"][: one.bands.stop - one.bands.start]
-                patch[one.bands] *= self._to_film[one.bands][at(box)]
+                pictures = self._film.passes("Combined", *lamps, *guides)
+                for group, light in enumerate(_apart(pictures, lamps)):
+                    own = slice(*(end + group * len(self.channels) for end in (one.bands.start, one.bands.stop)))
+                    patch[own] = light[: own.stop - own.start] * self._to_film[own][at(box)]
                 for first, name in enumerate(guides):
                     guide, new = patch[bands + denoise.CHANNELS * first :][: denoise.CHANNELS], pictures[name]
                     guide[:] = new if count == 1 else guide + (new - guide) / count
@@ -143,7 +150,7 @@ class Light(Layer):
 
     def blur(self, frame: np.ndarray) -> np.ndarray:
         """Applies diffraction to [bands, height, width], or to several of them one after the other, in place."""
-        for first in range(0, len(frame), len(self._to_film)):
+        for first in range(0, len(frame), len(self.channels)):
             for one in self._stage.passes:
                 for picture, blur in zip(frame[first:][one.bands], one.blurs, strict=False):  # none without diffraction
                     blur(picture)
@@ -157,7 +164,7 @@ class Light(Layer):
         """The light [bands, height, width] in these boxes of a frame, with diffraction."""
         for box in boxes_px:
             outer = self._grown(box, HALO_PX)
-            yield box, self.blur(frame[: len(self._to_film)][at(outer)].copy())[at(box, outer)]
+            yield box, self.blur(self.bands_of(frame)[at(outer)].copy())[at(box, outer)]
 
     def clean_parts(
         self, frame: np.ndarray, tiles: np.ndarray, around: np.ndarray, where: np.ndarray | None = None
@@ -174,6 +181,12 @@ class Light(Layer):
     def _grown(self, box: Box, by_px: int) -> Box:
         (left, top, right, bottom), (width, height) = box, self._stage.size
         return max(0, left - by_px), max(0, top - by_px), min(width, right + by_px), min(height, bottom + by_px)
+
+
+def _apart(pictures: dict[str, np.ndarray], lamps: tuple[str, ...]) -> list[np.ndarray]:
+    """The light of each group of lamps, behind all other light."""
+    light, apart = pictures["Combined"][:3], [pictures[name][:3] for name in lamps]
+    return [np.maximum(light - sum(apart), 0), *apart] if apart else [light]
 
 
 def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
