@@ -119,6 +119,7 @@ class SpectralScene:
         self.linked: list[Linked] = []
         self._groups: dict[ColourRole, bpy.types.NodeTree] = {}
         self._glasses: list[tuple[object, Callable[[float], float]]] = []
+        self._bands: BandSet | None = None  # that colours have now
         groups = [group for group in bpy.data.node_groups if group.bl_idname == "ShaderNodeTree"]
         for material in bpy.data.materials:
             if material.users > material.use_fake_user:
@@ -143,13 +144,16 @@ class SpectralScene:
     def after_instant(self) -> None:
         for constant in self.constants:
             if constant.movers:
+                self._bands = None
                 constant.read()
                 for mover in constant.movers:
                     mover.mute = True
 
     def set_pass(self, bands: BandSet) -> None:
         """bands: of the red, green and blue channels."""
-        matrices = {}
+        if bands is self._bands:
+            return  # Blender and Cycles would evaluate all materials again
+        self._bands, matrices = bands, {}
         for constant in self.constants:
             role = constant.role
             if role.reflectance:
