@@ -141,7 +141,7 @@ def to_a_set_up_camera():
     s = bpy.context.scene.pecs
     preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
     with over(area("PROPERTIES")):
-        bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"), menu_idname="PECS_PT_presets")
+        bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"))
     s.fps, s.frames, s.whole_range, s.no_denoise = 400.0, 60, False, True  # not every Blender has a denoiser
     yield 2
     picture("3_ready")

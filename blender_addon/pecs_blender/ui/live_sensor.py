@@ -38,11 +38,11 @@ def shrink(light: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def is_coarse(light: np.ndarray) -> bool:
-    """Whether a picture consists of blocks of equal pixels, as the first samples in a viewport do: neighbouring columns
-    (and rows) seldom both begin a new value."""
+    """Whether a picture is plain, as a viewport before its first sample, or consists of blocks of equal pixels, as the
+    first samples do: neighbouring columns (and rows) seldom both begin a new value."""
     for axis in (0, 1):
         begins = np.flatnonzero((np.diff(light, axis=axis) != 0).any(axis=1 - axis))
-        if len(begins) < 2 or (np.diff(begins) == 1).mean() > ADJACENT:
+        if len(begins) > 1 and (np.diff(begins) == 1).mean() > ADJACENT:
             return False
     return True
 

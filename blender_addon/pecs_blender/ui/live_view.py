@@ -290,7 +290,7 @@ class LiveView:
         first = say("{width} x {height}, {rate}, subframes: {count}", **size, count=self._subframes)
         cost = say("{frames:.1f} frames/s, {share:.0%} of real time, dropped frames: {dropped}, ms: {spent}", **speed)
         lines = [(say(WORDS), WHITE), (first, WHITE), (cost, WHITE)]
-        if self._is_coarse:
+        if self._drawn and self._is_coarse:
             lines.append((say("Waiting for the viewport's first full sample"), WHITE))
         if recording := self.sensor.recording:
             text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)

@@ -39,7 +39,7 @@ def steps():
     scene.frame_end = 24
     clicks = 2  # the menu of presets, and Quick look
     file = Path(presets.__file__).parent / "presets/pecs/Quick_look.py"
-    bpy.ops.pecs.preset(filepath=str(file), menu_idname="PECS_PT_presets")
+    bpy.ops.pecs.preset(filepath=str(file))
     if not checks._has_denoiser():
         bpy.ops.pecs.keep_noise()
         clicks += 1
