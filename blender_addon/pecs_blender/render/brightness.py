@@ -44,7 +44,7 @@ def _number(value: float) -> str:
     for least, size, unit in ((1e6, 1e6, "M"), (1e4, 1e3, "k")):
         if value >= least:
             return f"{value / size:.0f}{unit}"
-    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
+    return f"{value:.0f}" if value >= 1000 else f"{value:.{3 if value >= 1 else 2}g}"
 
 
 def light_words(found: dict[str, Any]) -> str:

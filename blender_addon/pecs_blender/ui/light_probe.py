@@ -58,7 +58,7 @@ def measured_with(scene) -> list[str]:
 
 def rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
-    return [(what[0].upper() + what[1:], value) for what, value in light_rows(found, scale, say)]
+    return [(what.title(), value) for what, value in light_rows(found, scale, say)]
 
 
 class PECS_OT_set_lux(Action, bpy.types.Operator):

@@ -193,12 +193,10 @@ def show_image(image: bpy.types.Image) -> str:
 
 
 def _open_editor() -> None:
-    """An image editor in a window of its own, as Blender opens for a render."""
-    manager = bpy.context.window_manager
-    window = manager.windows[0]
+    """The image editor that Blender opens for a render (Preferences > Interface > Temporary Editors)."""
+    window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
-        bpy.ops.screen.area_dupli("INVOKE_DEFAULT")
-    manager.windows[-1].screen.areas[0].type = "IMAGE_EDITOR"
+        bpy.ops.render.view_show("INVOKE_DEFAULT")
 
 
 def _fit(area) -> None:

@@ -331,12 +331,6 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
             return
         auto(layout, s, "film_width_mm")
         layout.prop(s, "film_shift_mm")
-        info = settings.lens_now(scene)
-        column = layout.column(align=True)
-        column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
-        column.label(
-            text=say("Field of view {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"])
-        )
         column = layout.column(align=True)
         column.operator("pecs.match_lens", text="Match Camera", icon="CAMERA_DATA")
         column.operator("pecs.draw_lens", icon="VIEW_ORTHO")

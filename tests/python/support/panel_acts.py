@@ -19,6 +19,7 @@ from pecs_blender.ui import (
     checks,
     event_operators,
     event_view,
+    frustum,
     panel,
     paths,
     settings,
@@ -311,7 +312,10 @@ def _wrong_chip_and_lens(scene, shown, own):
     own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
     s.lens = str(own)
     assert not checks.problems(scene)
-    assert any("15.02 mm, f/4.15" in text for text in drawn())
+    drawn()
+    while frustum.fields.computing():
+        time.sleep(0.01)
+    assert any("15.02 mm f/4.15" in text for text in drawn()), drawn()
     found = settings.lenses(s, bpy.context, "Double Gauss")
     assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
     own.unlink()
@@ -432,7 +436,7 @@ def widths(folder):
     background.state.plan[scene.name] = plan | {"settings": []}
     spread = {"median": 1234.0, "p5": 123.4, "p95": 12_345.0}
     light = dict.fromkeys(("lux", "luminance_cd_m2", "corner_hz"), spread) | {"light_scale": 1.0, "events_per_s": 1e7}
-    light |= {"photocurrent_a": {name: value * 1e-12 for name, value in spread.items()}, "noise_thresholds": 0.123}
+    light |= {"photocurrent_a": {name: value * 5.678e-17 for name, value in spread.items()}, "noise_thresholds": 0.123}
     background.state.light[scene.name] = light | {"settings": []}
     one = {"events": 342_000, "rate_hz": 2.33e6, "on_fraction": 0.488, "interval_median_us": 1653}
     scores = {"real": one, "sim": one, "split_half": {"chamfer": 2.92, "gaussian": 1.72}, "window_us": 146_800}
