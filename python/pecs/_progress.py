@@ -31,8 +31,8 @@ class Line:
         self._terminal = sys.stderr.isatty() and not (verbose or quiet or self._json)
 
     def __call__(self, text: str, number: int = 0, total: int = 0, left_s: float | None = None) -> None:
-        """A step. total: of steps, 0 if unknown."""
-        if self._quiet:
+        """A step. text: empty for a step that only a calling program shows. total: of steps, 0 if unknown."""
+        if self._quiet or not (text or self._json):
             return
         if self._json:
             self._print_json(number, total, left_s)

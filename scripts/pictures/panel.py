@@ -22,6 +22,7 @@ from screen import area, grab, over, window
 
 ZIP, FOLDER = map(Path, sys.argv[sys.argv.index("--") + 1 :][:2])
 MODULE = "bl_ext.user_default.pecs_blender"
+REDRAWN_S = 5  # a window on a busy computer
 OPEN_LATER = ("PECS_PT_view", "PECS_PT_compare")  # groups that the last pictures show open
 
 
@@ -124,16 +125,16 @@ def to_a_set_up_camera():
     bpy.context.window_manager.addon_search = "PECS"
     bpy.ops.screen.userpref_show(section="ADDONS")
     bpy.ops.preferences.addon_expand(module=MODULE)
-    yield 2
+    yield REDRAWN_S
     picture("1_install", "694x162+278+284")  # the preferences, without the path above them
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
         bpy.ops.wm.window_close()
     scene()
     arrange()
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cube.blend"))
-    yield 2
+    yield REDRAWN_S
     scroll(100)  # past those of the render engine
-    yield 1
+    yield REDRAWN_S
     picture("2_checks")  # the default scene is larger than the chip
     press("setup_camera")
     size = bpy.context.scene.render
@@ -141,9 +142,9 @@ def to_a_set_up_camera():
     s = bpy.context.scene.pecs
     preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
     with over(area("PROPERTIES")):
-        bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"), menu_idname="PECS_PT_presets")
+        bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"))
     s.fps, s.frames, s.whole_range, s.no_denoise = 400.0, 60, False, True  # not every Blender has a denoiser
-    yield 2
+    yield REDRAWN_S
     picture("3_ready")
 
 
@@ -164,8 +165,8 @@ def live():
 
 def to_events():
     press("run")
-    yield lambda: state().job is None or state().job.progress > 0.3
-    yield 2
+    yield lambda: state().job is None or state().job.step.startswith("Frame 2 ")
+    yield REDRAWN_S
     assert state().job, state().message
     picture("4_running")
     esc()
@@ -174,13 +175,15 @@ def to_events():
     press("run")  # goes on
     yield job_ended
     area("VIEW_3D").spaces.active.overlay.show_overlays = True
-    yield 1
+    yield REDRAWN_S
     picture("overlay", "740x460+290+240", 64)  # noise compresses badly
     yield from open_groups()
 
 
 def look_and_compare():
     view = area("VIEW_3D")
+    at = {"x": view.x + view.width // 2, "y": view.y + view.height // 2}
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", **at)  # no tooltip over the panel
     view.type = "SEQUENCE_EDITOR"
     press("view", kind="mp4", to_sequencer=True)
     yield job_ended
@@ -189,7 +192,7 @@ def look_and_compare():
     press("view", kind="png")
     yield job_ended
     scroll(100)
-    yield 2
+    yield REDRAWN_S
     picture("5_events")
     (FOLDER / "recording.raw").write_bytes((FOLDER / "cube_events/cube.raw").read_bytes())
     sensor = bpy.context.scene.pecs.sensor
@@ -198,14 +201,14 @@ def look_and_compare():
     yield job_ended
     press("compare")
     yield job_ended
-    yield 2
+    yield REDRAWN_S
     scroll(100)
     press("show_events", in_editor=True)
     shown = bpy.data.images["PECS Events"]
     before = np.array(shown.pixels[:])
     bpy.context.scene.frame_set(4)
     assert not np.array_equal(before, shown.pixels[:])  # it follows the timeline
-    yield 1
+    yield REDRAWN_S
     picture("6_compare")
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pecs
+from pecs._progress import Line
 
 from . import keyframes
 from .judge import Judge
@@ -73,10 +74,10 @@ class Keyframes:
         return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys])
 
 
-def choose_keyframes(stage: Stage, instants: Instants) -> Keyframes:
+def choose_keyframes(stage: Stage, instants: Instants, progress: Line) -> Keyframes:
     scale = PLAN_SCALE / stage.subpixels
     paths = keyframes.Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
-    return Keyframes(instants.grid, keyframes.choose(instants.grid, paths, instants.step_px))
+    return Keyframes(instants.grid, keyframes.choose(instants.grid, paths, instants.step_px, progress))
 
 
 class Adaptive:

@@ -9,10 +9,10 @@ from typing import Any
 Say = Callable[..., str]
 
 _LINES = (
-    ("lux", "illuminance in view", "lux", 1.0),
-    ("luminance_cd_m2", "luminance", "cd/m2", 1.0),
+    ("lux", "illuminance", "lux", 1.0),
+    ("luminance_cd_m2", "luminance", "cd/m²", 1.0),
     ("photocurrent_a", "photocurrent", "pA", 1e12),
-    ("corner_hz", "photoreceptor bandwidth", "Hz", 1.0),
+    ("corner_hz", "bandwidth", "Hz", 1.0),
 )
 
 
@@ -21,29 +21,30 @@ def _plain(text: str, **values: Any) -> str:
 
 
 def light_rows(found: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
-    """Pairs of name and "MEDIAN UNIT (P5 to P95)". scale: factor on the light since the measurement; the bandwidth is
+    """Pairs of name and "MEDIAN UNIT (P5–P95)". scale: factor on the light since the measurement; the bandwidth is
     scaled with it, neglecting the dark current."""
     rows = []
     for name, what, unit, factor in _LINES:
         if spread := found[name]:
             middle, low, high = (_number(spread[key] * factor * scale) for key in ("median", "p5", "p95"))
-            text = "{middle} {unit} ({low} to {high})"
+            text = "{middle} {unit} ({low}–{high})"
             rows.append((say(what), say(text, middle=middle, unit=unit, low=low, high=high)))
         else:
-            missing = "no diffuse surface in view" if name == "lux" else "the camera has no f-number; set --fnumber"
+            missing = "no diffuse surface" if name == "lux" else "the camera has no f-number; set --fnumber"
             rows.append((say(what), say(missing)))
     if found["noise_thresholds"] is not None:
-        text = "{noise} contrast thresholds with {samples} samples"
-        noise = say(text, noise=_number(found["noise_thresholds"]), samples=found["samples"])
+        noise = say("{noise} of a threshold", noise=_number(found["noise_thresholds"]))
         rows.append((say("render noise"), noise))
     if found["events_per_s"] is not None and scale == 1:
-        rate = say("{events} per second, without noise", events=_number(found["events_per_s"]))
-        rows.append((say("expected events"), rate))
+        rows.append((say("events"), say("{events} per second", events=_number(found["events_per_s"]))))
     return rows
 
 
 def _number(value: float) -> str:
-    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
+    for least, size, unit in ((1e6, 1e6, "M"), (1e4, 1e3, "k")):
+        if value >= least:
+            return f"{value / size:.0f}{unit}"
+    return f"{value:.0f}" if value >= 1000 else f"{value:.{3 if value >= 1 else 2}g}"
 
 
 def light_words(found: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from pecs._progress import Line
 
 from .surfaces import Poses, SurfaceHits, Surfaces
 from .timeline import Timeline
@@ -73,7 +74,7 @@ def parabola(middle: np.ndarray, end: np.ndarray, fraction: float) -> np.ndarray
     return middle * (4 * fraction * (1 - fraction)) + end * (fraction * (2 * fraction - 1))
 
 
-def choose(plan: Timeline, motion: Paths, step_px: float) -> list[int]:
+def choose(plan: Timeline, motion: Paths, step_px: float, progress: Line) -> list[int]:
     """Indices of the keyframes. They include the first and the last instant; with a period, the last interval ends at
     its end."""
     grid_s = [t * 1e-9 for t in plan.bounds_ns]
@@ -84,6 +85,7 @@ def choose(plan: Timeline, motion: Paths, step_px: float) -> list[int]:
         ends_s = grid_s[start : start + LONGEST + 1]
         guess = _longest(guess, motion, ends_s, step_px)
         keys.append(start + guess)
+        progress("", keys[-1], last)
     if plan.period_ns:
         keys.pop()
     return keys

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import bpy
 import pecs
-from pecs._progress import Line, Progress, for_a_program, report
+from pecs._progress import Line, Progress, report
 
 from . import adaptive, cycles, noise, stop
 from .layers import layer_class
@@ -62,7 +62,8 @@ class Render:
         """Keyframes for adaptive steps, or all instants; `_wanted` are those that this process renders."""
         asked, self._keyframes = self._plan.instants, None
         if asked.step_px:
-            self._keyframes = adaptive.choose_keyframes(self._stage, asked)
+            motion = Line(task="motion", **self._plan.verbosity)
+            self._keyframes = adaptive.choose_keyframes(self._stage, asked, motion)
         self._instants = self._keyframes.timeline if self._keyframes else asked.grid
         self._wanted = range(len(self._instants.times_ns))[asked.only or slice(None)]
 
@@ -236,7 +237,7 @@ def _write_missing(frames: Frames, wanted: range, verbosity: dict[str, bool]) ->
     missing = [i for i in wanted if not frames.is_written(i)]
     there = len(wanted) - len(missing)
     progress, memory = Progress("render", len(wanted), there, **verbosity), MemoryGuard(frames.warm_up)
-    if for_a_program() and wanted:  # the scene is read
+    if wanted:
         Line(task="render", **verbosity)("", there, len(wanted))
     for done, index in enumerate(missing, there + 1):
         frames.write(index)

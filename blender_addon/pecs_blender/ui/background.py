@@ -53,7 +53,8 @@ def _json_object(line: str) -> dict:
 class BackgroundJob:
     """label: name in the panel. done: makes the message of success. for_file: the result belongs to the open file, so
     that opening another one stops the job. continues: a stopped job resumes when it is run again. tasks: labels of the
-    tasks in its JSON progress lines (docs/reference/exit_codes.md) that differ from the job's label."""
+    tasks in its JSON progress lines (docs/reference/exit_codes.md) that differ from the job's label; that of "" is the
+    text before the first line."""
 
     label: str
     command: list[str]
@@ -64,9 +65,10 @@ class BackgroundJob:
     tasks: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
-        self.last_line, self.progress, self.answer, self.folder = "", 0.0, [], self.output
+        self.last_line, self.answer, self.folder = "", [], self.output
         self.plan: dict[str, float] = {}
-        self._error, self._task, self._left_s, self._left_at, self._stopping = "", "", None, 0.0, False
+        self._error, self._task, self._done, self._total = "", "", 0, 1
+        self._left_s, self._left_at, self._stopping = None, 0.0, False
         self._start = time.monotonic()
         pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         environment = os.environ | {"PECS_PROGRESS": "json"}
@@ -93,7 +95,7 @@ class BackgroundJob:
             self.folder = Path(status["folder"])
         self.plan = status.get("plan", self.plan)
         if "progress" in status and status.get("total"):
-            self._task, self.progress = status["progress"], status["done"] / status["total"]
+            self._task, self._done, self._total = status["progress"], status["done"], status["total"]
             self._left_s, self._left_at = status.get("left_s"), time.monotonic()
 
     def _read_answer(self, stream) -> None:
@@ -102,16 +104,28 @@ class BackgroundJob:
                 self.answer.append(line.rstrip())
 
     @property
+    def progress(self) -> float:
+        """Finished share of the current task."""
+        return self._done / self._total
+
+    @property
+    def step(self) -> str:
+        """Such as "Frame 2 of 8" or "Simulate 25%"."""
+        if not self._task:
+            return say(self.tasks.get("", "Starting {job}"), job=say(self.label))
+        if self._task == "render":
+            return say("Frame {number:,} of {total:,}", number=min(self._done + 1, self._total), total=self._total)
+        return f"{say(self.tasks.get(self._task, self.label))} {self.progress:.0%}"
+
+    @property
     def text(self) -> str:
-        """Progress, such as "Render 25%, 0:12 left"; the time so far if the time left is unknown."""
+        """The step and the time left, or the time so far if the time left is unknown."""
         now = time.monotonic()
         if self._stopping:
             return say("{job}: stopping", job=say(self.label))
-        begun = f"{say(self.tasks.get(self._task, self.label))} {self.progress:.0%}"
-        begun = begun if self._task else say("Starting {job}", job=say(self.label))
         if self._left_s is not None and self.progress < 1:
-            return f"{begun}, " + say("{time} left", time=clock(self._left_s - (now - self._left_at)))
-        return f"{begun}, {clock(now - self._start)}"
+            return f"{self.step}, " + say("{time} left", time=clock(self._left_s - (now - self._left_at)))
+        return f"{self.step}, {clock(now - self._start)}"
 
     def returncode(self) -> int | None:
         """Exit code; None while the process runs."""
@@ -206,8 +220,8 @@ def _ending(job: BackgroundJob, code: int) -> str:
     if code == 0:
         return job.done(job)
     if job.is_stopping and code in STOPPED:
-        text = "Stopped at {share:.0%}. Press {job} to resume" if job.continues else "Stopped at {share:.0%}"
-        return say(text, share=job.progress, job=say(job.label))
+        text = "Stopped at {step}. Press {job} to resume" if job.continues else "Stopped at {step}"
+        return say(text, step=job.step, job=say(job.label))
     if number := -code if code < 0 else max(0, code - 128):
         text = "{job} was ended by signal {number} ({name}). Finished frames are kept"
         text = text if job.continues else "{job} was ended by signal {number} ({name})"

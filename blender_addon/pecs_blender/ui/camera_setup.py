@@ -175,7 +175,7 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
 class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
     """Add a camera with the film size, resolution and field of view of the chip and lens"""
 
-    bl_label = "Event Camera"
+    bl_label = "Add Event Camera"
     bl_options = {"REGISTER", "UNDO"}
 
     def act(self, context) -> str:
@@ -247,7 +247,7 @@ _handles: list = []
 
 
 def _add_menu(self, _context) -> None:
-    self.layout.operator("pecs.add_camera", icon="OUTLINER_OB_CAMERA")
+    self.layout.operator("pecs.add_camera", text="Event Camera", icon="OUTLINER_OB_CAMERA")
 
 
 def register() -> None:

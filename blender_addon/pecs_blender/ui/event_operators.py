@@ -76,8 +76,7 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
 
     words = ["--stack", str(stack), *operators.frame_words(scene), *settings.exists_words(scene)]
     command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-    tasks = {"render": "Render", "sense": "Simulate"}
-    return Next(command, lambda: BackgroundJob(label, command, events, done, continues=True, tasks=tasks))
+    return Next(command, lambda: BackgroundJob(label, command, events, done, continues=True, tasks=operators.TASKS))
 
 
 class PECS_OT_run_cameras(operators.Renders, bpy.types.Operator):

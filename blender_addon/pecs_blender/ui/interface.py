@@ -44,6 +44,10 @@ def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
 _lines = lru_cache(64)(textwrap.wrap)
 
 
+def duration(seconds: float) -> str:
+    return f"{seconds:.4g} s" if seconds >= 1 else f"{seconds * 1e3:.4g} ms"
+
+
 def props(layout, owner, *names: str) -> None:
     for name in names:
         layout.prop(owner, name)
@@ -64,6 +68,7 @@ AUTO = {
     "fnumber": ("Wide Open", 8.0),
     "film_width_mm": ("Chip Width", 10.0),
     "bands": ("Auto", 3),
+    "samples": ("Auto", 32),
     "min_nm": ("Auto", 400.0),
     "max_nm": ("Auto", 700.0),
     "threads": ("Auto", 1),

@@ -43,7 +43,7 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         def done(job: BackgroundJob) -> str:
             found = json.loads(next(line for line in job.answer if line.startswith("{")))  # beside Blender's own output
             state.light[name] = found | {"settings": used}
-            return rows(found)[0]
+            return ": ".join(rows(found)[0])
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
         return BackgroundJob("Probe Light", command, paths.stack(scene), done, for_file=True)
@@ -56,8 +56,9 @@ def measured_with(scene) -> list[str]:
     return [*words[:at], *words[at + 2 :], *map(str, settings.size(scene))]
 
 
-def rows(found: dict[str, Any], scale: float = 1.0) -> list[str]:
-    return [f"{what[0].upper()}{what[1:]}: {value}" for what, value in light_rows(found, scale, say)]
+def rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
+    """Labels and values of the answer."""
+    return [(what.title(), value) for what, value in light_rows(found, scale, say)]
 
 
 class PECS_OT_set_lux(Action, bpy.types.Operator):

@@ -14,6 +14,7 @@ RGB_NM = (610.0, 550.0, 465.0)  # as pecs sense takes R, G and B (docs/reference
 MAX_WALL_S = 0.1  # longer pauses count as this
 RATE_S = 0.5  # time constant of the mean event rate
 QUICK = "ideal"  # chip without noise, latency or limits
+ADJACENT = 0.1  # share of adjacent blocks of one pixel in a coarse picture, whose blocks need not be whole pixels wide
 DARK_A = 1e-15  # dark current of QUICK, a thousandth of white, which keeps the logarithm of black finite
 
 
@@ -34,6 +35,16 @@ def shrink(light: np.ndarray, height: int, width: int) -> np.ndarray:
         counts = np.maximum(np.diff(edges), 1).astype(np.float32)
         light = sums / (counts[:, None] if axis == 0 else counts)
     return light
+
+
+def is_coarse(light: np.ndarray) -> bool:
+    """Whether a picture is plain, as a viewport before its first sample, or consists of blocks of equal pixels, as the
+    first samples do: neighbouring columns (and rows) seldom both begin a new value."""
+    for axis in (0, 1):
+        begins = np.flatnonzero((np.diff(light, axis=axis) != 0).any(axis=1 - axis))
+        if len(begins) > 1 and (np.diff(begins) == 1).mean() > ADJACENT:
+            return False
+    return True
 
 
 @dataclass

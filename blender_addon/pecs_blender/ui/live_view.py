@@ -62,11 +62,12 @@ class LiveView:
         self._space = context.space_data.as_pointer()
         self.cost = Cost()
         self._subframes = 1
-        self._frame_times_s: deque[float] = deque(maxlen=30)  # of the last frames, s
+        self._frame_times_s: deque[tuple] = deque(maxlen=30)  # of the last frames: wall clock and scene, s
         self._changed, self._taking = True, False
         self._seen: tuple | None = None  # view and shading of the last frame
         self._changed_s = time.perf_counter()
         self._drawn: tuple | None = None  # clock and rectangle of the viewport's last redraw
+        self._is_coarse = False  # whether that redraw was too coarse to be used
         self._gpu: _GpuResources | None = None
         self.sensor: live_sensor.LiveSensor | None = None
         self.settings(context.scene)
@@ -173,7 +174,7 @@ class LiveView:
                 self._push(self._draw_frame(window, region, space), step.dt_s / count, playing and step.backward)
         finally:
             self._taking = False
-        self._frame_times_s.append(time.perf_counter())
+        self._frame_times_s.append((time.perf_counter(), self.sensor.now_s))
 
     # Frames.
 
@@ -237,9 +238,6 @@ class LiveView:
         if self._taking or drawn is None or context.space_data.as_pointer() != self._space:
             return
         clock, rectangle = drawn
-        step = self.clock.step(*clock)
-        if self._light is not None and step.dt_s * 1e6 < 2:
-            return
         start_s = time.perf_counter()
         x, y, wide, high = (round(n) for n in rectangle)
         region = context.region
@@ -252,12 +250,18 @@ class LiveView:
         shared, read = _shared(top - low, right - left, 4)
         framebuffer.read_color(corner[0] + left, corner[1] + low, right - left, top - low, 4, 0, "FLOAT", data=shared)
         seen = np.zeros((high, wide), np.float32)  # dark outside the viewport
-        seen[low - y : top - y, left - x : right - x] = self.sensor.light(read)
+        seen[low - y : top - y, left - x : right - x] = shown = self.sensor.light(read)
+        self._is_coarse = live_sensor.is_coarse(shown)
+        if self._is_coarse:
+            return
+        step = self.clock.step(*clock)
+        if self._light is not None and step.dt_s * 1e6 < 2:
+            return
         light = live_sensor.shrink(seen, *self.sensor.last_s.shape)
         self.cost.ms.pop("draw", None)  # the viewport itself draws
         self.cost.add("read", start_s)
         self._push(light, step.dt_s, step.backward)
-        self._frame_times_s.append(time.perf_counter())
+        self._frame_times_s.append((time.perf_counter(), self.sensor.now_s))
 
     # Drawing.
 
@@ -281,20 +285,25 @@ class LiveView:
         height, width = self.sensor.last_s.shape
         spent = ", ".join(f"{say(name)} {ms:.1f}" for name, ms in self.cost.ms.items())
         size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
-        speed = {"frames": self.frames_per_s(), "dropped": self.clock.dropped, "spent": spent}
+        frames, share = self.speed()
+        speed = {"frames": frames, "share": share, "dropped": self.clock.dropped, "spent": spent}
         first = say("{width} x {height}, {rate}, subframes: {count}", **size, count=self._subframes)
-        cost = say("{frames:.1f} frames/s, dropped frames: {dropped}, ms: {spent}", **speed)
+        cost = say("{frames:.1f} frames/s, {share:.0%} of real time, dropped frames: {dropped}, ms: {spent}", **speed)
         lines = [(say(WORDS), WHITE), (first, WHITE), (cost, WHITE)]
-        if self._drawn:
-            lines.append((say("Coarse first samples of the viewport cause false events"), WHITE))
+        if self._drawn and self._is_coarse:
+            lines.append((say("Waiting for the viewport's first full sample"), WHITE))
         if recording := self.sensor.recording:
             text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)
             lines.append((text, RED))
         return lines
 
-    def frames_per_s(self) -> float:
+    def speed(self) -> tuple[float, float]:
+        """Frames per second, and scene time per time, of the last frames."""
         times = self._frame_times_s
-        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+        if len(times) < 2:
+            return 0.0, 0.0
+        (wall_s, scene_s), (now_s, scene_now_s) = times[0], times[-1]
+        return (len(times) - 1) / (now_s - wall_s), (scene_now_s - scene_s) / (now_s - wall_s)
 
 
 def _shared(*shape: int) -> tuple[gpu.types.Buffer, np.ndarray]:

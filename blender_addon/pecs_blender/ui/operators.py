@@ -27,6 +27,7 @@ PREVIEW_BANDS = "--bands 12 --placement uniform --min-wavelength 400nm --max-wav
 UNIFORM = ("--time", "uniform")
 PREVIEW_IMAGE = "PECS preview"
 BUSY = "A job is running. Wait for it or stop it"
+TASKS = {"": "Starting Blender", "motion": "Motion", "sense": "Simulate"}
 
 
 class InBackground(Action):
@@ -108,7 +109,7 @@ class PECS_OT_render(Renders, bpy.types.Operator):
             return say("{path}: rendered", path=job.folder)
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
-        return BackgroundJob("Render Stack", command, output, done, continues=True)
+        return BackgroundJob("Render Stack", command, output, done, continues=True, tasks=TASKS)
 
 
 class PECS_OT_plan(Renders, bpy.types.Operator):
@@ -127,7 +128,7 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
             return say("Plan: {frames} frames, {time}", frames=frames, time=duration)
 
         command = blender(scene, "render", output, *frame_words(scene), "--plan")
-        return BackgroundJob("Plan", command, output, done, for_file=True)
+        return BackgroundJob("Plan", command, output, done, for_file=True, tasks=TASKS)
 
 
 def planned_with(scene) -> list[str]:
@@ -161,7 +162,8 @@ class PECS_OT_preview(Renders, bpy.types.Operator):
         width = min(PREVIEW_WIDTH, render.resolution_x)
         folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / "preview_stack"
         words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *UNIFORM]
-        return BackgroundJob("Preview", blender(scene, "render", folder, *words), folder, _show, for_file=True)
+        command = blender(scene, "render", folder, *words)
+        return BackgroundJob("Preview", command, folder, _show, for_file=True, tasks=TASKS)
 
 
 def _show(job: BackgroundJob) -> str:
@@ -191,12 +193,10 @@ def show_image(image: bpy.types.Image) -> str:
 
 
 def _open_editor() -> None:
-    """An image editor in a window of its own, as Blender opens for a render."""
-    manager = bpy.context.window_manager
-    window = manager.windows[0]
+    """The image editor that Blender opens for a render (Preferences > Interface > Temporary Editors)."""
+    window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
-        bpy.ops.screen.area_dupli("INVOKE_DEFAULT")
-    manager.windows[-1].screen.areas[0].type = "IMAGE_EDITOR"
+        bpy.ops.render.view_show("INVOKE_DEFAULT")
 
 
 def _fit(area) -> None:

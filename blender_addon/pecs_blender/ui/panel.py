@@ -11,7 +11,7 @@ from pecs._errors import PecsError
 from ..render.resources import readable
 from . import checks, event_operators, event_view, frustum, library, light_probe, operators, paths, settings
 from .background import state
-from .interface import CONTEXT, auto, labelled, problem, progress, props, say, wrapped
+from .interface import CONTEXT, auto, duration, labelled, problem, progress, props, say, wrapped
 from .presets import PECS_PT_presets
 
 
@@ -48,7 +48,7 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
             layout.operator("pecs.run_cameras", icon="OUTLINER_OB_CAMERA")
         row = layout.row()  # always one line, so that no button moves when a job starts or ends
         row.alert = bool(not state.job and state.is_error)
-        message = "" if state.job else state.message
+        message = "" if state.job else state.message.replace(f"{paths.events(context.scene).parent}/", "")
         row.label(text=message, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
         row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)
         if state.offer_exists:
@@ -147,9 +147,9 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         layout.prop(s, "fps")
         auto(layout, s, "noise_events")
         count, passes = settings.frame_count(scene), s.pass_count
-        text = "{count:,} frames, {ms:,.4g} ms, {passes} passes each"
-        text = text if passes > 1 else "{count:,} frames, {ms:,.4g} ms, 1 pass each"
-        layout.label(text=say(text, count=count, ms=count / s.fps * 1e3, passes=passes))
+        text = "{count:,} frames, {time}, {passes} passes each"
+        text = text if passes > 1 else "{count:,} frames, {time}, 1 pass each"
+        layout.label(text=say(text, count=count, time=duration(count / s.fps), passes=passes))
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
@@ -169,14 +169,14 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
         if found := state.light.get(scene.name):
             scale = s.light_scale / found["light_scale"]
             column = _answer(layout, found, light_probe.measured_with(scene))
-            for row in light_probe.rows(found, scale):
-                wrapped(column, row)
+            for label, value in light_probe.rows(found, scale):
+                labelled(column, label).label(text=value)
             corner = found["corner_hz"]
             if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
                 wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
-        row = layout.row(align=True)
-        row.prop(scene.pecs_light, "wanted_lux")
-        row.operator("pecs.set_lux", text="", icon="CHECKMARK")
+        column = layout.column(align=True)
+        column.prop(scene.pecs_light, "wanted_lux")
+        column.operator("pecs.set_lux")
 
 
 class PECS_PT_checks(SubPanel, bpy.types.Panel):
@@ -199,7 +199,7 @@ class PECS_PT_events(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
-        props(layout, s.sensor, "format", "no_noise", "seed")
+        props(layout, s.sensor, "format", "noise", "seed")
         for one in checks.sensor_problems(scene):
             problem(layout, one)
         layout.label(text=say("Input: {name}", name=paths.rendered(scene).name))
@@ -243,7 +243,7 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
             return
         box = layout.box()
         row = box.row()
-        row.label(text=say("{recording}, {ms:,.4g} ms", **state.scores, ms=state.scores["window_us"] / 1e3))
+        row.label(text=say("{recording}, {time}", **state.scores, time=duration(state.scores["window_us"] / 1e6)))
         row.operator("pecs.close_scores", icon="X", text="", emboss=False)
         column = box.column(align=True)
         column.scale_y = 0.8
@@ -331,12 +331,6 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
             return
         auto(layout, s, "film_width_mm")
         layout.prop(s, "film_shift_mm")
-        info = settings.lens_now(scene)
-        column = layout.column(align=True)
-        column.label(text=f"{info['efl_mm']:.4g} mm, f/{info['fnumber']:.3g}")
-        column.label(
-            text=say("Field of view {across:.1f}° x {down:.1f}°", across=info["hfov_deg"], down=info["vfov_deg"])
-        )
         column = layout.column(align=True)
         column.operator("pecs.match_lens", text="Match Camera", icon="CAMERA_DATA")
         column.operator("pecs.draw_lens", icon="VIEW_ORTHO")
@@ -348,8 +342,8 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        auto(layout, s, "bands")
-        props(layout, s, "placement", "illuminant", "light_scale", "samples", "device")
+        auto(layout, s, "bands", "samples")
+        props(layout, s, "placement", "illuminant", "light_scale", "device")
 
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):

@@ -17,7 +17,7 @@ _SUBDIR = "pecs"
 _RENDER_KEYS = ["resolution_x", "resolution_y", "resolution_percentage"]
 _OTHER_KEYS = ["lens", "layers", "frames", "whole_range"]
 _STAGE_KEYS = ["diff_on", "diff_off", "afk", "afk_low_hz", "afk_high_hz", "trail", "trail_ms", "erc_mhz", "mask"]
-_SENSOR_KEYS = ["model", "preset", "readout", "no_noise", "overrides", "format", *_STAGE_KEYS]
+_SENSOR_KEYS = ["model", "preset", "readout", "noise", "overrides", "format", *_STAGE_KEYS]
 
 
 class PECS_PT_presets(PresetPanel, bpy.types.Panel):
@@ -34,10 +34,9 @@ class PECS_OT_preset(Action, bpy.types.Operator):
     bl_options = {"UNDO", "INTERNAL"}  # script.execute_preset cannot be undone
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    menu_idname: StringProperty(options={"SKIP_SAVE"})
 
     def act(self, _context) -> None:
-        bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=self.menu_idname)
+        bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=PECS_PT_presets.__name__)
         if bpy.ops.pecs.match_lens.poll():
             bpy.ops.pecs.match_lens()  # the viewport shows what will be rendered
 

@@ -78,7 +78,7 @@ SHOWN = {
     ),
     "no_denoise": ("Keep Noise", {}),
     "light_tree": ("Light Tree", {}),
-    "seed": ("Seed", {}),
+    "seed": ("Render Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
     "fps": ("Rate (Hz)", {"description": "Frames per second of scene time"}),
@@ -216,8 +216,8 @@ class PecsSensor(bpy.types.PropertyGroup):
         "and the values of the chip that it uses, with an ideal readout. Empty: the chip's values",
     )
     seed: IntProperty(name="Seed", default=1, min=0, description="Seed of the sensor's random numbers")
-    no_noise: BoolProperty(
-        name="Disable Noise", description="Disables photon noise, leak, background activity and pixel mismatch"
+    noise: BoolProperty(
+        name="Noise", default=True, description="Photon noise, leak, background activity and pixel mismatch"
     )
     readout: EnumProperty(
         name="Readout",
@@ -499,7 +499,7 @@ def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
     words = ["--seed", str(sensor.seed)]
     words += ["--preset", sensor.preset] if sensor.preset else ["--model", sensor.model, "--readout", sensor.readout]
     words += ["--format", sensor.format] if sensor.format != "auto" else []
-    words += ["--no-noise"] if sensor.no_noise else []
+    words += [] if sensor.noise else ["--no-noise"]
     known = parameters(scene.pecs) if sensor.overrides else {}
     biases = [f"{name}={getattr(sensor, name)}" for name in ("diff_on", "diff_off") if getattr(sensor, name)]
     words += ["--bias", ",".join(biases)] if biases else []

@@ -81,16 +81,27 @@ ui.unregister()
 PROGRESS = """
 import sys, time
 from pathlib import Path
-from pecs_blender.ui import background
+from pecs_blender.ui import background, operators
 
-lines = ['{"progress": "sense", "done": 1, "total": 4, "left_s": 3.2}', "render: 3/4, 1 s left", '{"folder": "/s_002"}',
-    "{no JSON", "pecs: stack.json: the error", "Blender quit"]
+lines = ['{"progress": "motion", "done": 8, "total": 9}', '{"progress": "sense", "done": 1, "total": 4, "left_s": 3.2}',
+    "render: 3/4, 1 s left", '{"folder": "/s_002"}', "{no JSON", "pecs: stack.json: the error", "Blender quit"]
 command = [sys.executable, "-c", f"import sys; print({chr(10).join(lines)!r}, file=sys.stderr)"]
 job = background.BackgroundJob("Simulate Events", command, Path("/s"), str, tasks={"sense": "Simulate"})
 while job.returncode() is None:
     time.sleep(0.02)
 assert (job.progress, job.folder, job.last_line) == (0.25, Path("/s_002"), "stack.json: the error"), vars(job)
 assert job.text.startswith("Simulate 25%, 0:03 left"), job.text
+for lines, text in (
+    ([], "Starting Blender"),
+    (['{"progress": "motion", "done": 3, "total": 4}'], "Motion 75%"),
+    (['{"progress": "render", "done": 0, "total": 8}'], "Frame 1 of 8"),
+    (['{"progress": "render", "done": 8, "total": 8}'], "Frame 8 of 8"),
+):
+    command = [sys.executable, "-c", f"import sys; print({chr(10).join(lines)!r}, file=sys.stderr)"]
+    job = background.BackgroundJob("Render Stack", command, Path("/s"), str, tasks=operators.TASKS)
+    while job.returncode() is None:
+        time.sleep(0.02)
+    assert job.step == text and job.text.startswith(text + ", 0:0"), job.text
 
 # A child that dies is no "Stopped", and its last progress is no error.
 for number, name in ((11, "Segmentation fault"), (9, "Killed")):

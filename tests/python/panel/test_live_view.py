@@ -83,6 +83,17 @@ def test_shrink_keeps_the_mean_light(size):
     assert light.min() <= small.min() and small.max() <= light.max()
 
 
+@pytest.mark.parametrize("block", [1.98, 3.97, 8])
+def test_coarse_pictures_consist_of_blocks(block):
+    """The picture's size need not be a multiple of the block's."""
+    fine = np.random.default_rng(1).random((120, 161), np.float32)
+    fine[:, :10] = 0.5  # a part may be plain
+    y, x = (np.arange(n) // block for n in fine.shape)
+    coarse = fine[np.ix_(y.astype(int), x.astype(int))]
+    assert live_sensor.is_coarse(coarse) and not live_sensor.is_coarse(fine)
+    assert live_sensor.is_coarse(np.zeros_like(fine))
+
+
 def test_clock_takes_the_scenes_time_while_it_plays():
     clock = live_sensor.Clock()
     step = lambda frame, wall_s, playing=True: clock.step(frame, wall_s, playing, 25.0, 100)  # noqa: E731

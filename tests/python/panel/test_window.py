@@ -18,3 +18,4 @@ def test_events_over_the_default_cube_take_at_most_five_clicks(tmp_path):
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
     done = subprocess.run([blender, *options], env=environment, capture_output=True, text=True, timeout=600)
     assert (tmp_path / "done").is_file(), (done.stdout + done.stderr)[-2000:]
+    print((tmp_path / "done").read_text())  # clicks and time

@@ -3,6 +3,7 @@ called by hand; layouts check what is drawn into them."""
 
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -18,6 +19,7 @@ from pecs_blender.ui import (
     checks,
     event_operators,
     event_view,
+    frustum,
     panel,
     paths,
     settings,
@@ -243,7 +245,7 @@ def cube(folder):
         thing.keyframe_insert("location", frame=frame)
     scene.frame_end = 24
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "cube.blend"))
-    bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_look.py"), menu_idname="PECS_PT_presets")  # two
+    bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_look.py"))  # two
     assert not checks.problems(scene), checks.problems(scene)
     pressed("run")
     view = event_view.state.view
@@ -310,7 +312,10 @@ def _wrong_chip_and_lens(scene, shown, own):
     own.write_text((pecs.data_dir("lens_data/lenses") / "pecs_lab_15mm.json").read_text())
     s.lens = str(own)
     assert not checks.problems(scene)
-    assert any("15.02 mm, f/4.15" in text for text in drawn())
+    drawn()
+    while frustum.fields.computing():
+        time.sleep(0.01)
+    assert any("15.02 mm f/4.15" in text for text in drawn()), drawn()
     found = settings.lenses(s, bpy.context, "Double Gauss")
     assert len(found) >= 2 and all(name and "double" in text.lower() and "° x " in text for name, text in found), found
     own.unlink()
@@ -383,13 +388,13 @@ def busy(folder):
     bpy.ops.pecs.render()
     job = background.state.job
     assert "A job is running" in refused("render") and "A job is running" in refused("sense")
-    assert any("Starting Render Stack" in text for text in drawn())
+    assert any("Starting Blender" in text for text in drawn())
     bpy.data.objects.remove(scene.camera)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "elsewhere.blend"))
-    while job.progress == 0:
+    while job.step.startswith(("Starting", "Motion", "Frame 1 ")):
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
-    assert any(text.startswith("Render Stack ") and text.endswith(" left") for text in drawn()), drawn()
+    assert any(re.match(r"Frame \d+ of \d+, 0:\d\d left", text) for text in drawn()), drawn()
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
     assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()
@@ -429,6 +434,10 @@ def widths(folder):
     s = scene.pecs
     plan = {"frames": 12_345, "of": 123_456, "each_s": 7.0, "disk_bytes": 123e9, "memory_bytes": 12.3e9}
     background.state.plan[scene.name] = plan | {"settings": []}
+    spread = {"median": 1234.0, "p5": 123.4, "p95": 12_345.0}
+    light = dict.fromkeys(("lux", "luminance_cd_m2", "corner_hz"), spread) | {"light_scale": 1.0, "events_per_s": 1e7}
+    light |= {"photocurrent_a": {name: value * 5.678e-17 for name, value in spread.items()}, "noise_thresholds": 0.123}
+    background.state.light[scene.name] = light | {"settings": []}
     one = {"events": 342_000, "rate_hz": 2.33e6, "on_fraction": 0.488, "interval_median_us": 1653}
     scores = {"real": one, "sim": one, "split_half": {"chamfer": 2.92, "gaussian": 1.72}, "window_us": 146_800}
     rest = {"chamfer": 3.1, "gaussian": 1.9, "rate_correlation": 0.98, "map_correlation": 0.97}
@@ -552,7 +561,7 @@ def presets(folder):
     assert "UNDO" in ui.presets.PECS_OT_preset.bl_options
     for file in PRESETS.glob("*.py"):
         scene.pecs.sensor.overrides.add()
-        bpy.ops.pecs.preset(filepath=str(file), menu_idname="PECS_PT_presets")
+        bpy.ops.pecs.preset(filepath=str(file))  # as the menu does
         assert (scene.pecs.whole_range, scene.pecs.time, len(scene.pecs.sensor.overrides)) == (True, "adaptive", 0)
         assert not checks.problems(scene), (file, checks.problems(scene))
     s = scene.pecs
@@ -562,7 +571,7 @@ def presets(folder):
     (own,) = (p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "mine.py").is_file())
     s.lens, s.film_shift_mm, s.layers, s.sensor.model = "none", (0, 0), set(), "pecs"
     s.sensor.overrides.clear()
-    bpy.ops.script.execute_preset(filepath=str(own / "mine.py"), menu_idname="PECS_PT_presets")
+    bpy.ops.pecs.preset(filepath=str(own / "mine.py"))
     assert (s.lens, tuple(s.film_shift_mm), s.sensor.model) == ("pecs_lab_15mm", (0.5, 0.25), "esim")
     assert s.layers == {"depth", "motion"} and s.sensor.overrides[0].name == "log_eps"
     # the camera sees as the lens does

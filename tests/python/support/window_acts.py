@@ -39,7 +39,7 @@ def steps():
     scene.frame_end = 24
     clicks = 2  # the menu of presets, and Quick look
     file = Path(presets.__file__).parent / "presets/pecs/Quick_look.py"
-    bpy.ops.pecs.preset(filepath=str(file), menu_idname="PECS_PT_presets")
+    bpy.ops.pecs.preset(filepath=str(file))
     if not checks._has_denoiser():
         bpy.ops.pecs.keep_noise()
         clicks += 1
@@ -57,7 +57,8 @@ def steps():
     yield lambda: event_view.state.view._drawn and event_view.state.view._drawn[0][0] == 12
     assert (event_view.state.view.picture(scene)[..., 3] > 0).sum() > 100
     assert clicks <= MOST_CLICKS
-    (FOLDER / "done").write_text(f"{clicks} clicks, {time.monotonic() - START:.1f} s")
+    wall_s, cpu_s = time.monotonic() - START, sum(os.times()[:4])  # with the job's
+    (FOLDER / "done").write_text(f"{clicks} clicks, {wall_s:.0f} s, {cpu_s:.0f} s of CPU time")
 
 
 def view():

@@ -15,5 +15,5 @@ pecs.fps = 10000.0
 pecs.whole_range = True
 pecs.sensor.model = "pecs"
 pecs.sensor.readout = "chip"
-pecs.sensor.no_noise = False
+pecs.sensor.noise = True
 pecs.sensor.overrides.clear()
