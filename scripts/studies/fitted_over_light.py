@@ -27,10 +27,14 @@ STILL_STEP_US = 1000.0  # of the others, whose noise does not depend on it
 
 
 def delays_us(model: str, values: dict, white_fa: float) -> dict[str, np.ndarray]:
-    frames, t_us = over_light.square_wave(over_light.nist_fa() / white_fa)
+    step_us = over_light.STEP_US if model == "pecs" else over_light.HALF_US  # noise of the others does not depend on it
+    frames, t_us = over_light.square_wave(over_light.nist_fa() / white_fa, step_us)
     sensor, scale = fitted.sensor(model, values, *frames.shape[:0:-1], seed=1)
+    found = []
     with sensor:
-        events = np.concatenate([sensor.push(frames * np.float32(scale), t_us), sensor.finish()])
+        for i in range(0, len(t_us), 512):
+            found.append(sensor.push(frames[i : i + 512] * np.float32(scale), t_us[i : i + 512]))
+        events = np.concatenate([*found, sensor.finish()])
     found = over_light.first_delays_us(np.sort(events, order="t"))
     each = {p: d.reshape(len(d), -1) for p, d in found.items()}
     enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}

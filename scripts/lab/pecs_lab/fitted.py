@@ -13,11 +13,11 @@ import pecs
 
 from . import disk_fit, lamp_fit
 from .disk import Disk
+from .disk_scores import RING
 
 CHIP = "imx636"
 WARMUP_PERIODS = 8  # the last one in steps of 2 * STEP_US
 COARSE_STEP_US, STEP_US = 4000.0, 500.0
-RING = 0.2, 0.98  # of the radius, as pecs.delays
 DISK_RADIUS_MM, DISK_RIGHT_MM, DISTANCE_MM = 153.0, 160.1, 1560.0  # scenes/rotating_disk
 LAMP = {"lamp_length_mm": 1200.0, "lamp_width_mm": 120.0}  # its length hardly shows (scripts/tools/fit_lamp.py)
 WALLS = 0.05  # light from the walls / mean light from the lamp
@@ -112,12 +112,19 @@ class Stage:
         light = lamp_fit.illuminance(self.x_mm, self.up_mm, lamp, WALLS) * cos4
         return (light / light.mean()).astype(np.float32)
 
+    def frames(self, values: dict, scale: float) -> np.ndarray:
+        """[time, row, column]; `scale` is the recording's mean white."""
+        white = np.float32(scale) * self.light(values)
+        return np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
+
     def events(self, model: str, values: dict, seed: int, threads: int = 0) -> np.ndarray:
         made, scale = sensor(model, values, *self.shape[::-1], seed=seed, threads=threads)
-        white = np.float32(scale) * self.light(values)
-        frames = np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
         with made:
-            found = np.concatenate([made.push(frames, self.t_us + self.warmup_us), made.finish()])
+            found = [made.push(self.frames(values, scale), self.t_us + self.warmup_us), made.finish()]
+        return self.unpacked(np.concatenate(found))
+
+    def unpacked(self, found: np.ndarray) -> np.ndarray:
+        """Events of the packed pixels at their places in the picture, without the warm-up."""
         found["t"] -= round(self.warmup_us)
         pixel = found["y"].astype(np.int64) * self.shape[1] + found["x"]
         kept = (found["t"] >= 0) & (found["t"] < self.duration_us) & (pixel < self.pixels)

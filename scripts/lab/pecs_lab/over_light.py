@@ -16,6 +16,7 @@ IRRADIANCE_W_M2 = (0.006, 0.046, 0.166, 0.277, 0.398)
 LAMBDA_NM = 680.61
 MEDIANS_US = {"on": (537.1, 93.3, 41.5, 29.8, 26.9), "off": (623.0, 113.8, 48.3, 36.6, 31.7)}  # CAM1, factory biases
 REGION, REGIONS, CYCLES, HALF_US, FRAMES = 100, 9, 4, 5e5, 70
+STEP_US = 200.0  # less than the photoreceptor's time constant in the dimmest light
 EDGES_US = 1000 + HALF_US * np.arange(2 * CYCLES + 2)
 
 # The published fit of Noise2Params (arXiv 2605.16317) to an EVK4, Hz per pixel.
@@ -35,11 +36,13 @@ def nist_fa(chip: str | pecs.Chip = "imx636") -> np.ndarray:
     return 1e15 * ampere * np.array(IRRADIANCE_W_M2)
 
 
-def square_wave(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us."""
-    behind = np.concatenate([[0, 1], 1 + np.geomspace(2, HALF_US - 10, FRAMES)])
+def square_wave(light: np.ndarray, step_us: float = STEP_US) -> tuple[np.ndarray, np.ndarray]:
+    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us. They are at most `step_us` apart:
+    noise between them makes no events."""
+    behind = np.unique(np.concatenate([np.geomspace(2, HALF_US - 10, FRAMES), np.arange(2, HALF_US - 10, step_us)]))
+    behind = np.concatenate([[0, 1], 1 + behind])
     t_us = np.concatenate([[0.0], *(edge + behind for edge in EDGES_US)])
-    lit = np.concatenate([[0], *(np.r_[k % 2, np.full(FRAMES + 1, 1 - k % 2)] for k in range(len(EDGES_US)))])
+    lit = np.concatenate([[0], *(np.r_[k % 2, np.full(len(behind) - 1, 1 - k % 2)] for k in range(len(EDGES_US)))])
     return np.repeat(np.outer(lit, light)[:, :, None], REGION * REGIONS, axis=2).astype(np.float32), t_us
 
 
