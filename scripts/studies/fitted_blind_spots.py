@@ -12,11 +12,11 @@ import json
 from copy import copy
 from pathlib import Path
 
-import fitted_peers as study
 import numpy as np
+from pecs_lab import fitted
 from pecs_lab.disk import Disk
-from pecs_lab.disk_scores import on_grid, region, seen
-from pecs_lab.report import table
+from pecs_lab.disk_scores import MEASURES, between, on_grid, region, seen
+from pecs_lab.report import cell, table
 
 HERE = Path(__file__).parent
 
@@ -65,7 +65,7 @@ def of_simulation(stage, values: dict) -> dict[str, np.ndarray]:
 def answer(row: dict, base: dict, key: str) -> str:
     """The score; bold outside the interval of what it was made from."""
     value, low_high = row[key], base[f"{key}_interval"]
-    shown = study.cell(value)
+    shown = cell(value)
     moved = value is None or (low_high and not low_high[0] <= value <= low_high[1])
     return f"**{shown}**" if row is not base and moved else shown
 
@@ -75,7 +75,7 @@ def tables(report: dict) -> list[str]:
     base = [report["recording" if k < names.index("pecs") else "pecs"] for k in range(len(names))]
     rows = [
         [title, *(answer(row, of, key) for row, of in zip(report.values(), base, strict=True))]
-        for key, title in study.MEASURES.items()
+        for key, title in MEASURES.items()
     ]
     return [table(["", *report], rows)]
 
@@ -85,17 +85,17 @@ def main() -> None:
     parser.add_argument("recording")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
     args = parser.parse_args()
-    halves = study.Halves(args.recording)
+    halves = fitted.Halves(args.recording)
     scored, floor = halves.scored()
-    beside = on_grid(halves.events, study.SCORE_COARSER, 0)
-    events, disk = study.between(
-        beside, halves.disk.coarser(study.SCORE_COARSER).moved(0.5, 0.5), halves.middle_us, halves.duration_us
+    beside = on_grid(halves.events, fitted.SCORE_COARSER, 0)
+    events, disk = between(
+        beside, halves.disk.coarser(fitted.SCORE_COARSER).moved(0.5, 0.5), halves.middle_us, halves.duration_us
     )
     report = {"recording": floor}
     for name, changed in of_events(events, disk, scored.duration_us).items():
         report[name] = scored.scores(changed, disk)
     values = json.loads((HERE / "fitted_peers.json").read_text())["models"]["pecs"]["values"]
-    stage = halves.stage(study.SCORE_COARSER, halves.second)
+    stage = halves.stage(fitted.SCORE_COARSER, halves.second)
     for name, found in of_simulation(stage, values).items():
         report[name] = scored.scores(halves.of_second(found))
     args.output.write_text(json.dumps(report, indent=1) + "\n")

@@ -13,11 +13,10 @@ import argparse
 import json
 from pathlib import Path
 
-import fitted_peers as study
 import numpy as np
 from pecs_lab import fitted
 from pecs_lab.disk_scores import REGIONS, SECTORS, Part, deviance, on_grid
-from pecs_lab.report import table
+from pecs_lab.report import cell, table
 
 MODELS = ("pecs", "v2e", "icns")
 EVERY = np.ones((2, REGIONS), bool)
@@ -25,7 +24,7 @@ INNER = EVERY & (np.arange(REGIONS) < SECTORS)
 ON = EVERY & (np.arange(2)[:, None] == 1)
 
 
-def folds(halves: study.Halves) -> dict[str, tuple[Part, Part]]:
+def folds(halves: fitted.Halves) -> dict[str, tuple[Part, Part]]:
     """What is fitted, what is scored."""
 
     def within(part: Part, kept: np.ndarray) -> Part:
@@ -42,21 +41,21 @@ def folds(halves: study.Halves) -> dict[str, tuple[Part, Part]]:
     }
 
 
-def row_of(halves: study.Halves, seen: Part, left: Part, evaluations: int) -> dict:
-    coarser, disk = study.SCORE_COARSER, halves.disk.coarser(study.SCORE_COARSER)
+def row_of(halves: fitted.Halves, seen: Part, left: Part, evaluations: int) -> dict:
+    coarser, disk = fitted.SCORE_COARSER, halves.disk.coarser(fitted.SCORE_COARSER)
     real = left.cells(on_grid(halves.events, coarser, 1), disk)
     beside = left.cells(on_grid(halves.events, coarser, 0), disk.moved(0.5, 0.5))
     row = {"recording": deviance(real, beside)}
-    stage, scoring = halves.stage(study.FIT_COARSER, seen), halves.stage(coarser, left)
+    stage, scoring = halves.stage(fitted.FIT_COARSER, seen), halves.stage(coarser, left)
     for model in MODELS:
         ranges = {}, fitted.SCENE | fitted.BOXES[model]
-        values = study.fit(model, ranges, stage, seen, halves.target(seen), evaluations)["values"]
+        values = fitted.fit(model, ranges, stage, seen, halves.target(seen), evaluations)["values"]
         row[model] = deviance(real, left.cells(scoring.events(model, values, 2), disk))
     return row
 
 
 def tables(report: dict) -> list[str]:
-    rows = [[*name.split(", "), *map(study.cell, row.values())] for name, row in report.items()]
+    rows = [[*name.split(", "), *map(cell, row.values())] for name, row in report.items()]
     return [table(["fitted to", "scored on", "recording", *MODELS], rows)]
 
 
@@ -67,7 +66,7 @@ def main() -> None:
     parser.add_argument("--evaluations", type=int, default=640)
     args = parser.parse_args()
     report = json.loads(args.output.read_text()) if args.output.exists() else {}
-    halves = study.Halves(args.recording)
+    halves = fitted.Halves(args.recording)
     for name, (seen, left) in folds(halves).items():
         if name not in report:
             report[name] = row_of(halves, seen, left, args.evaluations)

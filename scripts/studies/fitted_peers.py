@@ -23,19 +23,14 @@ and 2 GB.
 
 import argparse
 import json
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from pecs_lab import disk_fit, fitted
-from pecs_lab.disk import Disk
-from pecs_lab.disk_scores import Part, Scored, Slowness, between, deviance, on_grid
-from pecs_lab.report import table
-from pecs_lab.search import search
+from pecs_lab.disk_scores import MEASURES
+from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, fit
+from pecs_lab.report import cell, table, with_interval
 
-FIT_COARSER, SCORE_COARSER = 6, 2
 SHIPPED = "pecs as shipped"
 KEPT_BRIGHTNESS = (0.1, 1e5)  # of another recording, in each model's unit
 SLOWEST = ("voltmeter", "v2e", "pecs", "icns", SHIPPED, "esim")  # first
@@ -54,82 +49,6 @@ def searches(kept: Path | None) -> dict[str, tuple[dict, dict]]:
             light = fitted.SCENE | {brightness: KEPT_BRIGHTNESS}
             found[name] = {k: v for k, v in row["values"].items() if k not in light}, light
     return found
-
-
-def misses(simulate: Callable, disk: Disk, part: Part, target: np.ndarray) -> Callable[[dict], float]:
-    """The objective: of values, how far `simulate` is from the recording's `target` cells."""
-    return lambda values: deviance(target, part.cells(simulate(values), disk))
-
-
-def fit(name: str, ranges: tuple, stage: fitted.Stage, part: Part, target: np.ndarray, evaluations: int) -> dict:
-    (fixed, free), model = ranges, name.split()[0]
-    loss = misses(lambda v: stage.events(model, fixed | v, 1, threads=1), stage.disk, part, target)
-    row = search(loss, free, evaluations)
-    return row | {"values": fixed | row["values"]}
-
-
-@dataclass
-class Halves:
-    """A recording, the first half to fit and the second to score."""
-
-    recording: str
-
-    def __post_init__(self):
-        self.disk, self.events, self.duration_us, _ = disk_fit.examine(self.recording)
-        self.middle_us = float(self.duration_us // 2)
-        self.first = Part(0, self.middle_us)
-        self.second = Part(self.middle_us, self.duration_us)
-
-    def stage(self, coarser: int, part: Part) -> fitted.Stage:
-        return fitted.Stage(self.disk.coarser(coarser), coarser, part.end_us)
-
-    def target(self, part: Part) -> np.ndarray:
-        """The recording's cells, per pixel of the stage of a fit."""
-        return part.cells(self.events, self.disk) / FIT_COARSER**2
-
-    def scored(self) -> tuple[Scored, dict]:
-        """The second half, and the scores of the recording's pixels between its own."""
-        size, disk = (self.events.width, self.events.height), self.disk.coarser(SCORE_COARSER)
-        slowness = Slowness.of(self.events, self.disk, *size, self.duration_us)
-        halves = [
-            between(on_grid(self.events, SCORE_COARSER, offset), at, self.middle_us, self.duration_us)
-            for offset, at in ((1, disk), (0, disk.moved(0.5, 0.5)))
-        ]
-        small = [n // SCORE_COARSER for n in size]
-        scored = Scored(*halves[0], *small, self.duration_us - self.middle_us, slowness)
-        return scored, scored.scores(*halves[1])
-
-    def of_second(self, events: np.ndarray) -> np.ndarray:
-        return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]
-
-
-MEASURES = {
-    "chamfer": "Chamfer (shared normalisation)",
-    "gaussian": "Gaussian",
-    "earth_mover_on_deg": "delays, ON, earth mover's distance, °",
-    "earth_mover_off_deg": "delays, OFF, °",
-    "overlap_on": "delays, ON, overlap",
-    "overlap_off": "delays, OFF, overlap",
-    "light_slope_on": "delays over light, ON, slope",
-    "light_slope_off": "delays over light, OFF, slope",
-    "light_scatter_on": "delays over light, ON, scatter, ln",
-    "light_scatter_off": "delays over light, OFF, scatter, ln",
-    "deviance": "deviance per event",
-    "events_ratio": "events / recorded",
-    "on_share": "share of ON - recorded",
-    "rate_rms": "rate over time, RMS / mean",
-    "interval_decades": "intervals, decades",
-    "map_correlation": "map, correlation",
-}
-
-
-def cell(value: float | None) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{value:.3g}"
-
-
-def with_interval(row: dict, key: str) -> str:
-    low_high = row.get(f"{key}_interval")
-    return cell(row[key]) + (" ({}…{})".format(*map(cell, low_high)) if low_high else "")
 
 
 def tables(report: dict) -> list[str]:

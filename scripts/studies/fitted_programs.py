@@ -16,10 +16,10 @@ import json
 import sys
 from pathlib import Path
 
-import fitted_peers as study
 import numpy as np
 from pecs_lab import disk_fit, fitted
-from pecs_lab.report import table
+from pecs_lab.disk_scores import MEASURES
+from pecs_lab.report import table, with_interval
 from pecs_lab.search import search
 
 HERE = Path(__file__).parent
@@ -58,9 +58,7 @@ def tables(report: dict) -> list[str]:
         columns[f"{peer}, model"] = peers[peer]["second_half"]
         columns[f"{peer}, program, same values"] = row["second_half_same_values"]
         columns[f"{peer}, program, fitted"] = row["second_half"]
-    measured = [
-        [title, *(study.with_interval(of, key) for of in columns.values())] for key, title in study.MEASURES.items()
-    ]
+    measured = [[title, *(with_interval(of, key) for of in columns.values())] for key, title in MEASURES.items()]
     values = [
         [name, ", ".join(f"{k} {v:.3g}" for k, v in row["values"].items()), f"{row['objective']:.3g}"]
         for name, row in report["models"].items()
@@ -79,18 +77,18 @@ def main() -> None:
     sys.path.append(str(HERE / "peers"))
     peers = json.loads((HERE / "fitted_peers.json").read_text())["models"]
     report = json.loads(args.output.read_text()) if args.output.exists() else {"models": {}}
-    halves = study.Halves(args.recording)
+    halves = fitted.Halves(args.recording)
     scored, _ = halves.scored()
     first, second = (
         halves.stage(coarser, part)
-        for coarser, part in ((study.FIT_COARSER, halves.first), (study.SCORE_COARSER, halves.second))
+        for coarser, part in ((fitted.FIT_COARSER, halves.first), (fitted.SCORE_COARSER, halves.second))
     )
     for peer in ("v2e", "icns"):
         checkout = getattr(args, peer)
         if not checkout:
             continue
         start = peers[peer]["values"]
-        loss = study.misses(
+        loss = fitted.misses(
             lambda values, of=(peer, checkout): simulate(*of, first, values, 1),
             first.disk, halves.first, halves.target(halves.first),
         )  # fmt: skip

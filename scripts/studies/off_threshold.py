@@ -11,11 +11,11 @@ import argparse
 import json
 from pathlib import Path
 
-import fitted_over_light as over
-import fitted_peers as study
-from pecs_lab import fitted
+import pecs
+from pecs_lab import fitted, over_light
+from pecs_lab.disk_scores import MEASURES
 from pecs_lab.over_light import IRRADIANCE_W_M2
-from pecs_lab.report import table
+from pecs_lab.report import cell, table, with_interval
 from pecs_lab.search import search
 
 HERE = Path(__file__).parent
@@ -23,10 +23,17 @@ KEY, THRESHOLDS = "contrast_threshold_off", (0.24, 0.267, 0.3, 0.34, 0.38, 0.42)
 SHOWN = ("deviance", "earth_mover_on_deg", "earth_mover_off_deg", "events_ratio")
 
 
+def delays_us(values: dict) -> dict:
+    def sensor(width: int, height: int) -> pecs.Sensor:
+        return fitted.sensor("pecs", values, width, height, seed=1)[0]
+
+    return over_light.median_delays_us(sensor, 1.0, over_light.STEP_US)  # frames of `pecs` are in fA
+
+
 def tables(report: dict) -> list[str]:
-    head = ["OFF threshold, ln", "first half", *(study.MEASURES[k] for k in SHOWN)]
+    head = ["OFF threshold, ln", "first half", *(MEASURES[k] for k in SHOWN)]
     rows = [
-        [threshold, study.cell(row["objective"]), *(study.with_interval(row["second_half"], k) for k in SHOWN)]
+        [threshold, cell(row["objective"]), *(with_interval(row["second_half"], k) for k in SHOWN)]
         for threshold, row in report.items()
     ]
     ratios = [[t, *row["delay_ratio"]["on"], *row["delay_ratio"]["off"]] for t, row in report.items()]
@@ -42,18 +49,18 @@ def main() -> None:
     args = parser.parse_args()
     start = json.loads((HERE / "fitted_peers.json").read_text())["models"]["pecs"]["values"]
     ranges = {k: r for k, r in (fitted.SCENE | fitted.BOXES["pecs"]).items() if k != KEY}
-    halves = study.Halves(args.recording)
+    halves = fitted.Halves(args.recording)
     scored, _ = halves.scored()
-    first, target = halves.stage(study.FIT_COARSER, halves.first), halves.target(halves.first)
-    second, report = halves.stage(study.SCORE_COARSER, halves.second), {}
+    first, target = halves.stage(fitted.FIT_COARSER, halves.first), halves.target(halves.first)
+    second, report = halves.stage(fitted.SCORE_COARSER, halves.second), {}
     for threshold in THRESHOLDS:
-        loss = study.misses(
+        loss = fitted.misses(
             lambda v, t=threshold: first.events("pecs", v | {KEY: t}, 1), first.disk, halves.first, target
         )
         row = search(loss, ranges, args.evaluations, start)
         values = row["values"] | {KEY: threshold}
         row["second_half"] = scored.scores(halves.of_second(second.events("pecs", values, 2)))
-        row["delay_ratio"] = over.ratios(over.delays_us("pecs", values, values["white_fa"]))
+        row["delay_ratio"] = over_light.ratios(delays_us(values))
         report[str(threshold)] = row
         args.output.write_text(json.dumps(report, indent=1) + "\n")
     print(*tables(report), sep="\n\n")

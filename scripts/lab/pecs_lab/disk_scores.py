@@ -20,6 +20,24 @@ STRETCHES = np.geomspace(0.4, 2.5, 185)  # of the histogram of the delays; 1 % a
 SIGNED = ("on_share", "light_slope_on", "light_slope_off", "map_correlation")  # may be negative
 CELLS_DEG = np.arange(-10, 101, 10)
 BINS_DEG = np.arange(-10, 87, 2)  # of pecs.delays; at 90 degrees the next edge ends the delays in any light
+MEASURES = {
+    "chamfer": "Chamfer (shared normalisation)",
+    "gaussian": "Gaussian",
+    "earth_mover_on_deg": "delays, ON, earth mover's distance, °",
+    "earth_mover_off_deg": "delays, OFF, °",
+    "overlap_on": "delays, ON, overlap",
+    "overlap_off": "delays, OFF, overlap",
+    "light_slope_on": "delays over light, ON, slope",
+    "light_slope_off": "delays over light, OFF, slope",
+    "light_scatter_on": "delays over light, ON, scatter, ln",
+    "light_scatter_off": "delays over light, OFF, scatter, ln",
+    "deviance": "deviance per event",
+    "events_ratio": "events / recorded",
+    "on_share": "share of ON - recorded",
+    "rate_rms": "rate over time, RMS / mean",
+    "interval_decades": "intervals, decades",
+    "map_correlation": "map, correlation",
+}
 MAP = 16  # blocks across the disk, and down
 INT = ("p", "pixel", "block", "sector", "ring")
 SEEN = np.dtype([(k, "i8") for k in INT] + [("t", "f8"), ("delay", "f8"), ("gap", "f8")])
@@ -174,7 +192,7 @@ def against_light(local: np.ndarray, logs: np.ndarray) -> dict[str, float]:
             found |= {f"light_slope_{name}": np.nan, f"light_scatter_{name}": np.nan}
             continue
         slope, offset = np.polyfit(local[there], of[there], 1)
-        found[f"light_slope_{name}"] = round(float(slope), 9)
+        found[f"light_slope_{name}"] = round(float(slope), 9) + 0.0  # no -0
         found[f"light_scatter_{name}"] = round(float((of - slope * local - offset)[there].std()), 9)
     return found
 

@@ -6,6 +6,7 @@ in white; each model has the lamp's place, its brightness and the disk's contras
 model sees the light that was found with another one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +14,11 @@ import pecs
 
 from . import disk_fit, lamp_fit
 from .disk import Disk
-from .disk_scores import RING
+from .disk_scores import RING, Part, Scored, Slowness, between, deviance, on_grid
+from .search import search
 
 CHIP = "imx636"
+FIT_COARSER, SCORE_COARSER = 6, 2  # of the sensor's pixels, in x and y
 WARMUP_PERIODS = 8  # the last one in steps of 2 * STEP_US
 COARSE_STEP_US, STEP_US = 4000.0, 500.0
 DISK_RADIUS_MM, DISK_RIGHT_MM, DISTANCE_MM = 153.0, 160.1, 1560.0  # scenes/rotating_disk
@@ -131,3 +134,50 @@ class Stage:
         found, pixel = found[kept], pixel[kept]
         found["x"], found["y"] = self.x[pixel], self.y[pixel]
         return found[np.argsort(found["t"], kind="stable")]
+
+
+def misses(simulate: Callable, disk: Disk, part: Part, target: np.ndarray) -> Callable[[dict], float]:
+    """The objective: of values, how far `simulate` is from the recording's `target` cells."""
+    return lambda values: deviance(target, part.cells(simulate(values), disk))
+
+
+def fit(name: str, ranges: tuple, stage: Stage, part: Part, target: np.ndarray, evaluations: int) -> dict:
+    (fixed, free), model = ranges, name.split()[0]
+    loss = misses(lambda v: stage.events(model, fixed | v, 1, threads=1), stage.disk, part, target)
+    row = search(loss, free, evaluations)
+    return row | {"values": fixed | row["values"]}
+
+
+@dataclass
+class Halves:
+    """A recording, the first half to fit and the second to score."""
+
+    recording: str
+
+    def __post_init__(self):
+        self.disk, self.events, self.duration_us, _ = disk_fit.examine(self.recording)
+        self.middle_us = float(self.duration_us // 2)
+        self.first = Part(0, self.middle_us)
+        self.second = Part(self.middle_us, self.duration_us)
+
+    def stage(self, coarser: int, part: Part) -> Stage:
+        return Stage(self.disk.coarser(coarser), coarser, part.end_us)
+
+    def target(self, part: Part) -> np.ndarray:
+        """The recording's cells, per pixel of the stage of a fit."""
+        return part.cells(self.events, self.disk) / FIT_COARSER**2
+
+    def scored(self) -> tuple[Scored, dict]:
+        """The second half, and the scores of the recording's pixels between its own."""
+        size, disk = (self.events.width, self.events.height), self.disk.coarser(SCORE_COARSER)
+        slowness = Slowness.of(self.events, self.disk, *size, self.duration_us)
+        halves = [
+            between(on_grid(self.events, SCORE_COARSER, offset), at, self.middle_us, self.duration_us)
+            for offset, at in ((1, disk), (0, disk.moved(0.5, 0.5)))
+        ]
+        small = [n // SCORE_COARSER for n in size]
+        scored = Scored(*halves[0], *small, self.duration_us - self.middle_us, slowness)
+        return scored, scored.scores(*halves[1])
+
+    def of_second(self, events: np.ndarray) -> np.ndarray:
+        return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]

@@ -61,6 +61,30 @@ def first_delays_us(events: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float, step_us: float) -> dict[str, np.ndarray]:
+    """Of the pixels' first events at each irradiance, not a number where half of the pixels are silent. Frames of
+    sensor(width, height) are in units of fA * per_fa."""
+    frames, t_us = square_wave(nist_fa() * per_fa, step_us)
+    found = []
+    with sensor(*frames.shape[:0:-1]) as made:
+        for i in range(0, len(t_us), BATCH):
+            found.append(made.push(frames[i : i + BATCH], t_us[i : i + BATCH]))
+        found.append(made.finish())
+    delays = first_delays_us(np.sort(np.concatenate(found), order="t"))
+    each = {p: d.reshape(len(d), -1) for p, d in delays.items()}
+    enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}
+    return {p: np.where(enough[p], np.nanmedian(np.nan_to_num(d, nan=2e6), axis=1), np.nan) for p, d in each.items()}
+
+
+def ratios(delays: dict[str, np.ndarray]) -> dict[str, list[float | None]]:
+    """Simulated / measured; None: half of the pixels are silent."""
+    out = {}
+    for p, medians in delays.items():
+        ratio = np.maximum(medians, 0.5) / MEDIANS_US[p]
+        out[p] = [float(f"{r:.3g}") if np.isfinite(r) else None for r in ratio]
+    return out
+
+
 def over_regions(delays: np.ndarray) -> dict[str, list[float]]:
     regions = delays.reshape(len(delays), REGIONS, REGION, CYCLES)
     of = {"median": np.nanmedian, "min": np.nanmin, "max": np.nanmax}
