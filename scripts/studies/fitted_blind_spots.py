@@ -21,15 +21,16 @@ from pecs_lab.report import cell, table
 HERE = Path(__file__).parent
 
 
-def shuffled(events: np.ndarray, disk: Disk, random: np.random.Generator) -> np.ndarray:
-    """The delays of each region and polarity exchanged among its events."""
-    of, t = seen(events, disk), events["t"].astype(float)
-    group = np.where(np.isfinite(of["delay"]), region(of) * 2 + of["p"], -1)
+def shuffled(events: np.ndarray, disk: Disk, duration_us: float, random: np.random.Generator) -> np.ndarray:
+    """Times, the delays of each region and polarity exchanged among its events; old times where the new one is out of
+    the window."""
+    of, old = seen(events, disk), events["t"].astype(float)
+    group, new = np.where(np.isfinite(of["delay"]), region(of) * 2 + of["p"], -1), old.copy()
     for g in np.unique(group[group >= 0]):
         mine = np.flatnonzero(group == g)
-        other = random.permutation(mine)
-        t[mine] += (of["delay"][other] - of["delay"][mine]) / abs(disk.speed_deg_s) * 1e6
-    return t
+        later = of["delay"][random.permutation(mine)] - of["delay"][mine]
+        new[mine] += later / abs(disk.speed_deg_s) * 1e6
+    return np.where((new >= 0) & (new < duration_us), new, old)
 
 
 def of_events(events: np.ndarray, disk: Disk, duration_us: float) -> dict[str, np.ndarray]:
@@ -37,7 +38,7 @@ def of_events(events: np.ndarray, disk: Disk, duration_us: float) -> dict[str, n
 
     def changed(t: np.ndarray) -> np.ndarray:
         out = events.copy()
-        out["t"] = np.clip(t, 0, None)
+        out["t"] = np.maximum(t, 0)
         return np.sort(out[(t >= 0) & (t < duration_us)], order="t", kind="stable")
 
     t, swapped = events["t"].astype(float), events.copy()
@@ -46,7 +47,7 @@ def of_events(events: np.ndarray, disk: Disk, duration_us: float) -> dict[str, n
         "1 ms late": changed(t + 1000),
         "half dropped": events[random.random(len(events)) < 0.5],
         "ON and OFF swapped": swapped,
-        "delays shuffled": changed(shuffled(events, disk, random)),
+        "delays shuffled": changed(shuffled(events, disk, duration_us, random)),
     }
 
 
