@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Models fitted to other parts of the recording than in fitted_peers.py, scored on what is left: halves, radii, edges.
 
-    scripts/studies/fitted_folds.py RECORDING [-o scripts/studies/fitted_folds.json] [--evaluations 640]
+    scripts/studies/fitted_folds.py RECORDING [-o scripts/studies/fitted_folds.json] [--evaluations 448]
 
 A fit sees a part of one half of the recording (its inner rings, its ON events, ...); the deviance is of the other part
 in the other half. Same light, objective and search as in fitted_peers.py, with fewer simulations; DVS-Voltmeter and
@@ -63,7 +63,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
-    parser.add_argument("--evaluations", type=int, default=640)
+    parser.add_argument("--evaluations", type=int, default=448)
     args = parser.parse_args()
     report = json.loads(args.output.read_text()) if args.output.exists() else {}
     halves = fitted.Halves(args.recording)
