@@ -16,34 +16,15 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pecs
 from pecs_lab import fitted, over_light
 from pecs_lab.report import table
 
 HERE = Path(__file__).parent
 TRIED_FA = np.geomspace(1, 1000, 13)
 SILENT = 1000.0  # a delay that is not there counts as wrong by this factor
-NOISE_STEP_US = {"pecs": 10.0}  # closer than its amplifier's time constant
-STILL_STEP_US = 1000.0  # of the others, whose noise does not depend on it
-
-
-def delays_us(model: str, values: dict, white_fa: float) -> dict[str, np.ndarray]:
-    frames, t_us = over_light.square_wave(over_light.nist_fa() / white_fa)
-    sensor, scale = fitted.sensor(model, values, *frames.shape[:0:-1], seed=1)
-    with sensor:
-        events = np.concatenate([sensor.push(frames * np.float32(scale), t_us), sensor.finish()])
-    found = over_light.first_delays_us(np.sort(events, order="t"))
-    each = {p: d.reshape(len(d), -1) for p, d in found.items()}
-    enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}
-    return {p: np.where(enough[p], np.nanmedian(np.nan_to_num(d, nan=2e6), axis=1), np.nan) for p, d in each.items()}
-
-
-def ratios(delays: dict[str, np.ndarray]) -> dict[str, list[float | None]]:
-    """Simulated / measured; None: half of the pixels are silent."""
-    out = {}
-    for p, medians in delays.items():
-        ratio = np.maximum(medians, 0.5) / over_light.MEDIANS_US[p]
-        out[p] = [float(f"{r:.3g}") if np.isfinite(r) else None for r in ratio]
-    return out
+STEPS_US = {"pecs": (over_light.STEP_US, 10.0)}  # delays, noise: closer than what its noise correlates over
+OTHERS_US = over_light.HALF_US, 1000.0  # noise does not depend on the frames
 
 
 def misfit(ratio: dict[str, list]) -> float:
@@ -54,11 +35,16 @@ def misfit(ratio: dict[str, list]) -> float:
 
 def of_model(model: str, values: dict) -> dict:
     whites = [values["white_fa"]] if model == "pecs" else TRIED_FA
-    tried = ((ratios(delays_us(model, values, w)), float(w)) for w in whites)
-    ratio, white_fa = min(tried, key=lambda t: misfit(t[0]))
     scale = fitted.sensor(model, values, 1, 1)[1]
-    step_us = NOISE_STEP_US.get(model, STILL_STEP_US)
-    noise = over_light.noise_hz(lambda w, h: fitted.sensor(model, values, w, h, seed=3)[0], scale / white_fa, step_us)
+    delays_step_us, noise_step_us = STEPS_US.get(model, OTHERS_US)
+
+    def sensor(width: int, height: int, seed: int = 1) -> pecs.Sensor:
+        return fitted.sensor(model, values, width, height, seed=seed)[0]
+
+    delays = ((over_light.median_delays_us(sensor, scale / w, delays_step_us), float(w)) for w in whites)
+    tried = ((over_light.ratios(of), w) for of, w in delays)
+    ratio, white_fa = min(tried, key=lambda t: misfit(t[0]))
+    noise = over_light.noise_hz(lambda w, h: sensor(w, h, 3), scale / white_fa, noise_step_us)
     return {"white_fa": white_fa, "delay_ratio": ratio, "delay_factor": misfit(ratio), "noise_hz": noise}
 
 
@@ -70,7 +56,11 @@ def tables(report: dict) -> list[str]:
             cells = ["–" if r is None else f"{r:.2f}" for r in of]
             delays.append([name, p.upper(), *cells, f"{row['delay_factor']:.2f}", f"{row['white_fa']:.2g}"])
             noise.append([name, p.upper(), *(f"{hz:.2g}" for hz in row["noise_hz"][p])])
-    noise += [["published", p.upper(), *of] for p, of in over_light.PUBLISHED_HZ.items()]
+    published = over_light.PUBLISHED_HZ
+    noise += [["published", p.upper(), *of] for p, of in published.items()]
+    for p, of in published.items():
+        ratio = np.divide(report["pecs"]["noise_hz"][p], of)
+        noise.append(["pecs / published", p.upper(), *(f"{r:.2f}" for r in ratio)])
     head = ["model", "", *over_light.IRRADIANCE_W_M2, "typical factor", "white, fA"]
     return [table(head, delays), table(["model", "", *over_light.LUX], noise)]
 

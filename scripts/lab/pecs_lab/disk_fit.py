@@ -72,7 +72,7 @@ class Table:
 def tabulate(chip: str, overrides: dict, contrast: float, disk: Disk, pixels: int = 1024) -> Table:
     """`pixels` pixels at each light, all at the same place of the disk, over two periods after CYCLES."""
     kappa = profile(chip)["corner_hz_per_a"]
-    corner_hz = np.geomspace(0.8, 14, 16)
+    corner_hz = 0.8 * 17.5 ** (np.arange(41) / 15)  # to 1,650: 250 times the light of R_360_L
     values = np.repeat((corner_hz / kappa)[:, None], pixels, axis=1)  # amperes in white
     values *= 1e15
     sensor = pecs.Sensor(pixels, len(corner_hz), chip, overrides=overrides, photocurrent_a=1e-15, seed=3)

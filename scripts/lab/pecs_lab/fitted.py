@@ -6,6 +6,7 @@ in white; each model has the lamp's place, its brightness and the disk's contras
 model sees the light that was found with another one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,13 @@ import pecs
 
 from . import disk_fit, lamp_fit
 from .disk import Disk
+from .disk_scores import RING, Part, Scored, Slowness, between, deviance, on_grid
+from .search import search
 
 CHIP = "imx636"
+FIT_COARSER, SCORE_COARSER = 6, 2  # of the sensor's pixels, in x and y
 WARMUP_PERIODS = 8  # the last one in steps of 2 * STEP_US
 COARSE_STEP_US, STEP_US = 4000.0, 500.0
-RING = 0.2, 0.98  # of the radius, as pecs.delays
 DISK_RADIUS_MM, DISK_RIGHT_MM, DISTANCE_MM = 153.0, 160.1, 1560.0  # scenes/rotating_disk
 LAMP = {"lamp_length_mm": 1200.0, "lamp_width_mm": 120.0}  # its length hardly shows (scripts/tools/fit_lamp.py)
 WALLS = 0.05  # light from the walls / mean light from the lamp
@@ -112,15 +115,69 @@ class Stage:
         light = lamp_fit.illuminance(self.x_mm, self.up_mm, lamp, WALLS) * cos4
         return (light / light.mean()).astype(np.float32)
 
+    def frames(self, values: dict, scale: float) -> np.ndarray:
+        """[time, row, column]; `scale` is the recording's mean white."""
+        white = np.float32(scale) * self.light(values)
+        return np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
+
     def events(self, model: str, values: dict, seed: int, threads: int = 0) -> np.ndarray:
         made, scale = sensor(model, values, *self.shape[::-1], seed=seed, threads=threads)
-        white = np.float32(scale) * self.light(values)
-        frames = np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
         with made:
-            found = np.concatenate([made.push(frames, self.t_us + self.warmup_us), made.finish()])
+            found = [made.push(self.frames(values, scale), self.t_us + self.warmup_us), made.finish()]
+        return self.unpacked(np.concatenate(found))
+
+    def unpacked(self, found: np.ndarray) -> np.ndarray:
+        """Events of the packed pixels at their places in the picture, without the warm-up."""
         found["t"] -= round(self.warmup_us)
         pixel = found["y"].astype(np.int64) * self.shape[1] + found["x"]
         kept = (found["t"] >= 0) & (found["t"] < self.duration_us) & (pixel < self.pixels)
         found, pixel = found[kept], pixel[kept]
         found["x"], found["y"] = self.x[pixel], self.y[pixel]
         return found[np.argsort(found["t"], kind="stable")]
+
+
+def misses(simulate: Callable, disk: Disk, part: Part, target: np.ndarray) -> Callable[[dict], float]:
+    """The objective: of values, how far `simulate` is from the recording's `target` cells."""
+    return lambda values: deviance(target, part.cells(simulate(values), disk))
+
+
+def fit(name: str, ranges: tuple, stage: Stage, part: Part, target: np.ndarray, evaluations: int) -> dict:
+    (fixed, free), model = ranges, name.split()[0]
+    loss = misses(lambda v: stage.events(model, fixed | v, 1, threads=1), stage.disk, part, target)
+    row = search(loss, free, evaluations)
+    return row | {"values": fixed | row["values"]}
+
+
+@dataclass
+class Halves:
+    """A recording, the first half to fit and the second to score."""
+
+    recording: str
+
+    def __post_init__(self):
+        self.disk, self.events, self.duration_us, _ = disk_fit.examine(self.recording)
+        self.middle_us = float(self.duration_us // 2)
+        self.first = Part(0, self.middle_us)
+        self.second = Part(self.middle_us, self.duration_us)
+
+    def stage(self, coarser: int, part: Part) -> Stage:
+        return Stage(self.disk.coarser(coarser), coarser, part.end_us)
+
+    def target(self, part: Part) -> np.ndarray:
+        """The recording's cells, per pixel of the stage of a fit."""
+        return part.cells(self.events, self.disk) / FIT_COARSER**2
+
+    def scored(self) -> tuple[Scored, dict]:
+        """The second half, and the scores of the recording's pixels between its own."""
+        size, disk = (self.events.width, self.events.height), self.disk.coarser(SCORE_COARSER)
+        slowness = Slowness.of(self.events, self.disk, *size, self.duration_us)
+        halves = [
+            between(on_grid(self.events, SCORE_COARSER, offset), at, self.middle_us, self.duration_us)
+            for offset, at in ((1, disk), (0, disk.moved(0.5, 0.5)))
+        ]
+        small = [n // SCORE_COARSER for n in size]
+        scored = Scored(*halves[0], *small, self.duration_us - self.middle_us, slowness)
+        return scored, scored.scores(*halves[1])
+
+    def of_second(self, events: np.ndarray) -> np.ndarray:
+        return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]

@@ -16,6 +16,7 @@ IRRADIANCE_W_M2 = (0.006, 0.046, 0.166, 0.277, 0.398)
 LAMBDA_NM = 680.61
 MEDIANS_US = {"on": (537.1, 93.3, 41.5, 29.8, 26.9), "off": (623.0, 113.8, 48.3, 36.6, 31.7)}  # CAM1, factory biases
 REGION, REGIONS, CYCLES, HALF_US, FRAMES = 100, 9, 4, 5e5, 70
+STEP_US = 200.0  # less than the photoreceptor's time constant in the dimmest light
 EDGES_US = 1000 + HALF_US * np.arange(2 * CYCLES + 2)
 
 # The published fit of Noise2Params (arXiv 2605.16317) to an EVK4, Hz per pixel.
@@ -35,11 +36,13 @@ def nist_fa(chip: str | pecs.Chip = "imx636") -> np.ndarray:
     return 1e15 * ampere * np.array(IRRADIANCE_W_M2)
 
 
-def square_wave(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us."""
-    behind = np.concatenate([[0, 1], 1 + np.geomspace(2, HALF_US - 10, FRAMES)])
+def square_wave(light: np.ndarray, step_us: float = STEP_US) -> tuple[np.ndarray, np.ndarray]:
+    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us. They are at most `step_us` apart:
+    noise between them makes no events."""
+    behind = np.unique(np.concatenate([np.geomspace(2, HALF_US - 10, FRAMES), np.arange(2, HALF_US - 10, step_us)]))
+    behind = np.concatenate([[0, 1], 1 + behind])
     t_us = np.concatenate([[0.0], *(edge + behind for edge in EDGES_US)])
-    lit = np.concatenate([[0], *(np.r_[k % 2, np.full(FRAMES + 1, 1 - k % 2)] for k in range(len(EDGES_US)))])
+    lit = np.concatenate([[0], *(np.r_[k % 2, np.full(len(behind) - 1, 1 - k % 2)] for k in range(len(EDGES_US)))])
     return np.repeat(np.outer(lit, light)[:, :, None], REGION * REGIONS, axis=2).astype(np.float32), t_us
 
 
@@ -56,6 +59,30 @@ def first_delays_us(events: np.ndarray) -> dict[str, np.ndarray]:
             delays[which, cycle] = events["t"][mine][first] - edge - 0.5
         found[name] = delays.reshape(levels, pixels, CYCLES)
     return found
+
+
+def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float, step_us: float) -> dict[str, np.ndarray]:
+    """Of the pixels' first events at each irradiance, not a number where half of the pixels are silent. Frames of
+    sensor(width, height) are in units of fA * per_fa."""
+    frames, t_us = square_wave(nist_fa() * per_fa, step_us)
+    found = []
+    with sensor(*frames.shape[:0:-1]) as made:
+        for i in range(0, len(t_us), BATCH):
+            found.append(made.push(frames[i : i + BATCH], t_us[i : i + BATCH]))
+        found.append(made.finish())
+    delays = first_delays_us(np.sort(np.concatenate(found), order="t"))
+    each = {p: d.reshape(len(d), -1) for p, d in delays.items()}
+    enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}
+    return {p: np.where(enough[p], np.nanmedian(np.nan_to_num(d, nan=2e6), axis=1), np.nan) for p, d in each.items()}
+
+
+def ratios(delays: dict[str, np.ndarray]) -> dict[str, list[float | None]]:
+    """Simulated / measured; None: half of the pixels are silent."""
+    out = {}
+    for p, medians in delays.items():
+        ratio = np.maximum(medians, 0.5) / MEDIANS_US[p]
+        out[p] = [float(f"{r:.3g}") if np.isfinite(r) else None for r in ratio]
+    return out
 
 
 def over_regions(delays: np.ndarray) -> dict[str, list[float]]:

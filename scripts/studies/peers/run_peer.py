@@ -2,7 +2,9 @@
 of its repository, on 8-bit frames. Writes rows of t [us], x, y, p and prints the seconds. v2e requires torch, voltmeter
 torch and easydict."""
 
+import atexit
 import json
+import logging
 import sys
 import time
 
@@ -12,9 +14,16 @@ import numpy as np
 def v2e(checkout, frames, t_us, options):
     """SensorsINI/v2e"""
     sys.path.insert(0, checkout)
+    import v2ecore.emulator as emulator_module
     from v2ecore.emulator import EventEmulator
+    from v2ecore.emulator_utils import lin_log
 
+    if "linear_below" in options:  # an argument of its function that it does not hand on
+        below = options.pop("linear_below")
+        emulator_module.lin_log = lambda x: lin_log(x, below)
+    logging.disable(logging.WARNING)  # of a screen, which it looks for
     emulator = EventEmulator(device="cpu", **options)
+    atexit.unregister(emulator.cleanup)  # would keep it in memory
     start = time.perf_counter()
     found = [emulator.generate_events(frame, t * 1e-6) for frame, t in zip(frames, t_us, strict=True)]
     seconds = time.perf_counter() - start
@@ -34,7 +43,7 @@ def icns(checkout, frames, t_us, options):
     start = time.perf_counter()
     sensor.init_image(frames[0] / 255.0 * white_lux)
     found = []
-    for frame, dt in zip(frames[1:], np.diff(t_us), strict=True):
+    for frame, dt in zip(frames[1:], np.diff(np.round(t_us)), strict=True):
         e = sensor.update(frame / 255.0 * white_lux, int(dt))
         found.append(np.stack([e.get_ts(), e.get_x(), e.get_y(), e.get_p()], axis=1).astype(np.float64))
     return time.perf_counter() - start, np.concatenate(found)
