@@ -178,7 +178,7 @@ def flicker():
 
 
 def lamps():
-    """A textured board moves under a lamp that is off half of the time, an instanced lamp that fades, and a fading sky."""
+    """A textured board moves under a lamp that is off half of the time and an instanced lamp and a sky that fade."""
     scene, _ = start(sky=0.1)
     for name, at, values in (("switched", -1.5, (300, 0)), ("fading", 1.5, (50, 150))):
         light = lamp("AREA", (at, 1, 3.5), values[0], 1)
