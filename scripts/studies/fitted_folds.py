@@ -1,12 +1,12 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Models fitted to other parts of the recording than in fitted_peers.py, scored on what is left: halves, radii, edges.
 
-    scripts/studies/fitted_folds.py RECORDING [-o scripts/studies/fitted_folds.json] [--evaluations 448]
+    scripts/studies/fitted_folds.py RECORDING [-o scripts/studies/fitted_folds.json] [--evaluations 384]
 
 A fit sees a part of one half of the recording (its inner rings, its ON events, ...); the deviance is of the other part
-in the other half. Same light, objective and search as in fitted_peers.py, with fewer simulations; DVS-Voltmeter and
-ESIM are left out. `recording`: pixels between those that are scored, as if they were a simulation. Folds that OUTPUT
-has already are not fitted again. One process, half an hour.
+in the other half. Same light, objective and search as in fitted_peers.py, with fewer pixels and simulations;
+DVS-Voltmeter and ESIM are left out. `recording`: pixels between those that are scored, as if they were a simulation.
+Folds that OUTPUT has already are not fitted again. One process, 10 minutes.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from pecs_lab import fitted
 from pecs_lab.disk_scores import REGIONS, SECTORS, Part, deviance, on_grid
 from pecs_lab.report import cell, table
 
+FIT_COARSER = 9
 MODELS = ("pecs", "v2e", "icns")
 EVERY = np.ones((2, REGIONS), bool)
 INNER = EVERY & (np.arange(REGIONS) < SECTORS)
@@ -32,12 +33,11 @@ def folds(halves: fitted.Halves) -> dict[str, tuple[Part, Part]]:
 
     first, second = halves.first, halves.second
     return {
-        "first half, second half": (first, second),
-        "second half, first half": (second, first),
         "inner rings, outer rings": (within(first, INNER), within(second, ~INNER)),
-        "outer rings, inner rings": (within(first, ~INNER), within(second, INNER)),
         "ON events, OFF events": (within(first, ON), within(second, ~ON)),
         "OFF events, ON events": (within(first, ~ON), within(second, ON)),
+        "outer rings, inner rings": (within(first, ~INNER), within(second, INNER)),
+        "second half, first half": (second, first),
     }
 
 
@@ -46,10 +46,10 @@ def row_of(halves: fitted.Halves, seen: Part, left: Part, evaluations: int) -> d
     real = left.cells(on_grid(halves.events, coarser, 1), disk)
     beside = left.cells(on_grid(halves.events, coarser, 0), disk.moved(0.5, 0.5))
     row = {"recording": deviance(real, beside)}
-    stage, scoring = halves.stage(fitted.FIT_COARSER, seen), halves.stage(coarser, left)
+    stage, scoring = halves.stage(FIT_COARSER, seen), halves.stage(coarser, left)
     for model in MODELS:
         ranges = {}, fitted.SCENE | fitted.BOXES[model]
-        values = fitted.fit(model, ranges, stage, seen, halves.target(seen), evaluations)["values"]
+        values = fitted.fit(model, ranges, stage, seen, halves.target(seen, FIT_COARSER), evaluations)["values"]
         row[model] = deviance(real, left.cells(scoring.events(model, values, 2), disk))
     return row
 
@@ -63,7 +63,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
-    parser.add_argument("--evaluations", type=int, default=448)
+    parser.add_argument("--evaluations", type=int, default=384)
     args = parser.parse_args()
     report = json.loads(args.output.read_text()) if args.output.exists() else {}
     halves = fitted.Halves(args.recording)

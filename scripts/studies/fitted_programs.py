@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from pecs_lab import disk_fit, fitted
 from pecs_lab.disk_scores import MEASURES
-from pecs_lab.report import table, with_interval
+from pecs_lab.report import cell, table, with_interval
 from pecs_lab.search import search
 
 HERE = Path(__file__).parent
@@ -56,15 +56,14 @@ def tables(report: dict) -> list[str]:
     peers = json.loads((HERE / "fitted_peers.json").read_text())["models"]
     columns = {}
     for peer, row in report["models"].items():
-        columns[f"{peer}, model"] = peers[peer]["second_half"]
-        columns[f"{peer}, program, same values"] = row["second_half_same_values"]
-        columns[f"{peer}, program, fitted"] = row["second_half"]
+        columns |= {f"{peer}, model": peers[peer]["second_half"], f"{peer}, program": row["second_half"]}
     measured = [[title, *(with_interval(of, key) for of in columns.values())] for key, title in MEASURES.items()]
-    values = [
-        [name, ", ".join(f"{k} {v:.3g}" for k, v in row["values"].items()), f"{row['objective']:.3g}"]
-        for name, row in report["models"].items()
+    keys = ("evaluations", "objective_same_values", "objective")
+    found = [[name, *(cell(row[k]) for k in keys)] for name, row in report["models"].items()]
+    return [
+        table(["", *columns], measured),
+        table(["program", "simulations", "objective with the model's values", "least objective"], found),
     ]
-    return [table(["", *columns], measured), table(["program", "fitted values", "objective"], values)]
 
 
 def main() -> None:
@@ -100,8 +99,7 @@ def main() -> None:
             }
             args.output.write_text(json.dumps(report, indent=1) + "\n")
         row = report["models"][peer]
-        for key, values in (("second_half_same_values", start), ("second_half", row["values"])):
-            row[key] = scored.scores(halves.of_second(simulate(peer, checkout, second, values, 2)))
+        row["second_half"] = scored.scores(halves.of_second(simulate(peer, checkout, second, row["values"], 2)))
         args.output.write_text(json.dumps(report, indent=1) + "\n")
     print(*tables(report), sep="\n\n")
 

@@ -163,9 +163,9 @@ class Halves:
     def stage(self, coarser: int, part: Part) -> Stage:
         return Stage(self.disk.coarser(coarser), coarser, part.end_us)
 
-    def target(self, part: Part) -> np.ndarray:
+    def target(self, part: Part, coarser: int = FIT_COARSER) -> np.ndarray:
         """The recording's cells, per pixel of the stage of a fit."""
-        return part.cells(self.events, self.disk) / FIT_COARSER**2
+        return part.cells(self.events, self.disk) / coarser**2
 
     def scored(self) -> tuple[Scored, dict]:
         """The second half, and the scores of the recording's pixels between its own."""

@@ -5,12 +5,14 @@ import json
 import re
 
 import pytest
+from pecs_lab.over_light import nist_fa
 from pecs_lab.report import cell
 from support import ROOT, load_script
 
 STUDIES, PAGES = ROOT / "scripts/studies", ROOT / "docs/studies"
 TABLES = {
     "fitted_peers": "validation",
+    "fitted_programs": "validation",
     "fitted_over_light": "validation",
     "off_threshold": "validation",
     "fitted_blind_spots": "blind_spots",
@@ -59,6 +61,8 @@ def test_readme_quotes_the_studies():
         assert line.split("|")[2].strip() == cell(of["pecs"]), line
         assert line.split("|")[3].strip() == f"{cell(min(peers))} to {cell(max(peers))}", line
         assert "recording" not in of or f"floor {cell(of['recording'])}" in line, line
+    low, high = nist_fa()[[0, -1]] / result("fitted_over_light")["pecs"]["white_fa"]
+    assert f"{low:.0f} to {float(f'{high:.2g}'):,.0f} times as bright" in line
 
 
 def test_comparison_quotes_the_studies():
@@ -77,5 +81,6 @@ def test_validation_begins_with_the_result():
         of = measured()[key]
         numbers = [of["pecs"], min(of[m] for m in PEERS), of["recording"]]
         assert all(cell(n) in first for n in numbers), (key, numbers)
-    factors = measured()["delay_factor"]
-    assert f"factor of {cell(factors['pecs'])}" in " ".join(first.split()), factors
+    light, words = result("fitted_over_light"), " ".join(first.split())
+    assert f"factor of {cell(light['pecs']['delay_factor'])}" in words
+    assert f"{100 * (1 - min(light['pecs']['delay_ratio']['off'])):.0f} % short" in words
