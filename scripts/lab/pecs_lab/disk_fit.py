@@ -215,6 +215,8 @@ def detect(recording: str) -> Disk:
 def examine(recording: str) -> tuple[Disk, np.ndarray, float, Seen]:
     """The disk, the events (with width and height) and their duration [us], from the first event on; what the
     recording shows of the disk."""
+    if not Path(recording).is_file():
+        raise SystemExit(f"{recording}: got no recording, wanted R_360_L or its like (docs/studies/validation.md)")
     disk, events = detect(recording), pecs.read(recording)
     turned_deg = disk.speed_deg_s * 1e-6 * float(events["t"][0])
     disk = replace(disk, on_edge_deg=disk.on_edge_deg + turned_deg, off_edge_deg=disk.off_deg + turned_deg)
