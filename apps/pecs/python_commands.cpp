@@ -25,6 +25,7 @@ const PythonCommand kCommands[] = {
     {"dataset", {"pecs.datasets"}, "sequences with ground truth from a recipe, in the layouts of loaders (Python)"},
     {"demo", {"pecs.demo"}, "a scene with ground truth as events, pictures, video and pages (Python)"},
     {"fit", {"pecs.fit"}, "fit a chip profile to recordings of a camera (Python)"},
+    {"stimulus", {"pecs.fit.page"}, "a page that plays levels of light on a screen, for fit (Python)"},
     {"train", {"pecs.learning", "train"}, "train a network on a data set to reconstruct video from events (Python)"},
     {"reconstruct", {"pecs.learning", "reconstruct"}, "video from events, by a network or a filter (Python)"},
     {"run",

@@ -2,10 +2,11 @@
 """How well `pecs fit` finds chips that it does not know: drawn chips, recorded by the sensor with all noise, and fitted
 from the stock profile.
 
-    scripts/studies/fit_hidden.py [--chips 20] [--first-seed 100] [-o fit_hidden.json]
+    scripts/studies/fit_hidden.py [--screen] [--chips 20] [--first-seed 100] [-o fit_hidden.json]
 
 Each chip is drawn in the ranges of published parts (RANGES), and stands before a lamp that switches through four
-levels, and before still light; the photocurrent of level 1 is drawn, too, and not known to the fit. Events are written
+levels, and before still light, or with --screen before a screen that plays the page of `pecs stimulus`, with the cap
+on at the end. The photocurrent of level 1 is drawn, too, and not known to the fit. Events are written
 as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has the truth, and the median
 of the relative error. One to two minutes a chip on two cores.
 """
@@ -14,12 +15,13 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs.fit import Steps, Still, fit
+from pecs.fit import Steps, Still, Stimulus, fit, stimulus
 from pecs_lab.report import table
 
 SIDE = 48
@@ -27,6 +29,9 @@ LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
 STEP_US, DARK_STEP_US = 35.0, 2000.0  # between frames; with the cap on, pixels are slow
 WARM_S = 600  # the camera has been on
+# A screen: refresh, time constant of its pixels, groups of rows that are written one after the other.
+REFRESH_HZ, RESPONSE_S, ROWS = 59.94, 0.004, 16
+SCREEN_US, SCREEN_STEP_US = 500.0, 60.0  # between values of its light, between frames
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),
@@ -57,12 +62,61 @@ def draw(seed: int) -> tuple[dict[str, float], float]:
 
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
+    """Events before light [time] or [time, row]."""
     with pecs.Sensor(SIDE, SIDE, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
         found = []
         for i in range(0, len(t_us), 512):
-            level = light[i : i + 512, None, None]
-            found.append(sensor.push(np.repeat(np.repeat(level, SIDE, 1), SIDE, 2), t_us[i : i + 512]))
+            level = light[i : i + 512].reshape(len(light[i : i + 512]), -1, 1)
+            frames = np.ascontiguousarray(np.broadcast_to(level, (len(level), SIDE, SIDE)))
+            found.append(sensor.push(frames, t_us[i : i + 512]))
         return np.concatenate([*found, sensor.finish()])
+
+
+def screen_light(parts: list[tuple[float, float, float]], pwm: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times [us], and the light of each group of rows, of a screen that plays levels (stimulus.timeline): a new level
+    with each refresh, written row by row; a backlight pulsed with 240 Hz, that is dark for the share `pwm`."""
+    ends = np.cumsum([seconds for *_, seconds in parts])
+    t_s = np.arange(0, ends[-1], SCREEN_US * 1e-6)
+    row_s = np.maximum(t_s[:, None] - np.arange(ROWS) / ROWS / REFRESH_HZ, 0)
+    frame_s = np.floor(row_s * REFRESH_HZ) / REFRESH_HZ
+    part = np.minimum(np.searchsorted(ends, frame_s, "right"), len(parts) - 1)
+    first, last, seconds = np.array(parts)[part].transpose(2, 0, 1)
+    drive = first * (last / first) ** ((frame_s - ends[part] + seconds) / seconds)
+    drive = np.round(256 * drive) / 256
+    share, light = 1 - np.exp(-SCREEN_US * 1e-6 / RESPONSE_S), drive.copy()
+    for i in range(1, len(light)):
+        light[i] = light[i - 1] + share * (drive[i] - light[i - 1])
+    return 1e6 * t_s, light * np.where(t_s * 240 % 1 < pwm, 0.0, 1 / (1 - pwm))[:, None]
+
+
+def record_screen(folder: Path, values: dict, light_a: float, seed: int, suffix: str = "raw", **of: float) -> list:
+    """A recording of the screen, of which each row of pixels sees most of the rows, and one with the cap on."""
+    at_us, light = screen_light(stimulus.timeline(), **of)
+    across = np.arange(ROWS) / (ROWS - 1) - np.linspace(0.3, 0.7, SIDE)[:, None]
+    weights = np.exp(-(across**2) / 2 / 0.3**2)
+    light = light @ (weights / weights.sum(1, keepdims=True)).T
+    warm_us = 1e6 * WARM_S
+    t_us = np.arange(0, at_us[-1], SCREEN_STEP_US)
+    lit = np.stack([np.interp(t_us, at_us, row) for row in light.T], axis=1).astype(np.float32)
+    lit = np.concatenate([np.repeat(lit[:1], WARM_S, 0), lit])
+    events = simulate(values, light_a, lit, np.concatenate([1e6 * np.arange(WARM_S), warm_us + t_us]), seed)
+    path = folder / f"screen.{suffix}"
+    _write(path, events)
+    return [Stimulus(path), record_still(folder, values, light_a, seed, suffix, 0.0)]
+
+
+def _write(path: Path, events: np.ndarray) -> None:
+    events = events[events["t"] >= 1e6 * WARM_S]
+    events["t"] -= round(1e6 * WARM_S)
+    pecs.write(path, events, width=SIDE, height=SIDE)
+
+
+def record_still(folder: Path, values: dict, light_a: float, seed: int, suffix: str, level: float) -> Still:
+    step_us = STEP_US if level else DARK_STEP_US
+    t_us = np.concatenate([1e6 * np.arange(WARM_S), 1e6 * WARM_S + np.arange(0, STILLS[level] * 1e6, step_us)])
+    path = folder / f"still_{level:g}.{suffix}"
+    _write(path, simulate(values, light_a, np.full(len(t_us), level, np.float32), t_us, seed))
+    return Still(path, level)
 
 
 def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = "raw") -> list[Steps | Still]:
@@ -76,23 +130,14 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     events = simulate(values, light_a, lit, t_us, seed)
     pecs.write(folder / f"steps.{suffix}", events, width=SIDE, height=SIDE)
     recordings: list[Steps | Still] = [Steps(folder / f"steps.{suffix}", LEVELS)]
-    for level, seconds in STILLS.items():
-        warm = 1e6 * np.arange(WARM_S)
-        step_us = STEP_US if level else DARK_STEP_US
-        t_us = np.concatenate([warm, 1e6 * WARM_S + np.arange(0, seconds * 1e6, step_us)])
-        events = simulate(values, light_a, np.full(len(t_us), level, np.float32), t_us, seed)
-        events = events[events["t"] >= 1e6 * WARM_S]
-        events["t"] -= round(1e6 * WARM_S)
-        pecs.write(folder / f"still_{level:g}.{suffix}", events, width=SIDE, height=SIDE)
-        recordings.append(Still(folder / f"still_{level:g}.{suffix}", level))
-    return recordings
+    return recordings + [record_still(folder, values, light_a, seed, suffix, level) for level in STILLS]
 
 
-def one(seed: int) -> dict:
+def one(seed: int, make: Callable = record) -> dict:
     values, light_a = draw(seed)
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        recordings = record(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
+        recordings = make(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
         recorded = time.monotonic()
         try:
             found = fit(recordings)
@@ -126,13 +171,14 @@ def summary(chips: list[dict]) -> list[list[object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--screen", action="store_true")
     parser.add_argument("--chips", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
     args = parser.parse_args()
     chips: list[dict] = []
     for seed in range(args.first_seed, args.first_seed + args.chips):
-        chips.append(one(seed))
+        chips.append(one(seed, record_screen if args.screen else record))
         print(json.dumps(chips[-1], default=float), flush=True)
         args.output.write_text(json.dumps({"chips": chips}, indent=1, default=float) + "\n")
     print(table(["value", "fitted", "truth in the 95 % interval", "median relative error"], summary(chips)))

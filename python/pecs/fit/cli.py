@@ -15,11 +15,13 @@ from .._progress import Line
 from ..chip import Chip
 
 ABOUT = (
-    "Fits a chip profile to recordings of a camera. --steps is a recording of a light that switches through known "
-    "levels again and again, relative to level 1; --still is one of constant light, or with the cap on (level 0). The "
-    "camera does not move. What the recordings do not constrain is kept as in the starting profile."
+    "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
+    "one of a light that switches through known levels again and again, relative to level 1; --still is one of "
+    "constant light, or with the cap on (level 0). The camera does not move. What the recordings do not constrain is "
+    "kept as in the starting profile."
 )
 EXAMPLES = (
+    "pecs fit --stimulus screen.raw --still cap.raw=0 -o my_camera.json",
     "pecs fit --steps lamp.raw=1,0.1 --still cap.raw=0 -o my_camera.json --report fit.html",
     "pecs fit --steps lamp.raw=1,0.1,1,0.02 --still lit.raw=1 --still cap.raw=0 -o my_camera.json --chip gen3_vga",
     "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
@@ -52,6 +54,10 @@ def _parser() -> Parser:
     parser.add_argument("--steps", type=_levels, action="append", default=[], metavar="FILE=LEVELS", help=about)
     about = "constant light, 0 with the cap on; may be repeated"
     parser.add_argument("--still", type=_levels, action="append", default=[], metavar="FILE=LEVEL", help=about)
+    about = "a screen that plays the page of `pecs stimulus`; may be repeated"
+    parser.add_argument("--stimulus", type=Path, action="append", default=[], metavar="FILE", help=about)
+    about = "a bright lamp that switches before the whole sensor: the readout"
+    parser.add_argument("--flash", type=Path, metavar="FILE", help=about)
     parser.add_argument("--chip", default="imx636", help="starting profile, a name or a file")
     about = "text file of the times of the switches in us, a line each, from one to the first level on (one --steps)"
     parser.add_argument("--edges", type=Path, metavar="FILE", help=about)
@@ -101,10 +107,10 @@ def _edges_us(path: Path) -> np.ndarray:
 def _fit(args: argparse.Namespace) -> None:
     from . import report
     from .estimate import fit
-    from .recordings import Steps, Still
+    from .recordings import Flash, Steps, Still, Stimulus
 
-    if not args.steps and not args.still:
-        raise UsageError("fit: no recordings, wanted --steps or --still")
+    if not args.steps and not args.still and not args.stimulus:
+        raise UsageError("fit: no recordings, wanted --stimulus, --steps or --still")
     if args.edges and len(args.steps) != 1:
         raise UsageError(f"fit: --edges: got {len(args.steps)} recordings of --steps, wanted one")
     if args.pixels < 128 or args.pixels % 128:
@@ -113,8 +119,11 @@ def _fit(args: argparse.Namespace) -> None:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
     edges = _edges_us(args.edges) if args.edges else None
-    recordings: list[Steps | Still] = [Steps(existing(f, "a recording"), levels, edges) for f, levels in args.steps]
+    recordings: list[Steps | Still | Stimulus | Flash] = [Stimulus(existing(f, "a recording")) for f in args.stimulus]
+    recordings += [Steps(existing(f, "a recording"), levels, edges) for f, levels in args.steps]
     recordings += [Still(existing(f, "a recording"), levels[0]) for f, levels in args.still]
+    if args.flash:
+        recordings.append(Flash(existing(args.flash, "a recording")))
     line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
     found = fit(
         recordings,
@@ -132,6 +141,8 @@ def _fit(args: argparse.Namespace) -> None:
         report.write(found, args.report)
     if args.numbers:
         write_json(args.numbers, found.summary())
+    for file, screen in found.screens.items():
+        print(f"{file}: screen: {screen}")
     for key, value in found.values.items():
         if value.fitted:
             print(f"{key}: {value.value:.4g} (95 %: {value.interval[0]:.4g} to {value.interval[1]:.4g})")

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from .._errors import UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
+from . import readout, statistics
 from .model import Model
-from .recordings import Quiet, Steps, Still, Switches, load_steps, load_still
+from .recordings import Flash, Quiet, Screen, Steps, Still, Stimulus, Switches, load_steps, load_still, load_stimulus
 from .search import FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
 
 COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from the best values
@@ -31,6 +32,14 @@ NORMAL_95 = 1.96
 # scripts/studies/fit_hidden.py), of whose values the intervals without it held 77 to 88 %.
 WIDER = 1.4
 TOGETHER = 0.9  # correlation of values that are not told apart
+# Without steps these are known no better than so, in coordinates of the search; thresholds and noise depend on them.
+SLOW_SD = {"amplifier_cutoff_hz": 0.15, "refractory_period_s": 1.0}
+SLOW_REFRACTORY_S = 1e-4  # their middle, with SLOW_SD
+# Added to deviations without steps: what gaps and numbers show of these depends on a speed that is not known.
+SLOW_ERROR = {
+    "amplifier_cutoff_hz": 0.3, "refractory_period_s": 1.0,
+    "noise_std": 0.1, "contrast_threshold_on": 0.03, "contrast_threshold_off": 0.03,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,8 @@ class Fitted:
         Root mean square of (simulated - measured) / deviation; 1 if the model misses by the noise alone.
     data, simulated : list
         The recordings as they were used, and their simulations with the fitted values.
+    screens : dict
+        Recording of `Stimulus` -> what its flashes show of the screen.
     """
 
     chip: str
@@ -110,6 +121,7 @@ class Fitted:
     misfit: float
     data: list[Switches | Quiet]
     simulated: list[Any]
+    screens: dict[str, Screen]
 
     def write(self, path: str | Path) -> None:
         """Write the chip profile.
@@ -147,13 +159,14 @@ class Fitted:
             "values": {key: of(value) for key, value in self.values.items()},
             "corner_at_level_1_hz": of(self.corner_hz), "correlations": self.correlations,
             "statistics": [vars(c) for c in self.compared],
+            "screens": {name: vars(screen) for name, screen in self.screens.items()},
         }  # fmt: skip
         plain: dict[str, Any] = json.loads(json.dumps(out))
         return plain
 
 
 def fit(
-    recordings: Sequence[Steps | Still],
+    recordings: Sequence[Steps | Still | Stimulus | Flash],
     chip: str | Path = "imx636",
     *,
     photocurrent_a: float | None = None,
@@ -167,8 +180,8 @@ def fit(
 
     Parameters
     ----------
-    recordings : sequence of Steps or Still
-        At least one of `Steps`.
+    recordings : sequence of Steps, Still, Stimulus or Flash
+        At least one of `Steps` or `Stimulus`, at most one of `Flash`.
     chip : str or path
         Starting profile: a name or a file. Default "imx636".
     photocurrent_a : float, optional
@@ -193,21 +206,39 @@ def fit(
     PecsInputError
         A recording does not show what was stated.
     UsageError
-        There is no recording of steps, or a key of `keep` does not exist.
+        There is no recording of steps or of a screen, more than one of flashes, or a key of `keep` does not exist.
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
     base = Chip(chip)
     known = sorted(FREE.keys() - {LIGHT})
     for key in set(keep) - set(known):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
-    data = [load_steps(of, region) if isinstance(of, Steps) else load_still(of, region) for of in recordings]
+    data: list[Switches | Quiet] = []
+    screens: dict[str, Screen] = {}
+    flashes = [of for of in recordings if isinstance(of, Flash)]
+    if len(flashes) > 1:
+        raise UsageError(f"fit: got {len(flashes)} recordings of flashes, wanted one")
+    for of in recordings:
+        if isinstance(of, Stimulus):
+            ramps, screens[str(of.file)] = load_stimulus(of, region)
+            data.append(ramps)
+        elif not isinstance(of, Flash):
+            data.append(load_steps(of, region) if isinstance(of, Steps) else load_still(of, region))
     if not any(isinstance(d, Switches) for d in data):
-        raise UsageError("fit: no recording of steps, wanted at least one: noise follows a speed that only steps show")
+        raise UsageError(
+            "fit: no recording of steps or of a screen, wanted at least one: still light shows no thresholds"
+        )
     found = hot_pixels.find([d for d in data if isinstance(d, Quiet)])
     if found:
         data = [d.without(found[0]) for d in data]
     problem = Problem(Model(chip, pixels, seed), data, photocurrent_a, progress)
-    return Estimate(base, problem, [str(r.file) for r in recordings], found, keep).run()
+    estimate = Estimate(base, problem, [str(r.file) for r in recordings], found, keep)
+    read_out = [readout.measure(of, estimate.profile) for of in flashes]
+    fitted = estimate.run()
+    for key, (value, sd) in (read_out[0] if read_out else {}).items():
+        interval = max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd
+        fitted.values[key] = Value(value, interval, estimate.profile[key])
+    return replace(fitted, screens=screens)
 
 
 class Estimate:
@@ -223,7 +254,9 @@ class Estimate:
     ):
         self.problem, self.files, self.hot = problem, files, hot
         self.profile = {key: float(entry["value"]) for key, entry in chip.info["values"].items()}
+        self.has_steps = any(isinstance(d, Switches) and d.ramps_us is None for d in problem.data)
         self.search = Search(problem, {key: v for key, v in self._start().items() if key not in keep})
+        self.search.known = {} if self.has_steps else SLOW_SD
         self.keys, self.keep = list(self.search.start), keep
         self.weak: dict[str, str] = {}  # values that the recordings do not constrain, and why
 
@@ -235,11 +268,18 @@ class Estimate:
             if key != known and (quiets or key not in STILL_KEYS):
                 out[key] = float(np.clip(self.profile.get(key) or instead, low, high))
         # Half of the shortest gap: much shorter refractory periods have no effect that a search could follow.
-        of = zip(self.problem.names, self.problem.measured, strict=True)
-        gaps = [float(np.expm1(value)) * 1e-6 for (_, _, name), value in of if name.startswith("shortest")]
+        rows = zip(self.problem.names, self.problem.measured, strict=True)
+        gaps = [float(np.expm1(value)) * 1e-6 for (_, _, name), value in rows if name.startswith("shortest")]
+        for of in self.problem.data:
+            if isinstance(of, Switches) and of.ramps_us is not None:
+                counted = statistics.thresholds(of)
+                out["noise_std"] *= counted["contrast_threshold_on"] / out["contrast_threshold_on"]
+                out |= counted
         if gaps:
             _, low, high, _ = FREE["refractory_period_s"]
-            out["refractory_period_s"] = float(np.clip(min(gaps) / 2, low, high))
+            out["refractory_period_s"] = float(
+                np.clip(min(gaps) / 2, low, high if self.has_steps else SLOW_REFRACTORY_S)
+            )
         if quiets:  # all rates of the recording with the fewest events are background
             out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in quiets)
             out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in quiets)
@@ -252,7 +292,8 @@ class Estimate:
         x = self._best_speed()
         for floor, loss in zip(COARSE_SD, ("soft_l1", "linear"), strict=True):
             self._weigh(measured, x, floor)
-            x = search.approach(keys, x, loss, 6)
+            # Numbers of events start a search without steps near its end.
+            x = search.approach(keys, x, loss, 6) if self.has_steps else search.refine(keys, x, 2)
         self.covariance = self._weigh(measured, x, LEAST_SD)
         x = search.refine(keys, x, 5)
         self.covariance = self._weigh(measured, x, LEAST_SD)
@@ -280,7 +321,7 @@ class Estimate:
         keys, start = self.keys, self.search.start
         x = np.array([forward(key, start[key]) for key in keys])
         speed = "corner_hz_per_a" if self.problem.light_a else LIGHT
-        if speed not in keys:
+        if speed not in keys or not self.has_steps:
             return x
         low, high = (start[speed] / 30, start[speed] * 30) if self.problem.light_a else (1e-14, 1e-9)
         tried = []
@@ -300,13 +341,16 @@ class Estimate:
         excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(self.keys)))
         gain = inverse @ slopes.T
         spread: Floats = WIDER**2 * excess * gain @ noise @ gain.T + inverse @ prior @ inverse
+        if not self.has_steps:
+            spread += np.diag([SLOW_ERROR.get(key, 0.0) ** 2 for key in self.keys])
         return spread
 
     def _weakest(self, x: Floats, spread: Floats) -> int | None:
         """The value that is constrained least of those that are hardly constrained; what is known of the others, and
-        how well, then follows with this one kept."""
+        how well, then follows with this one kept. Without steps, what the thresholds depend on is never kept."""
         keys, sd = self.keys, np.sqrt(np.diag(spread))
-        relative = np.array([0.0 if key in STILL_KEYS else self._relative(key, x[i]) for i, key in enumerate(keys)])
+        never = STILL_KEYS if self.has_steps else (*STILL_KEYS, LIGHT, "noise_std", *self.search.known)
+        relative = np.array([0.0 if key in never else self._relative(key, x[i]) for i, key in enumerate(keys)])
         i = int(np.argmax(relative * sd))
         if relative[i] * sd[i] < MAX_SD:
             if "leak_rate_hz" not in keys or self._leak_shows(x):
@@ -360,7 +404,9 @@ class Estimate:
             ends = [back(key, float(np.clip(x[i] + sign * NORMAL_95 * sd[i], *limits)[0])) for sign in (-1, 1)]
             interval = min(ends), max(ends)
             start = self.profile.get(key, self.search.start[key])
-            values[key] = Value(back(key, x[i]), interval, start, without=without[i])
+            shown = key != LIGHT or self.has_steps
+            why = "" if shown else "a screen is too slow to show it"
+            values[key] = Value(back(key, x[i]), interval, start, shown, why, without[i])
         correlations = {
             a: {b: float(spread[i, j] / sd[i] / sd[j]) for j, b in enumerate(keys)} for i, a in enumerate(keys)
         }
@@ -373,7 +419,7 @@ class Estimate:
         corner_hz = self._corner(values.pop(LIGHT, None), values)
         data, sims = problem.data, problem.simulate(best)
         return Fitted(
-            str(problem.model.chip), self.files, values, corner_hz, correlations, compared, misfit, data, sims
+            str(problem.model.chip), self.files, values, corner_hz, correlations, compared, misfit, data, sims, {}
         )
 
     def _corner(self, light: Value | None, values: dict[str, Value]) -> Value:

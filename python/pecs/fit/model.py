@@ -13,9 +13,9 @@ from ..sensor import LABELS, Sensor
 from .recordings import Quiet, Switches
 
 COLUMNS = 64  # of the simulated pixels
-CYCLES = 4  # the first is not used
+CYCLES, RAMP_CYCLES = 4, 3  # the first is not used
 STEP_US = 40.0  # between frames, so that noise between them is not missed (docs/reference/sensor.md#amplifier)
-FRAMES = 60_000  # most of a recording
+FRAMES = 110_000  # most of a recording
 NOISE_S, NOISE_SETTLE_S = 0.6, 0.4  # simulated noise, after its beginning
 DARK_S, DARK_SETTLE_S, DARK_STEP_US = 30.0, 10.0, 2000.0  # the same with the cap on, where pixels are slow
 BATCH = 512  # frames
@@ -25,8 +25,15 @@ SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "th
 
 
 def _switch_times_us(length_us: float, step_us: float) -> np.ndarray:
-    """Of frames behind a switch: it takes 1 us."""
+    """Of frames behind a switch: a step takes 1 us."""
     return np.concatenate([[0.0, 1.0], np.arange(1.0 + step_us, length_us - 0.5, step_us)])
+
+
+def _light(behind_us: np.ndarray, before: float, level: float, length_us: float, ramp_us: float | None) -> np.ndarray:
+    if ramp_us is None:
+        return np.where(behind_us > 0, level, before)
+    done = np.clip((behind_us - (length_us - ramp_us) / 2) / ramp_us, 0, 1)
+    return before * (level / before) ** done  # type: ignore[no-any-return]
 
 
 @dataclass
@@ -60,21 +67,26 @@ class Model:
     def switches(self, of: Switches, light_a: float, overrides: Mapping[str, float]) -> Switches:
         still = dict.fromkeys(STILL_KEYS, 0.0)  # at most a few events in a hundred switches
         values = {**overrides, **still}
-        key = (of.levels, *of.lengths_us, of.exact, light_a, *sorted(values.items()))
+        ramps_us = () if of.ramps_us is None else of.ramps_us
+        key = (of.levels, *of.lengths_us, *ramps_us, of.exact, light_a, *sorted(values.items()))
         return self._once(*key, make=lambda: self._switch(of, light_a, values))  # type: ignore[no-any-return]
 
     def _switch(self, of: Switches, light_a: float, values: Mapping[str, float]) -> Switches:
-        k = len(of.levels)
-        step_us = max(STEP_US, CYCLES * float(of.lengths_us.sum()) / FRAMES)
+        k, ramps_us = len(of.levels), of.ramps_us
+        cycles, pixels = (CYCLES, self.pixels) if ramps_us is None else (RAMP_CYCLES, self.pixels // 2)
+        step_us = max(STEP_US, cycles * float(of.lengths_us.sum()) / FRAMES)
         t_us, light, edges = [np.array([0.0])], [np.array([of.levels[-1]])], [1000.0]
-        for c in range(CYCLES * k):
-            behind = _switch_times_us(float(of.lengths_us[c % k]), step_us)
+        for c in range(cycles * k):
+            j = c % k
+            length_us = float(of.lengths_us[j])
+            behind = _switch_times_us(length_us, step_us)
             t_us.append(edges[-1] + behind)
-            light.append(np.r_[of.levels[c % k - 1], np.full(len(behind) - 1, of.levels[c % k])])
-            edges.append(edges[-1] + float(of.lengths_us[c % k]))
+            ramp_us = None if ramps_us is None else float(ramps_us[j])
+            light.append(_light(behind, of.levels[j - 1], of.levels[j], length_us, ramp_us))
+            edges.append(edges[-1] + length_us)
         times, values_of = np.concatenate(t_us), np.concatenate(light).astype(np.float32)
         found = []
-        with self._sensor(self.pixels, light_a, values) as sensor:
+        with self._sensor(pixels, light_a, values) as sensor:
             for i in range(0, len(times), BATCH):
                 some = values_of[i : i + BATCH, None, None]
                 frames = np.broadcast_to(some, (len(some), *sensor.shape))
@@ -83,8 +95,8 @@ class Model:
         events = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
         pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
         return Switches(
-            of.name, of.levels, pixel, events["t"].astype(float), events["p"] == 1, self.pixels, np.array(edges),
-            of.lengths_us, of.exact,
+            of.name, of.levels, pixel, events["t"].astype(float), events["p"] == 1, pixels, np.array(edges),
+            of.lengths_us, of.exact, of.ramps_us,
         )  # fmt: skip
 
     def quiet(self, of: Quiet, light_a: float, overrides: Mapping[str, float]) -> tuple[Quiet, Quiet]:

@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError
 from ..events import Events, read
+from . import stimulus
 
 REGION_PX = 64  # side of the default region
 SKIPPED = 0.1  # share at the start of a recording in still light: cameras need time after they are switched on
 BIN_US = 500.0  # of the rates in which switches are found
+SCREEN_BIN_US = 2000.0  # the same for a screen, which takes a refresh to change
+FLASHED_US = 6e4  # behind an edge of a flash: its events
 MIN_CYCLES = 4  # complete ones, of which the first is not used
 MOST_NOISE_HZ = 20.0  # per pixel in still light
 SAME_US, TOGETHER = 2000.0, 3.0  # largest variance / mean of numbers of events in such times; pairs of a pixel: 2
 OPPOSITE = 0.2  # largest share of events against the direction of a switch
+FLICKER_HZ, FLICKERS, CHANCE = (40.0, 1200.0), 0.1, 25.0  # searched; least share of events that follow it, and power
 UNSTEADY = 5.0  # largest ratio of rates within a recording in still light; noise itself falls for seconds
 IN_ROWS = 0.5  # largest share of the variance of first events that lies between rows
 
@@ -59,8 +64,59 @@ class Still:
 
 
 @dataclass(frozen=True)
+class Stimulus:
+    """A recording of a screen that plays the page of `pecs stimulus`.
+
+    Parameters
+    ----------
+    file : str or path
+        Event file.
+    """
+
+    file: str | Path
+
+
+@dataclass(frozen=True)
+class Flash:
+    """A recording of a bright lamp that switches on and off before the whole sensor.
+
+    Parameters
+    ----------
+    file : str or path
+        Event file.
+    """
+
+    file: str | Path
+
+
+@dataclass(frozen=True)
+class Screen:
+    """What the flashes of a recording of Stimulus show of the screen.
+
+    Parameters
+    ----------
+    refresh_hz : float or None
+        Refresh rate [Hz]; None if the flashes do not come at multiples of a period.
+    change_s : float
+        Time from the first to the last tenth of the events when a flash begins [s].
+    across_s : (float, float)
+        Delay from the left to the right edge of the region, and from its upper to its lower edge [s].
+    """
+
+    refresh_hz: float | None
+    change_s: float
+    across_s: tuple[float, float]
+
+    def __str__(self) -> str:
+        refresh = "unknown" if self.refresh_hz is None else f"{self.refresh_hz:.1f} Hz"
+        x, y = (1e3 * v for v in self.across_s)
+        change = f"changes within {1e3 * self.change_s:.1f} ms"
+        return f"refresh {refresh}, {change}, {x:+.1f} ms to the right, {y:+.1f} ms down"
+
+
+@dataclass(frozen=True)
 class Switches:
-    """A recording of Steps, cut at the switches: switch c leads to levels[c % len(levels)]."""
+    """A recording of Steps or of ramps, cut at the switches: switch c leads to levels[c % len(levels)]."""
 
     name: str
     levels: tuple[float, ...]
@@ -71,6 +127,7 @@ class Switches:
     edges_us: NDArray[np.float64]  # of the switches, and the end of the last one; early by at most a few bins if found
     lengths_us: NDArray[np.float64]  # of the light at each level
     exact: bool  # the times of the switches are known
+    ramps_us: NDArray[np.float64] | None = None  # durations of ramps, each in the middle of lengths_us; None: steps
 
     def without(self, hot: NDArray[np.bool_]) -> Switches:
         number, keep = np.cumsum(~hot) - 1, ~hot[self.pixel]
@@ -133,16 +190,43 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> Quiet:
         raise _refuse(of.file, f"level {of.level:g}", "a number from 0 on")
     everything, events, place = _load(of.file, region)
     first, last = float(everything["t"][0]), float(everything["t"][-1])
+    return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last)
+
+
+def _quiet(
+    file: str | Path,
+    name: str,
+    level: float,
+    events: Events,
+    place: tuple[int, int, int, int],
+    first: float,
+    last: float,
+) -> Quiet:
     begin = first + SKIPPED * (last - first)
     seconds = (last - begin) * 1e-6
     if seconds < 0.5:
-        raise _refuse(of.file, f"{(last - first) * 1e-6:.2g} s", "a recording of at least 1 s")
-    kept = events[events["t"] >= begin]
+        raise _refuse(file, f"{(last - first) * 1e-6:.2g} s", "a recording of at least 1 s")
+    kept = events[(events["t"] >= begin) & (events["t"] <= last)]
     pixel, pixels = _pixels(kept, place), place[2] * place[3]
-    _check_steady(of.file, kept, pixel, pixels, begin, last)
-    _check_motion(of.file, kept, pixels, last - begin)
+    _check_flicker(file, kept["t"], begin, last)
+    _check_steady(file, kept, pixel, pixels, begin, last)
+    _check_motion(file, kept, pixels, last - begin)
     counts = [np.bincount(pixel[kept["p"] == p], minlength=pixels) for p in (1, 0)]
-    return Quiet(Path(of.file).name, of.level, *counts, seconds)
+    return Quiet(name, level, *counts, seconds)
+
+
+def _check_flicker(file: str | Path, times: NDArray[Any], begin: float, end: float) -> None:
+    """No frequency that many events follow: dimmed lamps and screens are pulsed."""
+    seconds = (end - begin) * 1e-6
+    counts = np.histogram(times, max(1, int(seconds * 4 * FLICKER_HZ[1])), (begin, end))[0]
+    low, high = (round(hz * seconds) for hz in FLICKER_HZ)
+    lines = np.abs(np.fft.rfft(counts))[low : high + 1]
+    peak, total = float(lines.max(initial=0)), max(1, len(times))
+    if peak**2 / total > CHANCE and 2 * peak / total > FLICKERS:
+        hz = (low + int(lines.argmax())) / seconds
+        share = 100 * min(1.0, 2 * peak / total)
+        got = f"events that come with {hz:.1f} Hz ({share:.0f} % of them)"
+        raise _refuse(file, got, "still light (a dimmed screen or lamp is pulsed: set it to full brightness)")
 
 
 def _check_steady(
@@ -231,11 +315,11 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
 
 
 def _find_edges(
-    file: str | Path, t_us: NDArray[np.float64], on: NDArray[np.bool_], pixels: int
+    file: str | Path, t_us: NDArray[np.float64], on: NDArray[np.bool_], pixels: int, bin_us: float = BIN_US
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Times and directions of bursts in which most pixels fire."""
-    count = max(2, int(np.ceil((t_us[-1] - t_us[0]) / BIN_US)))
-    span = (t_us[0], t_us[0] + count * BIN_US)
+    count = max(2, int(np.ceil((t_us[-1] - t_us[0]) / bin_us)))
+    span = (t_us[0], t_us[0] + count * bin_us)
     signed = np.histogram(t_us[on], count, span)[0] - np.histogram(t_us[~on], count, span)[0]
     least = max(0.02 * pixels, 0.05 * float(np.quantile(np.abs(signed), 0.99)))
     active = np.flatnonzero(np.abs(signed) > least)
@@ -252,7 +336,7 @@ def _find_edges(
             file, f"{len(bursts)} switches of the light", "a light that switches, seen by all pixels of the region"
         )
     # Bins in which the first pixels fire lie below `least`.
-    edges = span[0] + BIN_US * (np.array([a for a, _ in bursts]) - 2.0)
+    edges = span[0] + bin_us * (np.array([a for a, _ in bursts]) - 2.0)
     return edges, np.array([signed[a : b + 1].sum() > 0 for a, b in bursts])
 
 
@@ -283,24 +367,30 @@ def _in_phase(
 
     shift = max((s for s in fits if len(sizes) - 1 - s >= k), key=likeness, default=fits[0])
     means = [sizes[shift + i : -1 : k] for i in range(k)]
-    for level, of in zip(levels, means, strict=True):
-        if len(of) > 2 and np.ptp(of[1:]) > 0.25 * of.mean() + 0.5:
-            raise _refuse(
-                file,
-                f"switches to level {level:g} with {of[1:].min():.1f} to {of[1:].max():.1f} events per pixel",
-                f"equal ones (more levels than the {k} of {_listed(levels)}, or other light that changes)",
-            )
+    _check_alike(file, levels, means)
     if k > 2 and likeness(shift) < -0.5:
         sizes_of = ", ".join(f"{of.mean():.1f}" for of in means)
         raise _refuse(file, f"{sizes_of} events per pixel", f"numbers in proportion to the steps of {_listed(levels)}")
     return edges[shift:], rises[shift:]
 
 
+def _check_alike(file: str | Path, levels: tuple[float, ...], sizes: Sequence[NDArray[np.float64]]) -> None:
+    """Numbers of events per pixel of the switches to each level."""
+    for level, of in zip(levels, sizes, strict=True):
+        if len(of) > 2 and np.ptp(of[1:]) > 0.25 * of.mean() + 0.5:
+            raise _refuse(
+                file,
+                f"switches to level {level:g} with {of[1:].min():.1f} to {of[1:].max():.1f} events per pixel",
+                f"equal ones (more levels than the {len(levels)} of {_listed(levels)}, or other light that changes)",
+            )
+
+
 def _listed(levels: tuple[float, ...]) -> str:
     return ",".join(f"{level:g}" for level in levels)
 
 
-def _check_steps(file: str | Path, of: Switches, width: int) -> None:
+def _check_directions(file: str | Path, of: Switches) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Switch before each event, and whether it goes up."""
     k = len(of.levels)
     switch = np.searchsorted(of.edges_us, of.t_us, "right") - 1
     up = np.array([b > a for a, b in zip((of.levels[-1], *of.levels[:-1]), of.levels, strict=True)])[switch % k]
@@ -311,6 +401,12 @@ def _check_steps(file: str | Path, of: Switches, width: int) -> None:
             f"{100 * against:.0f} % of all events against the direction of the switch before them",
             f"at most {100 * OPPOSITE:.0f} % (the camera moves, the lamp flickers, or room light changes)",
         )
+    return switch, up
+
+
+def _check_steps(file: str | Path, of: Switches, width: int) -> None:
+    k = len(of.levels)
+    switch, up = _check_directions(file, of)
     shares = []
     for c in range(k, len(of.edges_us) - 1):
         mine = np.flatnonzero((switch == c) & (of.on == up))
@@ -327,3 +423,82 @@ def _check_steps(file: str | Path, of: Switches, width: int) -> None:
             f"first events whose times differ by row ({100 * np.median(shares):.0f} % of their variance)",
             "independent pixels (the readout is saturated: set a smaller region of interest in the camera)",
         )
+
+
+def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[Switches, Screen]:
+    """The ramps, and the screen. Still light is only checked: its noise depends on the light before. Raises
+    PecsInputError for flashes that are not those of the page."""
+    _, events, place = _load(of.file, region)
+    pixels, name = place[2] * place[3], Path(of.file).name
+    t_us, on = events["t"].astype(float), events["p"] == 1
+    edges, rises = _find_edges(of.file, t_us, on, pixels, SCREEN_BIN_US)
+    found = stimulus.sections(edges, rises)
+    wanted = list(stimulus.SECTIONS.values())
+    if not found:  # pulses hide flashes
+        _check_flicker(of.file, t_us, t_us[0], t_us[-1])
+    if [f.section for f in found] != wanted:
+        raise _refuse(
+            of.file,
+            f"{len(found)} of {len(wanted)} sections, announced by flashes, among {len(edges)} changes of the light",
+            "a screen that plays the page of `pecs stimulus` from its beginning to its end",
+        )
+    ramps, still = found
+    margin_us = 1e6 * stimulus.TOLERANCE_S
+    begin, end = still.begin_us + margin_us, still.begin_us + 1e6 * still.section.seconds - margin_us
+    _quiet(of.file, name, still.section.levels[0], events, place, begin, end)
+    flashes = np.concatenate([np.arange(len(edges))[f.flashes] for f in found])
+    screen = _screen(edges[flashes], rises[flashes], events, place)
+    return _ramps(of.file, name, ramps.section, events, place, ramps.begin_us), screen
+
+
+def _screen(
+    edges: NDArray[np.float64], rises: NDArray[np.bool_], events: Events, place: tuple[int, int, int, int]
+) -> Screen:
+    """From the events behind the flashes' edges."""
+    t_us, on = events["t"].astype(float), events["p"] == 1
+    x, y, w, h = place
+    where = np.stack([(events["x"] - x + 0.5) / w - 0.5, (events["y"] - y + 0.5) / h - 0.5], axis=1)
+    behind, at, middles = [], [], ([], [])
+    for edge, rise in zip(edges, rises, strict=True):
+        of = (t_us >= edge) & (t_us < edge + FLASHED_US) & (on == rise)
+        middle = float(np.median(t_us[of]))
+        middles[int(rise)].append(middle)
+        if rise:
+            behind.append(t_us[of] - t_us[of].mean())
+            at.append(where[of] - where[of].mean(axis=0))
+    times, places = np.concatenate(behind), np.concatenate(at)
+    across = np.linalg.lstsq(places, times, rcond=None)[0]
+    first, last = np.quantile(times - places @ across, (0.1, 0.9))
+    refresh = stimulus.refresh_hz([np.array(m) for m in middles])
+    return Screen(refresh, float(last - first) * 1e-6, (float(across[0]) * 1e-6, float(across[1]) * 1e-6))
+
+
+def _ramps(
+    file: str | Path,
+    name: str,
+    section: stimulus.Section,
+    events: Events,
+    place: tuple[int, int, int, int],
+    begin: float,
+) -> Switches:
+    k, cycles = len(section.levels), stimulus.CYCLES
+    ramps = 1e6 * np.array(section.ramps_s)
+    lengths = ramps + 1e6 * stimulus.HOLD_S
+    edges = begin + np.concatenate([[0.0], np.cumsum(np.tile(lengths, cycles))])
+    kept = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
+    out = Switches(
+        name,
+        section.levels,
+        _pixels(kept, place),
+        kept["t"].astype(float),
+        kept["p"] == 1,
+        place[2] * place[3],
+        edges,
+        lengths,
+        False,
+        ramps,
+    )
+    _check_directions(file, out)
+    sizes = np.histogram(out.t_us, edges)[0] / out.pixels
+    _check_alike(file, section.levels, [sizes[i::k] for i in range(k)])
+    return out

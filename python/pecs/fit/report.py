@@ -121,8 +121,10 @@ def _switches(data: Switches, simulated: Switches) -> list[str]:
     parts = [f"<p><b style='color:{DATA}'>recording</b>, <b style='color:{MODEL}'>model</b></p>"]
     for j, (real, model) in enumerate(both):
         switch = f"level {data.levels[j - 1]:g} to {data.levels[j]:g}"
-        parts.append(_figure(_first(real, data.exact), _first(model, data.exact), f"{switch}: first event, us"))
         parts.append(_figure(real.count.mean(1), model.count.mean(1), f"{switch}: events per pixel"))
+        if data.ramps_us is not None:
+            continue
+        parts.append(_figure(_first(real, data.exact), _first(model, data.exact), f"{switch}: first event, us"))
         later = [k for k in range(2, statistics.KEPT_EVENTS + 1) if (real.count >= k).mean() > 0.5]
         lines = [[_median_gap(t, k) * 1e-3 for k in later] for t in (real, model)]
         if later:

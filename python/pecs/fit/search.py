@@ -82,8 +82,9 @@ class Problem:
                 self.names += [(of.name, switch, name) for name in found]
                 self.recording_of += [number] * len(found)
         self.measured = np.array(measured)
-        rows = zip(self.names, measured, strict=True)
-        self.unknown = np.array([statistics.unknown(name, value) for (_, _, name), value in rows])
+        ramps = [isinstance(d, Switches) and d.ramps_us is not None for d in self.data]
+        rows = zip(self.names, measured, self.recording_of, strict=True)
+        self.unknown = np.array([statistics.unknown(name, value, ramps[of]) for (_, _, name), value, of in rows])
 
     def _of_recording(
         self, number: int, of: Switches | Quiet, tables: list[statistics.Table], pixels: Pixels = None
@@ -94,7 +95,8 @@ class Problem:
         for j, table in enumerate(tables):
             mine = table if pixels is None else table.of(pixels)
             switch = f"{of.levels[j - 1]:g} to {of.levels[j]:g}"
-            found = statistics.of_switch(mine, self.later[number][j], of.exact, float(of.lengths_us[j]))
+            ramp, length_us = of.ramps_us is not None, float(of.lengths_us[j])
+            found = statistics.of_switch(mine, self.later[number][j], of.exact, length_us, ramp)
             out.append((switch, found))
         return out
 
@@ -165,6 +167,7 @@ class Search:
         self.problem, self.start = problem, dict(start)
         self.variance = np.ones(len(problem.measured))
         self.steps: dict[str, float] = {}
+        self.known: dict[str, float] = {}  # standard deviations of coordinates about the start
 
     def values(self, keys: Sequence[str], x: Floats) -> dict[str, float]:
         return {key: float(np.clip(back(key, v), *FREE[key][1:3])) for key, v in zip(keys, x, strict=True)}
@@ -198,13 +201,17 @@ class Search:
 
     def prior(self, keys: Sequence[str]) -> Floats:
         """Its inverse variance; very little except for logarithms, so that matrices can be inverted."""
-        return np.diag([PRIOR_SD**-2 if FREE[key][0] == "logarithm" else 1e-6 for key in keys])
+        usual = (PRIOR_SD if FREE[key][0] == "logarithm" else 1e3 for key in keys)
+        return np.diag([self.known.get(key, sd) ** -2 for key, sd in zip(keys, usual, strict=True)])
+
+    def middle(self, keys: Sequence[str]) -> Floats:
+        return np.array([forward(key, self.start[key]) for key in keys])
 
     def approach(self, keys: Sequence[str], x: Floats, loss: str, most: int) -> Floats:
         """From far away: a trust region, with slopes from one side."""
         optimize = optional_module("scipy.optimize", "SciPy", "pecs fit", "fit")
         low, high = self.limits(keys)
-        middle, weight = np.array([forward(k, self.start[k]) for k in keys]), np.sqrt(self.prior(keys))
+        middle, weight = self.middle(keys), np.sqrt(self.prior(keys))
 
         def residuals(at: Floats) -> Floats:
             return np.concatenate([self.residuals(keys, at), weight @ (at - middle)])
@@ -222,16 +229,21 @@ class Search:
     def refine(self, keys: Sequence[str], x: Floats, most: int) -> Floats:
         """Gauss-Newton steps with slopes from both sides, damped until they help (Marquardt 1963)."""
         low, high = self.limits(keys)
+        middle, pull = self.middle(keys), np.diag([self.known[key] ** -2 if key in self.known else 0.0 for key in keys])
+
+        def loss(at: Floats) -> float:
+            return float(np.sum(self.residuals(keys, at) ** 2) + (at - middle) @ pull @ (at - middle))
+
         for _ in range(most):
             slopes, misses = self.slopes(keys, x, both_sides=True), self.residuals(keys, x)
-            normal, down = slopes.T @ slopes + self.prior(keys), slopes.T @ misses
+            normal, down = slopes.T @ slopes + self.prior(keys), slopes.T @ misses + pull @ (x - middle)
             step, sd = -np.linalg.solve(normal, down), np.sqrt(np.diag(np.linalg.inv(normal)))
             if (np.abs(step) < SETTLED * sd).all():
                 break
             damped = (-np.linalg.solve(normal + d * np.diag(np.diag(normal)), down) for d in DAMPING)
             tried = (np.clip(x + step, low, high) for step in damped)
-            better = (at for at in tried if np.sum(self.residuals(keys, at) ** 2) < misses @ misses)
-            found = next(better, None)
+            before = loss(x)
+            found = next((at for at in tried if loss(at) < before), None)
             if found is None:
                 break
             x = found

@@ -1,13 +1,16 @@
 """pecs.fit: chips that it does not know, and recordings that it refuses."""
 
 import json
+import re
 from functools import partial
 
 import numpy as np
 import pecs
 import pytest
-from pecs.fit import Steps, Still, fit
-from pecs.fit.recordings import load_steps, load_still
+from pecs.fit import Flash, Steps, Still, Stimulus, fit, readout, stimulus_page
+from pecs.fit.recordings import load_steps, load_still, load_stimulus
+from pecs.fit.statistics import thresholds
+from pecs.fit.stimulus import SECTIONS, timeline
 from support import ROOT, load_script, run_module
 
 hidden = load_script(ROOT / "scripts/studies/fit_hidden.py")
@@ -115,6 +118,107 @@ def test_still_light_is_counted(tmp_path):
     assert found.off.mean() / found.seconds == pytest.approx(0.2, rel=0.12)
 
 
+SLOW = {"readout_row_s": 4e-6, "readout_rate_hz": 1e7, "readout_group_rows": 2}
+
+
+@pytest.fixture(scope="module")
+def flashes(tmp_path_factory):
+    """Before a readout that sends more slowly than the pixels fire."""
+    light, t_us = light_of((1, 0.02), cycles=8)
+    events = film(t_us, light, overrides=CHIP | SLOW, photocurrent_a=1e-11)
+    return saved(tmp_path_factory.mktemp("flashes") / "flash.raw", events)
+
+
+def test_the_readout_is_measured(flashes):
+    found = readout.measure(Flash(flashes), {"readout_rate_hz": 1e9})
+    assert found["readout_group_rows"] == (2, 0)
+    for key in ("readout_row_s", "readout_rate_hz"):
+        value, sd = found[key]
+        assert value == pytest.approx(SLOW[key], rel=0.03) and abs(value - SLOW[key]) < 2 * sd < 0.3 * value, key
+
+
+@pytest.mark.parametrize("group", [1, 4])
+def test_groups_of_rows_are_found(tmp_path, group):
+    light, t_us = light_of((1, 0.02), cycles=8)
+    chip = CHIP | SLOW | {"readout_group_rows": group}
+    path = saved(tmp_path / "flash.aedat4", film(t_us, light, overrides=chip, photocurrent_a=1e-11))
+    assert readout.measure(Flash(path), SLOW)["readout_group_rows"] == (group, 0)
+
+
+def test_a_readout_that_is_never_busy_is_refused(tmp_path):
+    light, t_us = light_of((1, 0.02))
+    path = saved(tmp_path / "dim.raw", film(t_us, light, photocurrent_a=1e-15))
+    with pytest.raises(pecs.PecsInputError, match="without a pause.*brighter"):
+        readout.measure(Flash(path), {"readout_rate_hz": 1e9})
+
+
+@pytest.fixture(scope="module")
+def screen(tmp_path_factory):
+    """A hidden chip, its recording of a screen, and one with the cap on."""
+    values, light_a = hidden.draw(11)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hidden, "STILLS", {0.0: 20.0})
+        patch.setattr(hidden, "SIDE", 24)
+        patch.setattr(hidden, "SCREEN_STEP_US", 80.0)
+        return values, hidden.record_screen(tmp_path_factory.mktemp("screen"), values, light_a, 11)
+
+
+def test_a_screens_sections_are_found(screen):
+    ramps, found = load_stimulus(screen[1][0])
+    assert found.refresh_hz == pytest.approx(hidden.REFRESH_HZ, abs=0.1)
+    assert 5e-3 < found.change_s < 17e-3
+    assert 3e-3 < found.across_s[1] < 7e-3 and abs(found.across_s[0]) < 1e-3  # rows are written downwards
+    # A section begins with the first refresh after its time; what is found is at most a few bins early.
+    before_s = np.cumsum([0] + [seconds for *_, seconds in timeline()])
+    assert -0.005 < ramps.edges_us[0] * 1e-6 - before_s[2 + 2 * min(SECTIONS) + 1] < 0.03
+    assert ramps.levels == (1, 1 / 16, 1, 1 / 4)
+    sizes = np.histogram(ramps.t_us, ramps.edges_us)[0].reshape(-1, 4)[1:] / ramps.pixels
+    assert (sizes.std(axis=0) < 0.02 * sizes.mean(axis=0)).all()
+    for key, value in thresholds(ramps).items():  # by counting
+        assert value == pytest.approx(screen[0][key], rel=0.1), key
+
+
+def test_a_chip_is_fitted_to_a_screen(screen):
+    values, recordings = screen
+    found = fit(recordings, pixels=128)
+    for key, within in (("contrast_threshold_on", 0.05), ("contrast_threshold_off", 0.05), ("threshold_mismatch", 0.2)):
+        of = found.values[key]
+        assert of.value == pytest.approx(values[key], rel=within), key
+        assert of.interval[0] < values[key] < of.interval[1] and np.log(of.interval[1] / of.interval[0]) < 0.6
+    for key in ("noise_std", "amplifier_cutoff_hz", "refractory_period_s"):
+        low, high = found.values[key].interval
+        assert low < values[key] < high, key
+    assert not found.corner_hz.fitted and found.screens[str(recordings[0].file)].refresh_hz
+    assert found.misfit < 2
+
+
+def test_a_pulsed_screen_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(hidden, "SIDE", 16)
+    monkeypatch.setattr(hidden, "STILLS", {0.0: 2.0})
+    monkeypatch.setattr(hidden, "SCREEN_STEP_US", 500.0)
+    values, light_a = hidden.draw(11)
+    recordings = hidden.record_screen(tmp_path, values, light_a, 11, pwm=0.2)
+    with pytest.raises(pecs.PecsInputError, match=r"240\.\d Hz.*full brightness"):
+        load_stimulus(recordings[0])
+
+
+def test_a_part_of_a_screens_recording_is_refused(screen, tmp_path):
+    events = pecs.read(screen[1][0].file)
+    path = saved(tmp_path / "part.raw", events[events["t"] > 4e6])
+    with pytest.raises(pecs.PecsInputError, match="1 of 2 sections"):
+        load_stimulus(Stimulus(path))
+
+
+def test_the_page_stands_alone(tmp_path):
+    page = tmp_path / "stimulus.html"
+    done = run_module("pecs.fit.page", "-o", page)
+    assert page.read_text() == stimulus_page() and f"{sum(s for *_, s in timeline()):.0f} s" in done.stdout
+    assert json.dumps(timeline()) in stimulus_page()
+    assert not re.search(r"(src|href|url)\s*[=(]", stimulus_page())
+    levels = {round(256 * level, 9) for part in timeline() for level in part[:2]}
+    assert all(level.is_integer() for level in levels)  # of 16x16 squares
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
@@ -124,7 +228,8 @@ def test_still_light_is_counted(tmp_path):
         (["--steps", "{steps}"], 2, "wanted FILE=LEVEL"),
         (["--still", "{steps}=1,2"], 2, "wanted one"),
         (["--still", "{steps}=1"], 4, "at least 1 s"),
-        ([], 2, "wanted --steps or --still"),
+        ([], 2, "wanted --stimulus, --steps or --still"),
+        (["--stimulus", "{steps}"], 4, "events that come with"),
         (["--steps", "{steps}=1,0.1", "--irradiance", "1"], 2, "wanted both"),
         (["--steps", "{steps}=1,0.1", "--region", "0,0,99,99"], 4, "region"),
     ],
@@ -152,7 +257,7 @@ def test_a_hidden_chip_is_found(tmp_path, monkeypatch, seed):
     assert found.values["background_off_hz"].value == pytest.approx(values["background_off_hz"], rel=0.4)
 
 
-def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch):
+def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch, flashes):
     monkeypatch.setattr(hidden, "STILLS", {0.0: 20.0})
     monkeypatch.setattr(hidden, "SIDE", 24)
     values, light_a = hidden.draw(13)
@@ -160,11 +265,13 @@ def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch):
     chip, page, numbers = (tmp_path / name for name in ("mine.json", "fit.html", "fit.json"))
     levels = ",".join(map(str, hidden.LEVELS))
     words = ["--steps", f"{files[0]}={levels}", "--still", f"{files[1]}=0", "--photocurrent", f"{light_a:g}A"]
+    words += ["--flash", flashes]
     done = run(*words, "--pixels", 128, "-o", chip, "--report", page, "--numbers", numbers)
     assert done.returncode == 0, done.stderr
     found, wrote = pecs.Chip(str(chip)), json.loads(numbers.read_text())
     for key in ("contrast_threshold_on", "corner_hz_per_a"):  # the light is known
         assert wrote["values"][key]["fitted"] and getattr(found, key) == pytest.approx(values[key], rel=0.15)
+    assert found.readout_row_s == pytest.approx(SLOW["readout_row_s"], rel=0.03) and found.readout_group_rows == 2
     entry = json.loads(chip.read_text())["values"]["contrast_threshold_on"]
     assert "pecs fit" in entry["source"] and entry["interval"][0] < entry["value"] < entry["interval"][1]
     assert page.read_text().count("<svg") >= 3 * len(hidden.LEVELS) and "steps.raw" in page.read_text()
