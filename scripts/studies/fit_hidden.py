@@ -31,7 +31,7 @@ STEP_US, DARK_STEP_US = 35.0, 2000.0  # between frames; with the cap on, pixels 
 WARM_S = 600  # the camera has been on
 # A screen: refresh, time constant of its pixels, groups of rows that are written one after the other.
 REFRESH_HZ, RESPONSE_S, ROWS = 59.94, 0.004, 16
-SCREEN_US, SCREEN_STEP_US = 500.0, 60.0  # between values of its light, between frames
+SCREEN_US, SCREEN_STEP_US = 500.0, 40.0  # between values of its light, between frames
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),

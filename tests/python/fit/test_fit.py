@@ -180,7 +180,7 @@ def test_a_screens_sections_are_found(screen):
 
 def test_a_chip_is_fitted_to_a_screen(screen):
     values, recordings = screen
-    found = fit(recordings, pixels=128)
+    found = fit(recordings, pixels=256)
     for key, within in (("contrast_threshold_on", 0.05), ("contrast_threshold_off", 0.05), ("threshold_mismatch", 0.2)):
         of = found.values[key]
         assert of.value == pytest.approx(values[key], rel=within), key
