@@ -13,6 +13,7 @@ STUDIES, PAGES = ROOT / "scripts/studies", ROOT / "docs/studies"
 TABLES = {
     "fitted_peers": "validation",
     "fitted_programs": "validation",
+    "fitted_folds": "validation",
     "fitted_over_light": "validation",
     "off_threshold": "validation",
     "fitted_blind_spots": "blind_spots",
