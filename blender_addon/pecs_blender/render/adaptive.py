@@ -293,7 +293,7 @@ class KeyframeInterval:
     motion: np.ndarray
     frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
     residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
-    lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of what lamps change, of light interpolated in time
+    lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of light over that interpolated in time
 
 
 class Between:
@@ -346,6 +346,7 @@ class Between:
         some = it.first.raw.reshape(len(it.first.raw), 1, -1)[..., :: -(-it.first.raw[0].size // LAMP_PIXELS)]
         factors = [self._stage.lamps.factors(self._grid_s[step]) for step in steps]
         light = np.concatenate([self._judge.photocurrent(self._judge.lit(some, one)) for one in factors])
+        light = light[:, light.any(0)]
         part = np.array([self._fraction(it, step) for step in steps])[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(light / (light[0] + part * (light[-1] - light[0])))
@@ -359,7 +360,7 @@ class Between:
         with np.errstate(invalid="ignore"):
             bend = np.abs(own - own[0] - part * (own[-1] - own[0])).max(0)
         followed = bend <= LAMP_TOLERANCE * self._judge.tolerance  # not where a lamp is off: NaN
-        return bool(np.mean(~followed) > LAMP_SHARE)
+        return np.count_nonzero(~followed) > LAMP_SHARE * followed.size
 
     def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
         """Warped photocurrent, times the residual interpolated between rendered pictures: the sensor's prediction if
@@ -390,11 +391,11 @@ class Between:
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
         more, done, current = wrong, np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
-            residual = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
+            change = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
         expected = pecs.carry(
             *(self._judge.lit(one.written, factors) for one in (it.first, it.second)), it.motion, fraction
         )
-        expected[: len(self._judge.weights)] *= residual
+        expected[: len(self._judge.weights)] *= change
         # Motion and lamps give the light elsewhere; without lamps, the sensor computes the same.
         light = expected.copy() if bends else np.full(expected.shape, np.nan, np.float32)
         for _ in range(ROUNDS):

@@ -37,7 +37,7 @@ class Light(Layer):
         alike: half of their difference has the standard deviation of the error that is left. A frame then has further
         channels: half the difference of the halves' bands (first minus second), and the denoiser's guides of each.
 
-        Wherever a frame has bands, the bands of each group of `stage.lamps` follow (lamps.lit)."""
+        Wherever a frame has bands, those of each group of `stage.lamps` follow (Judge.lit)."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
         self._stage, self._film = stage, cycles.Film(scene)
