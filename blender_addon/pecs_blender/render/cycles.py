@@ -199,7 +199,9 @@ class Film:
 
     def _run(self, inspect: Callable | None, renders: bool) -> list[dict[str, np.ndarray]]:
         stop.check()
-        self._scene.update_tag()  # else Cycles, which keeps its data, ignores changes of its own settings
+        # Cycles keeps its data, and ignores changes of its own settings unless the scene is tagged. The setter of this
+        # property tags the scene's settings only; `update_tag` also tags all objects: Cycles would rebuild its BVH.
+        self._scene.render.film_transparent = False
         with _engine_results(inspect, renders) as results, quiet():
             bpy.ops.render.render(scene=self._scene.name)
         stop.check()

@@ -59,7 +59,7 @@ class Film:
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera of the rig. pixels_of: the camera whose stack it shares (a beam splitter)."""
+    """A camera of the rig. pixels_of: the camera whose stack it shares (a beam splitter). options: of its render."""
 
     name: str
     kind: str
@@ -79,6 +79,7 @@ class CameraEntry:
     model: str
     partner: str | None
     pixels_of: str | None
+    options: dict[str, Any]
     film: Film | None
 
 
@@ -321,6 +322,7 @@ def _camera(table: Table) -> CameraEntry:
         model=model,
         partner=table.optional(table.text, "partner"),
         pixels_of=shared,
+        options=_options(table.table("options", {})) if own else {},
         film=_film(table) if kind == "rgb" else None,
     )
     if kind == "rgb" and own and not (found.width and found.height):

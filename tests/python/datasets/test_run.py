@@ -72,6 +72,8 @@ width = 48
 height = 36
 position_m = [0.06, 0, 0]
 partner = "left"
+[rig.camera.options]
+samples = 16
 [[rig.camera]]
 name = "film"
 kind = "rgb"
@@ -136,6 +138,11 @@ def test_all_parts_agree(made):
         (stereo,) = checks["stereo"].values()
         assert stereo["count"] > 1000 and stereo["rms_px"] < 0.05 and stereo["same_surface"] > 0.6
         assert checks["imu"] is None or checks["imu"]["worst_m"] < 1e-3
+
+
+def test_a_camera_has_its_own_options(made):
+    files = [made / "set/sequences/0000" / name / "stack/stack.json" for name in ("left", "right")]
+    assert [json.loads(file.read_text())["render"]["samples"] for file in files] == [8, 16]  # 2 for each of 4 subpixels at least
 
 
 def test_tracks_of_pixels_are_the_flow(made):
