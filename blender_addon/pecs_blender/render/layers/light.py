@@ -23,7 +23,7 @@ from .layer import Layer
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
 BLUR_PX, HALO_PX = 16, 64  # around a part, diffraction uses light of the same instant, and further out of another
-CALL_RAYS = 13000  # of the camera: as slow as another call for a small box (street, 2 cores, of 3000, 6000, 13000)
+CALL_RAYS = 13000  # of the camera: as slow as another call (street, 2 cores; 3000 and 6000 were slower)
 DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
 
