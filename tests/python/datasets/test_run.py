@@ -142,7 +142,8 @@ def test_all_parts_agree(made):
 
 def test_a_camera_has_its_own_options(made):
     files = [made / "set/sequences/0000" / name / "stack/stack.json" for name in ("left", "right")]
-    assert [json.loads(file.read_text())["render"]["samples"] for file in files] == [8, 16]  # 2 for each of 4 subpixels at least
+    samples = [json.loads(file.read_text())["render"]["samples"] for file in files]
+    assert samples == [8, 16]  # 2 for each of 4 subpixels at least
 
 
 def test_tracks_of_pixels_are_the_flow(made):
