@@ -8,7 +8,6 @@ import math
 import shutil
 import time
 from pathlib import Path
-from statistics import mean
 
 from .._arguments import Parser
 from .._command import answer
@@ -174,29 +173,40 @@ def _move_aside(wanted: list[int], output: Path) -> None:
 
 
 def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
-    """Prints the drawn sequences, and their time and size as measured on existing ones."""
-    rows, seconds, gigabytes, truth, light = [], [], [], 0, 0
+    """Prints the drawn sequences, and their time and size as measured on existing ones of the same scenes."""
+    rows, truth, light = [], 0, 0
+    made: dict[str, list[tuple[float, float, float]]] = {}  # by scene: duration [s], time [s], size [GB]
+    missing: list[tuple[str, float]] = []  # scene and duration [s]
+    stacks = [camera for camera in found.cameras if not camera.pixels_of]
     for index in wanted:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
-        truth += math.floor(drawn["duration_s"] * found.truth["fps"]) + 1
-        light += math.ceil(drawn["duration_s"] * found.render["fps"]) + 1
+        scene, duration_s = drawn["scene"], drawn["duration_s"]
+        truth += len(stacks) * (math.floor(duration_s * found.truth["fps"]) + 1)
+        light += sum(math.ceil(duration_s * found.render_options(scene, one)["fps"]) + 1 for one in stacks)
         if folder.is_dir():
             files = [p.stat() for p in folder.rglob("*") if p.is_file()]
-            gigabytes.append(sum(s.st_size for s in files) * 1e-9)
-            seconds.append(max(s.st_mtime for s in files) - min(s.st_mtime for s in files))
-        words = [f"{index:04d}", f"{drawn['split']:5}", f"{drawn['scene']:16}", f"{drawn['duration_s']:.3g} s"]
+            seconds = max(s.st_mtime for s in files) - min(s.st_mtime for s in files)
+            made.setdefault(scene, []).append((duration_s, seconds, sum(s.st_size for s in files) * 1e-9))
+        else:
+            missing.append((scene, duration_s))
+        words = [f"{index:04d}", f"{drawn['split']:5}", f"{scene:16}", f"{duration_s:.3g} s"]
         rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
     if len(rows) > SHOWN_ROWS:
         print(f"… and {len(rows) - SHOWN_ROWS} more")
-    stacks = sum(not c.pixels_of for c in found.cameras)
     kind = "keyframes among" if found.render["time"] == "adaptive" else "all of"
-    what = f"ground truth at {truth * stacks} instants, light at {kind} {light * stacks}"
-    print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
+    what = f"ground truth at {truth} instants, light at {kind} {light}"
+    print(f"{len(wanted)} sequences, {len(stacks)} stacks each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
-    if not seconds:
+    if not made:
         print(f"time and size can be estimated once one sequence exists: run --only {wanted[0]}; {free:.0f} GB free")
         return
-    left, hours, size = len(wanted) - len(seconds), mean(seconds) / 3600, mean(gigabytes)
-    print(f"measured on {len(seconds)} existing sequences: {60 * hours:.1f} min and {size:.2f} GB each")
-    print(f"{left} left: {left * hours:.2f} h and {left * size:.1f} GB; {free:.0f} GB free")
+    every = [one for of_scene in made.values() for one in of_scene]
+    print(f"measured on {len(every)} existing sequences of {', '.join(sorted(made))}")
+    left_s = size = 0.0
+    for scene, duration_s in missing:
+        durations, seconds, gigabytes = map(sum, zip(*made.get(scene, every), strict=True))
+        left_s, size = left_s + duration_s * seconds / durations, size + duration_s * gigabytes / durations
+    unknown = sorted({scene for scene, _ in missing} - made.keys())
+    note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
+    print(f"{len(missing)} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")

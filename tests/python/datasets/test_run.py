@@ -255,7 +255,7 @@ def test_pages_and_exports(made):
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan").stdout
     assert "2 sequences, 2 stacks each: ground truth at 12 instants" in plan and "measured on 2" in plan
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
-    assert "measured on 2" in plan and "98 left" in plan
+    assert "measured on 2 existing sequences of rotating_disk" in plan and "98 left" in plan
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
 
 
