@@ -113,7 +113,9 @@ def _write(path: Path, events: np.ndarray) -> None:
 
 def record_still(folder: Path, values: dict, light_a: float, seed: int, suffix: str, level: float) -> Still:
     step_us = STEP_US if level else DARK_STEP_US
-    t_us = np.concatenate([1e6 * np.arange(WARM_S), 1e6 * WARM_S + np.arange(0, STILLS[level] * 1e6, step_us)])
+    shown_us = np.arange(0, STILLS[level] * 1e6, step_us)
+    shown_us += np.random.default_rng(seed).uniform(0, 0.9 * step_us, len(shown_us))  # equal steps show in the noise
+    t_us = np.concatenate([1e6 * np.arange(WARM_S), 1e6 * WARM_S + shown_us])
     path = folder / f"still_{level:g}.{suffix}"
     _write(path, simulate(values, light_a, np.full(len(t_us), level, np.float32), t_us, seed))
     return Still(path, level)
