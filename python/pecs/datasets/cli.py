@@ -7,7 +7,11 @@ import dataclasses
 import math
 import shutil
 import time
+from collections import defaultdict
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .._arguments import Parser
 from .._command import answer
@@ -175,20 +179,20 @@ def _move_aside(wanted: list[int], output: Path) -> None:
 def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     """Prints the drawn sequences, and their time and size as measured on existing ones of the same scenes."""
     rows, truth, light = [], 0, 0
-    made: dict[str, list[tuple[float, float, float]]] = {}  # by scene: duration [s], time [s], size [GB]
-    missing: list[tuple[str, float]] = []  # scene and duration [s]
+    made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))  # by scene: number, duration, time [s], GB
+    missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
     stacks = [camera for camera in found.cameras if not camera.pixels_of]
     for index in wanted:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
         truth += len(stacks) * (math.floor(duration_s * found.truth["fps"]) + 1)
-        light += sum(math.ceil(duration_s * found.render_options(scene, one)["fps"]) + 1 for one in stacks)
+        light += sum(math.ceil(duration_s * found.render_options(found.scene(scene), one)["fps"]) + 1 for one in stacks)
         if folder.is_dir():
             files = [p.stat() for p in folder.rglob("*") if p.is_file()]
             seconds = max(s.st_mtime for s in files) - min(s.st_mtime for s in files)
-            made.setdefault(scene, []).append((duration_s, seconds, sum(s.st_size for s in files) * 1e-9))
+            made[scene] += 1, duration_s, seconds, sum(s.st_size for s in files) * 1e-9
         else:
-            missing.append((scene, duration_s))
+            missing[scene] += 1, duration_s
         words = [f"{index:04d}", f"{drawn['split']:5}", f"{scene:16}", f"{duration_s:.3g} s"]
         rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
@@ -201,12 +205,13 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     if not made:
         print(f"time and size can be estimated once one sequence exists: run --only {wanted[0]}; {free:.0f} GB free")
         return
-    every = [one for of_scene in made.values() for one in of_scene]
-    print(f"measured on {len(every)} existing sequences of {', '.join(sorted(made))}")
-    left_s = size = 0.0
-    for scene, duration_s in missing:
-        durations, seconds, gigabytes = map(sum, zip(*made.get(scene, every), strict=True))
-        left_s, size = left_s + duration_s * seconds / durations, size + duration_s * gigabytes / durations
-    unknown = sorted({scene for scene, _ in missing} - made.keys())
+    every = sum(made.values(), np.zeros(4))
+    print(f"measured on {every[0]:.0f} existing sequences of {', '.join(sorted(made))}")
+    count, left_s, size = 0.0, 0.0, 0.0
+    for scene, (number, duration_s) in missing.items():
+        _, durations_s, seconds, gigabytes = made.get(scene, every)
+        share = duration_s / durations_s
+        count, left_s, size = count + number, left_s + share * seconds, size + share * gigabytes
+    unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
-    print(f"{len(missing)} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")
+    print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")

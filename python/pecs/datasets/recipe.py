@@ -162,9 +162,9 @@ class Recipe:
     def scene(self, name: str) -> SceneEntry:
         return next(s for s in self.scenes if s.name == name)
 
-    def render_options(self, scene: str, camera: CameraEntry) -> dict[str, Any]:
+    def render_options(self, scene: SceneEntry, camera: CameraEntry) -> dict[str, Any]:
         """Of the light."""
-        return self.render | self.scene(scene).options | camera.options
+        return self.render | scene.options | camera.options
 
     def _whole_intervals(self, seconds: float) -> float:
         """At least `seconds`, and a whole number of intervals of the ground truth, so that all events are within it."""

@@ -160,7 +160,7 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         "seed": int(recipe.rng(work.index, f"camera.{entry.name}.render").integers(2**31 - 1)),
         "threads": threads,
     }
-    light = recipe.render_options(scene.name, entry)
+    light = recipe.render_options(scene, entry)
     flags = [scene.path, *_parameters(work)]
     seconds = work.drawn["duration_s"]
     where: dict[str, Any] = {"folder": work.folder, "log": f"{entry.name}/render.log"}
