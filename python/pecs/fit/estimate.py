@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .._errors import UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
+from . import pixel_map as pixel_maps
 from . import readout, statistics
 from .model import Model
 from .recordings import Flash, Quiet, Screen, Steps, Still, Stimulus, Switches, load_steps, load_still, load_stimulus
@@ -110,6 +111,8 @@ class Fitted:
         The recordings as they were used, and their simulations with the fitted values.
     screens : dict
         Recording of `Stimulus` -> what its flashes show of the screen.
+    pixel_map : PixelMap, optional
+        Thresholds and hot pixels pixel by pixel, if `fit` was called with `pixel_map=True`.
     """
 
     chip: str
@@ -122,9 +125,10 @@ class Fitted:
     data: list[Switches | Quiet]
     simulated: list[Any]
     screens: dict[str, Screen]
+    pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write the chip profile.
+        """Write the chip profile, and its pixel map beside it as NAME_pixels.json.
 
         Parameters
         ----------
@@ -174,6 +178,7 @@ def fit(
     region: Sequence[int] | None = None,
     pixels: int = 1024,
     seed: int = 1,
+    pixel_map: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Fitted:
     """Fit the values of a chip profile to recordings.
@@ -194,6 +199,8 @@ def fit(
         Number of simulated pixels, a multiple of 128. Default 1024.
     seed : int
         Of the simulation. Default 1.
+    pixel_map : bool
+        Measure thresholds and hot pixels pixel by pixel. Default False.
     progress : callable, optional
         Called with the number of simulations.
 
@@ -210,6 +217,8 @@ def fit(
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
     base = Chip(chip)
+    if "pixel_map" in base.info:
+        raise UsageError(f"fit: {chip}: got a profile with a pixel map, wanted one without: its pixels are others")
     known = sorted(FREE.keys() - {LIGHT})
     for key in set(keep) - set(known):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
@@ -238,7 +247,24 @@ def fit(
     for key, (value, sd) in (read_out[0] if read_out else {}).items():
         interval = max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd
         fitted.values[key] = Value(value, interval, estimate.profile[key])
+    if pixel_map:
+        fitted = replace(fitted, pixel_map=_pixel_map(fitted, problem, found, recordings))
     return replace(fitted, screens=screens)
+
+
+def _pixel_map(
+    fitted: Fitted,
+    problem: Problem,
+    hot: tuple[NDArray[np.bool_], Quiet] | None,
+    recordings: Sequence[Steps | Still | Stimulus | Flash],
+) -> pixel_maps.PixelMap:
+    """From the recording of switches with the most events per pixel."""
+    switches = [d for d in problem.data if isinstance(d, Switches)]
+    best = max(switches, key=lambda d: len(d.t_us) / d.pixels)
+    stills = [r for r in recordings if isinstance(r, Still)]
+    values = {key: of.value for key, of in fitted.values.items() if key in FREE}
+    light_a = fitted.corner_hz.value / values["corner_hz_per_a"]
+    return pixel_maps.measure(best, hot[0] if hot else None, stills, problem.model, values, light_a)
 
 
 class Estimate:

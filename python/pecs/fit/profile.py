@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._errors import bad_input
 from .._files import read_text, write_json
 from .._library import data_dir
-from .estimate import Fitted
+
+if TYPE_CHECKING:
+    from .estimate import Fitted
 
 MAX_BYTES = 1 << 22
 
@@ -32,7 +34,12 @@ def write(found: Fitted, path: Path) -> None:
     files = ", ".join(Path(f).name for f in found.files)
     profile["description"] = f"fitted by pecs fit to {files}; starting profile: {profile['name']}"
     profile["name"] = path.stem
-    profile.pop("trade_names", None)
+    for key in ("trade_names", "pixel_map"):
+        profile.pop(key, None)
+    if found.pixel_map:
+        file = path.with_name(f"{path.stem}_pixels.json")
+        found.pixel_map.write(file, f"measured by pecs fit from {files}")
+        profile["pixel_map"] = file.name
     for key, of in found.values.items():
         entry = profile["values"].get(key)
         if entry is None or not of.fitted:
