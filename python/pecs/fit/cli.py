@@ -156,5 +156,7 @@ def _fit(args: argparse.Namespace) -> None:
         x, y, w, h = map_.region
         on, off = (100 * of for of in map_.deviation)
         hot = "" if map_.hot_pixels is None else f", {len(map_.hot_pixels)} hot pixels"
-        print(f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}")
+        print(
+            f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
+        )
     print(f"{args.output}: fitted to {len(recordings)} recordings, misfit {found.misfit:.2f} (1: as the noise)")

@@ -20,7 +20,7 @@ from .._errors import UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
 from . import pixel_map as pixel_maps
-from . import readout, statistics
+from . import profile, readout, statistics
 from .model import Model
 from .recordings import Flash, Quiet, Screen, Steps, Still, Stimulus, Switches, load_steps, load_still, load_stimulus
 from .search import FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
@@ -140,9 +140,12 @@ class Fitted:
         PecsOutputError
             The file cannot be written.
         """
-        from .profile import write
-
-        write(self, Path(path))
+        pixels = None
+        if self.pixel_map:
+            pixels = Path(path).with_name(f"{Path(path).stem}_pixels.json")
+            files = ", ".join(Path(f).name for f in self.files)
+            pixel_maps.write(self.pixel_map, pixels, f"measured by pecs fit from {files}")
+        profile.write(self, Path(path), pixels)
 
     def summary(self) -> dict[str, Any]:
         """All numbers of the fit.

@@ -6,25 +6,24 @@ give its thresholds; of what they say, as much is kept as the numbers are more c
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import read_text, write_json
+from .._files import write_json
 from . import hot as hot_pixels
-from . import statistics
+from . import profile, statistics
 from .model import COLUMNS, Model
-from .profile import MAX_BYTES, chip_file
 from .recordings import Still, Switches, load_still, occupied
 
-REACH = 3.5  # thresholds of simulated pixels, in standard deviations of the mismatch
 LIMITS = 0.1, 10.0  # of a map
+LEAST_NUMBER = 0.02  # standard deviation of a number of events behind a switch, averaged over cycles
 
 Floats = NDArray[np.float64]
 
@@ -51,14 +50,15 @@ class PixelMap:
     deviation: tuple[float, float]
     hot_pixels: list[tuple[int, int, float]] | None
 
-    def write(self, path: Path, source: str) -> None:
-        """Raises PecsOutputError."""
-        out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": self.region}
-        for key in ("threshold_on", "threshold_off"):
-            out[key] = np.round(getattr(self, key).ravel(), 4).tolist()
-        if self.hot_pixels is not None:
-            out["hot_pixels"] = self.hot_pixels
-        write_json(path, out)
+
+def write(found: PixelMap, path: Path, source: str) -> None:
+    """Raises PecsOutputError."""
+    out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": found.region}
+    for key in ("threshold_on", "threshold_off"):
+        out[key] = np.round(getattr(found, key).ravel(), 4).tolist()
+    if found.hot_pixels is not None:
+        out["hot_pixels"] = found.hot_pixels
+    write_json(path, out)
 
 
 def measure(
@@ -84,18 +84,16 @@ def _simulated(
 ) -> list[tuple[Floats, list[statistics.Table]]]:
     """ON and OFF: relative thresholds of simulated pixels, and their events behind each switch."""
     pixels = model.pixels if data.ramps_us is None else model.pixels // 2
-    reach = REACH * values["threshold_mismatch"]
-    row = np.clip(1 + np.linspace(-reach, reach, pixels), *LIMITS)
+    normal = [NormalDist().inv_cdf((i + 0.5) / pixels) for i in range(pixels)]
+    row = np.clip(1 + values["threshold_mismatch"] * np.array(normal), *LIMITS)
     random = np.random.default_rng(1)
     relative = [random.permutation(row) for _ in range(2)]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "pixels.json"
         region = 0, 0, COLUMNS, pixels // COLUMNS
-        PixelMap(region, *relative, (0, 0), None).write(file, "pixels of a simulation")
-        start = chip_file(str(model.chip))
-        profile = json.loads(read_text(start, MAX_BYTES, "JSON")) | {"pixel_map": file.name}
+        write(PixelMap(region, *relative, (0, 0), None), file, "pixels of a simulation")
         chip = Path(folder) / "chip.json"
-        write_json(chip, profile)
+        write_json(chip, profile.read(str(model.chip)) | {"pixel_map": file.name})
         events = replace(model, chip=chip, _known={}).switches(data, light_a, values)
     tables = statistics.tables(events)
     return [(of, tables) for of in relative]
@@ -111,10 +109,10 @@ def _relative(
     for table, simulated, rise in zip(statistics.tables(data), tables, rises, strict=True):
         number = simulated.count.mean(axis=1)
         slope, offset = np.polyfit(1 / known, number, 1)
-        error = float(np.std(number - offset - slope / known)) / slope
         if rise != up or slope <= 0:
             continue
-        weight = 1 / max(error, 1e-3) ** 2
+        error = float(np.std(number - offset - slope / known))
+        weight = (slope / max(error, LEAST_NUMBER)) ** 2
         sums += weight * (table.count.mean(axis=1) - offset) / slope
         weights += weight
     if not weights:

@@ -169,7 +169,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
 
 std::optional<std::size_t> PixelMap::index(int px, int py, double drawn) const {
   const std::size_t size = std::max(threshold_on.size(), background_on_hz.size());
-  if (width == 0) return size ? std::optional(static_cast<std::size_t>(drawn * static_cast<double>(size))) : std::nullopt;
+  if (width == 0)
+    return size ? std::optional(static_cast<std::size_t>(drawn * static_cast<double>(size))) : std::nullopt;
   if (px < x || py < y || px >= x + width || py >= y + height) return std::nullopt;
   return static_cast<std::size_t>(py - y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(px - x);
 }

@@ -17,6 +17,7 @@ hidden = load_script(ROOT / "scripts/studies/fit_hidden.py")
 run = partial(run_module, "pecs.fit", check=False)
 SIDE, LEVELS, LENGTH_US, CYCLES = 32, (1.0, 0.1), 20e3, 6
 CHIP = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.25, "threshold_mismatch": 0.1, "leak_rate_hz": 0.0}
+HOT = [(9, 2, 30.0), (3, 5, 40.0)]  # column, row, Hz
 
 
 def light_of(levels, length_us=LENGTH_US, cycles=CYCLES):
@@ -152,10 +153,10 @@ def test_a_readout_that_is_never_busy_is_refused(tmp_path):
         readout.measure(Flash(path), {"readout_rate_hz": 1e9})
 
 
-def mapped(folder, values, side):
+def mapped(folder, values, side, hot):
     """A chip whose thresholds are known pixel by pixel: its file, and ON and OFF, relative [pixel]."""
     relative = 1 + values["threshold_mismatch"] * np.random.default_rng(4).standard_normal((2, side * side))
-    of = {"pecs_pixel_map": 1, "source": "drawn", "region": [0, 0, side, side], "hot_pixels": [[3, 5, 40], [9, 2, 30]]}
+    of = {"pecs_pixel_map": 1, "source": "drawn", "region": [0, 0, side, side], "hot_pixels": hot}
     of |= dict(zip(("threshold_on", "threshold_off"), relative.clip(0.1, 10).tolist(), strict=True))
     (folder / "pixels.json").write_text(json.dumps(of))
     chip = json.loads((ROOT / "sensor/chips/imx636.json").read_text()) | {"pixel_map": "pixels.json"}
@@ -163,18 +164,18 @@ def mapped(folder, values, side):
     return str(folder / "chip.json"), relative
 
 
-def check_map(found, relative, share):
+def check_map(found, relative, hot):
     """Thresholds are known far better than their spread, as well as stated; hot pixels are found."""
     of = found.pixel_map
-    assert [h[:2] for h in of.hot_pixels] == [(9, 2), (3, 5)]
+    assert [h[:2] for h in of.hot_pixels] == [h[:2] for h in hot]
     side = of.region[2]
     cold = np.ones((side, side), bool)
-    for x, y, hz in of.hot_pixels:
+    for (x, y, hz), (*_, true) in zip(of.hot_pixels, hot, strict=True):
         cold[y, x] = False
-        assert hz == pytest.approx(30 if x == 9 else 40, rel=0.25)
+        assert hz == pytest.approx(true, rel=0.25)
     for estimate, true, deviation in zip((of.threshold_on, of.threshold_off), relative, of.deviation, strict=True):
         error = (estimate / estimate[cold].mean() - true.reshape(side, side))[cold]
-        assert np.std(error) < share * true.std() and 0.6 < np.std(error) / deviation < 1.5
+        assert np.std(error) < 0.4 * true.std() and np.std(error) < 1.2 * deviation < 0.5 * true.std()
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +183,8 @@ def screen(tmp_path_factory):
     """A hidden chip, its recording of a screen and one with the cap on, and the thresholds of its pixels."""
     values, light_a = hidden.draw(11)
     folder = tmp_path_factory.mktemp("screen")
-    chip, relative = mapped(folder, values, 24)
+    chip, relative = mapped(folder, values, 24, [])
+    values["threshold_mismatch"] = float(relative.std())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hidden, "STILLS", {0.0: 20.0})
         patch.setattr(hidden, "SIDE", 24)
@@ -203,13 +205,13 @@ def test_a_screens_sections_are_found(screen):
     sizes = np.histogram(ramps.t_us, ramps.edges_us)[0].reshape(-1, 4)[1:] / ramps.pixels
     assert (sizes.std(axis=0) < 0.02 * sizes.mean(axis=0)).all()
     for key, value in thresholds(ramps).items():  # by counting
-        assert value == pytest.approx(screen[0][key], rel=0.1), key
+        assert value == pytest.approx(screen[0][key], rel=0.15), key
 
 
 def test_a_chip_is_fitted_to_a_screen(screen):
     values, recordings, relative = screen
     found = fit(recordings, pixels=256, pixel_map=True)
-    check_map(found, relative, 0.5)
+    check_map(found, relative, [])
     for key, within in (("contrast_threshold_on", 0.05), ("contrast_threshold_off", 0.05), ("threshold_mismatch", 0.2)):
         of = found.values[key]
         assert of.value == pytest.approx(values[key], rel=within), key
@@ -274,11 +276,11 @@ def test_a_hidden_chip_is_found(tmp_path, monkeypatch, seed):
     monkeypatch.setattr(hidden, "STILLS", {0.0: 20.0})
     monkeypatch.setattr(hidden, "SIDE", 32)
     values, light_a = hidden.draw(seed)
-    chip, relative = mapped(tmp_path, values, 32)
+    chip, relative = mapped(tmp_path, values, 32, HOT)
     monkeypatch.setattr(hidden, "CHIP", chip)
     recordings = hidden.record(tmp_path, values, light_a, seed, "aedat4" if seed % 2 else "raw")
     found = fit(recordings, pixels=256, pixel_map=True)
-    check_map(found, relative, 0.5)
+    check_map(found, relative, HOT)
     for key in ("contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch"):
         assert found.values[key].value == pytest.approx(values[key], rel=0.1), key
         low, high = found.values[key].interval

@@ -60,7 +60,7 @@ def of_pixels(events, width, height):
 
 
 def test_a_pixel_map_sets_thresholds_of_its_region(with_map):
-    """A ramp up and down: as many events as thresholds fit; outside the region as the profile says. Biases still act."""
+    """A ramp up and down: as many events as thresholds fit; outside the region as the profile says."""
     rng = np.random.default_rng(3)
     on, off = rng.uniform(0.7, 1.4, (2, 3, 5))
     chip = with_map(region=[4, 2, 5, 3], threshold_on=on.ravel().tolist(), threshold_off=off.ravel().tolist())
@@ -80,10 +80,14 @@ def test_a_pixel_map_sets_thresholds_of_its_region(with_map):
 def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
     on, off = np.zeros((3, 40)), np.zeros((3, 40))
     on[0], off[1], on[2], off[2] = 20, 35, 5, 10
-    table = {"region": [10, 1, 40, 3], "background_on_hz": on.ravel().tolist(), "background_off_hz": off.ravel().tolist()}
+    table = {
+        "region": [10, 1, 40, 3],
+        "background_on_hz": on.ravel().tolist(),
+        "background_off_hz": off.ravel().tolist(),
+    }
     still, t_us = np.full((11, 6, 60), 0.5, np.float32), np.arange(11) * 5e5
     chip = with_map(**table, hot_pixels=[[3, 0, 200], [55, 5, 400]])
-    overrides = {"background_on_hz": 2, "background_off_hz": 1, "hot_pixel_fraction": 0.5, "hot_pixel_hz": 1000}
+    overrides = {"background_on_hz": 2, "background_off_hz": 1, "hot_pixel_fraction": 0.1, "hot_pixel_hz": 900}
     e = pecs.simulate(still, t_us, chip=chip, overrides=overrides, readout="ideal")
     found = of_pixels(e, 60, 6)
     hot = np.zeros((6, 60))

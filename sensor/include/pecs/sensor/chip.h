@@ -19,10 +19,10 @@ struct PixelMap {
     double hz;
   };
   std::string file;
-  int x = 0, y = 0, width = 0, height = 0;                // region, row by row; 0: a sample, of which every pixel draws one
-  std::vector<float> threshold_on, threshold_off;         // relative to the profile's; empty: drawn
+  int x = 0, y = 0, width = 0, height = 0;         // region, row by row; 0: a sample, of which every pixel draws one
+  std::vector<float> threshold_on, threshold_off;  // relative to the profile's; empty: drawn
   std::vector<float> background_on_hz, background_off_hz;  // empty: the profile's
-  std::optional<std::vector<Hot>> hot_pixels;             // all of the sensor; none: drawn
+  std::optional<std::vector<Hot>> hot_pixels;              // all of the sensor; none: drawn
 
   // Index of a pixel's values, in a sample by `drawn` in [0, 1); none outside the region.
   std::optional<std::size_t> index(int px, int py, double drawn) const;

@@ -48,7 +48,9 @@ class PecsPixels : public PixelModel {
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override;
 
  private:
-  bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || maps_background(); }
+  bool has_background() const {
+    return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || maps_background();
+  }
   bool maps_background() const { return map_ && !map_->background_on_hz.empty(); }
   bool maps_thresholds() const { return map_ && !map_->threshold_on.empty(); }
   bool has_thresholds_only() const;
