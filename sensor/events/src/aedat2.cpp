@@ -90,7 +90,7 @@ class Aedat2Reader final : public EventReader<Aedat2Reader> {
 Codec make_aedat2() {
   return {.name = "aedat2",
           .description = "AEDAT 2.0 of DAVIS cameras, jAER and v2e",
-          .extensions = {".aedat2", ".aedat"},
+          .extensions = {".aedat", ".aedat2"},
           .sniff = [](const auto&, auto head) { return begins_with(head, kMagic); },
           .open_reader = [](const auto& path) { return std::make_unique<Aedat2Reader>(path); },
           .open_writer = {},

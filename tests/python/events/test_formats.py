@@ -38,12 +38,12 @@ def aedat2(tmp_path):
     def write(events, width, height, chip=None):
         t, x, y, p = (events[name].astype(np.int64) for name in "txyp")
         address = (height - 1 - y) << 22 | (width - 1 - x) << 12 | p << 11
-        samples = np.array([(a, t) for a in (1 << 31 | 5 << 12, 3 << 10, 1 << 10) for t in t[:2]], np.int64)
+        samples = np.array([(a, t[0]) for a in (1 << 31 | 5 << 12, 3 << 10, 1 << 10)])
         words = np.concatenate([samples.reshape(-1, 2), np.stack([address, t & 0xFFFFFFFF], axis=1)])
         header = "#!AER-DAT2.0\r\n# Timestamps tick is 1 us\r\n"
         if chip:
             header += f"# AEChip: eu.seebetter.ini.chips.davis.{chip}\r\n" + "# <entry key='bias'/>\r\n" * 9000
-        path = tmp_path / "events.aedat2"
+        path = tmp_path / "events.aedat"
         path.write_bytes(header.encode() + words.astype(">u4").tobytes())
         return path
 
