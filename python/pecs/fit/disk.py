@@ -24,7 +24,7 @@ from .recordings import Disk, Quiet
 
 GROUPS = (10, 6)  # of pixels, by x and y modulo these, for the jackknife
 LEAST_EVENTS = 5000  # behind edges
-BINS = 12  # of delays behind the edges of a polarity, with equal numbers of recorded events
+SHARES = (0.02, 0.06, 0.12, *np.arange(0.2, 0.95, 0.1))  # of the recorded events, between bins that count together
 BESIDE_PX = 34.0  # distance from the rim of pixels that count as background
 NONE = 1e-3  # events per edge, so that logarithms exist
 WIDE = np.geomspace(0.05, 200.0, 42)  # corner of the photoreceptor in white, times the period
@@ -43,6 +43,7 @@ class Turning:
     contrast: float
     sectors: int
     speed_deg_s: float
+    white: float  # its share of a period
     count: Floats  # [group, polarity, bin] of events
     region_count: Floats  # [group, region] of events
     passes: Floats  # [region, polarity, bin]: pixels times passing edges
@@ -69,7 +70,7 @@ class Turning:
         out = []
         for of in self.count.sum(axis=0):
             shares = np.cumsum(of) / max(of.sum(), 1.0)
-            inner = np.searchsorted(shares, np.arange(1, BINS) / BINS) + 1
+            inner = np.searchsorted(shares, SHARES) + 1
             out.append(np.unique(np.concatenate([[0], inner[inner < len(of)], [len(of)]])))
         return out
 
@@ -99,14 +100,16 @@ def load_disk(of: Disk) -> Turning:
     parts = [
         delays(events[group == g], disk=found, duration_us=duration_us, **size) for g in range(int(np.prod(GROUPS)))
     ]
-    regions = parts[0]["regions"]
+    regions, period_deg = parts[0]["regions"], 720 / found["sectors"]
+    on_deg, off_deg, speed_deg_s = (float(found[k]["value"]) for k in ("on_edge_deg", "off_edge_deg", "speed_deg_s"))
+    white = (on_deg - off_deg) * np.sign(speed_deg_s) % period_deg / period_deg
     passes = np.stack([parts[0][p]["passes"] for p in ("on", "off")], axis=1)
     per_edge = np.array([[part[p]["histogram"] for p in ("on", "off")] for part in parts])
     count = per_edge * passes.sum(axis=0)
     if count.sum() < LEAST_EVENTS:
         raise PecsInputError(f"{of.file}: got {count.sum():.0f} events behind edges, wanted {LEAST_EVENTS}")
     return Turning(
-        Path(of.file).name, str(of.file), of.contrast, int(found["sectors"]), float(found["speed_deg_s"]["value"]),
+        Path(of.file).name, str(of.file), of.contrast, int(found["sectors"]), speed_deg_s, white,
         count, np.array([part["regions"]["events"] for part in parts]), passes, (regions["around"], regions["along"]),
         np.array(parts[0]["bin_edges_deg"]), _beside(Path(of.file).name, events, found, size, duration_us),
     )  # fmt: skip

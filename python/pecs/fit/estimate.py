@@ -21,7 +21,7 @@ from ..chip import Chip
 from . import hot as hot_pixels
 from . import readout, statistics
 from .disk import Answers, Turned, Turning, light_map, load_disk, turned
-from .model import Model
+from .model import COARSE, Model
 from .recordings import (
     Disk, Flash, Quiet, Screen, Steps, Still, Stimulus, Switches, load_steps, load_still, load_stimulus,
 )  # fmt: skip
@@ -330,7 +330,7 @@ class Estimate:
 
     def _weigh(self, measured: Floats, x: Floats, floor: float) -> Floats:
         """Weights of the statistics from here on; their covariance."""
-        self.problem.focus(self.search.values(self.keys, x))
+        self.problem.focus(self.search.values(self.keys, x), 1.0 if floor == LEAST_SD else COARSE)
         simulated = self.problem.covariance(self.search.values(self.keys, x))
         covariance: Floats = measured + simulated + np.diag(self.problem.unknown**2 + floor**2)
         self.search.variance = np.diag(covariance)

@@ -22,10 +22,11 @@ NOISE_S, NOISE_SETTLE_S = 0.6, 0.4  # simulated noise, after its beginning
 DARK_S, DARK_SETTLE_S, DARK_STEP_US = 30.0, 10.0, 2000.0  # the same with the cap on, where pixels are slow
 BATCH = 512  # frames
 # A disk: pixels at each light, relative to those before switches, in rows of DISK_COLUMNS; periods before the counted
-# one in coarse steps, the last one in finer steps; steps of half a period.
-DISK_PIXELS, DISK_COLUMNS = 4, 240
+# one, and steps of half a period: in all but the last of these, and least and most in the counted one.
+DISK_PIXELS, DISK_COLUMNS = 16, 240
 DISK_PERIODS, DISK_COARSE, DISK_STEPS, DISK_BATCH = 10, 12, (24, 1000), 64
-DISK_STEP_US = 100.0
+DISK_STEP_US = 150.0
+COARSE = 0.25  # share of these pixels far from the best values
 SLOW_S, SETTLE_S, SLOW_STEP_S = 120.0, 600.0, 2.0  # leak and background: phases of leaks become random
 STILL_KEYS = ("leak_rate_hz", "background_on_hz", "background_off_hz")
 SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch")
@@ -51,26 +52,25 @@ class Model:
     chip: str | Path
     pixels: int = 1024  # before switches; half of them in still light
     seed: int = 1
-    disk_corners_hz: dict[str, np.ndarray] = field(default_factory=dict)  # file of a disk -> its light
+    disk_lights: dict[str, tuple[np.ndarray, int]] = field(default_factory=dict)  # file of a disk -> corners, rows
     _known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def still_pixels(self) -> int:
         return self.pixels // 2
 
-    def focus(self, of: disk.Turning, overrides: Mapping[str, float]) -> None:
-        """From here on, only the light of the disk's regions is simulated."""
-        answers = self._turn(of, disk.WIDE / of.period_us * 1e6, 1, overrides)
-        self.disk_corners_hz[of.file] = disk.lights(of, answers)
+    def focus(self, of: disk.Turning, overrides: Mapping[str, float], share: float = 1.0) -> None:
+        """From here on, only the light of the disk's regions is simulated, with a share of the pixels."""
+        rows = max(1, round(share * DISK_PIXELS * self.pixels / DISK_COLUMNS))
+        answers = self._turn(of, disk.WIDE / of.period_us * 1e6, max(1, rows // 16), overrides)
+        self.disk_lights[of.file] = disk.lights(of, answers), rows
 
     def turning(self, of: disk.Turning, overrides: Mapping[str, float]) -> disk.Answers:
-        corners_hz = self.disk_corners_hz.get(of.file)
-        if corners_hz is None:
-            self.focus(of, overrides)
-            corners_hz = self.disk_corners_hz[of.file]
-        rows = max(1, round(DISK_PIXELS * self.pixels / DISK_COLUMNS))
+        if of.file not in self.disk_lights:
+            self.focus(of, overrides, COARSE)
+        corners_hz, rows = self.disk_lights[of.file]
         moving = {key: v for key, v in overrides.items() if key not in STILL_KEYS}
-        key = (of.file, corners_hz.tobytes(), *sorted(moving.items()))
+        key = (of.file, rows, corners_hz.tobytes(), *sorted(moving.items()))
         return self._once(*key, make=lambda: self._turn(of, corners_hz, rows, moving))  # type: ignore[no-any-return]
 
     def _turn(
@@ -80,8 +80,7 @@ class Model:
         with Chip(self.chip) as chip:
             kappa = values.get("corner_hz_per_a") or chip.corner_hz_per_a or 1e15
             rows = min(rows, int(chip.info["values"]["height"]["value"]) // len(corners_hz))
-        half_us = of.period_us / 2
-        fine = int(np.clip(half_us / DISK_STEP_US, *DISK_STEPS))
+        fine = int(np.clip(of.period_us / 2 / DISK_STEP_US, *DISK_STEPS))
         steps = [DISK_COARSE] * 2 * (DISK_PERIODS - 1) + [max(DISK_COARSE, fine // 4)] * 2 + [fine] * 2
         white_fa = np.repeat(1e15 * corners_hz / kappa, rows)[:, None] * np.ones((1, DISK_COLUMNS))
         frames = [white_fa.astype(np.float32), (white_fa / of.contrast).astype(np.float32)]
@@ -93,8 +92,9 @@ class Model:
         found = []
         with sensor:
             for half, number in enumerate(steps):
-                begin = half * half_us
-                t_us = np.concatenate([[begin + 1], begin + half_us * np.arange(1, number + 1) / number])
+                begin = (half // 2 + half % 2 * of.white) * of.period_us
+                length_us = (1 - of.white if half % 2 else of.white) * of.period_us
+                t_us = np.concatenate([[begin + 1], begin + length_us * np.arange(1, number + 1) / number])
                 for i in range(0, len(t_us), DISK_BATCH):
                     some = t_us[i : i + DISK_BATCH]
                     block = np.broadcast_to(frames[half % 2], (len(some), *white_fa.shape))
@@ -107,7 +107,7 @@ class Model:
         since_us = events["t"] - DISK_PERIODS * of.period_us
         kept = (since_us >= 0) & (since_us < of.period_us)
         events, bins = events[kept], of.bins_deg
-        past = (since_us[kept] / of.period_us - np.where(events["p"] == 1, 0.0, 0.5)) * (720 / of.sectors)
+        past = (since_us[kept] / of.period_us - np.where(events["p"] == 1, 0.0, of.white)) * (720 / of.sectors)
         past = np.mod(past - bins[0], 720 / of.sectors) + bins[0]
         groups, number = len(of.count), len(bins) - 1
         bin_ = np.searchsorted(bins, past, "right") - 1

@@ -116,12 +116,13 @@ class Problem:
             for of in self.data
         ]
 
-    def focus(self, values: Mapping[str, float]) -> None:
-        """From here on, disks are simulated in the light that they have with these values."""
+    def focus(self, values: Mapping[str, float], share: float) -> None:
+        """From here on, disks are simulated in the light that they have with these values, with a share of the
+        pixels."""
         overrides = {key: v for key, v in {**self.fixed, **values}.items() if key != LIGHT}
         for of in self.data:
             if isinstance(of, Turning):
-                self.model.focus(of, overrides)
+                self.model.focus(of, overrides, share)
 
     def _quiet_rates(self, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> tuple[Floats, Floats, NDArray[Any]]:
         """ON and OFF: rates of noise, and of the rest; numbers of the rest's ON events."""
