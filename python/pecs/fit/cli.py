@@ -131,7 +131,9 @@ def _fit(args: argparse.Namespace) -> None:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
     edges = _edges_us(args.edges) if args.edges else None
-    recordings: list[Steps | Still | Stimulus | Disk | Flash] = [Stimulus(existing(f, "a recording")) for f in args.stimulus]
+    recordings: list[Steps | Still | Stimulus | Disk | Flash] = [
+        Stimulus(existing(f, "a recording")) for f in args.stimulus
+    ]
     recordings += [Steps(existing(f, "a recording"), levels, edges) for f, levels in args.steps]
     recordings += [Still(existing(f, "a recording"), levels[0]) for f, levels in args.still]
     recordings += [Disk(existing(f, "a recording"), *contrast) for f, *contrast in args.disk]

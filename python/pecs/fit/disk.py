@@ -126,9 +126,7 @@ def _detect(file: str | Path) -> dict[str, Any]:
     return found
 
 
-def _beside(
-    name: str, events: Events, found: dict[str, Any], size: dict[str, int], duration_us: int
-) -> Quiet | None:
+def _beside(name: str, events: Events, found: dict[str, Any], size: dict[str, int], duration_us: int) -> Quiet | None:
     """Events of pixels that see no edge."""
     y, x = np.mgrid[: size["height"], : size["width"]] + 0.5
     away = np.hypot(x - found["centre_x"]["value"], y - found["centre_y"]["value"])
@@ -222,7 +220,9 @@ class Turned:
 
     def __str__(self) -> str:
         low, high = np.quantile(self.corner_hz, (0.05, 0.95))
-        return f"{self.sectors} sectors, {self.rpm:+.1f} rpm, photoreceptor's corner in white {low:.3g} to {high:.3g} Hz"
+        return (
+            f"{self.sectors} sectors, {self.rpm:+.1f} rpm, photoreceptor's corner in white {low:.3g} to {high:.3g} Hz"
+        )
 
 
 def turned(of: Turning, answers: Answers) -> Turned:

@@ -296,9 +296,7 @@ class Estimate:
                 out |= counted
         if gaps and "refractory_period_s" in out:
             _, low, high, _ = FREE["refractory_period_s"]
-            out["refractory_period_s"] = float(
-                np.clip(min(gaps) / 2, low, SLOW_REFRACTORY_S if self.slow else high)
-            )
+            out["refractory_period_s"] = float(np.clip(min(gaps) / 2, low, SLOW_REFRACTORY_S if self.slow else high))
         if quiets:  # all rates of the recording with the fewest events are background
             out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in quiets)
             out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in quiets)
@@ -443,7 +441,17 @@ class Estimate:
         corner_hz = self._corner(values.pop(LIGHT, None), values)
         disks = {d.file: turned(d, sim) for d, sim in zip(data, sims, strict=True) if isinstance(d, Turning)}
         return Fitted(
-            str(problem.model.chip), self.files, values, corner_hz, correlations, compared, misfit, data, sims, {}, disks
+            str(problem.model.chip),
+            self.files,
+            values,
+            corner_hz,
+            correlations,
+            compared,
+            misfit,
+            data,
+            sims,
+            {},
+            disks,
         )
 
     def _beside(self, of: Turning, sim: Answers, best: dict[str, float]) -> dict[str, Value]:

@@ -73,9 +73,7 @@ class Model:
         key = (of.file, rows, corners_hz.tobytes(), *sorted(moving.items()))
         return self._once(*key, make=lambda: self._turn(of, corners_hz, rows, moving))  # type: ignore[no-any-return]
 
-    def _turn(
-        self, of: disk.Turning, corners_hz: np.ndarray, rows: int, values: Mapping[str, float]
-    ) -> disk.Answers:
+    def _turn(self, of: disk.Turning, corners_hz: np.ndarray, rows: int, values: Mapping[str, float]) -> disk.Answers:
         """`rows` of pixels at each light, all at the same place of the disk."""
         with Chip(self.chip) as chip:
             kappa = values.get("corner_hz_per_a") or chip.corner_hz_per_a or 1e15
