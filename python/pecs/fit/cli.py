@@ -17,9 +17,9 @@ from ..chip import Chip
 
 ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
-    "one of a light that switches through known levels again and again, relative to level 1; --disk is one of a turning "
-    "disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). The camera does not move. What the recordings do not constrain is "
-    "kept as in the starting profile."
+    "one of a light that switches through known levels again and again, relative to level 1; --disk is one of a "
+    "turning disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). The "
+    "camera does not move. What the recordings do not constrain is kept as in the starting profile."
 )
 EXAMPLES = (
     "pecs fit --stimulus screen.raw --still cap.raw=0 -o my_camera.json",

@@ -10,6 +10,7 @@ import json
 import subprocess
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ SHARES = (0.02, 0.06, 0.12, *np.arange(0.2, 0.95, 0.1))  # of the recorded event
 BESIDE_PX = 34.0  # distance from the rim of pixels that count as background
 NONE = 1e-3  # events per edge, so that logarithms exist
 WIDE = np.geomspace(0.05, 200.0, 42)  # corner of the photoreceptor in white, times the period
-MARGIN, LIGHT_STEP, MOST_LIGHTS = 1.5, 0.2, 24  # of the simulated light: factor, largest step in ln, number
+LIGHT_STEP, MOST_LIGHTS = 0.2, 24  # of the simulated light: largest step in ln, number
 
 Floats = NDArray[np.float64]
 Some = NDArray[Any] | None  # numbers of some groups; None: all
@@ -142,7 +143,7 @@ def names(of: Turning) -> list[tuple[str, list[str]]]:
     out = []
     for edge, cuts in zip(("ON edge", "OFF edge"), of.cuts, strict=True):
         ends = of.bins_deg[cuts]
-        out.append((edge, [f"ln of events {a:g} to {b:g} deg behind it" for a, b in zip(ends[:-1], ends[1:])]))
+        out.append((edge, [f"ln of events {a:g} to {b:g} deg behind it" for a, b in pairwise(ends)]))
     return out
 
 
@@ -190,11 +191,11 @@ def predicted(of: Turning, answers: Answers, some: Some = None, simulated: Some 
     return _together(of, predicted_per_edge(of, answers, some, simulated))
 
 
-def lights(of: Turning, answers: Answers) -> Floats:
-    """Corners in white that cover those of the regions."""
+def lights(of: Turning, answers: Answers, margin: float) -> Floats:
+    """Corners in white that cover those of the regions, and a factor to either side."""
     low, high = np.quantile(light_map(of, answers), (0.02, 0.98))
-    number = min(MOST_LIGHTS, 2 + int(np.log(MARGIN**2 * high / low) / LIGHT_STEP))
-    return np.geomspace(low / MARGIN, high * MARGIN, number)
+    number = min(MOST_LIGHTS, 2 + int(np.log(margin**2 * high / low) / LIGHT_STEP))
+    return np.geomspace(low / margin, high * margin, number)
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import UsageError, optional_module
+from .._errors import PecsInputError, UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
 from . import readout, statistics
 from .disk import Answers, Turned, Turning, light_map, load_disk, turned
 from .model import COARSE, Model
 from .recordings import (
-    Disk, Flash, Quiet, Screen, Steps, Still, Stimulus, Switches, load_steps, load_still, load_stimulus,
+    Disk,
+    Flash,
+    Quiet,
+    Screen,
+    Steps,
+    Still,
+    Stimulus,
+    Switches,
+    load_steps,
+    load_still,
+    load_stimulus,
 )  # fmt: skip
 from .search import FREE, HISTORY, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
 
@@ -320,6 +330,8 @@ class Estimate:
             key = self.keys.pop(weakest)
             problem.fixed[key] = search.start[key] if key == LIGHT else self.profile[key]
             x, slopes = np.delete(x, weakest), np.delete(slopes, weakest, axis=1)
+            if not self.keys:
+                raise PecsInputError(f"{', '.join(self.files)}: got no value that shows, wanted more events")
         if self.weak:
             x = search.refine(self.keys, x, 3)
             slopes = search.slopes(self.keys, x, both_sides=True)

@@ -26,7 +26,7 @@ BATCH = 512  # frames
 DISK_PIXELS, DISK_COLUMNS = 16, 240
 DISK_PERIODS, DISK_COARSE, DISK_STEPS, DISK_BATCH = 10, 12, (24, 1000), 64
 DISK_STEP_US = 150.0
-COARSE = 0.25  # share of these pixels far from the best values
+COARSE, FAR, NEAR = 0.25, 5.0, 1.5  # share of these pixels far from the best values; margins of light, far and near
 SLOW_S, SETTLE_S, SLOW_STEP_S = 120.0, 600.0, 2.0  # leak and background: phases of leaks become random
 STILL_KEYS = ("leak_rate_hz", "background_on_hz", "background_off_hz")
 SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch")
@@ -63,7 +63,7 @@ class Model:
         """From here on, only the light of the disk's regions is simulated, with a share of the pixels."""
         rows = max(1, round(share * DISK_PIXELS * self.pixels / DISK_COLUMNS))
         answers = self._turn(of, disk.WIDE / of.period_us * 1e6, max(1, rows // 16), overrides)
-        self.disk_lights[of.file] = disk.lights(of, answers), rows
+        self.disk_lights[of.file] = disk.lights(of, answers, NEAR if share == 1 else FAR), rows
 
     def turning(self, of: disk.Turning, overrides: Mapping[str, float]) -> disk.Answers:
         if of.file not in self.disk_lights:

@@ -49,7 +49,7 @@ def test_a_disk_and_a_chip_are_found(run, recording, tmp_path):
         assert high / low < 3, key
     assert np.median(found["corner_hz"]) == pytest.approx(CORNER_HZ, rel=0.15)
     assert not values["corner_hz_per_a"]["fitted"] and "steps" in values["corner_hz_per_a"]["why"]
-    assert getattr(pecs.Chip(str(chip)), "contrast_threshold_on") == pytest.approx(0.2, rel=0.08)
+    assert pecs.Chip(str(chip)).contrast_threshold_on == pytest.approx(0.2, rel=0.08)
     assert page.read_text().count("<svg") == 2 and wrote["misfit"] < 2
 
 
