@@ -27,7 +27,8 @@ from pecs_lab.report import table
 SIZE, RADIUS_PX, DURATION_US = {"width": 160, "height": 128}, 50.0, 4e5
 STEP_US = 100.0
 # Low and high, drawn evenly in the logarithm.
-PERIOD_US, CONTRAST, CORNER_PERIODS = (4e4, 1.2e5), (8.0, 20.0), (0.3, 3.0)  # the corner in white, times the period
+PERIOD_US, CONTRAST = (4e4, 1.2e5), (8.0, 20.0)
+SLOWNESS = 1.0, 1.8  # the corner in white, times the period / ON threshold: about 1.5 in R_360_L
 LIGHT_RATIO = 1.5  # over the disk
 
 
@@ -43,7 +44,7 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     disk = Disk(centre, RADIUS_PX + computed_disk.STILL_PX, speed, float(rng.uniform(0, 360)), sectors)
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
     shape = np.exp(np.log(LIGHT_RATIO) / 2 * np.cos(around + rng.uniform(0, 2 * np.pi))) * np.ones(4)
-    corner_hz = between(CORNER_PERIODS) / period_us * 1e6 * shape
+    corner_hz = between(SLOWNESS) * values["contrast_threshold_on"] / period_us * 1e6 * shape
     events = computed_disk.simulate(
         "imx636", values, disk, corner_hz, contrast, **SIZE, duration_us=DURATION_US, seed=seed, step_us=STEP_US
     )

@@ -27,6 +27,7 @@ GROUPS = (10, 6)  # of pixels, by x and y modulo these, for the jackknife
 LEAST_EVENTS = 5000  # behind edges
 SHARES = (0.02, 0.06, 0.12, *np.arange(0.2, 0.95, 0.1))  # of the recorded events, between bins that count together
 BESIDE_PX = 34.0  # distance from the rim of pixels that count as background
+UNSURE = 0.003  # largest deviation of an edge, relative to the period
 NONE = 1e-3  # events per edge, so that logarithms exist
 WIDE = np.geomspace(0.05, 200.0, 42)  # corner of the photoreceptor in white, times the period
 LIGHT_STEP, MOST_LIGHTS = 0.2, 24  # of the simulated light: largest step in ln, number
@@ -124,6 +125,13 @@ def _detect(file: str | Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(done.stdout)
     if "rim" not in found:
         raise PecsInputError(f"{file}: got a disk without rim, wanted one whose rim is in view")
+    period_deg = 720 / found["sectors"]
+    unsure_deg = max(float(found[edge]["deviation"]) for edge in ("on_edge_deg", "off_edge_deg"))
+    if found["on_starts_sharply"] or found["off_starts_sharply"] or unsure_deg > UNSURE * period_deg:
+        raise PecsInputError(
+            f"{file}: got pixels that are done with an edge before the next one arrives, so that the edges are known "
+            "within a latency only, wanted a faster disk or dimmer light"
+        )
     return found
 
 

@@ -20,7 +20,7 @@ from .._errors import PecsInputError, UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
 from . import readout, statistics
-from .disk import Answers, Turned, Turning, light_map, load_disk, turned
+from .disk import Turned, Turning, load_disk, turned
 from .model import COARSE, Model
 from .recordings import (
     Disk,
@@ -35,7 +35,7 @@ from .recordings import (
     load_still,
     load_stimulus,
 )  # fmt: skip
-from .search import FREE, HISTORY, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
+from .search import FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
 
 COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from the best values
 LEAST_SD = 0.003  # the same in the end: what the simulation's steps in time may be wrong by
@@ -44,7 +44,6 @@ NORMAL_95 = 1.96
 # Factor on all deviations: noise in the slopes makes them too small. Found on drawn chips (seeds below 400 of
 # scripts/studies/fit_hidden.py), of whose values the intervals without it held 77 to 88 %.
 WIDER = 1.4
-WALL = 1 / 3  # light beside a disk / in white
 OF_SPEED = ("corner_hz_per_a", "amplifier_cutoff_hz", "refractory_period_s")  # a disk's light is not known
 TOGETHER = 0.9  # correlation of values that are not told apart
 # Without steps these are known no better than so, in coordinates of the search; thresholds and noise depend on them.
@@ -448,8 +447,8 @@ class Estimate:
         values |= {key: _kept(problem.fixed[key], why) for key, why in self.weak.items()} | self._not_searched()
         data, sims = problem.data, problem.simulate(best)
         if not any(isinstance(d, Quiet) for d in data):
-            for of, sim in zip(data, sims, strict=True):
-                values |= self._beside(of, sim, best) if isinstance(of, Turning) else {}
+            for of in data:
+                values |= self._beside(of) if isinstance(of, Turning) else {}
         corner_hz = self._corner(values.pop(LIGHT, None), values)
         disks = {d.file: turned(d, sim) for d, sim in zip(data, sims, strict=True) if isinstance(d, Turning)}
         return Fitted(
@@ -466,22 +465,18 @@ class Estimate:
             disks,
         )
 
-    def _beside(self, of: Turning, sim: Answers, best: dict[str, float]) -> dict[str, Value]:
-        """Background, from the pixels beside a disk, without the noise in light like that of a grey wall."""
+    def _beside(self, of: Turning) -> dict[str, Value]:
+        """Background, of the pixels beside a disk."""
         if of.beside is None:
             return {}
-        hot = hot_pixels.find([of.beside])
+        hot, out = hot_pixels.find([of.beside]), {}
         quiet = of.beside.without(hot[0]) if hot else of.beside
-        light_a = WALL * float(np.median(light_map(of, sim))) / self.profile["corner_hz_per_a"]
-        noise = self.problem.model.noise(light_a, best)
-        out, leak_hz = {}, self.profile["leak_rate_hz"]
-        for key, count, noisy, other in (
-            ("background_on_hz", quiet.on, noise.on, leak_hz),
-            ("background_off_hz", quiet.off, noise.off, 0.0),
+        pixel_s, leak_hz = quiet.pixels * quiet.seconds, self.profile["leak_rate_hz"]
+        for key, number, leaks in (
+            ("background_on_hz", int(quiet.on.sum()), leak_hz * pixel_s),
+            ("background_off_hz", int(quiet.off.sum()), 0.0),
         ):
-            pixel_s, noise_hz = quiet.pixels * quiet.seconds, float(noisy.mean()) / noise.seconds
-            value = max(float(count.sum()) / pixel_s - noise_hz - other, 0.0)
-            sd = np.hypot(np.sqrt(count.sum() + 1) / pixel_s, HISTORY * noise_hz)
+            value, sd = max(number - leaks, 0.0) / pixel_s, np.sqrt(number + 1) / pixel_s
             out[key] = Value(value, (max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd), self.profile[key])
         return out
 

@@ -170,13 +170,9 @@ class Model:
         light = light_a * of.level
         noisy = {k: v for k, v in overrides.items() if not k.startswith(("background", "refractory"))}
         slow = {k: overrides[k] for k in SLOW_KEYS if k in overrides}
-        noise = self.noise(light, noisy)
+        noise = self._once("noise", light, *sorted(noisy.items()), make=lambda: self._noise(light, noisy))
         rest = self._once("slow", of.seconds, *sorted(slow.items()), make=lambda: self._slow(slow, of.seconds))
         return noise, rest
-
-    def noise(self, light_a: float, overrides: Mapping[str, float]) -> Quiet:
-        make = lambda: self._noise(light_a, overrides)  # noqa: E731
-        return self._once("noise", light_a, *sorted(overrides.items()), make=make)  # type: ignore[no-any-return]
 
     def _still(self, sensor: Sensor, times: list[np.ndarray], level: float) -> np.ndarray:
         block = np.full((BATCH, *sensor.shape), level, np.float32)

@@ -10,7 +10,7 @@ from pecs.fit import Disk
 from pecs.fit.disk import load_disk
 from support import run_module
 
-SIZE, CORNER_HZ, CONTRAST, PIXELS = {"width": 150, "height": 120}, 5.0, 15.0, 128
+SIZE, CORNER_HZ, CONTRAST, PIXELS = {"width": 150, "height": 120}, 3.0, 15.0, 128
 CHIP = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.25, "threshold_mismatch": 0.1, "noise_std": 0.04}
 CHIP |= {"background_on_hz": 0.5, "background_off_hz": 0.3}
 
@@ -26,7 +26,7 @@ def recording(tmp_path_factory):
     """Six sectors, clockwise, another camera's size."""
     from pecs_lab import computed_disk
 
-    disk = computed_disk.Disk((75.0, 58.0), 50.0, -900.0, 20.0, sectors=6)
+    disk = computed_disk.Disk((75.0, 58.0), 50.0, -1800.0, 20.0, sectors=6)
     light = np.full((24, 4), CORNER_HZ), CONTRAST
     path = tmp_path_factory.mktemp("disk") / "disk.raw"
     events = computed_disk.simulate("imx636", CHIP, disk, *light, **SIZE, duration_us=400e3, seed=1, step_us=200.0)
@@ -38,7 +38,7 @@ def test_a_disk_and_a_chip_are_found(run, recording, tmp_path):
     chip, page, numbers = (tmp_path / name for name in ("mine.json", "fit.html", "fit.json"))
     words = ["--disk", f"{recording}={CONTRAST:g}", "--pixels", PIXELS, "-o", chip]
     done = run(*words, "--report", page, "--numbers", numbers)
-    assert done.returncode == 0 and "6 sectors, -150" in done.stdout, done.stderr
+    assert done.returncode == 0 and "6 sectors, -300" in done.stdout, done.stderr
     wrote = json.loads(numbers.read_text())
     values, found = wrote["values"], wrote["disks"][str(recording)]
     for key in ("contrast_threshold_on", "contrast_threshold_off"):
