@@ -3,10 +3,10 @@
 
     scripts/tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
 
-The photoreceptor's corner follows the light, so the map of corners over the disk (`pecs fit --disk`) is one of illuminance. A
-lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before and h below
-an element of the lamp, d h / r^4 (Lambert twice); walls add a constant share, the lens takes cos^4 of the field angle.
-Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 mm fit alike) and is given.
+The photoreceptor's corner follows the light, so the map of corners over the disk (`pecs fit --disk`) is one of
+illuminance. A lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before
+and h below an element of the lamp, d h / r^4 (Lambert twice); walls add a constant share, the lens takes cos^4 of the
+field angle. Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 mm fit alike) and is given.
 """
 
 import argparse
