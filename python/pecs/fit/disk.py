@@ -123,7 +123,7 @@ def _detect(file: str | Path) -> dict[str, Any]:
         lines = [line for line in done.stderr.splitlines() if line.startswith("pecs: ")] or [f"pecs: {file}: no disk"]
         raise PecsError(lines[-1].removeprefix("pecs: "), done.returncode)
     found: dict[str, Any] = json.loads(done.stdout)
-    if "rim" not in found:
+    if not found.get("rim"):
         raise PecsInputError(f"{file}: got a disk without rim, wanted one whose rim is in view")
     period_deg = 720 / found["sectors"]
     unsure_deg = max(float(found[edge]["deviation"]) for edge in ("on_edge_deg", "off_edge_deg"))

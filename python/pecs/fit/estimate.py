@@ -466,18 +466,15 @@ class Estimate:
         )
 
     def _beside(self, of: Turning) -> dict[str, Value]:
-        """Background, of the pixels beside a disk."""
+        """Background, of the pixels beside a disk: at most their rate, since leak and noise are part of it."""
         if of.beside is None:
             return {}
         hot, out = hot_pixels.find([of.beside]), {}
         quiet = of.beside.without(hot[0]) if hot else of.beside
-        pixel_s, leak_hz = quiet.pixels * quiet.seconds, self.profile["leak_rate_hz"]
-        for key, number, leaks in (
-            ("background_on_hz", int(quiet.on.sum()), leak_hz * pixel_s),
-            ("background_off_hz", int(quiet.off.sum()), 0.0),
-        ):
-            value, sd = max(number - leaks, 0.0) / pixel_s, np.sqrt(number + 1) / pixel_s
-            out[key] = Value(value, (max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd), self.profile[key])
+        pixel_s = quiet.pixels * quiet.seconds
+        for key, number in (("background_on_hz", int(quiet.on.sum())), ("background_off_hz", int(quiet.off.sum()))):
+            most = (number + NORMAL_95 * float(np.sqrt(number + 1))) / pixel_s
+            out[key] = Value(number / pixel_s, (0.0, most), self.profile[key])
         return out
 
     def _corner(self, light: Value | None, values: dict[str, Value]) -> Value:
