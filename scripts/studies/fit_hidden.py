@@ -136,14 +136,14 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     return recordings + [record_still(folder, values, light_a, seed, suffix, level) for level in STILLS]
 
 
-def one(seed: int, make: Callable = record) -> dict:
+def one(seed: int, make: Callable = record, pixels: int = 1024) -> dict:
     values, light_a = draw(seed)
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         recordings = make(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
         recorded = time.monotonic()
         try:
-            found = fit(recordings)
+            found = fit(recordings, pixels=pixels)
         except pecs.PecsError as e:
             return {"seed": seed, "refused": str(e).replace(folder + "/", "")}
     truth = values | {"corner at level 1": light_a * values["corner_hz_per_a"]}

@@ -90,6 +90,22 @@ class Flash:
 
 
 @dataclass(frozen=True)
+class Disk:
+    """A recording of a turning disk of equal black and white sectors, whose rim is in view.
+
+    Parameters
+    ----------
+    file : str or path
+        Event file.
+    contrast : float
+        Light of white sectors / light of black ones. Default 12: the printed disk of scenes/rotating_disk.
+    """
+
+    file: str | Path
+    contrast: float = 12.0
+
+
+@dataclass(frozen=True)
 class Screen:
     """What the flashes of a recording of Stimulus show of the screen.
 

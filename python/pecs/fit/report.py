@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_text
-from . import statistics
+from . import disk, statistics
+from .disk import Turning
 from .estimate import Fitted, Value
 from .recordings import Switches
 
@@ -23,6 +24,7 @@ figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: 1
 svg { background: #fafafa; } svg text { font-size: 11px; fill: #555; }
 """
 DATA, MODEL = "#4477aa", "#ee6622"
+LEGEND = f"<p><b style='color:{DATA}'>recording</b>, <b style='color:{MODEL}'>model</b></p>"
 WIDTH, HEIGHT, EDGE = 340, 170, 28
 LARGE = 3.0  # deviations
 
@@ -49,6 +51,8 @@ def write(found: Fitted, path: Path) -> None:
         parts.append(f"<h2>{_text(data.name)}</h2>")
         if isinstance(data, Switches):
             parts += _switches(data, simulated)
+        if isinstance(data, Turning):
+            parts += _disk(data, simulated)
         parts.append(_statistics(found, data.name))
     head = "<!doctype html><html lang='en'><meta charset='utf-8'><title>pecs fit</title>"
     write_text(path, f"{head}<style>{STYLE}</style>" + "\n".join(parts) + "</html>\n")
@@ -118,7 +122,7 @@ def _statistics(found: Fitted, name: str) -> str:
 
 def _switches(data: Switches, simulated: Switches) -> list[str]:
     both = zip(statistics.tables(data), statistics.tables(simulated), strict=True)
-    parts = [f"<p><b style='color:{DATA}'>recording</b>, <b style='color:{MODEL}'>model</b></p>"]
+    parts = [LEGEND]
     for j, (real, model) in enumerate(both):
         switch = f"level {data.levels[j - 1]:g} to {data.levels[j]:g}"
         parts.append(_figure(real.count.mean(1), model.count.mean(1), f"{switch}: events per pixel"))
@@ -130,6 +134,13 @@ def _switches(data: Switches, simulated: Switches) -> list[str]:
         if later:
             parts.append(_curves(later, lines, f"{switch}: median time of event n behind the first, ms"))
     return parts
+
+
+def _disk(data: Turning, simulated: disk.Answers) -> list[str]:
+    middles = (data.bins_deg[:-1] + data.bins_deg[1:]) / 2
+    both = zip(("ON", "OFF"), disk.per_edge(data), disk.predicted_per_edge(data, simulated), strict=True)
+    captions = "events per pixel and edge, by rotation since the edge, deg"
+    return [LEGEND, *(_curves(middles, lines, f"{edge}: {captions}") for edge, *lines in both)]
 
 
 def _first(table: statistics.Table, exact: bool) -> Floats:

@@ -171,7 +171,7 @@ def test_real_recording(root, shared, pecs_program):
     if not recording.is_file():
         pytest.skip(f"needs {recording}")
     environment = os.environ | {"PECS_PROGRAM": str(pecs_program("--version").args[0])}
-    command = [sys.executable, root / "scripts/tools/fit_chip.py", recording]
+    command = [sys.executable, root / "scripts/studies/fit_disk.py", "--recording", recording]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     r = json.loads(done.stdout)
@@ -184,25 +184,3 @@ def test_real_recording(root, shared, pecs_program):
     for real, simulated in zip(r["background_hz"]["real"], r["background_hz"]["simulated"], strict=True):
         assert simulated == pytest.approx(real, rel=0.2)
     assert r["paper"]["chamfer"] <= 2.15 and r["paper"]["gaussian"] <= 1.59
-
-
-def test_a_chip_is_fitted_to_any_disk(pecs_program, tmp_path, monkeypatch):
-    """Six sectors, clockwise, another camera's size: the light that the recording was simulated with is found again."""
-    from pecs_lab import disk_fit
-
-    monkeypatch.setenv("PECS_PROGRAM", str(pecs_program("--version").args[0]))
-    disk = disk_fit.Disk((75.0, 58.0), 50.0, -900.0, 20.0, sectors=6)
-    nothing = disk_fit.look(np.zeros(0, pecs.EVENT_DTYPE), disk, 150, 120, 1.0)
-    corner_hz, contrast = np.full(np.prod(nothing.regions), 5.0), 12.0
-    light = ("imx636", {}, disk, corner_hz, contrast, nothing)
-    recording = tmp_path / "disk.raw"
-    size = {"width": 150, "height": 120}
-    pecs.write(recording, disk_fit.simulate(*light, **size, duration_us=400e3, seed=1), **size)
-
-    found, events, duration_us, seen = disk_fit.examine(str(recording))
-    assert (events.width, events.height) == (150, 120) and duration_us > 390e3
-    assert found.sectors == 6 and found.speed_deg_s == pytest.approx(-900, rel=0.01)
-    assert found.centre_px == pytest.approx(disk.centre_px, abs=0.5)
-    assert found.radius_px == pytest.approx(44, abs=1)  # the outer 6 pixels do not turn
-    fitted_hz = disk_fit.light_map(disk_fit.tabulate("imx636", {}, contrast, found, 128), seen)
-    assert np.median(fitted_hz) == pytest.approx(5, rel=0.1)
