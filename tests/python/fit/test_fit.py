@@ -300,9 +300,13 @@ def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch, flashes)
     levels = ",".join(map(str, hidden.LEVELS))
     words = ["--steps", f"{files[0]}={levels}", "--still", f"{files[1]}=0", "--photocurrent", f"{light_a:g}A"]
     words += ["--flash", flashes]
-    done = run(*words, "--pixels", 128, "-o", chip, "--report", page, "--numbers", numbers)
+    done = run(*words, "--pixels", 128, "-o", chip, "--report", page, "--numbers", numbers, "--pixel-map")
     assert done.returncode == 0, done.stderr
     found, wrote = pecs.Chip(str(chip)), json.loads(numbers.read_text())
+    assert "thresholds of 24x24 pixels from 0,0, within" in done.stdout and found.info["pixel_map"].endswith(
+        "mine_pixels.json"
+    )
+    assert page.read_text().count("data:image/png") == 2
     for key in ("contrast_threshold_on", "corner_hz_per_a"):  # the light is known
         assert wrote["values"][key]["fitted"] and getattr(found, key) == pytest.approx(values[key], rel=0.15)
     assert found.readout_row_s == pytest.approx(SLOW["readout_row_s"], rel=0.03) and found.readout_group_rows == 2
