@@ -85,4 +85,4 @@ def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, mon
     shown = turned(of, answers)
     assert shown.sectors == 4 and shown.rpm == pytest.approx(349.8, abs=0.2)
     assert 4 < np.median(shown.corner_hz) < 6
-    assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.2
+    assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.3
