@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -104,11 +105,12 @@ def end_point_error(found: Tensor, flow: Tensor) -> Tensor:
     return torch.sqrt(apart + 1e-6)[known].mean()
 
 
-def trained(run: Path, views: list[View], config: FlowConfig) -> Path:
+def trained(run: Path, given: Callable[[], list[View]], config: FlowConfig) -> Path:
     """Trains in the folder `run`, unless it was; its network.pt."""
     path = run / "network.pt"
     if path.exists():
         return path
+    views = given()
     run.mkdir(parents=True, exist_ok=True)
     write_json(run / "config.json", asdict(config))
     torch.manual_seed(config.seed)

@@ -25,6 +25,7 @@ class Flows:
 
     def __init__(self, camera: Camera):
         self.camera, self.times_us = camera, camera.truth.times_us
+        self.name = camera.folder.parent.name  # of the sequence
         self.shape = camera.height, camera.width
         self._known: dict[tuple[int, int], np.ndarray] = {}
 
@@ -76,12 +77,12 @@ class View:
     def _cut(self, i: int, length: int) -> np.ndarray:
         return self.events[self._first[i] : self._first[i + length]]
 
-    def windows(self, first: int, length: int) -> list[Window]:
-        """One after the other, from instant `first` on."""
+    def windows(self, first: int, length: int, step: int) -> list[Window]:
+        """From instant `first` on, `step` instants apart."""
         out = []
-        for i in range(first, self.intervals - length + 1, length):
+        for i in range(first, self.intervals - length + 1, step):
             begin, end = self.flow.times_us[[i, i + length]]
-            out.append(Window(self.flow.camera.name, self._cut(i, length), begin, end, self.flow(i, length)))
+            out.append(Window(self.flow.name, self._cut(i, length), begin, end, self.flow(i, length)))
         return out
 
 
@@ -121,25 +122,39 @@ def real_windows(recording: Path, plan: dict, window_us: float | None = None) ->
     ]
 
 
+def disk_speed(recording: Path, plan: dict) -> tuple[float, float]:
+    """Speed of the recording's disk by its events alone, deg/s: that with which the events' polarities, turned back by
+    it, have most of the disk's pattern (the harmonic of its sectors). Then the speed that it has."""
+    disk = coarse_disk(plan["sequence"], 1)
+    events = np.asarray(pecs.read(recording))
+    angle, radius = disk.polar(events["x"].astype(float), events["y"].astype(float))
+    on = (radius < 0.95 * disk.radius_px) & (radius > 0.1 * disk.radius_px)
+    turn = np.radians(angle[on]) * disk.sectors / 2
+    seconds, polarity = events["t"][on] * 1e-6 * np.radians(1) * disk.sectors / 2, np.where(events["p"][on] > 0, 1, -1)
+    tried = np.arange(-4000, 4001, 20)
+    power = [abs(np.sum(polarity * np.exp(1j * (turn - speed * seconds)))) for speed in tried]
+    return float(tried[int(np.argmax(power))]), disk.speed_deg_s
+
+
 def sharpness(window: Window, sign: float) -> float:
-    """Variance of the image of events that are carried back to the window's begin along sign times the flow, over that
-    of the events as they are. Events of pixels without a known flow do not count."""
+    """Variance of the image of events (ON 1, OFF -1) that are carried back to the window's begin along sign times the
+    flow, over that of the events as they are. Events of pixels without a known flow do not count."""
     events = window.events[window.known[window.events["y"], window.events["x"]]]
-    flow = np.nan_to_num(window.flow)
-    late = (events["t"] - window.begin_us) / (window.end_us - window.begin_us)
-    x, y = events["x"].astype(float), events["y"].astype(float)
-    dx, dy = flow[:, events["y"], events["x"]]
-    return _variance(x - sign * late * dx, y - sign * late * dy, window.shape) / _variance(x, y, window.shape)
+    late = sign * (events["t"] - window.begin_us) / (window.end_us - window.begin_us)
+    x, y, polarity = events["x"].astype(float), events["y"].astype(float), np.where(events["p"] > 0, 1.0, -1.0)
+    dx, dy = window.flow[:, events["y"], events["x"]]
+    carried = _variance(x - late * dx, y - late * dy, polarity, window.shape)
+    return carried / _variance(x, y, polarity, window.shape)
 
 
-def _variance(x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> float:
-    """Of the image to which each event adds 1, shared by the four pixels about it (and a Gaussian of 1 px, so that
-    whole positions have no advantage)."""
+def _variance(x: np.ndarray, y: np.ndarray, polarity: np.ndarray, shape: tuple[int, int]) -> float:
+    """Of the image to which each event adds its polarity, shared by the four pixels about it; with a Gaussian of 1 px,
+    so that whole positions have no advantage."""
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    image = np.zeros((shape[0] + 2, shape[1] + 2))
+    image = np.zeros(shape)
     for dx in (0, 1):
         for dy in (0, 1):
-            weight = np.abs(1 - dx - (x - x0)) * np.abs(1 - dy - (y - y0))
+            weight = np.abs(1 - dx - (x - x0)) * np.abs(1 - dy - (y - y0)) * polarity
             inside = (x0 + dx >= 0) & (x0 + dx < shape[1]) & (y0 + dy >= 0) & (y0 + dy < shape[0])
             np.add.at(image, ((y0 + dy)[inside], (x0 + dx)[inside]), weight[inside])
     return float(cv2.GaussianBlur(image, (0, 0), 1.0).var())
