@@ -24,6 +24,7 @@ class FlowConfig:
     channels: int = 16
     intervals: tuple[int, ...] = (1, 2, 3, 4)  # lengths of windows, of which one is drawn for each
     crop: int = 96
+    mosaic: float = 0.5  # share of pictures that are four squares of other windows
     batch: int = 4
     steps: int = 1500
     learning_rate: float = 1e-3
@@ -82,17 +83,30 @@ def turned(grid: np.ndarray, flow: np.ndarray, rng: np.random.Generator) -> tupl
     return (grid if rng.random() < 0.5 else -grid), flow
 
 
+def piece(views: list[View], config: FlowConfig, side: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """grid, flow: a square of a window."""
+    view = views[rng.integers(len(views))]
+    length = int(rng.choice(config.intervals))
+    i = int(rng.integers(view.intervals - length + 1))
+    y, x = (int(rng.integers(n - side + 1)) for n in view.shape)
+    box = np.s_[:, y : y + side, x : x + side]
+    return turned(view.grid(i, length)[box], view.flow(i, length)[box], rng)
+
+
 def batch_of(views: list[View], config: FlowConfig, step: int) -> tuple[Tensor, Tensor]:
-    """grid, flow; keyed by the seed and the step, so that all simulators' networks see the same windows."""
+    """grid, flow; keyed by the seed and the step, so that all simulators' networks see the same windows. A share of
+    them are four squares of other windows, since the flow of a whole picture is mostly that of the camera."""
     rng = np.random.Generator(np.random.Philox(key=[config.seed, step]))
     grids, flows = [], []
     for _ in range(config.batch):
-        view = views[rng.integers(len(views))]
-        length = int(rng.choice(config.intervals))
-        i = int(rng.integers(view.intervals - length + 1))
-        y, x = (int(rng.integers(n - config.crop + 1)) for n in view.shape)
-        box = np.s_[:, y : y + config.crop, x : x + config.crop]
-        grid, flow = turned(view.grid(i, length)[box], view.flow(i, length)[box], rng)
+        if rng.random() < config.mosaic:
+            four = [piece(views, config, config.crop // 2, rng) for _ in range(4)]
+            grid, flow = (
+                np.concatenate([np.concatenate([four[k][part], four[k + 1][part]], -1) for k in (0, 2)], -2)
+                for part in (0, 1)
+            )
+        else:
+            grid, flow = piece(views, config, config.crop, rng)
         grids.append(np.ascontiguousarray(grid))
         flows.append(np.ascontiguousarray(flow))
     return torch.from_numpy(np.stack(grids)), torch.from_numpy(np.stack(flows))
