@@ -155,8 +155,9 @@ def all_windows(root: Path, real: Path | None) -> dict[str, list[Window]]:
     if real:
         plan = PLAN["real"]
         out[plan["sequence"]] = real_windows(real, plan)
-        for length in plan["also_us"]:
-            out[f"{plan['sequence']}, {length // 1000} ms"] = real_windows(real, plan, length)
+        for more in plan["also"]:
+            name = f"{plan['sequence']}, {more['coarser']} x {more['coarser']}, {more['window_us'] // 1000} ms"
+            out[name] = real_windows(real, plan | more)
     return out
 
 

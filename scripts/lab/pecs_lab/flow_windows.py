@@ -101,10 +101,10 @@ def rotation(disk: Disk, shape: tuple[int, int], seconds: float) -> np.ndarray:
     return np.where(radius <= disk.radius_px, moved, np.nan).astype(np.float32)
 
 
-def real_windows(recording: Path, plan: dict, window_us: float | None = None) -> list[Window]:
+def real_windows(recording: Path, plan: dict) -> list[Window]:
     """plan: "real" of scripts/studies/flow.json. All events of factor x factor pixels are those of one; cut to the
     disk's box."""
-    factor, window_us = plan["coarser"], window_us or plan["window_us"]
+    factor, window_us = plan["coarser"], plan["window_us"]
     sequence = sequences.load(plan["sequence"])
     left, top, right, bottom = (v // factor for v in sequence.render["moving_px"])
     disk = coarse_disk(plan["sequence"], factor).moved(-left, -top)
