@@ -26,7 +26,7 @@ from pecs_lab.flow_net import FlowConfig, Method, trained
 from pecs_lab.flow_windows import Flows, View, Window, disk_speed, real_windows, sharpness
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
-BASELINES = ("zero", "mean")
+BASELINES = ("zero", "mean", "farneback")
 SHARPER = 0.9  # least share of the windows whose events are sharper along the true flow than against it
 SHOWN_PX = 192  # width of a picture's cell
 
@@ -106,8 +106,23 @@ def scores(window: Window, found: np.ndarray) -> dict[str, float]:
     }
 
 
+def farneback(window: Window) -> np.ndarray:
+    """Twice the flow between pictures of the polarities of the window's two halves (Farnebaeck, SCIA 2003)."""
+    middle = (window.begin_us + window.end_us) / 2
+    halves = []
+    for half in (window.events[window.events["t"] < middle], window.events[window.events["t"] >= middle]):
+        image = np.zeros(window.shape, np.float32)
+        np.add.at(image, (half["y"], half["x"]), np.where(half["p"] > 0, 1.0, -1.0))
+        image = cv2.GaussianBlur(np.clip(image / max(image.std(), 1e-6), -3, 3), (0, 0), 1.0)
+        halves.append(np.clip(128 + 40 * image, 0, 255).astype(np.uint8))
+    found = cv2.calcOpticalFlowFarneback(*halves, None, 0.5, 3, 15, 3, 5, 1.1, 0)
+    return 2 * np.moveaxis(found, -1, 0)
+
+
 def method_of(root: Path, name: str, seed: int):
     """Window -> flow [2, H, W]. "mean" is told the mean of the true flow."""
+    if name == "farneback":
+        return farneback
     if name == "zero":
         return lambda window: np.zeros(window.flow.shape, np.float32)
     if name == "mean":
@@ -139,6 +154,13 @@ def check_truth(windows: dict[str, list[Window]], real: Path | None) -> dict[str
         found["disk_deg_s"] = speed
         assert abs(speed / true - 1) < 0.1, f"the disk: got {speed:.0f} deg/s by its events, wanted {true:.0f}"
     return found
+
+
+def noise_of(root: Path, name: str) -> float:
+    """Share of the events of a folder that the noise of the renderer made, by the estimate of `pecs sense`."""
+    found = [json.loads(p.read_text())["results"] for p in (root / "events" / name).glob("[0-9]*.run.json")]
+    noisy = sum(r["events"] * r.get("render_noise", {"share": 0.0})["share"] for r in found)
+    return noisy / sum(r["events"] for r in found)
 
 
 def all_windows(root: Path, real: Path | None) -> dict[str, list[Window]]:
@@ -241,10 +263,20 @@ def main(words: list[str] | None = None) -> None:
         results[name] = {on: [tested(root, name, s, on, some) for s in of] for on, some in windows.items()}
     counts = {name: sum(len(v.events) for v in training_views(root, name)) for name in names}
     thresholds = {name: threshold_of(root, name) for name in names}
-    found = {"plan": PLAN, "truth": truth, "events": counts, "thresholds": thresholds, "results": results}
+    noise = {name: noise_of(root, name) for name in names} | {
+        on: noise_of(root, f"test_{on}") for on in PLAN["test"]["sensors"]
+    }
+    found = {
+        "plan": PLAN,
+        "truth": truth,
+        "events": counts,
+        "noise": noise,
+        "thresholds": thresholds,
+        "results": results,
+    }
     write_json(root / "results.json", found)
     print(report.table(["", *names], [["threshold", *thresholds.values()], ["training events", *counts.values()]]))
-    print(truth)
+    print(truth, noise)
     for metric in PLAN["test"]["metrics"]:
         print("\n" + table(results, [(on, metric) for on in windows], BASELINES))
     if args.picture:

@@ -89,7 +89,7 @@ def test_the_study_in_small(trainable, tmp_path):
     (root / "light").symlink_to(trainable)
     study.main([str(root), "--only", "pecs,esim", "--seeds", "1", "--picture", str(tmp_path / "p.webp")])
     results = json.loads((root / "results.json").read_text())["results"]
-    assert set(results) == {"pecs", "esim", "zero", "mean"} and (tmp_path / "p.webp").is_file()
+    assert set(results) == {"pecs", "esim", "zero", "mean", "farneback"} and (tmp_path / "p.webp").is_file()
     assert all(set(row["gen3_vga"][0]) == set(test["metrics"]) for row in results.values())
     assert results["zero"]["gen3_vga"][0]["relative"] == pytest.approx(1)
     views, config = study.training_views(root, "pecs"), FlowConfig(crop=32, intervals=(1,))
