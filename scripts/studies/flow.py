@@ -31,6 +31,10 @@ SHARPER = 0.9  # least share of the windows whose events are sharper along the t
 SHOWN_PX = 192  # width of a picture's cell
 
 
+def simulators() -> dict[str, dict]:
+    return PLAN["simulators"] | PLAN["more"]["simulators"]
+
+
 # Events: the same light, another sensor.
 
 
@@ -46,7 +50,7 @@ def sensed(sequence: Sequence, output: Path, how: dict, threshold: float | None,
 
 def threshold_of(root: Path, name: str) -> float:
     """In all of the light there are as many events as ours are."""
-    how = PLAN["simulators"][name]
+    how = simulators()[name]
     if not how.get("matched"):
         return PLAN["threshold"]
     path = root / "events" / name / "threshold.json"
@@ -54,7 +58,7 @@ def threshold_of(root: Path, name: str) -> float:
 
     def count(of: str, threshold: float) -> int:
         scratch = path.with_name("try.h5")
-        return sum(sensed(s, scratch, PLAN["simulators"][of], threshold, 1.0) for s in chosen)
+        return sum(sensed(s, scratch, simulators()[of], threshold, 1.0) for s in chosen)
 
     return comparison.matched(
         path, lambda: count(OURS, PLAN["threshold"]), lambda value: count(name, value), PLAN["matching"]["tolerance"]
@@ -72,7 +76,8 @@ def training_views(root: Path, name: str) -> list[View]:
                 for kind, key in ((1, "light"), (2, "threshold"))
             )
             threshold = threshold_of(root, name) * factor
-            sensed(sequence, path, PLAN["simulators"][name], threshold, light, draw)
+            given = simulators()[name]
+            sensed(sequence, path, given, threshold, given.get("light", light), draw)
         out.append(View(flows, path))
     return out
 
@@ -83,7 +88,7 @@ def test_windows(root: Path, sensor: str) -> list[Window]:
         path = root / "events" / f"test_{sensor}" / f"{sequence.name}.h5"
         if not path.exists():
             if name := how.get("simulator"):
-                sensed(sequence, path, PLAN["simulators"][name], threshold_of(root, name), 1.0)
+                sensed(sequence, path, simulators()[name], threshold_of(root, name), 1.0)
             else:
                 sensed(sequence, path, how, None, how.get("light", 1.0))
         out += View(flows, path).windows(test["first"], test["intervals"], test["step"])
@@ -231,7 +236,7 @@ def data_picture(root: Path, path: Path) -> None:
 def main(words: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path, help="folder with the set `light`, and of the results")
-    parser.add_argument("--only", help="simulators, a list (default: all of the plan)")
+    parser.add_argument("--only", help='simulators, a list (default: all of the plan but "more")')
     parser.add_argument("--seeds", help="a list (default: those of the plan)")
     parser.add_argument("--train", action="store_true", help="train, and score nothing")
     parser.add_argument("--real", type=Path, help="the recording R_360_L")
@@ -239,8 +244,8 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--data-picture", type=Path, help="events of the training set, by each simulator")
     args = parser.parse_args(words)
     root, names = args.root, args.only.split(",") if args.only else list(PLAN["simulators"])
-    if unknown := set(names) - set(PLAN["simulators"]):
-        parser.error(f"--only: got {', '.join(unknown)}, wanted some of {', '.join(PLAN['simulators'])}")
+    if unknown := set(names) - set(simulators()):
+        parser.error(f"--only: got {', '.join(unknown)}, wanted some of {', '.join(simulators())}")
     seeds = [int(s) for s in args.seeds.split(",")] if args.seeds else PLAN["seeds"]
     torch.set_num_threads(1)
 
