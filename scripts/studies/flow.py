@@ -102,12 +102,16 @@ def scores(window: Window, found: np.ndarray) -> dict[str, float]:
     at, known = window.has_events, window.known
     apart = np.hypot(*(found - window.flow))
     length = np.hypot(*window.flow)
+    along = (found * window.flow).sum(0)[at]
+    both = np.hypot(*found)[at] * length[at]
     bad = apart[at] > np.clip(length[at] / 2, 1.0, 3.0)
     return {
         "epe_px": float(apart[at].mean()),
         "epe_all_px": float(apart[known].mean()),
         "relative": float(apart[at].mean() / length[at].mean()),
         "outliers": float(bad.mean()),
+        "angle_deg": float(np.median(np.degrees(np.arccos(np.clip(along / np.maximum(both, 1e-6), -1, 1))))),
+        "gain": float(along.sum() / (length[at] ** 2).sum()),
     }
 
 
@@ -181,6 +185,15 @@ def all_windows(root: Path, real: Path | None) -> dict[str, list[Window]]:
             name = f"{plan['sequence']}, {more['coarser']} x {more['coarser']}, {more['window_us'] // 1000} ms"
             out[name] = real_windows(real, plan | more)
     return out
+
+
+def groups(names: list[str]) -> list[list[str]]:
+    """Test sets of one table: those of the plan; the recording in other windows; each sensor's scenes."""
+    first = [on for on in names if "," not in on]
+    return [
+        first,
+        *([on for on in names if on.startswith(f"{one}, ")] for one in first if f"{one}, " in " ".join(names)),
+    ]
 
 
 # Pictures.
@@ -282,8 +295,11 @@ def main(words: list[str] | None = None) -> None:
     write_json(root / "results.json", found)
     print(report.table(["", *names], [["threshold", *thresholds.values()], ["training events", *counts.values()]]))
     print(truth, noise)
-    for metric in PLAN["test"]["metrics"]:
-        print("\n" + table(results, [(on, metric) for on in windows], BASELINES))
+    for metric, group in product(PLAN["test"]["metrics"], groups(list(windows))):
+        print("\n" + table(results, [(on, metric) for on in group], BASELINES))
+    if args.real:
+        on = PLAN["real"]["sequence"]
+        print("\n" + table(results, [(on, metric) for metric in results["zero"][on][0]], BASELINES))
     if args.picture:
         rows = [windows["gen3_vga"][k] for k in range(0, len(windows["gen3_vga"]), 7)]
         rows += windows[PLAN["real"]["sequence"]][10:11] if args.real else []
