@@ -28,7 +28,7 @@ from pecs_lab.flow_windows import Flows, View, Window, disk_speed, real_windows,
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
 BASELINES = ("zero", "mean", "farneback")
 SHARPER = 0.9  # least share of the windows whose events are sharper along the true flow than against it
-SHOWN_PX = 192  # width of a picture's cell
+SHOWN_PX = 160  # width of a picture's cell
 
 
 def simulators() -> dict[str, dict]:
@@ -301,9 +301,11 @@ def main(words: list[str] | None = None) -> None:
         on = PLAN["real"]["sequence"]
         print("\n" + table(results, [(on, metric) for metric in results["zero"][on][0]], BASELINES))
     if args.picture:
-        rows = [windows["gen3_vga"][k] for k in range(0, len(windows["gen3_vga"]), 7)]
+        first = next(iter(windows.values()))
+        by_sequence = [[w for w in first if w.name == name] for name in dict.fromkeys(w.name for w in first)]
+        rows = [some[len(some) // 2] for some in by_sequence]
         rows += windows[PLAN["real"]["sequence"]][10:11] if args.real else []
-        picture(root, args.picture, names, seeds[0], rows)
+        picture(root, args.picture, [*names, BASELINES[-1]], seeds[0], rows)
 
 
 if __name__ == "__main__":
