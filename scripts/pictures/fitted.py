@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from pecs_lab import disk_fit, fitted
+from pecs_lab import computed_disk, fitted
 from PIL import Image, ImageDraw, ImageFont
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("recording")
     parser.add_argument("--models", nargs="+", default=["pecs", "v2e", "icns"])
     args = parser.parse_args()
-    disk, events, duration_us, _ = disk_fit.examine(args.recording)
+    disk, events, duration_us = computed_disk.examine(args.recording)
     kept = events[(events["x"] % COARSER == COARSER // 2) & (events["y"] % COARSER == COARSER // 2)].copy()
     for axis in "xy":
         kept[axis] //= COARSER

@@ -24,6 +24,7 @@ import pecs
 from pecs.fit import Steps, Still, Stimulus, fit, stimulus
 from pecs_lab.report import table
 
+CHIP = "imx636"  # overridden by the drawn values
 SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
@@ -63,7 +64,7 @@ def draw(seed: int) -> tuple[dict[str, float], float]:
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
     """Events before light [time] or [time, row]."""
-    with pecs.Sensor(SIDE, SIDE, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
+    with pecs.Sensor(SIDE, SIDE, CHIP, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
         found = []
         for i in range(0, len(t_us), 512):
             level = light[i : i + 512].reshape(len(light[i : i + 512]), -1, 1)
@@ -135,14 +136,14 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     return recordings + [record_still(folder, values, light_a, seed, suffix, level) for level in STILLS]
 
 
-def one(seed: int, make: Callable = record) -> dict:
+def one(seed: int, make: Callable = record, pixels: int = 1024) -> dict:
     values, light_a = draw(seed)
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         recordings = make(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
         recorded = time.monotonic()
         try:
-            found = fit(recordings)
+            found = fit(recordings, pixels=pixels)
         except pecs.PecsError as e:
             return {"seed": seed, "refused": str(e).replace(folder + "/", "")}
     truth = values | {"corner at level 1": light_a * values["corner_hz_per_a"]}

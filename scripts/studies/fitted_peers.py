@@ -26,7 +26,7 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from pecs_lab import disk_fit, fitted
+from pecs_lab import computed_disk, fitted
 from pecs_lab.disk_scores import MEASURES
 from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, fit
 from pecs_lab.report import cell, table, with_interval
@@ -39,7 +39,7 @@ SLOWEST = ("voltmeter", "v2e", "pecs", "icns", SHIPPED, "esim")  # first
 def searches(kept: Path | None) -> dict[str, tuple[dict, dict]]:
     """(fixed values, free ranges) of each row. With `kept`, the light alone is free: SCENE and the brightness."""
     if not kept:
-        shipped = {k: disk_fit.profile(fitted.CHIP)[k] for k in fitted.BOXES["pecs"] if k in fitted.OF_CHIP}
+        shipped = {k: computed_disk.profile(fitted.CHIP)[k] for k in fitted.BOXES["pecs"] if k in fitted.OF_CHIP}
         light = fitted.SCENE | {"white_fa": fitted.BOXES["pecs"]["white_fa"]}
         return {SHIPPED: (shipped, light)} | {m: ({}, fitted.SCENE | box) for m, box in fitted.BOXES.items()}
     found = {}

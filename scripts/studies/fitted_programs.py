@@ -18,13 +18,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from pecs_lab import disk_fit, fitted
+from pecs_lab import computed_disk, fitted
 from pecs_lab.disk_scores import MEASURES
 from pecs_lab.report import cell, table, with_interval
 from pecs_lab.search import search
 
 HERE = Path(__file__).parent
-CHIP = disk_fit.profile(fitted.CHIP)
+CHIP = computed_disk.profile(fitted.CHIP)
 BACKGROUND = CHIP["background_on_hz"], CHIP["background_off_hz"]
 
 

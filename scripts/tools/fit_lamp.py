@@ -3,10 +3,10 @@
 
     scripts/tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
 
-The photoreceptor's corner follows the light, so fit_chip.py's map of corners over the disk is one of illuminance. A
-lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before and h below
-an element of the lamp, d h / r^4 (Lambert twice); walls add a constant share, the lens takes cos^4 of the field angle.
-Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 mm fit alike) and is given.
+The photoreceptor's corner follows the light, so the map of corners over the disk (`pecs fit --disk`) is one of
+illuminance. A lamp in the plane lamp_up_mm above the axis that shines down gives a point of the disk, at depth d before
+and h below an element of the lamp, d h / r^4 (Lambert twice); walls add a constant share, the lens takes cos^4 of the
+field angle. Fitted are the lamp's place and the light; its length hardly shows (900 to 1500 mm fit alike) and is given.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from pecs_lab import disk_fit, lamp_fit
+from pecs_lab import computed_disk, lamp_fit
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -30,14 +30,14 @@ def main() -> None:
     parser.add_argument("--contrast", type=float, default=12.0, help="white / black of the disk")
     args = parser.parse_args()
 
-    disk, _, _, seen = disk_fit.examine(args.recording)
-    table = disk_fit.tabulate(args.chip, {}, args.contrast, disk)
-    corner_hz = disk_fit.light_map(table, seen).reshape(seen.regions)
+    disk = computed_disk.detect(args.recording)
+    corner_hz = computed_disk.corner_map(args.recording, args.chip, args.contrast)
 
     p = json.loads(args.sequence.read_text())["parameters"]
-    (around, along), of = seen.regions, seen.delays["regions"]
+    around, along = corner_hz.shape
+    inner_px, outer_px = (share * disk.radius_px for share in computed_disk.RING)
     angle = np.radians(((np.arange(around) + 0.5) / around - 0.5) * 360)[:, None]
-    radius_px = of["inner_px"] + (np.arange(along) + 0.5) / along * (of["outer_px"] - of["inner_px"])
+    radius_px = inner_px + (np.arange(along) + 0.5) / along * (outer_px - inner_px)
     radius_mm = p["disk_radius_mm"] / disk.radius_px * radius_px
     x = p["disk_right_mm"] + radius_mm * np.cos(angle)
     up = p["disk_up_mm"] + radius_mm * np.sin(angle)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,14 +17,15 @@ from ..chip import Chip
 
 ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
-    "one of a light that switches through known levels again and again, relative to level 1; --still is one of "
-    "constant light, or with the cap on (level 0). The camera does not move. What the recordings do not constrain is "
-    "kept as in the starting profile."
+    "one of a light that switches through known levels again and again, relative to level 1; --disk is one of a "
+    "turning disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). The "
+    "camera does not move. What the recordings do not constrain is kept as in the starting profile."
 )
 EXAMPLES = (
     "pecs fit --stimulus screen.raw --still cap.raw=0 -o my_camera.json",
     "pecs fit --steps lamp.raw=1,0.1 --still cap.raw=0 -o my_camera.json --report fit.html",
     "pecs fit --steps lamp.raw=1,0.1,1,0.02 --still lit.raw=1 --still cap.raw=0 -o my_camera.json --chip gen3_vga",
+    "pecs fit --disk disk.raw=12 -o my_camera.json",
     "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
 )
 MAX_BYTES = 1 << 26
@@ -38,6 +40,14 @@ def _levels(text: str) -> tuple[Path, tuple[float, ...]]:
     if not (file and equals and numbers):
         raise argparse.ArgumentTypeError(f"got {text!r}, wanted FILE=LEVEL or FILE=LEVEL,LEVEL,…")
     return Path(file), numbers
+
+
+def _disk(text: str) -> tuple[Any, ...]:
+    file, equals, contrast = text.rpartition("=")
+    try:
+        return (Path(file), float(contrast)) if equals else (Path(text),)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted FILE or FILE=CONTRAST") from None
 
 
 def _region(text: str) -> tuple[int, ...]:
@@ -56,6 +66,8 @@ def _parser() -> Parser:
     parser.add_argument("--still", type=_levels, action="append", default=[], metavar="FILE=LEVEL", help=about)
     about = "a screen that plays the page of `pecs stimulus`; may be repeated"
     parser.add_argument("--stimulus", type=Path, action="append", default=[], metavar="FILE", help=about)
+    about = "a turning disk of black and white sectors, and white / black (default: 12); may be repeated"
+    parser.add_argument("--disk", type=_disk, action="append", default=[], metavar="FILE[=CONTRAST]", help=about)
     about = "a bright lamp that switches before the whole sensor: the readout"
     parser.add_argument("--flash", type=Path, metavar="FILE", help=about)
     parser.add_argument("--chip", default="imx636", help="starting profile, a name or a file")
@@ -72,6 +84,8 @@ def _parser() -> Parser:
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help=about)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
     parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
+    about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json beside the profile"
+    parser.add_argument("--pixel-map", action="store_true", help=about)
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
     parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)
     parser.add_argument("--seed", type=int, default=1, help="of the simulation")
@@ -107,10 +121,10 @@ def _edges_us(path: Path) -> np.ndarray:
 def _fit(args: argparse.Namespace) -> None:
     from . import report
     from .estimate import fit
-    from .recordings import Flash, Steps, Still, Stimulus
+    from .recordings import Disk, Flash, Steps, Still, Stimulus
 
-    if not args.steps and not args.still and not args.stimulus:
-        raise UsageError("fit: no recordings, wanted --stimulus, --steps or --still")
+    if not args.steps and not args.still and not args.stimulus and not args.disk:
+        raise UsageError("fit: no recordings, wanted --stimulus, --steps, --disk or --still")
     if args.edges and len(args.steps) != 1:
         raise UsageError(f"fit: --edges: got {len(args.steps)} recordings of --steps, wanted one")
     if args.pixels < 128 or args.pixels % 128:
@@ -119,9 +133,12 @@ def _fit(args: argparse.Namespace) -> None:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
     edges = _edges_us(args.edges) if args.edges else None
-    recordings: list[Steps | Still | Stimulus | Flash] = [Stimulus(existing(f, "a recording")) for f in args.stimulus]
+    recordings: list[Steps | Still | Stimulus | Disk | Flash] = [
+        Stimulus(existing(f, "a recording")) for f in args.stimulus
+    ]
     recordings += [Steps(existing(f, "a recording"), levels, edges) for f, levels in args.steps]
     recordings += [Still(existing(f, "a recording"), levels[0]) for f, levels in args.still]
+    recordings += [Disk(existing(f, "a recording"), *contrast) for f, *contrast in args.disk]
     if args.flash:
         recordings.append(Flash(existing(args.flash, "a recording")))
     line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
@@ -133,6 +150,7 @@ def _fit(args: argparse.Namespace) -> None:
         region=args.region,
         pixels=args.pixels,
         seed=args.seed,
+        pixel_map=args.pixel_map,
         progress=lambda n: line(f"fit: {n} simulations", n),
     )
     line.end()
@@ -143,10 +161,19 @@ def _fit(args: argparse.Namespace) -> None:
         write_json(args.numbers, found.summary())
     for file, screen in found.screens.items():
         print(f"{file}: screen: {screen}")
+    for file, disk in found.disks.items():
+        print(f"{file}: disk: {disk}")
     for key, value in found.values.items():
         if value.fitted:
             print(f"{key}: {value.value:.4g} (95 %: {value.interval[0]:.4g} to {value.interval[1]:.4g})")
     for key, value in found.values.items():
         if not value.fitted:
             print(f"{key}: kept at {value.value:.4g}: {value.why}")
+    if map_ := found.pixel_map:
+        x, y, w, h = map_.region
+        on, off = (100 * of for of in map_.deviation)
+        hot = "" if map_.hot_pixels is None else f", {len(map_.hot_pixels)} hot pixels"
+        print(
+            f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
+        )
     print(f"{args.output}: fitted to {len(recordings)} recordings, misfit {found.misfit:.2f} (1: as the noise)")

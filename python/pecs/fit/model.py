@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..chip import Chip
 from ..sensor import LABELS, Sensor
+from . import disk
 from .recordings import Quiet, Switches
 
 COLUMNS = 64  # of the simulated pixels
@@ -19,6 +21,12 @@ FRAMES = 110_000  # most of a recording
 NOISE_S, NOISE_SETTLE_S = 0.6, 0.4  # simulated noise, after its beginning
 DARK_S, DARK_SETTLE_S, DARK_STEP_US = 30.0, 10.0, 2000.0  # the same with the cap on, where pixels are slow
 BATCH = 512  # frames
+# A disk: pixels at each light, relative to those before switches, in rows of DISK_COLUMNS; periods before the counted
+# one, and steps of half a period: in all but the last of these, and least and most in the counted one.
+DISK_PIXELS, DISK_COLUMNS = 16, 240
+DISK_PERIODS, DISK_COARSE, DISK_STEPS, DISK_BATCH = 10, 12, (24, 1000), 64
+DISK_STEP_US = 150.0
+COARSE, FAR, NEAR = 0.25, 5.0, 1.5  # share of these pixels far from the best values; margins of light, far and near
 SLOW_S, SETTLE_S, SLOW_STEP_S = 120.0, 600.0, 2.0  # leak and background: phases of leaks become random
 STILL_KEYS = ("leak_rate_hz", "background_on_hz", "background_off_hz")
 SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "threshold_mismatch")
@@ -44,11 +52,69 @@ class Model:
     chip: str | Path
     pixels: int = 1024  # before switches; half of them in still light
     seed: int = 1
+    disk_lights: dict[str, tuple[np.ndarray, int]] = field(default_factory=dict)  # file of a disk -> corners, rows
     _known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def still_pixels(self) -> int:
         return self.pixels // 2
+
+    def focus(self, of: disk.Turning, overrides: Mapping[str, float], share: float = 1.0) -> None:
+        """From here on, only the light of the disk's regions is simulated, with a share of the pixels."""
+        rows = max(1, round(share * DISK_PIXELS * self.pixels / DISK_COLUMNS))
+        answers = self._turn(of, disk.WIDE / of.period_us * 1e6, max(1, rows // 16), overrides)
+        self.disk_lights[of.file] = disk.lights(of, answers, NEAR if share == 1 else FAR), rows
+
+    def turning(self, of: disk.Turning, overrides: Mapping[str, float]) -> disk.Answers:
+        if of.file not in self.disk_lights:
+            self.focus(of, overrides, COARSE)
+        corners_hz, rows = self.disk_lights[of.file]
+        moving = {key: v for key, v in overrides.items() if key not in STILL_KEYS}
+        key = (of.file, rows, corners_hz.tobytes(), *sorted(moving.items()))
+        return self._once(*key, make=lambda: self._turn(of, corners_hz, rows, moving))  # type: ignore[no-any-return]
+
+    def _turn(self, of: disk.Turning, corners_hz: np.ndarray, rows: int, values: Mapping[str, float]) -> disk.Answers:
+        """`rows` of pixels at each light, all at the same place of the disk."""
+        with Chip(self.chip) as chip:
+            kappa = values.get("corner_hz_per_a") or chip.corner_hz_per_a or 1e15
+            rows = min(rows, int(chip.info["values"]["height"]["value"]) // len(corners_hz))
+        fine = int(np.clip(of.period_us / 2 / DISK_STEP_US, *DISK_STEPS))
+        steps = [DISK_COARSE] * 2 * (DISK_PERIODS - 1) + [max(DISK_COARSE, fine // 4)] * 2 + [fine] * 2
+        white_fa = np.repeat(1e15 * corners_hz / kappa, rows)[:, None] * np.ones((1, DISK_COLUMNS))
+        frames = [white_fa.astype(np.float32), (white_fa / of.contrast).astype(np.float32)]
+        fixed = dict.fromkeys((*STILL_KEYS, "hot_pixel_fraction"), 0.0)
+        sensor = Sensor(
+            DISK_COLUMNS, len(white_fa), str(self.chip), overrides={**values, **fixed}, seed=self.seed,
+            photocurrent_a=1e-15, readout="ideal",
+        )  # fmt: skip
+        found = []
+        with sensor:
+            for half, number in enumerate(steps):
+                begin = (half // 2 + half % 2 * of.white) * of.period_us
+                length_us = (1 - of.white if half % 2 else of.white) * of.period_us
+                t_us = np.concatenate([[begin + 1], begin + length_us * np.arange(1, number + 1) / number])
+                for i in range(0, len(t_us), DISK_BATCH):
+                    some = t_us[i : i + DISK_BATCH]
+                    block = np.broadcast_to(frames[half % 2], (len(some), *white_fa.shape))
+                    found.append(sensor.push(np.ascontiguousarray(block), some))
+            events = np.concatenate([*found, sensor.finish()])
+        return disk.Answers(corners_hz, self._per_edge(of, events, rows, len(corners_hz)))
+
+    def _per_edge(self, of: disk.Turning, events: np.ndarray, rows: int, lights: int) -> np.ndarray:
+        """[group, light, polarity, bin]"""
+        since_us = events["t"] - DISK_PERIODS * of.period_us
+        kept = (since_us >= 0) & (since_us < of.period_us)
+        events, bins = events[kept], of.bins_deg
+        past = (since_us[kept] / of.period_us - np.where(events["p"] == 1, 0.0, of.white)) * (720 / of.sectors)
+        past = np.mod(past - bins[0], 720 / of.sectors) + bins[0]
+        groups, number = len(of.count), len(bins) - 1
+        bin_ = np.searchsorted(bins, past, "right") - 1
+        shown = bin_ < number
+        place = (events["x"] % groups, events["y"] // rows, 1 - events["p"], bin_)
+        shape = (groups, lights, 2, number)
+        index = np.ravel_multi_index([v[shown].astype(np.int64) for v in place], shape)
+        count = np.bincount(index, minlength=int(np.prod(shape))).reshape(shape)
+        return count / (rows * DISK_COLUMNS / groups)  # type: ignore[no-any-return]
 
     def _sensor(self, pixels: int, light_a: float, overrides: Mapping[str, float], **more: Any) -> Sensor:
         fixed = {"hot_pixel_fraction": 0.0}

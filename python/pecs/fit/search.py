@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import optional_module
-from . import statistics
+from . import disk, statistics
+from .disk import Turning
 from .model import Model
 from .recordings import Quiet, Switches
 
@@ -63,7 +64,7 @@ class Problem:
     `light_a` is known, and `fixed` ones."""
 
     model: Model
-    data: list[Switches | Quiet]
+    data: list[Switches | Quiet | Turning]
     light_a: float | None
     progress: Callable[[int], object] | None = None
 
@@ -87,8 +88,11 @@ class Problem:
         self.unknown = np.array([statistics.unknown(name, value, ramps[of]) for (_, _, name), value, of in rows])
 
     def _of_recording(
-        self, number: int, of: Switches | Quiet, tables: list[statistics.Table], pixels: Pixels = None
+        self, number: int, of: Switches | Quiet | Turning, tables: list[statistics.Table], pixels: Pixels = None
     ) -> list[tuple[str, dict[str, float]]]:
+        if isinstance(of, Turning):
+            values = iter(disk.measured(of, pixels))
+            return [(edge, {name: next(values) for name in names}) for edge, names in disk.names(of)]
         if isinstance(of, Quiet):
             return [("", statistics.of_quiet(of, pixels))]
         out = []
@@ -106,9 +110,19 @@ class Problem:
         light_a = overrides.pop(LIGHT, None) or self.light_a or 0.0
         model = self.model
         return [
-            (model.switches if isinstance(of, Switches) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
+            model.turning(of, overrides)
+            if isinstance(of, Turning)
+            else (model.switches if isinstance(of, Switches) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
             for of in self.data
         ]
+
+    def focus(self, values: Mapping[str, float], share: float) -> None:
+        """From here on, disks are simulated in the light that they have with these values, with a share of the
+        pixels."""
+        overrides = {key: v for key, v in {**self.fixed, **values}.items() if key != LIGHT}
+        for of in self.data:
+            if isinstance(of, Turning):
+                self.model.focus(of, overrides, share)
 
     def _quiet_rates(self, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> tuple[Floats, Floats, NDArray[Any]]:
         """ON and OFF: rates of noise, and of the rest; numbers of the rest's ON events."""
@@ -129,6 +143,8 @@ class Problem:
     def _function(self, number: int, sim: Any) -> Callable[[Pixels], list[float]]:
         """Statistics of what `simulate` gave, or of a recording."""
         of = self.data[number]
+        if isinstance(sim, disk.Answers):
+            return lambda pixels: disk.predicted(of, sim, simulated=pixels)  # type: ignore[arg-type]
         if isinstance(sim, tuple):
             return lambda pixels: self._quiet_statistics(of, *sim, pixels)  # type: ignore[arg-type]
         tables = statistics.tables(sim) if isinstance(sim, Switches) else []
@@ -148,8 +164,9 @@ class Problem:
         out = np.zeros((len(self.measured),) * 2)
         done = 0
         for number, (of, sim) in enumerate(zip(self.data, sims, strict=True)):
-            pixels = self.model.still_pixels if isinstance(sim, tuple) else sim.pixels
-            part = statistics.jackknife(self._function(number, sim), pixels)
+            part = statistics.jackknife(self._function(number, sim), self._groups(sim))
+            if isinstance(sim, disk.Answers):
+                part += self._light_covariance(of, sim)  # type: ignore[arg-type]
             if isinstance(sim, tuple):
                 of_noise, others, _ = self._quiet_rates(*sim)
                 part[[0, 1], [0, 1]] += (HISTORY * of_noise) ** 2 / 4 / np.maximum(of_noise + others, 1e-6)
@@ -158,6 +175,23 @@ class Problem:
             out[done : done + count, done : done + count] = part
             done += count
         return out
+
+    def _groups(self, sim: Any) -> int:
+        """Pixels, or groups of them, that a jackknife leaves out."""
+        if isinstance(sim, tuple):
+            return self.model.still_pixels
+        if isinstance(sim, (disk.Answers, Turning)):
+            return len(sim.per_edge if isinstance(sim, disk.Answers) else sim.count)
+        return int(sim.pixels)
+
+    def _light_covariance(self, of: Turning, sim: disk.Answers) -> Floats:
+        """What the light, which comes from the recording's own events, adds to the recording's covariance."""
+
+        def miss(some: NDArray[Any]) -> Floats:
+            return np.subtract(disk.predicted(of, sim, some), disk.measured(of, some))
+
+        groups = len(of.count)
+        return statistics.jackknife(miss, groups) - statistics.jackknife(lambda some: disk.measured(of, some), groups)
 
 
 class Search:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pecs
 
-from . import disk_fit, lamp_fit
+from . import computed_disk, lamp_fit
 from .disk import Disk
 from .disk_scores import RING, Part, Scored, Slowness, between, deviance, on_grid
 from .search import search
@@ -98,7 +98,7 @@ class Stage:
         angle, radius = angle.ravel()[fill], radius.ravel()[fill]
         mm = DISK_RADIUS_MM / self.disk.radius_px * radius
         self.x_mm, self.up_mm = mm * np.cos(np.radians(angle)), mm * np.sin(np.radians(angle))
-        period_us = disk_fit.period_us(self.disk)
+        period_us = computed_disk.period_us(self.disk)
         self.warmup_us = WARMUP_PERIODS * period_us
         coarse = np.arange(-self.warmup_us, -period_us, COARSE_STEP_US)
         last, counted = np.arange(-period_us, 0, 2 * STEP_US), np.arange(0, self.duration_us + 2 * STEP_US, STEP_US)
@@ -155,7 +155,7 @@ class Halves:
     recording: str
 
     def __post_init__(self):
-        self.disk, self.events, self.duration_us, _ = disk_fit.examine(self.recording)
+        self.disk, self.events, self.duration_us = computed_disk.examine(self.recording)
         self.middle_us = float(self.duration_us // 2)
         self.first = Part(0, self.middle_us)
         self.second = Part(self.middle_us, self.duration_us)

@@ -52,7 +52,7 @@ def test_the_lamp_stands_where_the_recordings_light_asks_for_it(rendered):
 
     with StackReader(rendered / "R_360_L/stack") as reader:
         light = reader.read_frame(0)[0]
-    centre, radius = (957 / 8, 361 / 8), 267 / 8  # of the outermost ring of scripts/tools/fit_chip.py's map
+    centre, radius = (957 / 8, 361 / 8), 267 / 8  # of the outermost ring of pecs.delays' regions
     at = {up: (slice(int(centre[1] - up * radius) - 2, int(centre[1] - up * radius) + 3)) for up in (1, -1)}
     top, bottom = (light[at[up], int(centre[0]) - 3 : int(centre[0]) + 4].mean() for up in (1, -1))
     assert 2.3 / 5.0 * 0.8 < top / bottom < 2.3 / 5.0 * 1.2
