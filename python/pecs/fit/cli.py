@@ -176,4 +176,5 @@ def _fit(args: argparse.Namespace) -> None:
         print(
             f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
         )
-    print(f"{args.output}: fitted to {len(recordings)} recordings, misfit {found.misfit:.2f} (1: as the noise)")
+    count = f"{len(recordings)} recording{'s' * (len(recordings) > 1)}"
+    print(f"{args.output}: fitted to {count}, misfit {found.misfit:.2f} (1: as the noise)")
