@@ -36,12 +36,13 @@ def profile(chip: str) -> dict:
 def corner_map(recording: str, chip: str, contrast: float, pixels: int = 1024) -> np.ndarray:
     """The photoreceptor's corner in white, Hz [around, along], with which each region has its number of events."""
     of, model = load_disk(Recording(recording, contrast)), Model(chip, pixels)
+    model.focus(of, {})
     return light_map(of, model.turning(of, {})).reshape(of.regions)
 
 
 def simulate(
     chip: str, overrides: dict, disk: Disk, corner_hz: np.ndarray, contrast: float, *, width: int, height: int,
-    duration_us: float, seed: int, step_us: float = 500.0,
+    duration_us: float, seed: int, step_us: float = 150.0,
 ) -> np.ndarray:  # fmt: skip
     """The whole recording: the disk and its surroundings after a warm-up, background alone far from it."""
     from scipy.ndimage import map_coordinates

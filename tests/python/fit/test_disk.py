@@ -73,7 +73,7 @@ def test_a_wrong_command_is_one_line(run, recording, tmp_path, words, code, said
 
 def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, monkeypatch):
     """R_360_L: what `imx636` gives in the estimated light."""
-    from pecs.fit.disk import per_edge, predicted_per_edge, turned
+    from pecs.fit.disk import measured, predicted, turned
     from pecs.fit.model import Model
 
     recording = shared / "data/real/R_360_L.hdf5"
@@ -81,8 +81,10 @@ def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, mon
         pytest.skip(f"needs {recording}")
     monkeypatch.setenv("PECS_PROGRAM", str(pecs_program("--version").args[0]))
     of = load_disk(Disk(recording))
-    answers = Model("imx636", PIXELS).turning(of, {})
+    model = Model("imx636", PIXELS)
+    model.focus(of, {})
+    answers = model.turning(of, {})
     shown = turned(of, answers)
     assert shown.sectors == 4 and shown.rpm == pytest.approx(349.8, abs=0.2)
     assert 4 < np.median(shown.corner_hz) < 6
-    assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.2
+    assert np.abs(np.subtract(predicted(of, answers), measured(of))).mean() < 0.1
