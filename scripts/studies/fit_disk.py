@@ -46,7 +46,16 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     shape = np.exp(np.log(LIGHT_RATIO) / 2 * np.cos(around + rng.uniform(0, 2 * np.pi))) * np.ones(4)
     corner_hz = between(SLOWNESS) * values["contrast_threshold_on"] / period_us * 1e6 * shape
     events = computed_disk.simulate(
-        "imx636", values, disk, corner_hz, contrast, **SIZE, duration_us=DURATION_US, seed=seed, step_us=STEP_US
+        "imx636",
+        values,
+        disk,
+        corner_hz,
+        contrast,
+        **SIZE,
+        duration_us=DURATION_US,
+        seed=seed,
+        step_us=STEP_US,
+        margin_px=60,
     )
     path = folder / f"disk.{suffix}"
     pecs.write(path, events, **SIZE)
