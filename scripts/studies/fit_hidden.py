@@ -24,6 +24,7 @@ import pecs
 from pecs.fit import Steps, Still, Stimulus, fit, stimulus
 from pecs_lab.report import table
 
+CHIP = "imx636"  # overridden by the drawn values
 SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
@@ -63,7 +64,7 @@ def draw(seed: int) -> tuple[dict[str, float], float]:
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
     """Events before light [time] or [time, row]."""
-    with pecs.Sensor(SIDE, SIDE, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
+    with pecs.Sensor(SIDE, SIDE, CHIP, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
         found = []
         for i in range(0, len(t_us), 512):
             level = light[i : i + 512].reshape(len(light[i : i + 512]), -1, 1)

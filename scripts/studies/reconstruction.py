@@ -18,7 +18,6 @@ import argparse
 import json
 import math
 import shutil
-import sys
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -27,21 +26,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from pecs import Chip, Light, read, sense
+from pecs import read
 from pecs._files import write_json
 from pecs.datasets.sequence import Sequence, sequences
-from pecs.learning.clips import WHITE_PERCENTILE, ClipConfig, Recording
+from pecs.learning.clips import ClipConfig, Recording
 from pecs.learning.footage import Footage, read_footage
 from pecs.learning.networks import NetworkConfig
 from pecs.learning.reconstruct import Filter, Network
 from pecs.learning.train import TrainConfig
-from pecs_lab import real_disk, report
+from pecs_lab import comparison, real_disk
+from pecs_lab.comparison import OURS, kept, mean_scores, table, titled
 from pecs_lab.training import learnt, method_of
 from pecs_lab.video_scores import picture_scores
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
-OURS, FILTER = "pecs", "filter"
-WIDE_PX, TITLE_PX = 1280, 22  # of the picture
+FILTER = "filter"
+WIDE_PX = 1280  # of the picture
 
 
 @dataclass(frozen=True)
@@ -66,55 +66,23 @@ def simulators() -> dict[str, dict]:
 
 
 def filter_of(sequence: Sequence) -> float:
-    low, high = map(math.log, PLAN["neutral_filter"]["range"])
-    return math.exp(np.random.Generator(np.random.Philox(key=[1, int(sequence.name)])).uniform(low, high))
-
-
-def overrides_of(how: dict, threshold: float | None) -> dict[str, float]:
-    out = dict(how.get("overrides", {}))
-    return out if threshold is None else out | {f"contrast_threshold_{p}": threshold for p in ("on", "off")}
-
-
-def chip_of(sequence: Sequence) -> str:
-    return str(sequence.cameras[PLAN["camera"]].info["chip"])
+    return comparison.log_uniform([1, int(sequence.name)], *PLAN["neutral_filter"]["range"])
 
 
 def sensed(sequence: Sequence, output: Path, how: dict, threshold: float | None, light: float) -> int:
-    """Number of events. Models that take pictures see white where the networks are shown it. light: share of it."""
     camera = sequence.cameras[PLAN["camera"]]
-    overrides = overrides_of(how, threshold) | {"peak_qe": light * Chip(chip_of(sequence)).peak_qe}
-    given = {"chip": chip_of(sequence), "overrides": overrides, "model": how["model"], "noise": how.get("noise", True)}
-    if how["model"] != OURS:
-        chip = Chip(chip_of(sequence), overrides={"peak_qe": overrides["peak_qe"]})
-        with Light(camera.folder / "stack", chip, threads=1) as stack:
-            values = stack.at(camera.truth.times_us[::10])
-        given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
-    output.parent.mkdir(parents=True, exist_ok=True)
-    more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
-    report = sense(camera.folder / "stack", output, seed=1 + int(sequence.name), **given, **more)
-    return int(report["results"]["events"])
+    return comparison.sensed(sequence, camera, output, how, threshold, light, seed=1 + int(sequence.name))
 
 
 def matched_threshold(work: Work, name: str) -> float:
-    """With which there are as many events as ours are, in all of the light: the secant method on logarithms of both."""
+    """With which there are as many events as ours are, in all of the light."""
     path, how = work.root / "events" / name / "threshold.json", PLAN["matching"]
-    if not path.exists():
-        chosen = sequences(work.root / "light", how["split"])[:: how["every"]]
-        scratch = path.with_name("try.h5")
-        wanted = sum(sensed(s, scratch, simulators()[OURS], None, 1.0) for s in chosen)
-        tried: list[tuple[float, int]] = []
-        value = 0.3
-        while not tried or abs(tried[-1][1] / wanted - 1) > how["tolerance"]:
-            got = sum(sensed(s, scratch, simulators()[name], value, 1.0) for s in chosen)
-            tried.append((value, got))
-            print(f"{name}: threshold {value:.4f}: {got} events, wanted {wanted}", file=sys.stderr, flush=True)
-            slope = -1.0
-            if len(tried) > 1:
-                slope = math.log(tried[-1][1] / tried[-2][1]) / math.log(tried[-1][0] / tried[-2][0])
-            value *= (wanted / got) ** (1 / min(slope, -0.3))
-        scratch.unlink()
-        write_json(path, {"threshold": tried[-1][0], "tried": tried, "wanted": wanted})
-    return float(json.loads(path.read_text())["threshold"])
+    chosen = sequences(work.root / "light", how["split"])[:: how["every"]]
+
+    def count(of: str, threshold: float | None) -> int:
+        return sum(sensed(s, path.with_name("try.h5"), simulators()[of], threshold, 1.0) for s in chosen)
+
+    return comparison.matched(path, lambda: count(OURS, None), lambda value: count(name, value), how["tolerance"])
 
 
 def events_of(work: Work, name: str, sequence: Sequence) -> Path:
@@ -189,10 +157,6 @@ def weights_of(work: Work, name: str, seed: int) -> Path | None:
     return None if name == FILTER else network_of(work, name, seed)
 
 
-def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
-    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
-
-
 def scores(method: Filter | Network, footage: Footage, lpips: Path | None) -> dict[str, float]:
     """Means over the pictures after the first windows."""
     rows = []
@@ -201,12 +165,6 @@ def scores(method: Filter | Network, footage: Footage, lpips: Path | None) -> di
         if k >= PLAN["test"]["skipped_windows"]:
             rows.append(picture_scores(picture, footage.pictures[k + 1] / 255.0, lpips))
     return mean_scores(rows)
-
-
-def kept(path: Path, make) -> dict[str, float]:
-    if not path.exists():
-        write_json(path, make())
-    return json.loads(path.read_text())
 
 
 def footage_of(work: Work, on: str) -> list[Footage]:
@@ -237,24 +195,6 @@ def on_disk(work: Work, name: str, seed: int, real: Path) -> dict[str, float]:
 # Tables.
 
 
-def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tuple[str, str]]) -> str:
-    """keys: (tested on, metric), one column each. Mean ± standard deviation over seeds; in brackets the mean of the
-    paired differences to ours ± its standard error."""
-    lines = []
-    for name, row in results.items():
-        cells = [name]
-        for on, metric in keys:
-            values = np.array([r[metric] for r in row[on]])
-            ours = np.array([r[metric] for r in results.get(OURS, {}).get(on, [])])
-            cell = f"{values.mean():.3f}" + (f" ± {values.std(ddof=1):.3f}" if len(values) > 1 else "")
-            if name not in (OURS, FILTER) and len(values) == len(ours) > 1:
-                apart = values - ours
-                cell += f" ({apart.mean():+.3f} ± {apart.std(ddof=1) / math.sqrt(len(apart)):.3f})"
-            cells.append(cell)
-        lines.append(cells)
-    return report.table(["trained on", *(f"{on}: {metric}" for on, metric in keys)], lines)
-
-
 def picture(work: Work, path: Path, names: list[str], seed: int, real: Path | None, more: Path | None) -> None:
     """One row for each of our test set, and the recording: the last picture, by the filter and each network, and truth.
     more: a network beside them."""
@@ -274,15 +214,6 @@ def picture(work: Work, path: Path, names: list[str], seed: int, real: Path | No
         )
     titles = [FILTER, *names, *(["network that ships"] if more else []), "truth"]
     cv2.imwrite(str(path), titled(np.vstack(lines).round().astype(np.uint8), titles))
-
-
-def titled(shown: np.ndarray, titles: list[str]) -> np.ndarray:
-    """With a title above each of its columns."""
-    head = np.full((TITLE_PX, shown.shape[1]), 255, np.uint8)
-    for k, title in enumerate(titles):
-        at = k * shown.shape[1] // len(titles) + 4, TITLE_PX - 7
-        cv2.putText(head, title, at, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 0, 1, cv2.LINE_AA)
-    return np.vstack([head, shown])
 
 
 def main(words: list[str] | None = None) -> None:
@@ -324,10 +255,10 @@ def main(words: list[str] | None = None) -> None:
         picture(work, args.picture, names, seeds[0], args.real, args.beside)
     write_json(work.folder / "results.json", {"plan": PLAN, "results": results})
     for metric in PLAN["test"]["metrics"] + (["lpips"] if args.lpips_weights else []):
-        print(table(results, [(on, metric) for on in others]) + "\n")
+        print(table(results, [(on, metric) for on in others], (FILTER,)) + "\n")
     if args.real:
         on = PLAN["real"]["sequence"]
-        print(table(results, [(on, metric) for metric in results[FILTER][on][0]]))
+        print(table(results, [(on, metric) for metric in results[FILTER][on][0]], (FILTER,)))
 
 
 if __name__ == "__main__":

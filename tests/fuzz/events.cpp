@@ -5,7 +5,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace pecs;
   static const fuzz::MemoryFile file;
-  static const events::Codec& codec = events::codec_for_output(file.path(), fuzz::kKind);
+  static const events::Codec& codec = events::codec_of_file(file.path(), fuzz::kKind);
   file.hold(fuzz::text(data, size));
   fuzz::try_to([&] {
     const auto reader = codec.open_reader(file.path());

@@ -50,6 +50,10 @@ SURF 4
   DISZ 0
 )";
 
+// AEDAT 2.0: an ON event, an external event, a frame's sample.
+const std::string kSamples(
+    "\x10\x01\x08\x00\x00\x00\x00\x05\x10\x01\x04\x00\x00\x00\x00\x06\x80\x01\x08\x00\x00\x00\x00\x07", 24);
+
 void put(const fs::path& path, std::string_view text) {
   fs::create_directories(path.parent_path());
   std::ofstream(path, std::ios::binary) << text;
@@ -131,6 +135,8 @@ int main(int argc, char** argv) try {
       R"({"chip": "imx636", "set": {"leak_rate_hz": 0.5}, "no_noise": false, "seed": 3, "threads": 2, "model": "v2e",)"
       R"( "param": {"cutoff_hz": 200}, "readout": "ideal", "fnumber": 2.8, "gain": 2.0, "fps": 100, "white_a": 1e-12,)"
       R"( "bands": "mc:8", "motion": true, "warmup_loops": 1, "start_us": 10, "duration_us": 1000})");
+  put(folder / "aedat2/own.aedat2",
+      "#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.Davis346blue\r\n" + kSamples);
   put(folder / "times/own.txt", "0 # us\n33.25\n1e3\n");
   put(folder / "zemax/own.zmx", kZemax);
   put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("double_gauss_100mm_f3p1"), 550, 40));

@@ -185,8 +185,8 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     for index in wanted:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
-        truth += len(stacks) * (math.floor(duration_s * found.truth["fps"]) + 1)
-        light += sum(math.ceil(duration_s * found.render_options(found.scene(scene), one)["fps"]) + 1 for one in stacks)
+        truth += len(stacks) * found.truth_frames(duration_s)
+        light += sum(found.light_frames(found.scene(scene), one, duration_s) for one in stacks)
         if folder.is_dir():
             files = [p.stat() for p in folder.rglob("*") if p.is_file()]
             seconds = max(s.st_mtime for s in files) - min(s.st_mtime for s in files)

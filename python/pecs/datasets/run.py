@@ -168,13 +168,12 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         work.say(f"{entry.name}: truth")
         own = {k: v for k, v in light.items() if k not in OF_LIGHT}
         fps = recipe.truth["fps"]
-        own |= {"fps": fps, "frames": math.floor(seconds * fps + 1e-9) + 1, "layers": ",".join(recipe.truth["layers"])}
+        own |= {"fps": fps, "frames": recipe.truth_frames(seconds), "layers": ",".join(recipe.truth["layers"])}
         blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *words(options | own), **where)
         write_whole(work.truth(entry) / "done", b"")
     if not (work.stack(entry) / "done").exists():
         work.say(f"{entry.name}: light")
-        fps = float(light["fps"])
-        own = light | {"frames": math.ceil(seconds * fps - 1e-9) + 1}
+        own = light | {"frames": recipe.light_frames(scene, entry, seconds)}
         blender("render", *flags, "-o", f"{entry.name}/stack", *words(options | own), **where)
         write_whole(work.stack(entry) / "done", b"")
 

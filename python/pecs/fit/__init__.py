@@ -9,7 +9,10 @@ and the values are chosen so that the statistics of both agree.
 """
 
 from .estimate import Fitted, Value, fit
+from .pixel_map import PixelMap
 from .recordings import Disk, Flash, Screen, Steps, Still, Stimulus
 from .stimulus import stimulus_page
 
-__all__ = ["Disk", "Fitted", "Flash", "Screen", "Steps", "Still", "Stimulus", "Value", "fit", "stimulus_page"]
+__all__ = [
+    "Disk", "Fitted", "Flash", "PixelMap", "Screen", "Steps", "Still", "Stimulus", "Value", "fit", "stimulus_page",
+]  # fmt: skip

@@ -84,6 +84,8 @@ def _parser() -> Parser:
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help=about)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
     parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
+    about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json beside the profile"
+    parser.add_argument("--pixel-map", action="store_true", help=about)
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
     parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)
     parser.add_argument("--seed", type=int, default=1, help="of the simulation")
@@ -148,6 +150,7 @@ def _fit(args: argparse.Namespace) -> None:
         region=args.region,
         pixels=args.pixels,
         seed=args.seed,
+        pixel_map=args.pixel_map,
         progress=lambda n: line(f"fit: {n} simulations", n),
     )
     line.end()
@@ -166,4 +169,12 @@ def _fit(args: argparse.Namespace) -> None:
     for key, value in found.values.items():
         if not value.fitted:
             print(f"{key}: kept at {value.value:.4g}: {value.why}")
-    print(f"{args.output}: fitted to {len(recordings)} recordings, misfit {found.misfit:.2f} (1: as the noise)")
+    if map_ := found.pixel_map:
+        x, y, w, h = map_.region
+        on, off = (100 * of for of in map_.deviation)
+        hot = "" if map_.hot_pixels is None else f", {len(map_.hot_pixels)} hot pixels"
+        print(
+            f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
+        )
+    count = f"{len(recordings)} recording{'s' * (len(recordings) > 1)}"
+    print(f"{args.output}: fitted to {count}, misfit {found.misfit:.2f} (1: as the noise)")

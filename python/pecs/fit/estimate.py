@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from .._errors import PecsInputError, UsageError, optional_module
 from ..chip import Chip
 from . import hot as hot_pixels
-from . import readout, statistics
+from . import pixel_map as pixel_maps
+from . import profile, readout, statistics
 from .disk import Turned, Turning, load_disk, turned
 from .model import COARSE, Model
 from .recordings import (
@@ -126,6 +127,8 @@ class Fitted:
         Recording of `Stimulus` -> what its flashes show of the screen.
     disks : dict
         Recording of `Disk` -> what it shows of the disk.
+    pixel_map : PixelMap, optional
+        Thresholds and hot pixels pixel by pixel, if `fit` was called with `pixel_map=True`.
     """
 
     chip: str
@@ -139,9 +142,10 @@ class Fitted:
     simulated: list[Any]
     screens: dict[str, Screen]
     disks: dict[str, Turned]
+    pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write the chip profile.
+        """Write the chip profile, and its pixel map beside it as NAME_pixels.json.
 
         Parameters
         ----------
@@ -153,9 +157,12 @@ class Fitted:
         PecsOutputError
             The file cannot be written.
         """
-        from .profile import write
-
-        write(self, Path(path))
+        pixels = None
+        if self.pixel_map:
+            pixels = Path(path).with_name(f"{Path(path).stem}_pixels.json")
+            files = ", ".join(Path(f).name for f in self.files)
+            pixel_maps.write(self.pixel_map, pixels, f"measured by pecs fit from {files}")
+        profile.write(self, Path(path), pixels)
 
     def summary(self) -> dict[str, Any]:
         """All numbers of the fit.
@@ -192,6 +199,7 @@ def fit(
     region: Sequence[int] | None = None,
     pixels: int = 1024,
     seed: int = 1,
+    pixel_map: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Fitted:
     """Fit the values of a chip profile to recordings.
@@ -212,6 +220,8 @@ def fit(
         Number of simulated pixels, a multiple of 128. Default 1024.
     seed : int
         Of the simulation. Default 1.
+    pixel_map : bool
+        Measure thresholds and hot pixels pixel by pixel. Default False.
     progress : callable, optional
         Called with the number of simulations.
 
@@ -229,6 +239,8 @@ def fit(
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
     base = Chip(chip)
+    if "pixel_map" in base.info:
+        raise UsageError(f"fit: {chip}: got a profile with a pixel map, wanted one without: its pixels are others")
     known = sorted(FREE.keys() - {LIGHT})
     for key in set(keep) - set(known):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
@@ -249,6 +261,8 @@ def fit(
         raise UsageError(
             "fit: no recording of steps, of a screen or of a disk, wanted at least one: still light shows no thresholds"
         )
+    if pixel_map and not any(isinstance(d, Switches) for d in data):
+        raise UsageError("fit: pixel map: got no recording of steps or of a screen, wanted one")
     if photocurrent_a is None and not any(isinstance(d, Switches) for d in data):
         lit = [of.file for of in recordings if isinstance(of, Still) and of.level > 0]
         if lit:
@@ -263,7 +277,24 @@ def fit(
     for key, (value, sd) in (read_out[0] if read_out else {}).items():
         interval = max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd
         fitted.values[key] = Value(value, interval, estimate.profile[key])
+    if pixel_map:
+        fitted = replace(fitted, pixel_map=_pixel_map(fitted, problem, found, recordings))
     return replace(fitted, screens=screens)
+
+
+def _pixel_map(
+    fitted: Fitted,
+    problem: Problem,
+    hot: tuple[NDArray[np.bool_], Quiet] | None,
+    recordings: Sequence[Steps | Still | Stimulus | Disk | Flash],
+) -> pixel_maps.PixelMap:
+    """From the recording of switches with the most events per pixel."""
+    switches = [d for d in problem.data if isinstance(d, Switches)]
+    best = max(switches, key=lambda d: len(d.t_us) / d.pixels)
+    stills = [r for r in recordings if isinstance(r, Still)]
+    values = {key: of.value for key, of in fitted.values.items() if key in FREE}
+    light_a = fitted.corner_hz.value / values["corner_hz_per_a"]
+    return pixel_maps.measure(best, hot[0] if hot else None, stills, problem.model, values, light_a)
 
 
 class Estimate:

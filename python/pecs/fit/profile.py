@@ -4,35 +4,41 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._errors import bad_input
 from .._files import read_text, write_json
 from .._library import data_dir
-from .estimate import Fitted
+
+if TYPE_CHECKING:
+    from .estimate import Fitted
 
 MAX_BYTES = 1 << 22
-
-
-def chip_file(chip: str) -> Path:
-    """The file of a profile, by name or path."""
-    return Path(chip) if chip.endswith(".json") else data_dir("sensor/chips") / f"{chip}.json"
 
 
 def _rounded(value: float, digits: int = 4) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def write(found: Fitted, path: Path) -> None:
-    """Raises PecsOutputError."""
-    start = chip_file(found.chip)
-    profile: dict[str, Any] = json.loads(read_text(start, MAX_BYTES, "JSON"))
+def read(chip: str) -> dict[str, Any]:
+    """A profile, by name or path."""
+    file = Path(chip) if chip.endswith(".json") else data_dir("sensor/chips") / f"{chip}.json"
+    profile: dict[str, Any] = json.loads(read_text(file, MAX_BYTES, "JSON"))
     if not isinstance(profile, dict) or "values" not in profile:
-        raise bad_input(start, "values", "none", "a chip profile")
+        raise bad_input(file, "values", "none", "a chip profile")
+    return profile
+
+
+def write(found: Fitted, path: Path, pixel_map: Path | None) -> None:
+    """pixel_map: file in the same folder. Raises PecsOutputError."""
+    profile = read(found.chip)
     files = ", ".join(Path(f).name for f in found.files)
     profile["description"] = f"fitted by pecs fit to {files}; starting profile: {profile['name']}"
     profile["name"] = path.stem
-    profile.pop("trade_names", None)
+    for key in ("trade_names", "pixel_map"):
+        profile.pop(key, None)
+    if pixel_map:
+        profile["pixel_map"] = pixel_map.name
     for key, of in found.values.items():
         entry = profile["values"].get(key)
         if entry is None or not of.fitted:

@@ -144,6 +144,7 @@ class Switches:
     lengths_us: NDArray[np.float64]  # of the light at each level
     exact: bool  # the times of the switches are known
     ramps_us: NDArray[np.float64] | None = None  # durations of ramps, each in the middle of lengths_us; None: steps
+    place: tuple[int, int, int, int] | None = None  # the region; None: simulated
 
     def without(self, hot: NDArray[np.bool_]) -> Switches:
         number, keep = np.cumsum(~hot) - 1, ~hot[self.pixel]
@@ -192,6 +193,14 @@ def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Event
         raise _refuse(file, f"{w * h} pixels", "a region of at least 100 pixels")
     inside = (events["x"] >= x) & (events["x"] < x + w) & (events["y"] >= y) & (events["y"] < y + h)
     return events, events[inside], (x, y, w, h)
+
+
+def occupied(file: str | Path) -> tuple[int, int, int, int]:
+    """x, y, width, height of the smallest region that contains all events."""
+    events = read(file)
+    x, y = events["x"], events["y"]
+    left, top = int(x.min()), int(y.min())
+    return left, top, int(x.max()) - left + 1, int(y.max()) - top + 1
 
 
 def _pixels(events: Events, region: tuple[int, int, int, int]) -> NDArray[np.int64]:
@@ -324,8 +333,9 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
     kept = (t_us >= edges[0]) & (t_us < edges[-1])
     pixel = _pixels(events, place)[kept]
     out = Switches(
-        Path(of.file).name, levels, pixel, t_us[kept], on[kept], pixels, edges, np.median(lengths, axis=0), exact
-    )
+        Path(of.file).name, levels, pixel, t_us[kept], on[kept], pixels, edges, np.median(lengths, axis=0), exact,
+        place=place,
+    )  # fmt: skip
     _check_steps(of.file, out, place[2])
     return out
 
@@ -513,6 +523,7 @@ def _ramps(
         lengths,
         False,
         ramps,
+        place,
     )
     _check_directions(file, out)
     sizes = np.histogram(out.t_us, edges)[0] / out.pixels

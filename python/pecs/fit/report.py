@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import html
+import struct
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ from .._files import write_text
 from . import disk, statistics
 from .disk import Turning
 from .estimate import Fitted, Value
+from .pixel_map import PixelMap
 from .recordings import Switches
 
 STYLE = """
@@ -54,6 +58,8 @@ def write(found: Fitted, path: Path) -> None:
         if isinstance(data, Turning):
             parts += _disk(data, simulated)
         parts.append(_statistics(found, data.name))
+    if found.pixel_map:
+        parts += _pixels(found.pixel_map)
     head = "<!doctype html><html lang='en'><meta charset='utf-8'><title>pecs fit</title>"
     write_text(path, f"{head}<style>{STYLE}</style>" + "\n".join(parts) + "</html>\n")
 
@@ -141,6 +147,38 @@ def _disk(data: Turning, simulated: disk.Answers) -> list[str]:
     both = zip(("ON", "OFF"), disk.per_edge(data), disk.predicted_per_edge(data, simulated), strict=True)
     captions = "events per pixel and edge, by rotation since the edge, deg"
     return [LEGEND, *(_curves(middles, lines, f"{edge}: {captions}") for edge, *lines in both)]
+
+
+def _pixels(found: PixelMap) -> list[str]:
+    x, y, width, height = found.region
+    both = found.threshold_on, found.threshold_off
+    reach = 3 * max(float(of.std()) for of in both)
+    hot = "" if found.hot_pixels is None else f" {len(found.hot_pixels)} pixels of the sensor are hot."
+    parts = [
+        "<h2>Pixel by pixel</h2>",
+        f"<p>Thresholds of {width}x{height} pixels from {x},{y}, relative to the profile's; black {1 - reach:.2f}, "
+        f"white {1 + reach:.2f}.{hot}</p>",
+    ]
+    for name, of in zip(("ON", "OFF"), both, strict=True):
+        grey = np.clip(127.5 + 127.5 * (of - 1) / max(reach, 1e-9), 0, 255).astype(np.uint8)
+        parts.append(f"<figure>{_picture(grey)}<figcaption>{name} threshold</figcaption></figure>")
+    return parts
+
+
+def _picture(grey: NDArray[np.uint8]) -> str:
+    """A PNG of 8 bits, its pixels as squares."""
+    height, width = grey.shape
+    rows = np.pad(grey, ((0, 0), (1, 0))).tobytes()  # each begins with the number of its filter, 0
+    parts = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(rows)),
+        (b"IEND", b""),
+    )
+    png = b"\x89PNG\r\n\x1a\n"
+    for kind, data in parts:
+        png += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f"<img width='{WIDTH}' style='image-rendering: pixelated' src='{source}' alt=''>"
 
 
 def _first(table: statistics.Table, exact: bool) -> Floats:

@@ -3,7 +3,6 @@
 The light is a map over the disk's regions (pecs.delays); `pecs fit --disk` estimates it from a recording.
 """
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pecs
 from pecs.fit import Disk as Recording
 from pecs.fit.disk import light_map, load_disk
 from pecs.fit.model import Model
-from pecs.fit.profile import chip_file
+from pecs.fit.profile import read
 
 from .disk import Disk
 from .program import ask
@@ -29,7 +28,7 @@ def period_us(disk: Disk) -> float:
 
 
 def profile(chip: str) -> dict:
-    return {key: v["value"] for key, v in json.loads(chip_file(chip).read_text())["values"].items()}
+    return {key: v["value"] for key, v in read(chip)["values"].items()}
 
 
 def corner_map(recording: str, chip: str, contrast: float, pixels: int = 1024) -> np.ndarray:

@@ -11,7 +11,7 @@
 namespace pecs::events {
 
 Codec make_evt3(), make_evt2(), make_evt21(), make_dat(), make_metavision_hdf5(), make_dsec_hdf5(), make_aedat4(),
-    make_npz(), make_csv(), make_e2vid(), make_v2e();
+    make_aedat2(), make_npz(), make_csv(), make_e2vid(), make_v2e();
 
 namespace {
 
@@ -44,8 +44,8 @@ const Codec& named(const std::filesystem::path& path, const std::string& name, b
 
 const std::vector<Codec>& codecs() {
   static const std::vector<Codec> all = {
-      make_evt3(), make_evt2(), make_evt21(), make_dat(), make_metavision_hdf5(), make_dsec_hdf5(), make_aedat4(),
-      make_npz(),  make_csv(),  make_e2vid(), make_v2e()};
+      make_evt3(),   make_evt2(),   make_evt21(), make_dat(), make_metavision_hdf5(), make_dsec_hdf5(),
+      make_aedat4(), make_aedat2(), make_npz(),   make_csv(), make_e2vid(),           make_v2e()};
   return all;
 }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <array>
 #include <map>
 #include <set>
@@ -66,27 +67,46 @@ Spectrum read_qe(JsonObject o) {
   return s;
 }
 
-// {"pecs_noise_table": 1, "source": …, "on_hz": […], "off_hz": […], "width": W, "height": H}, the last two or neither.
-std::shared_ptr<const NoiseTable> read_noise_table(const std::filesystem::path& path) {
+// The pixel map of docs/reference/sensor.md.
+std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path) {
   const Json json = parse_json_file(path, std::size_t{256} << 20);
   JsonObject o(json, path.string());
-  o.integer("pecs_noise_table", 1, 1);
+  o.integer("pecs_pixel_map", 1, 1);
   o.text("source");
-  NoiseTable t;
-  t.file = path.string();
-  t.width = static_cast<int>(o.integer_or("width", 0, 1, 8192));
-  t.height = static_cast<int>(o.integer_or("height", 0, 1, 8192));
-  for (const auto& [key, rates] : {std::pair("on_hz", &t.on_hz), std::pair("off_hz", &t.off_hz)}) {
-    const std::vector<double> hz = o.numbers(key, {0, 1e4});
-    rates->assign(hz.begin(), hz.end());
+  PixelMap map;
+  map.file = path.string();
+  std::optional<std::size_t> pixels;
+  if (o.has("region")) {
+    const std::vector<double> region = o.numbers("region", {0, 8192});
+    if (region.size() != 4 || region[2] < 1 || region[3] < 1) o.fail("region", "no region", "[x, y, width, height]");
+    map.x = static_cast<int>(region[0]), map.y = static_cast<int>(region[1]);
+    map.width = static_cast<int>(region[2]), map.height = static_cast<int>(region[3]);
+    pixels = static_cast<std::size_t>(map.width) * static_cast<std::size_t>(map.height);
+  }
+  const auto read_pair = [&](const char* on, const char* off, Range range, auto& of_on, auto& of_off) {
+    if (!o.has(on) && !o.has(off)) return;
+    for (const auto& [key, values] : {std::pair(on, &of_on), std::pair(off, &of_off)}) {
+      const std::vector<double> read = o.numbers(key, range);
+      values->assign(read.begin(), read.end());
+      if (!pixels) pixels = read.size();
+      if (read.empty() || read.size() != *pixels)
+        o.fail(key, fmt::format("{} values", read.size()), fmt::format("{}", std::max<std::size_t>(1, *pixels)));
+    }
+  };
+  read_pair("threshold_on", "threshold_off", {0.1, 10}, map.threshold_on, map.threshold_off);
+  read_pair("background_on_hz", "background_off_hz", {0, 1e4}, map.background_on_hz, map.background_off_hz);
+  if (o.has("hot_pixels")) {
+    map.hot_pixels.emplace();
+    for (const Json& entry : o.any("hot_pixels")) {
+      if (!entry.is_array() || entry.size() != 3 || !std::ranges::all_of(entry, [](const Json& v) {
+            return v.is_number() && v.get<double>() >= 0 && v.get<double>() <= 1e4;
+          }))
+        o.fail("hot_pixels", entry.dump(), "[x, y, Hz]");
+      map.hot_pixels->push_back({entry[0].get<int>(), entry[1].get<int>(), entry[2].get<double>()});
+    }
   }
   o.done();
-  const auto pixels = static_cast<std::size_t>(t.width) * static_cast<std::size_t>(t.height);
-  if ((t.width == 0) != (t.height == 0)) o.fail(t.width ? "height" : "width", "nothing", "both or neither");
-  if (t.on_hz.empty() || t.on_hz.size() != t.off_hz.size() || (pixels && pixels != t.on_hz.size()))
-    o.fail("on_hz", fmt::format("{} and {} rates", t.on_hz.size(), t.off_hz.size()),
-           pixels ? fmt::format("{} each", pixels) : "as many, at least 1");
-  return std::make_shared<const NoiseTable>(std::move(t));
+  return std::make_shared<const PixelMap>(std::move(map));
 }
 
 }  // namespace
@@ -123,7 +143,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   }
   values.done();
   if (o.has("biases")) chip.biases = read_biases(o.object("biases"), chip.ranges);
-  if (o.has("noise_table")) chip.noise_table = read_noise_table(path.parent_path() / o.text("noise_table"));
+  if (o.has("pixel_map")) chip.pixel_map = read_pixel_map(path.parent_path() / o.text("pixel_map"));
   o.done();
 
   std::set<std::string> given;
@@ -147,10 +167,18 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   return chip;
 }
 
+std::optional<std::size_t> PixelMap::index(int px, int py, double drawn) const {
+  const std::size_t size = std::max(threshold_on.size(), background_on_hz.size());
+  if (width == 0)
+    return size ? std::optional(static_cast<std::size_t>(drawn * static_cast<double>(size))) : std::nullopt;
+  if (px < x || py < y || px >= x + width || py >= y + height) return std::nullopt;
+  return static_cast<std::size_t>(py - y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(px - x);
+}
+
 Chip without_noise(Chip chip) {
   chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch =
       chip.hot_pixel_fraction = 0;
-  chip.noise_table = nullptr;
+  chip.pixel_map = nullptr;
   return chip;
 }
 
@@ -166,7 +194,7 @@ Json chip_to_json(const Chip& chip) {
   out["relative_qe"] = {{"lambda_nm", chip.relative_qe.lambda_nm}, {"value", chip.relative_qe.value}};
   if (!chip.trade_names.empty()) out["trade_names"] = chip.trade_names;
   if (!chip.set_biases.empty()) out["biases"] = chip.set_biases;
-  if (chip.noise_table) out["noise_table"] = chip.noise_table->file;
+  if (chip.pixel_map) out["pixel_map"] = chip.pixel_map->file;
   return out;
 }
 

@@ -252,13 +252,17 @@ void SenseRun::warm_up(const LightBatch& first, const std::function<void(const L
   const std::size_t pixels = pixels_of({0, source_->info().height}).size();
   const auto length_us = static_cast<double>(timeline_.warmup_us());
   const auto count = static_cast<std::size_t>(std::ceil(length_us / kWarmupStep_us));
-  std::vector<float> per_us(pixels);
-  if (first.planes.size() > 1)
-    for (std::size_t i = 0; i < pixels; ++i) {
-      const float change = std::log(first.planes[1][i] / first.planes[0][i]);
-      per_us[i] = std::isfinite(change) ? change / static_cast<float>(first.t_us[1] - first.t_us[0]) : 0;
-    }
   const std::size_t chips = first.again.empty() ? 1 : 2;
+  const auto light_of = [&](std::size_t chip) -> const std::vector<const float*>& {
+    return chip == 0 ? first.planes : first.again;
+  };
+  std::vector<std::vector<float>> per_us(chips, std::vector<float>(pixels));
+  for (std::size_t chip = 0; chip < chips; ++chip)
+    if (const auto& light = light_of(chip); light.size() > 1)
+      for (std::size_t i = 0; i < pixels; ++i) {
+        const float change = std::log(light[1][i] / light[0][i]);
+        per_us[chip][i] = std::isfinite(change) ? change / static_cast<float>(first.t_us[1] - first.t_us[0]) : 0;
+      }
   std::vector<std::vector<float>> planes(kPlanes * chips, std::vector<float>(pixels));
   for (std::size_t begin = 0; begin < count; begin += kPlanes) {
     LightBatch batch;
@@ -268,14 +272,14 @@ void SenseRun::warm_up(const LightBatch& first, const std::function<void(const L
       if (chips > 1) batch.again.push_back(planes[chips * k + 1].data());
       batch.t_us.push_back(length_us * static_cast<double>(begin + k) / static_cast<double>(count));
     }
-    tbb::parallel_for(std::size_t{0}, size, [&](std::size_t k) {
+    tbb::parallel_for(std::size_t{0}, size * chips, [&](std::size_t of) {
+      const std::size_t k = of / chips, chip = of % chips;
       const auto before_us = static_cast<float>(length_us - batch.t_us[k]);
       for (std::size_t i = 0; i < pixels; ++i) {
-        float change = std::clamp(per_us[i] * before_us, -kMostChange, kMostChange);
-        if (begin + k == 0) change += per_us[i] > 0 ? kTouch : per_us[i] < 0 ? -kTouch : 0;
-        const float factor = change == 0 ? 1 : std::exp(-change);
-        planes[chips * k][i] = first.planes[0][i] * factor;
-        if (chips > 1) planes[chips * k + 1][i] = first.again[0][i] * factor;
+        const float slope = per_us[chip][i];
+        float change = std::clamp(slope * before_us, -kMostChange, kMostChange);
+        if (begin + k == 0) change += slope > 0 ? kTouch : slope < 0 ? -kTouch : 0;
+        planes[of][i] = light_of(chip)[0][i] * (change == 0 ? 1 : std::exp(-change));
       }
     });
     advance(batch);

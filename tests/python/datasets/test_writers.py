@@ -309,6 +309,18 @@ def test_radiance(sequence, exported):
     assert "motion of objects" in left_out(report) and "camera right" in left_out(report)
 
 
+def test_radiance_by_a_loader_of_radiance_fields(sequence, exported, outside):
+    """Rays of nerfbaselines through the pixels of each picture pass the points of the scene that are seen there."""
+    folder = exported("radiance")[0] / "train" / "0000_left"
+    left, frames, found = small.rig()[0], sequence.cameras["frame"].frames(), outside("radiance", folder)
+    assert found["names"].tolist() == [f"{i:06d}.png" for i in range(len(frames))]
+    x, y = found["pixels"].T
+    for frame, origin, ray in zip(frames, found["origins"], found["directions"], strict=True):
+        way = left.look(frame.middle_us)[0].reshape(H, W, 3)[y, x] - origin
+        angle = np.linalg.norm(np.cross(way, ray), axis=1) / np.linalg.norm(way, axis=1) / np.linalg.norm(ray, axis=1)
+        assert angle.max() * left.K[0, 0] < 0.02  # pixels
+
+
 def test_thumbnails(sequence, tmp_path):
     writers.write("thumbnails", [sequence], tmp_path / "t", width=40)
     names = {p.name for p in (tmp_path / "t").glob("*.png")}

@@ -11,6 +11,7 @@ from support.event_readers import (
     WIDTH,
     array,
     assert_same,
+    by_eventcv,
     by_evlib,
     by_evt3,
     by_expelliarmus_dat,
@@ -28,6 +29,59 @@ def test_peer_reads_ours(tmp_path, format, extension, reader, stream):
     path = tmp_path / f"events{extension}"
     pecs.write(path, STREAMS[stream], WIDTH, HEIGHT, format)
     assert_same(reader(path), STREAMS[stream])
+
+
+@pytest.fixture
+def aedat2(tmp_path):
+    """Writes the layout of jAER and v2e: events of a chip among samples of frames, of the IMU and of external input."""
+
+    def write(events, width, height, chip=None):
+        t, x, y, p = (events[name].astype(np.int64) for name in "txyp")
+        address = (height - 1 - y) << 22 | (width - 1 - x) << 12 | p << 11
+        samples = np.array([(a, t[0]) for a in (1 << 31 | 5 << 12, 3 << 10, 1 << 10)])
+        words = np.concatenate([samples.reshape(-1, 2), np.stack([address, t & 0xFFFFFFFF], axis=1)])
+        header = "#!AER-DAT2.0\r\n# Timestamps tick is 1 us\r\n"
+        if chip:
+            header += f"# AEChip: eu.seebetter.ini.chips.davis.{chip}\r\n" + "# <entry key='bias'/>\r\n" * 9000
+        path = tmp_path / "events.aedat"
+        path.write_bytes(header.encode() + words.astype(">u4").tobytes())
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("chip", "size"),
+    [(None, (346, 260)), ("Davis346blue", (346, 260)), ("DAVIS240C", (240, 180)), ("Davis640", (640, 480))],
+)
+def test_aedat2_is_read_as_jaer_reads_it(aedat2, chip, size):
+    rng, n = np.random.default_rng(1), 500
+    t = np.sort(rng.integers((1 << 32) - 1_000_000, (1 << 32) + 1_000_000, n))  # 32 bits wrap
+    events = array(
+        *zip(t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n), strict=True)
+    )
+    found = pecs.read(aedat2(events, *size, chip))
+    assert (found.width, found.height) == size
+    assert_same([found[name] for name in "txyp"], events)
+
+
+def test_aedat2_by_another_reader(aedat2):
+    """eventcv turns rows, not columns; jAER turns both."""
+    events = array(*((10 * i, i % 346, i * 7 % 260, i % 2) for i in range(1000)))
+    path = aedat2(events, 346, 260, "Davis346blue")
+    t, x, y, p = by_eventcv(path)
+    found = pecs.read(path)
+    assert_same((t, 345 - np.asarray(x), y, p), {name: found[name] for name in "txyp"})
+
+
+@pytest.mark.parametrize(
+    ("chip", "width", "words"), [("DVS128", 346, "got DVS128"), ("DAVIS240C", 346, "pixel (-106, 0)")]
+)
+def test_other_aedat2_is_refused(aedat2, chip, width, words):
+    path = aedat2(array((5, 0, 0, 1)), width, 180, chip)
+    with pytest.raises(pecs.PecsInputError) as error:
+        pecs.read(path)
+    assert words in str(error.value) and str(path) in str(error.value)
 
 
 def test_the_real_recording_by_the_vendors_decoder(shared):

@@ -38,43 +38,81 @@ def test_small_signal_corner_follows_the_light():
 
 
 @pytest.fixture
-def with_table(root, tmp_path):
-    """A chip without other noise and with a table of `on_hz`, `off_hz`."""
+def with_map(root, tmp_path):
+    """A chip without other noise and with a pixel map of these contents."""
 
-    def write(**table):
+    def write(**contents):
         chip = json.loads((root / "sensor/chips/imx636.json").read_text())
         for key in ("noise_std", "leak_rate_hz", "refractory_period_s"):
             chip["values"][key]["value"] = 0
-        text = {"pecs_noise_table": 1, "source": "made up"} | table
-        (tmp_path / "rates.json").write_text(json.dumps({k: v for k, v in text.items() if v is not None}))
-        (tmp_path / "chip.json").write_text(json.dumps(chip | {"noise_table": "rates.json"}))
+        text = {"pecs_pixel_map": 1, "source": "made up"} | contents
+        (tmp_path / "pixels.json").write_text(json.dumps({k: v for k, v in text.items() if v is not None}))
+        (tmp_path / "chip.json").write_text(json.dumps(chip | {"pixel_map": "pixels.json"}))
         return str(tmp_path / "chip.json")
 
     return write
 
 
-def test_a_noise_table_gives_every_pixel_its_rates(with_table):
+def of_pixels(events, width, height):
+    """Numbers of ON and of OFF events of each pixel."""
+    pixel = events["y"].astype(int) * width + events["x"]
+    return [np.bincount(pixel[events["p"] == p], minlength=width * height).reshape(height, width) for p in (1, 0)]
+
+
+def test_a_pixel_map_sets_thresholds_of_its_region(with_map):
+    """A ramp up and down: as many events as thresholds fit; outside the region as the profile says."""
+    rng = np.random.default_rng(3)
+    on, off = rng.uniform(0.7, 1.4, (2, 3, 5))
+    chip = with_map(region=[4, 2, 5, 3], threshold_on=on.ravel().tolist(), threshold_off=off.ravel().tolist())
+    t_us = np.arange(4001) * 500.0
+    lamp = np.exp(5 * (1 - np.abs(1 - t_us / 1e6))).astype(np.float32)
+    frames = np.ascontiguousarray(np.broadcast_to(lamp[:, None, None], (len(t_us), 8, 12)))
+    overrides = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.3, "threshold_mismatch": 0}
+    overrides |= {"background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
+    overrides |= {"corner_hz_per_a": 0, "amplifier_cutoff_hz": 0}
+    counts = of_pixels(pecs.simulate(frames, t_us, chip=chip, overrides=overrides, readout="ideal"), 12, 8)
+    wanted = [np.full((8, 12), 5 / 0.2), np.full((8, 12), 5 / 0.3)]
+    wanted[0][2:5, 4:9], wanted[1][2:5, 4:9] = 5 / 0.2 / on, 5 / 0.3 / off
+    for got, number in zip(counts, wanted, strict=True):
+        assert np.abs(got - number).max() < 2.1  # a rest of the way up counts for the way down
+
+
+def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
     on, off = np.zeros((3, 40)), np.zeros((3, 40))
     on[0], off[1], on[2], off[2] = 20, 35, 5, 10
-    table = {"width": 40, "height": 3, "on_hz": on.ravel().tolist(), "off_hz": off.ravel().tolist()}
-    still, t_us = np.full((11, 3, 40), 0.5, np.float32), np.arange(11) * 5e5
-    chip = with_table(**table)
-    e = pecs.simulate(still, t_us, chip=chip, readout="ideal")
-    for row in range(3):
-        for p, hz in ((1, on[row, 0]), (0, off[row, 0])):
-            expected = hz * 40 * 5
-            assert abs(np.sum((e["y"] == row) & (e["p"] == p)) - expected) <= 4 * np.sqrt(expected)
-    counts = np.bincount(e["x"][e["y"] == 1], minlength=40)
+    table = {
+        "region": [10, 1, 40, 3],
+        "background_on_hz": on.ravel().tolist(),
+        "background_off_hz": off.ravel().tolist(),
+    }
+    still, t_us = np.full((11, 6, 60), 0.5, np.float32), np.arange(11) * 5e5
+    chip = with_map(**table, hot_pixels=[[3, 0, 200], [55, 5, 400]])
+    overrides = {"background_on_hz": 2, "background_off_hz": 1, "hot_pixel_fraction": 0.1, "hot_pixel_hz": 900}
+    e = pecs.simulate(still, t_us, chip=chip, overrides=overrides, readout="ideal")
+    found = of_pixels(e, 60, 6)
+    hot = np.zeros((6, 60))
+    hot[0, 3], hot[5, 55] = 200, 400
+    outside = np.ones((6, 60), bool)
+    outside[1:4, 10:50] = False
+    for counts, hz, rates in zip(found, (2, 1), (on, off), strict=True):
+        for row in range(3):
+            expected = rates[row, 0] * 40 * 5
+            assert abs(counts[1 + row, 10:50].sum() - expected) <= 4 * np.sqrt(expected)
+        quiet = outside & (hot == 0)
+        assert abs(counts[quiet].sum() - hz * quiet.sum() * 5) <= 4 * np.sqrt(hz * quiet.sum() * 5)
+    for y, x in np.argwhere(hot > 0):
+        assert abs(found[0][y, x] - (2 + hot[y, x]) * 5) < 5 * np.sqrt(hot[y, x] * 5)
+    counts = found[1][2, 10:50]
     assert 0.5 < counts.var(ddof=1) / counts.mean() < 1.7  # Poisson
     assert len(pecs.simulate(still, t_us, chip=chip, noise=False)) == 0
-    two = pecs.Sensor(40, 3, chip, readout="ideal")  # however the frames are given
+    two = pecs.Sensor(60, 6, chip, overrides=overrides, readout="ideal")  # however the frames are given
     parts = [two.push(still[:4], t_us[:4]), two.push(still[4:], t_us[4:]), two.finish()]
     assert np.array_equal(np.concatenate(parts), e)
 
 
-def test_a_sample_of_noise_rates_is_drawn_from(with_table):
-    """Of a table without size every pixel draws one entry: here half of the pixels are silent."""
-    chip = with_table(on_hz=[0, 40], off_hz=[0, 0])
+def test_a_sample_of_noise_rates_is_drawn_from(with_map):
+    """Of a map without region every pixel draws one entry: here half of the pixels are silent."""
+    chip = with_map(background_on_hz=[0, 40], background_off_hz=[0, 0])
     e = pecs.simulate(np.full((11, 40, 50), 0.5, np.float32), np.arange(11) * 1e5, chip=chip, readout="ideal")
     silent = 2000 - len(np.unique(e["y"].astype(int) * 50 + e["x"]))
     assert abs(silent - 1000) < 4 * np.sqrt(500) and (e["p"] == 1).all()
@@ -82,22 +120,26 @@ def test_a_sample_of_noise_rates_is_drawn_from(with_table):
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("contents", "words"),
     [
-        ({"on_hz": [1, 2], "off_hz": [1]}, "2 and 1 rates"),
-        ({"on_hz": [], "off_hz": []}, "0 and 0 rates"),
-        ({"on_hz": [-1], "off_hz": [0]}, "on_hz[0]"),
-        ({"on_hz": [1], "off_hz": [0], "width": 1}, "height"),
-        ({"on_hz": [1], "off_hz": [0], "width": 2, "height": 2}, "4 each"),
-        ({"on_hz": [1], "off_hz": [0], "width": 1, "height": 1}, "1x1, wanted 4x4"),
-        ({"on_hz": [1], "off_hz": [0], "speed": 1}, "speed"),
-        ({"on_hz": [1], "off_hz": [0], "source": None}, "source"),
+        ({"background_on_hz": [1, 2], "background_off_hz": [1]}, "background_off_hz: got 1 values, wanted 2"),
+        ({"background_on_hz": [], "background_off_hz": []}, "0 values"),
+        ({"background_on_hz": [1]}, "background_off_hz"),
+        ({"background_on_hz": [-1], "background_off_hz": [0]}, "background_on_hz[0]"),
+        ({"region": [0, 0, 1], "threshold_on": [1], "threshold_off": [1]}, "region"),
+        ({"region": [0, 0, 2, 2], "threshold_on": [1], "threshold_off": [1]}, "wanted 4"),
+        ({"region": [3, 0, 2, 1], "threshold_on": [1, 1], "threshold_off": [1, 1]}, "within the frames' 4x4"),
+        ({"threshold_on": [0], "threshold_off": [1]}, "threshold_on[0]"),
+        ({"hot_pixels": [[4, 0, 10]]}, "pixel 4,0"),
+        ({"hot_pixels": [[1, 10]]}, "[x, y, Hz]"),
+        ({"speed": 1}, "speed"),
+        ({"source": None}, "source"),
     ],
 )
-def test_a_bad_noise_table_is_named(with_table, table, words):
+def test_a_bad_pixel_map_is_named(with_map, contents, words):
     with pytest.raises(pecs.PecsError) as error:
-        pecs.simulate(np.ones((3, 4, 4), np.float32), np.arange(3) * 1e3, chip=with_table(**table))
-    assert "rates.json" in str(error.value) and words in str(error.value)
+        pecs.simulate(np.ones((3, 4, 4), np.float32), np.arange(3) * 1e3, chip=with_map(**contents))
+    assert "pixels.json" in str(error.value) and words in str(error.value)
 
 
 @pytest.mark.parametrize("chip", ["imx636", "gen3_vga", "davis346"])

@@ -58,26 +58,22 @@ def test_events_are_those_of_many_frames(tmp_path, pecs_program, keyframes):
     assert "dense_steps" not in records[1]["results"]
 
 
-@pytest.mark.parametrize("sigma", [0.04, 0.08])
-def test_events_of_the_renderers_noise(tmp_path, sigma):
-    """The estimated share is that of events that differ between two stacks with independent noise."""
-    noise_of, frames = np.random.default_rng(3).normal, [SCENE.frame(t) for t in (0.0, 1.0)]
-    lights = [[1e-3 * np.exp(noise_of(0, sigma, f.shape)) * f for f in frames] for _ in range(2)]
+def sensed_with_noise(folder, lights, noises, motion, **options):
+    """Report and events of a stack whose frames are `lights`, with samples of the renderer's noise."""
+    write_stack(folder, lights, [i * STEP_NS for i in range(len(lights))], [motion] * (len(lights) - 1), light=False)
+    stack = json.loads((folder / "stack.json").read_text()) | {"light": True, "noise": True}
+    (folder / "stack.json").write_text(json.dumps(stack))
+    with pecs.StackWriter(folder, stack) as writer:
+        for i, (light, noise) in enumerate(zip(lights, noises, strict=True)):
+            writer.write_frame(i, np.stack([light, noise]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of the share
+        report = pecs.sense(folder, folder.with_suffix(".npz"), chip="ideal", **options)
+    return report["results"].get("render_noise"), pecs.read(folder.with_suffix(".npz"))
 
-    def run(name, light, noise, **options):
-        folder = write_stack(tmp_path / f"stack_{name}", frames, [0, STEP_NS], [SCENE.motion()], light=False)
-        stack = json.loads((folder / "stack.json").read_text())
-        (folder / "stack.json").write_text(json.dumps(stack | {"light": True, "noise": True}))
-        with pecs.StackWriter(folder, stack | {"light": True, "noise": True}) as writer:
-            for i in range(2):
-                writer.write_frame(i, np.stack([light[i], noise * noise_of(0, sigma, light[i].shape)]))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of the share
-            report = pecs.sense(folder, tmp_path / f"{name}.npz", chip="ideal", **options)
-        return report["results"].get("render_noise"), pecs.read(tmp_path / f"{name}.npz")
 
-    found, events = run("a", lights[0], 1.0, labels=tmp_path / "labels.npy")
-    _, others = run("b", lights[1], 1.0)
+def share_alone(events, others, window_us):
+    """Of the events, those that no event of the same pixel and polarity is mutually nearest to within the window."""
 
     def nearest(of, among):
         same = (of["x"][:, None] == among["x"]) & (of["p"][:, None] == among["p"])
@@ -91,8 +87,23 @@ def test_events_of_the_renderers_noise(tmp_path, sigma):
             alone += len(a)
             continue
         (to_b, apart), (to_a, _) = nearest(a, b), nearest(b, a)
-        alone += int(((to_a[to_b] != np.arange(len(a))) | (apart > found["window_us"])).sum())
-    wanted = alone / len(events)
+        alone += int(((to_a[to_b] != np.arange(len(a))) | (apart > window_us)).sum())
+    return alone / len(events)
+
+
+@pytest.mark.parametrize("sigma", [0.04, 0.08])
+def test_events_of_the_renderers_noise(tmp_path, sigma):
+    """The estimated share is that of events that differ between two stacks with independent noise."""
+    noise_of, frames = np.random.default_rng(3).normal, [SCENE.frame(t) for t in (0.0, 1.0)]
+    lights = [[1e-3 * np.exp(noise_of(0, sigma, f.shape)) * f for f in frames] for _ in range(2)]
+
+    def run(name, light, noise, **options):
+        noises = [noise * noise_of(0, sigma, f.shape) for f in frames]
+        return sensed_with_noise(tmp_path / name, light, noises, SCENE.motion(), **options)
+
+    found, events = run("a", lights[0], 1.0, labels=tmp_path / "labels.npy")
+    _, others = run("b", lights[1], 1.0)
+    wanted = share_alone(events, others, found["window_us"])
     assert len(events) > 3000 and 0.1 < wanted < 0.6 and found["share"] == pytest.approx(wanted, rel=0.3)
     labels = np.load(tmp_path / "labels.npy")
     assert 0.6 < (labels == pecs.sensor.LABELS.index("render")).mean() / found["share"] < 1
@@ -100,6 +111,22 @@ def test_events_of_the_renderers_noise(tmp_path, sigma):
     assert run("still", lights[0], 0.0)[0]["share"] == 0
     with_noise, without = run("one thread", lights[0], 1.0, threads=1)[1], run("off", lights[0], 1.0, render_noise=0)
     assert without[0] is None and (with_noise == without[1]).all()
+
+
+def test_noise_decides_the_direction_of_pixels(tmp_path):
+    """Pixels that have been on begin on the way to a threshold; where little changes, noise says to which."""
+    rng, shape, sigma = np.random.default_rng(5), (SCENE.height, SCENE.width), 0.03
+    real = [rng.choice([0.0, -0.1, 0.1], shape, p=(0.8, 0.1, 0.1)) for _ in range(2)]
+    results = []
+    for name in "ab":
+        lights = [1e-3 * np.exp(of + rng.normal(0, sigma, shape)) for of in real]
+        noises = [rng.normal(0, sigma, shape) for _ in lights]
+        motion = SCENE.motion() / 8
+        results.append(sensed_with_noise(tmp_path / name, lights, noises, motion, warmup_us=20_000))
+    (found, events), (_, others) = results
+    wanted = share_alone(events, others, found["window_us"])
+    print(len(events), wanted, found)
+    assert len(events) > 1000 and 0.2 < wanted < 0.8 and found["share"] == pytest.approx(wanted, rel=0.1)
 
 
 def test_threads_change_nothing(tmp_path, pecs_program, keyframes):

@@ -90,6 +90,21 @@ def evreal(folder):
     return out | {"event_count": np.array([item["event_count"] for item in items])}
 
 
+def radiance(folder):
+    """nerfbaselines' loader of transforms.json, and the rays of its cameras through all pixels. FOLDER: of a camera."""
+    from nerfbaselines.cameras import get_image_pixels, get_rays
+    from nerfbaselines.datasets.nerfstudio import load_nerfstudio_dataset
+
+    found = load_nerfstudio_dataset(folder, "train")  # nine tenths, rounded up: all of a few
+    cameras = found["cameras"]
+    cameras.distortion_parameters[:, [2, 3]] = cameras.distortion_parameters[:, [3, 2]]  # 1.2.12 exchanges p1 and p2
+    pixels = get_image_pixels(cameras.image_sizes[0])  # whole numbers; rays pass through the centres
+    rays = [get_rays(cameras[i : i + 1], pixels) for i in range(len(cameras))]
+    origins, directions = map(np.stack, zip(*rays, strict=True))
+    names = np.array([Path(p).name for p in found["image_paths"]])
+    return {"pixels": pixels, "names": names, "origins": origins, "directions": directions}
+
+
 def webdataset(folder):
     """All samples of FOLDER's train shards, in order."""
     import webdataset as wds

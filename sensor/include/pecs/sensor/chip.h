@@ -12,11 +12,20 @@
 
 namespace pecs::sensor {
 
-// Measured rates of noise events [Hz], in place of one rate for all pixels.
-struct NoiseTable {
+// Values measured pixel by pixel, in place of one value for all pixels (docs/reference/sensor.md#pixel-map).
+struct PixelMap {
+  struct Hot {
+    int x, y;
+    double hz;
+  };
   std::string file;
-  int width = 0, height = 0;         // of the sensor, row by row; 0: a sample, of which every pixel draws one
-  std::vector<float> on_hz, off_hz;  // of one pixel each
+  int x = 0, y = 0, width = 0, height = 0;         // region, row by row; 0: a sample, of which every pixel draws one
+  std::vector<float> threshold_on, threshold_off;  // relative to the profile's; empty: drawn
+  std::vector<float> background_on_hz, background_off_hz;  // empty: the profile's
+  std::optional<std::vector<Hot>> hot_pixels;              // all of the sensor; none: drawn
+
+  // Index of a pixel's values, in a sample by `drawn` in [0, 1); none outside the region.
+  std::optional<std::size_t> index(int px, int py, double drawn) const;
 };
 
 // A bias: an offset to the factory setting, and what is known of its effect.
@@ -50,8 +59,8 @@ struct Chip {
   double refractory_period_s = 0;
   double leak_rate_hz = 0;                             // ON events of a still pixel, from the drift of its reference
   double background_on_hz = 0, background_off_hz = 0;  // Poisson events of a still pixel
-  std::shared_ptr<const NoiseTable> noise_table;       // their rates pixel by pixel, where measured
   double hot_pixel_fraction = 0, hot_pixel_hz = 0;     // pixels that fire ON at random, whatever they see
+  std::shared_ptr<const PixelMap> pixel_map;           // thresholds, background and hot pixels where measured
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
   double readout_group_rows = 1;                  // rows that are read at once

@@ -54,16 +54,16 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
     : dark_fa_(setup.chip.dark_current_a * 1e15),
       gain_fa_(setup.per_unit),
       noise_std_(setup.chip.noise_std),
-      background_on_hz_(setup.chip.noise_table ? 0 : setup.chip.background_on_hz),
-      background_off_hz_(setup.chip.noise_table ? 0 : setup.chip.background_off_hz),
-      hot_hz_(setup.chip.hot_pixel_hz),
+      background_on_hz_(setup.chip.background_on_hz),
+      background_off_hz_(setup.chip.background_off_hz),
       seed_(setup.seed),
       random_phase_(setup.random_phase),
-      table_(setup.chip.noise_table) {
+      map_(setup.chip.pixel_map),
+      width_(static_cast<std::uint32_t>(setup.width)) {
   const Chip& chip = setup.chip;
-  if (table_ && table_->width && (table_->width != setup.width || table_->height != setup.height))
-    throw bad_input(table_->file, "size", fmt::format("{}x{}", table_->width, table_->height),
-                    fmt::format("{}x{} as the frames", setup.width, setup.height));
+  if (map_ && (map_->x + map_->width > setup.width || map_->y + map_->height > setup.height))
+    throw bad_input(map_->file, "region", fmt::format("{},{},{},{}", map_->x, map_->y, map_->width, map_->height),
+                    fmt::format("a region within the frames' {}x{}", setup.width, setup.height));
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
   if (chip.corner_hz_per_a == 0 && chip.amplifier_cutoff_hz > 0)
@@ -76,6 +76,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
 
   const std::size_t n = setup.pixels(), padded = n + kMaxLanes;
   draw_thresholds(chip, n);
+  place_hot_pixels(chip, setup.height);
   for (Zeros* row : {&light0_, &light1_, &m0_, &reference_}) *row = Zeros(padded);
   if (setup.causes) marks_.resize(n);
   if (!has_thresholds_only()) blind_us_ = Zeros(padded);
@@ -86,20 +87,19 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
 }
 
 void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
-  equal_thresholds_ = chip.threshold_mismatch == 0;
+  equal_thresholds_ = chip.threshold_mismatch == 0 && !maps_thresholds();
   for (Zeros* row : {&threshold_on_, &threshold_off_}) *row = Zeros((equal_thresholds_ ? 0 : pixels) + kMaxLanes);
-  const auto random_of = [&](std::size_t pixel) {
-    return random4(seed_, static_cast<std::uint32_t>(pixel), 0, Purpose::threshold);
-  };
   const auto draw = [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const Random4 r = equal_thresholds_ ? Random4{} : random_of(i);
-      const auto threshold = [&](double nominal, std::uint32_t word) {
+      const auto pixel = static_cast<std::uint32_t>(i);
+      const Random4 r = equal_thresholds_ ? Random4{} : random_of(pixel);
+      const auto index = maps_thresholds() ? mapped(pixel) : std::nullopt;
+      const auto threshold = [&](double nominal, const std::vector<float>* map, std::uint32_t word) {
         const double mismatch = equal_thresholds_ ? 0 : chip.threshold_mismatch * gaussian(word);
-        return static_cast<float>(nominal * std::max(kMinThreshold, 1 + mismatch));
+        return static_cast<float>(nominal * (index ? (*map)[*index] : std::max(kMinThreshold, 1 + mismatch)));
       };
-      threshold_on_.data()[i] = threshold(chip.contrast_threshold_on, r[0]);
-      threshold_off_.data()[i] = threshold(chip.contrast_threshold_off, r[1]);
+      threshold_on_.data()[i] = threshold(chip.contrast_threshold_on, map_ ? &map_->threshold_on : nullptr, r[0]);
+      threshold_off_.data()[i] = threshold(chip.contrast_threshold_off, map_ ? &map_->threshold_off : nullptr, r[1]);
     }
   };
   if (equal_thresholds_)
@@ -109,8 +109,28 @@ void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
                       [&](const auto& range) { draw(range.begin(), range.end()); });
   for (const Zeros* row : {&threshold_on_, &threshold_off_})
     if (!equal_thresholds_) std::fill_n(row->data() + pixels, kMaxLanes, 1.0f);
-  for (std::size_t i = 0; chip.hot_pixel_fraction > 0 && hot_hz_ > 0 && i < pixels; ++i)
-    if (uniform(random_of(i)[2]) < chip.hot_pixel_fraction) hot_.push_back(static_cast<std::uint32_t>(i));
+}
+
+void PecsPixels::place_hot_pixels(const Chip& chip, int height) {
+  if (map_ && map_->hot_pixels) {
+    for (const auto& [x, y, hz] : *map_->hot_pixels) {
+      if (static_cast<std::uint32_t>(x) >= width_ || y >= height)
+        throw bad_input(map_->file, "hot_pixels", fmt::format("pixel {},{}", x, y),
+                        fmt::format("pixels within the frames' {}x{}", width_, height));
+      hot_.push_back({static_cast<std::uint32_t>(y) * width_ + static_cast<std::uint32_t>(x), hz});
+    }
+    std::ranges::sort(hot_, {}, &HotPixel::pixel);
+    return;
+  }
+  const std::uint32_t pixels = width_ * static_cast<std::uint32_t>(height);
+  for (std::uint32_t i = 0; chip.hot_pixel_fraction > 0 && chip.hot_pixel_hz > 0 && i < pixels; ++i)
+    if (uniform(random_of(i)[2]) < chip.hot_pixel_fraction) hot_.push_back({i, chip.hot_pixel_hz});
+}
+
+Random4 PecsPixels::random_of(std::uint32_t pixel) const { return random4(seed_, pixel, 0, Purpose::threshold); }
+
+std::optional<std::size_t> PecsPixels::mapped(std::uint32_t pixel) const {
+  return map_->index(static_cast<int>(pixel % width_), static_cast<int>(pixel / width_), uniform(random_of(pixel)[3]));
 }
 
 // True without photoreceptor, refractory period, leak, background, causes and random phases.
@@ -181,7 +201,8 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
         const double t_us = (static_cast<double>(window) + next()) * kBackgroundWindow_us;
         const auto pixel = block * kBlock + static_cast<std::uint32_t>(next() * kBlock);
         const bool on = next() * rate_hz < background_on_hz_;
-        if (t_us >= begin_us && t_us < end_us && pixel >= first && pixel < end) events.push_back({t_us, pixel, on});
+        if (t_us >= begin_us && t_us < end_us && pixel >= first && pixel < end && !(maps_background() && mapped(pixel)))
+          events.push_back({t_us, pixel, on});
       }
     }
   const auto of_one = [&](std::uint32_t pixel, double on_hz, double off_hz, Purpose purpose, Cause cause) {
@@ -196,14 +217,12 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
       }
     }
   };
-  for (std::uint32_t pixel = first; table_ && pixel < end; ++pixel) {
-    const double drawn = uniform(random4(seed_, pixel, 0, Purpose::threshold)[3]);
-    const std::size_t i =
-        table_->width ? pixel : static_cast<std::size_t>(drawn * static_cast<double>(table_->on_hz.size()));
-    of_one(pixel, table_->on_hz[i], table_->off_hz[i], Purpose::background, Cause::noise);
-  }
-  for (auto hot = std::ranges::lower_bound(hot_, first); hot != hot_.end() && *hot < end; ++hot)
-    of_one(*hot, hot_hz_, 0, Purpose::hot, Cause::hot);
+  for (std::uint32_t pixel = first; maps_background() && pixel < end; ++pixel)
+    if (const auto i = mapped(pixel))
+      of_one(pixel, map_->background_on_hz[*i], map_->background_off_hz[*i], Purpose::background, Cause::noise);
+  for (auto hot = std::ranges::lower_bound(hot_, first, {}, &HotPixel::pixel); hot != hot_.end() && hot->pixel < end;
+       ++hot)
+    of_one(hot->pixel, hot->hz, 0, Purpose::hot, Cause::hot);
   std::ranges::stable_sort(events, {}, &BackgroundEvent::pixel);
   return events;
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "models/entry.h"
+#include "pecs/sensor/random.h"
 #include "pixels/huge_pages.h"
 
 namespace pecs::sensor {
@@ -20,6 +21,11 @@ struct BackgroundEvent {
   std::uint32_t pixel;
   bool on;
   Cause cause = Cause::noise;
+};
+
+struct HotPixel {
+  std::uint32_t pixel;
+  double hz;
 };
 
 // Time and noise at a pixel's last reset, for the causes of events. phase: distance from the reference then, not 0
@@ -42,13 +48,20 @@ class PecsPixels : public PixelModel {
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override;
 
  private:
-  bool has_background() const { return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || table_; }
+  bool has_background() const {
+    return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || maps_background();
+  }
+  bool maps_background() const { return map_ && !map_->background_on_hz.empty(); }
+  bool maps_thresholds() const { return map_ && !map_->threshold_on.empty(); }
   bool has_thresholds_only() const;
   void draw_thresholds(const Chip& chip, std::size_t pixels);
+  void place_hot_pixels(const Chip& chip, int height);
+  Random4 random_of(std::uint32_t pixel) const;
+  std::optional<std::size_t> mapped(std::uint32_t pixel) const;  // index of its values in the map
   std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
 
   PixelConstants constants_;
-  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_, hot_hz_;
+  double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
   std::uint64_t seed_;
   bool random_phase_;
   bool equal_thresholds_;
@@ -58,8 +71,9 @@ class PecsPixels : public PixelModel {
   Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
   Zeros w_, noise_;                     // photoreceptor and its noise; empty when infinitely fast
   Zeros y_, inner_noise_;               // amplifier (kernel.h); empty without
-  std::vector<std::uint32_t> hot_;      // hot pixels, sorted
-  std::shared_ptr<const NoiseTable> table_;
+  std::vector<HotPixel> hot_;           // sorted
+  std::shared_ptr<const PixelMap> map_;
+  std::uint32_t width_;
   std::vector<ResetMark> marks_;  // empty without causes
 };
 
