@@ -45,9 +45,8 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
     shape = np.exp(np.log(LIGHT_RATIO) / 2 * np.cos(around + rng.uniform(0, 2 * np.pi))) * np.ones(4)
     corner_hz = between(SLOWNESS) * values["contrast_threshold_on"] / period_us * 1e6 * shape
-    events = computed_disk.simulate(
-        "imx636", values, disk, corner_hz, contrast, **SIZE, duration_us=DURATION_US, seed=seed, step_us=STEP_US
-    )
+    seen = SIZE | {"duration_us": DURATION_US, "step_us": STEP_US, "margin_px": computed_disk.MARGIN_PX}
+    events = computed_disk.simulate("imx636", values, disk, corner_hz, contrast, **seen, seed=seed)
     path = folder / f"disk.{suffix}"
     pecs.write(path, events, **SIZE)
     return [Recording(path, contrast)]

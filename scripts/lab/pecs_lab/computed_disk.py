@@ -20,8 +20,8 @@ WARM_UP = 11  # periods of white and black before a recording
 COARSER = 8  # steps of the warm-up, but not of its last period, relative to those of the recording
 RING = 0.2, 0.98  # of the radius, as pecs.delays
 STILL_PX = 6.0  # outermost part of the disk, which does not turn
-WALL = 1 / 3  # light beside the disk / in white
-MARGIN_PX = 60  # beside the disk, where noise is simulated
+WALL = 1 / 3  # light next to the disk / in white
+MARGIN_PX = 60  # around a disk whose background is to be seen: with it, noise is simulated there, too
 
 
 def period_us(disk: Disk) -> float:
@@ -35,18 +35,20 @@ def profile(chip: str) -> dict:
 def corner_map(recording: str, chip: str, contrast: float, pixels: int = 1024) -> np.ndarray:
     """The photoreceptor's corner in white, Hz [around, along], with which each region has its number of events."""
     of, model = load_disk(Recording(recording, contrast)), Model(chip, pixels)
+    model.focus(of, {})
     return light_map(of, model.turning(of, {})).reshape(of.regions)
 
 
 def simulate(
     chip: str, overrides: dict, disk: Disk, corner_hz: np.ndarray, contrast: float, *, width: int, height: int,
-    duration_us: float, seed: int, step_us: float = 500.0,
+    duration_us: float, seed: int, step_us: float = 150.0, margin_px: int = 0,
 ) -> np.ndarray:  # fmt: skip
-    """The whole recording: the disk and its surroundings after a warm-up, background alone far from it."""
+    """The whole recording: after a warm-up the square of the disk and `margin_px` around it, and background alone
+    outside."""
     from scipy.ndimage import map_coordinates
 
     kappa = {**profile(chip), **overrides}["corner_hz_per_a"]
-    half = int(np.ceil(disk.radius_px)) + MARGIN_PX
+    half = int(np.ceil(disk.radius_px)) + margin_px
     x0, y0 = max(0, int(disk.centre_px[0]) - half), max(0, int(disk.centre_px[1]) - half)
     x1, y1 = min(width, int(disk.centre_px[0]) + half), min(height, int(disk.centre_px[1]) + half)
     yy, xx = np.mgrid[y0:y1, x0:x1].astype(float)

@@ -29,7 +29,8 @@ def recording(tmp_path_factory):
     disk = computed_disk.Disk((75.0, 58.0), 50.0, -1800.0, 20.0, sectors=6)
     light = np.full((24, 4), CORNER_HZ), CONTRAST
     path = tmp_path_factory.mktemp("disk") / "disk.raw"
-    events = computed_disk.simulate("imx636", CHIP, disk, *light, **SIZE, duration_us=400e3, seed=1, step_us=200.0)
+    seen = SIZE | {"duration_us": 400e3, "step_us": 200.0, "margin_px": computed_disk.MARGIN_PX}
+    events = computed_disk.simulate("imx636", CHIP, disk, *light, **seen, seed=1)
     pecs.write(path, events, **SIZE)
     return path
 
@@ -73,7 +74,7 @@ def test_a_wrong_command_is_one_line(run, recording, tmp_path, words, code, said
 
 def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, monkeypatch):
     """R_360_L: what `imx636` gives in the estimated light."""
-    from pecs.fit.disk import per_edge, predicted_per_edge, turned
+    from pecs.fit.disk import measured, per_edge, predicted, predicted_per_edge, turned
     from pecs.fit.model import Model
 
     recording = shared / "data/real/R_360_L.hdf5"
@@ -81,8 +82,11 @@ def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, mon
         pytest.skip(f"needs {recording}")
     monkeypatch.setenv("PECS_PROGRAM", str(pecs_program("--version").args[0]))
     of = load_disk(Disk(recording))
-    answers = Model("imx636", PIXELS).turning(of, {})
+    model = Model("imx636", PIXELS)
+    model.focus(of, {})
+    answers = model.turning(of, {})
     shown = turned(of, answers)
     assert shown.sectors == 4 and shown.rpm == pytest.approx(349.8, abs=0.2)
     assert 4 < np.median(shown.corner_hz) < 6
-    assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.3
+    assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.2
+    assert np.abs(np.subtract(predicted(of, answers), measured(of))).mean() < 0.1
