@@ -84,7 +84,7 @@ def _parser() -> Parser:
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help=about)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
     parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
-    about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json beside the profile"
+    about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json, in the folder of the profile"
     parser.add_argument("--pixel-map", action="store_true", help=about)
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
     parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)

@@ -147,7 +147,7 @@ class Fitted:
     pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write the chip profile, and its pixel map beside it as NAME_pixels.json.
+        """Write the chip profile, and a pixel map to NAME_pixels.json in the same folder.
 
         Parameters
         ----------
@@ -159,12 +159,7 @@ class Fitted:
         PecsOutputError
             The file cannot be written.
         """
-        pixels = None
-        if self.pixel_map:
-            pixels = Path(path).with_name(f"{Path(path).stem}_pixels.json")
-            files = ", ".join(Path(f).name for f in self.files)
-            pixel_maps.write(self.pixel_map, pixels, f"measured by pecs fit from {files}")
-        profile.write(self, Path(path), pixels)
+        profile.write(self, Path(path))
 
     def summary(self) -> dict[str, Any]:
         """All numbers of the fit.

@@ -29,11 +29,17 @@ def share(hot: NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
     return n / total, (low, float(stats.beta.ppf(0.975, n + 1, total - n)))
 
 
+def rates_hz(hot: NDArray[np.bool_], of: Quiet) -> NDArray[np.float64]:
+    """Rate of each hot pixel above the mean of the others."""
+    rates: NDArray[np.float64] = of.on[hot] / of.seconds - of.on[~hot].mean() / of.seconds
+    return rates
+
+
 def rate_hz(hot: NDArray[np.bool_], of: Quiet) -> tuple[float, tuple[float, float]]:
     """Mean rate of the hot pixels above the others, with its 95 % interval: of their spread or of their number of
     events, whichever is wider."""
     n = int(hot.sum())
-    rates = of.on[hot] / of.seconds - of.on[~hot].mean() / of.seconds
+    rates = rates_hz(hot, of)
     spread = float(rates.std(ddof=1)) / np.sqrt(n) if n > 1 else 0.0
     sd = max(spread, float(np.sqrt(of.on[hot].sum())) / of.seconds / n)
     middle = float(rates.mean())

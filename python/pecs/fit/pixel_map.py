@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from .._files import write_json
 from . import hot as hot_pixels
 from . import profile, statistics
 from .model import COLUMNS, Model
-from .recordings import Still, Switches, load_still, occupied
+from .recordings import Still, Switches, load_still_everywhere
 
 LIMITS = 0.1, 10.0  # of a map
 LEAST_NUMBER = 0.02  # standard deviation of a number of events behind a switch, averaged over cycles
@@ -51,29 +50,21 @@ class PixelMap:
     hot_pixels: list[tuple[int, int, float]] | None
 
 
-def write(found: PixelMap, path: Path, source: str) -> None:
-    """Raises PecsOutputError."""
-    out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": found.region}
-    for key in ("threshold_on", "threshold_off"):
-        out[key] = np.round(getattr(found, key).ravel(), 4).tolist()
-    if found.hot_pixels is not None:
-        out["hot_pixels"] = found.hot_pixels
-    write_json(path, out)
-
-
 def measure(
     data: Switches, hot: NDArray[np.bool_] | None, stills: Sequence[Still], model: Model, values: Mapping[str, float],
     light_a: float,
 ) -> PixelMap:  # fmt: skip
     """data: without the hot pixels; hot: those of its region. values: the fitted profile's."""
-    known = _simulated(data, model, values, light_a)
     place = data.place
     assert place
-    rows = np.ones((2, place[2] * place[3]))
+    relative, simulated = _simulated(data, model, values, light_a)
+    recorded, mismatch = statistics.tables(data), values["threshold_mismatch"]
+    rises = np.array(data.levels) > np.roll(data.levels, 1)
+    rows, deviations = np.ones((2, place[2] * place[3])), []
     cold = slice(None) if hot is None else ~hot
-    deviations = []
-    for row, up, of in zip(rows, (True, False), known, strict=True):
-        row[cold], deviation = _relative(data, up, *of, values["threshold_mismatch"])
+    for row, up, known in zip(rows, (True, False), relative, strict=True):
+        switches = [both for both, rise in zip(zip(recorded, simulated, strict=True), rises, strict=True) if rise == up]
+        row[cold], deviation = _relative(switches, known, mismatch)
         deviations.append(deviation)
     on, off = rows.reshape(2, place[3], place[2])
     return PixelMap(place, on, off, (deviations[0], deviations[1]), _hot(stills))
@@ -81,42 +72,40 @@ def measure(
 
 def _simulated(
     data: Switches, model: Model, values: Mapping[str, float], light_a: float
-) -> list[tuple[Floats, list[statistics.Table]]]:
-    """ON and OFF: relative thresholds of simulated pixels, and their events behind each switch."""
+) -> tuple[list[Floats], list[statistics.Table]]:
+    """Relative thresholds of simulated pixels, ON and OFF, and their events behind each switch."""
     pixels = model.pixels if data.ramps_us is None else model.pixels // 2
     normal = [NormalDist().inv_cdf((i + 0.5) / pixels) for i in range(pixels)]
     row = np.clip(1 + values["threshold_mismatch"] * np.array(normal), *LIMITS)
     random = np.random.default_rng(1)
     relative = [random.permutation(row) for _ in range(2)]
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "pixels.json"
-        region = 0, 0, COLUMNS, pixels // COLUMNS
-        write(PixelMap(region, *relative, (0, 0), None), file, "pixels of a simulation")
-        chip = Path(folder) / "chip.json"
+        file, chip = Path(folder) / "pixels.json", Path(folder) / "chip.json"
+        known = PixelMap((0, 0, COLUMNS, pixels // COLUMNS), *relative, (0, 0), None)
+        profile.write_pixel_map(known, file, "pixels of a simulation")
         write_json(chip, profile.read(str(model.chip)) | {"pixel_map": file.name})
         events = replace(model, chip=chip, _known={}).switches(data, light_a, values)
-    tables = statistics.tables(events)
-    return [(of, tables) for of in relative]
+    return relative, statistics.tables(events)
 
 
 def _relative(
-    data: Switches, up: bool, known: Floats, tables: list[statistics.Table], mismatch: float
+    switches: Sequence[tuple[statistics.Table, statistics.Table]], known: Floats, mismatch: float
 ) -> tuple[Floats, float]:
-    """Relative thresholds of the recording's pixels, and the standard deviation of their error. The inverse of a
-    threshold is linear in the number of events: number = offset + slope / threshold."""
-    rises = np.array(data.levels) > np.roll(data.levels, 1)
-    sums, weights = np.zeros(data.pixels), 0.0
-    for table, simulated, rise in zip(statistics.tables(data), tables, rises, strict=True):
+    """Relative thresholds of the recording's pixels, and the standard deviation of their error, from switches of one
+    direction, recorded and simulated. The inverse of a threshold is linear in the number of events:
+    number = offset + slope / threshold."""
+    pixels = len(switches[0][0].count)
+    sums, weights = np.zeros(pixels), 0.0
+    for recorded, simulated in switches:
         number = simulated.count.mean(axis=1)
         slope, offset = np.polyfit(1 / known, number, 1)
-        if rise != up or slope <= 0:
-            continue
-        error = float(np.std(number - offset - slope / known))
-        weight = (slope / max(error, LEAST_NUMBER)) ** 2
-        sums += weight * (table.count.mean(axis=1) - offset) / slope
-        weights += weight
+        if slope > 0:
+            error = float(np.std(number - offset - slope / known))
+            weight = (slope / max(error, LEAST_NUMBER)) ** 2
+            sums += weight * (recorded.count.mean(axis=1) - offset) / slope
+            weights += weight
     if not weights:
-        return np.ones(data.pixels), mismatch
+        return np.ones(pixels), mismatch
     variance = 1 / weights
     kept = mismatch**2 / (mismatch**2 + variance)
     inverse = 1 + kept * (sums / weights - 1)
@@ -127,13 +116,9 @@ def _hot(stills: Sequence[Still]) -> list[tuple[int, int, float]] | None:
     """Hot pixels in the darkest recording, of all pixels that have events."""
     if not stills:
         return None
-    of = min(stills, key=lambda s: s.level)
-    x, y, width, _ = region = occupied(of.file)
-    found = hot_pixels.find([load_still(of, region)])
+    quiet, (x, y, width, _) = load_still_everywhere(min(stills, key=lambda s: s.level))
+    found = hot_pixels.find([quiet])
     assert found
-    hot, quiet = found
-    rates = quiet.on[hot] / quiet.seconds - quiet.on[~hot].mean() / quiet.seconds
-    return [
-        (x + int(i) % width, y + int(i) // width, round(float(hz), 4))
-        for i, hz in zip(np.flatnonzero(hot), rates, strict=True)
-    ]
+    numbers = np.flatnonzero(found[0]).tolist()
+    rates = hot_pixels.rates_hz(*found).tolist()
+    return [(x + i % width, y + i // width, round(hz, 4)) for i, hz in zip(numbers, rates, strict=True)]

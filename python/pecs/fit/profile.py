@@ -12,6 +12,7 @@ from .._library import data_dir
 
 if TYPE_CHECKING:
     from .estimate import Fitted
+    from .pixel_map import PixelMap
 
 MAX_BYTES = 1 << 22
 
@@ -29,16 +30,28 @@ def read(chip: str) -> dict[str, Any]:
     return profile
 
 
-def write(found: Fitted, path: Path, pixel_map: Path | None) -> None:
-    """pixel_map: file in the same folder. Raises PecsOutputError."""
+def write_pixel_map(found: PixelMap, path: Path, source: str) -> None:
+    """Raises PecsOutputError."""
+    out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": found.region}
+    for key in ("threshold_on", "threshold_off"):
+        out[key] = [round(v, 4) for v in getattr(found, key).ravel().tolist()]
+    if found.hot_pixels is not None:
+        out["hot_pixels"] = found.hot_pixels
+    write_json(path, out)
+
+
+def write(found: Fitted, path: Path) -> None:
+    """The profile, and a pixel map in NAME_pixels.json. Raises PecsOutputError."""
     profile = read(found.chip)
     files = ", ".join(Path(f).name for f in found.files)
     profile["description"] = f"fitted by pecs fit to {files}; starting profile: {profile['name']}"
     profile["name"] = path.stem
     for key in ("trade_names", "pixel_map"):
         profile.pop(key, None)
-    if pixel_map:
-        profile["pixel_map"] = pixel_map.name
+    if found.pixel_map:
+        file = path.with_name(f"{path.stem}_pixels.json")
+        write_pixel_map(found.pixel_map, file, f"measured by pecs fit from {files}")
+        profile["pixel_map"] = file.name
     for key, of in found.values.items():
         entry = profile["values"].get(key)
         if entry is None or not of.fitted:

@@ -195,14 +195,6 @@ def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Event
     return events, events[inside], (x, y, w, h)
 
 
-def occupied(file: str | Path) -> tuple[int, int, int, int]:
-    """x, y, width, height of the smallest region that contains all events."""
-    events = read(file)
-    x, y = events["x"], events["y"]
-    left, top = int(x.min()), int(y.min())
-    return left, top, int(x.max()) - left + 1, int(y.max()) - top + 1
-
-
 def _pixels(events: Events, region: tuple[int, int, int, int]) -> NDArray[np.int64]:
     x, y, w, _ = region
     pixel: NDArray[np.int64] = (events["y"].astype(np.int64) - y) * w + (events["x"].astype(np.int64) - x)
@@ -216,6 +208,15 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> Quiet:
     everything, events, place = _load(of.file, region)
     first, last = float(everything["t"][0]), float(everything["t"][-1])
     return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last)
+
+
+def load_still_everywhere(of: Still) -> tuple[Quiet, tuple[int, int, int, int]]:
+    """Of all events, and the smallest region that contains them: x, y, width, height."""
+    events = read(of.file)
+    (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
+    place = left, top, right - left + 1, bottom - top + 1
+    first, last = float(events["t"][0]), float(events["t"][-1])
+    return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last), place
 
 
 def _quiet(

@@ -125,7 +125,6 @@ def test_noise_decides_the_direction_of_pixels(tmp_path):
         results.append(sensed_with_noise(tmp_path / name, lights, noises, motion, warmup_us=20_000))
     (found, events), (_, others) = results
     wanted = share_alone(events, others, found["window_us"])
-    print(len(events), wanted, found)
     assert len(events) > 1000 and 0.2 < wanted < 0.8 and found["share"] == pytest.approx(wanted, rel=0.1)
 
 
