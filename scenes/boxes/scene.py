@@ -10,11 +10,10 @@ import math
 from random import Random
 
 import bpy
-from mathutils import Vector
-from pecs_blender.render.build import SceneParts, box, mesh_object
+from pecs_blender.render.build import SceneParts, box, mesh_object, sun_lamp
 
 WALL_M, HALF_WALL_M = 3.0, 6.0
-TOWARDS_LIGHT = Vector((0.3, -1.0, 0.4))
+TOWARDS_LIGHT = 0.3, -1.0, 0.4
 AMBIENT = 0.2  # of a surface that faces the light
 GREYS = (0.04, 0.1, 0.2, 0.4, 0.8)
 
@@ -22,14 +21,10 @@ GREYS = (0.04, 0.1, 0.2, 0.4, 0.8)
 def build(p):
     """p: resolved parameters of scene.json, spectra loaded. Returns SceneParts."""
     rng = Random(int(p["texture_seed"]))
-    light = bpy.data.lights.new("sun", "SUN")
-    light.energy, light.angle = math.pi, 0.0
+    light = sun_lamp(TOWARDS_LIGHT, math.pi, p["sun_spectrum"])
+    light.angle = 0.0
     light.use_shadow = False
     light.cycles.cast_shadow = False
-    light["pecs_spectrum"] = p["sun_spectrum"].source
-    sun = bpy.data.objects.new("sun", light)
-    sun.rotation_euler = TOWARDS_LIGHT.to_track_quat("Z", "Y").to_euler()
-    bpy.context.scene.collection.objects.link(sun)
 
     half = HALF_WALL_M
     corners = [(x, WALL_M, z) for x, z in ((-half, -half), (half, -half), (half, half), (-half, half))]

@@ -13,7 +13,7 @@ from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
-from pecs_blender.render.build import SceneParts
+from pecs_blender.render.build import SceneParts, sun_lamp
 
 
 def beside(name):
@@ -103,16 +103,11 @@ def sky_and_sun(p, rng):
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 128
     if not p["sun_to_sky"]:
         return
-    light = bpy.data.lights.new("sun", "SUN")
     elevation, azimuth = math.radians(p["sun_elevation_deg"]), math.radians(p["sun_azimuth_deg"])
-    light.energy = math.pi * p["sun_to_sky"] / math.sin(elevation)
-    light.angle = math.radians(0.53)
-    light["pecs_spectrum"] = p["sun_spectrum"].source
-    sun = bpy.data.objects.new("sun", light)
     level = math.cos(elevation)
-    towards = Vector((math.sin(azimuth) * level, -math.cos(azimuth) * level, math.sin(elevation)))
-    sun.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
-    bpy.context.scene.collection.objects.link(sun)
+    towards = math.sin(azimuth) * level, -math.cos(azimuth) * level, math.sin(elevation)
+    light = sun_lamp(towards, math.pi * p["sun_to_sky"] / math.sin(elevation), p["sun_spectrum"])
+    light.angle = math.radians(0.53)
 
 
 def road(paint):

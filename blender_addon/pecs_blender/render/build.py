@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
+from mathutils import Vector
 
 from .spectra import Spectrum
 
@@ -70,6 +71,17 @@ def area_lamp(name: str, centre: Vec, size_m: tuple[float, float], spectrum: Spe
     thing.location = centre
     bpy.context.scene.collection.objects.link(thing)
     return thing
+
+
+def sun_lamp(towards: Vec, energy: float, spectrum: Spectrum) -> bpy.types.Light:
+    """Parallel light from this direction, of this relative irradiance."""
+    light = bpy.data.lights.new("sun", "SUN")
+    light.energy = energy
+    light["pecs_spectrum"] = spectrum.source
+    thing = bpy.data.objects.new("sun", light)
+    thing.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
+    bpy.context.scene.collection.objects.link(thing)
+    return light
 
 
 def lab_box(p: dict) -> None:
