@@ -135,7 +135,9 @@ class Options:
     )
     fps: float = option(10000.0, "instants per second of scene time", above=0, high=1e9, unit="Hz")
     frames: str = option(
-        "100", "N, A:B, 'period' for one period in equal steps, or 'all' for a .blend's frame range", recorded=False
+        "100",
+        "N, A:B, ranges such as 0:5,9:12, 'period' for one period in equal steps, or 'all' for a .blend's frame range",
+        recorded=False,
     )
     time: str = option(
         "uniform",

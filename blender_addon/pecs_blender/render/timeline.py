@@ -27,8 +27,9 @@ class Timeline:
 
 
 def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
-    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "period" (one period in equal steps, as near to fps as
-    fits), or "all" (a .blend's frame range). Times are rounded to the nanosecond."""
+    """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "A:B,C:D" (several ranges in time's order), "period" (one
+    period in equal steps, as near to fps as fits), or "all" (a .blend's frame range). Times are rounded to the
+    nanosecond."""
     if frames == "period":
         if period_s is None:
             raise UsageError("--frames period requires a scene that repeats")
@@ -38,15 +39,25 @@ def timeline(frames: str, fps: float, period_s: float | None, duration_s: float 
         if duration_s is None:
             raise UsageError("--frames all requires a .blend, which has a range of frames")
         return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
-    first, colon, last = frames.partition(":")
+    found: list[int] = []
+    for part in frames.split(","):
+        begin, end = _range(part)
+        if not (found[-1] if found else -1) < begin < end:
+            raise UsageError(
+                f"--frames: got {frames!r}, wanted N, A:B with A < B, rising ranges A:B,C:D, period, or all"
+            )
+        _checked(end - begin + len(found))
+        found += range(begin, end)
+    return Timeline([round(i * 1e9 / fps) for i in found], None)
+
+
+def _range(text: str) -> tuple[int, int]:
+    """Of "N" or "A:B"; (0, 0) if it is neither."""
+    first, colon, last = text.partition(":")
     try:
-        begin, end = (int(first), int(last)) if colon else (0, int(first))
+        return (int(first), int(last)) if colon else (0, int(first))
     except ValueError:
-        begin, end = 0, 0
-    if not 0 <= begin < end:
-        raise UsageError(f"--frames: got {frames!r}, wanted N, A:B with A < B, period, or all")
-    _checked(end - begin)
-    return Timeline([round(i * 1e9 / fps) for i in range(begin, end)], None)
+        return 0, 0
 
 
 def _checked(instants: int) -> int:

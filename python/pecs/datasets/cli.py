@@ -18,7 +18,7 @@ from .._command import answer
 from .._errors import UsageError, bad_input
 from .._files import existing_folder
 from .._progress import Line
-from . import manifest, recipe, report, run, writers
+from . import manifest, recipe, report, rgb, run, writers
 from .card import write_cards
 from .sequence import sequences
 from .work import Busy
@@ -186,7 +186,7 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
         truth += len(stacks) * found.truth_frames(duration_s)
-        light += sum(found.light_frames(found.scene(scene), one, duration_s) for one in stacks)
+        light += sum(end - begin for one in stacks for begin, end in rgb.light_instants(found, drawn, one))
         if folder.is_dir():
             files = [p.stat() for p in folder.rglob("*") if p.is_file()]
             seconds = max(s.st_mtime for s in files) - min(s.st_mtime for s in files)

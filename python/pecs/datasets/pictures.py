@@ -38,7 +38,8 @@ def take(work: Work, entry: CameraEntry) -> None:
     for name in ("rgb", "sharp"):
         shutil.rmtree(folder / name, ignore_errors=True)
     with Light(stack, [Chip(path) for path in chips]) as light:
-        middles = [(begin + end) / 2 for begin, end in times]
+        first_us = info["times_ns"][0] * 1e-3
+        middles = [(begin + end) / 2 - first_us for begin, end in times]
         developer = rgb.Developer(
             film,
             drawn["exposure_ms"],
@@ -47,7 +48,7 @@ def take(work: Work, entry: CameraEntry) -> None:
             work.recipe.rng(work.index, f"camera.{entry.name}.film"),
         )
         for index, (begin, end) in enumerate(times):
-            first_row = begin - film.rolling_us * (size[1] - 1) / 2
+            first_row = begin - first_us - film.rolling_us * (size[1] - 1) / 2
             planes = light.exposure(first_row, end - begin, film.rolling_us, film.steps or None)
             name = f"{index:06d}.png"
             write_whole(folder / "rgb" / name, png_bytes(developer.picture(planes), PNG_LEVEL))

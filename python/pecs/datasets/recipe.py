@@ -166,10 +166,6 @@ class Recipe:
         """Of the light."""
         return self.render | scene.options | camera.options
 
-    def light_frames(self, scene: SceneEntry, camera: CameraEntry, duration_s: float) -> int:
-        """Times from 0 to the end that may be rendered; the last one may be later."""
-        return math.ceil(duration_s * float(self.render_options(scene, camera)["fps"]) - 1e-9) + 1
-
     def truth_frames(self, duration_s: float) -> int:
         return math.floor(duration_s * self.truth["fps"] + 1e-9) + 1
 

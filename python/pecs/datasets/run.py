@@ -173,7 +173,8 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         write_whole(work.truth(entry) / "done", b"")
     if not (work.stack(entry) / "done").exists():
         work.say(f"{entry.name}: light")
-        own = light | {"frames": recipe.light_frames(scene, entry, seconds)}
+        ranges = rgb.light_instants(recipe, work.drawn, entry)
+        own = light | {"frames": ",".join(f"{begin}:{end}" for begin, end in ranges)}
         blender("render", *flags, "-o", f"{entry.name}/stack", *words(options | own), **where)
         write_whole(work.stack(entry) / "done", b"")
 

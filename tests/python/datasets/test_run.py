@@ -106,6 +106,12 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 dataset = partial(run_module, "pecs.datasets")
 
 
+def read_png(path):
+    import cv2
+
+    return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
@@ -144,6 +150,57 @@ def test_a_camera_has_its_own_options(made):
     files = [made / "set/sequences/0000" / name / "stack/stack.json" for name in ("left", "right")]
     samples = [json.loads(file.read_text())["render"]["samples"] for file in files]
     assert samples == [8, 16]  # 2 for each of 4 subpixels at least
+
+
+FILM = """
+duration_s = 0.06
+[[scene]]
+path = "ROOT/scenes/rotating_disk"
+[scene.set]
+rpm = 300
+[scene.trajectory]
+kind = "still"
+position = [0, 0, 0]
+yaw_deg = 90
+[[rig.camera]]
+name = "left"
+kind = "events"
+chip = "davis346"
+VIEW
+[[rig.camera]]
+name = "frame"
+kind = "rgb"
+EXPOSURES
+pixels_of = "left"
+[[rig.camera]]
+name = "film"
+kind = "rgb"
+pixel_pitch_um = 88.9  # as wide as the other camera
+EXPOSURES
+VIEW
+[render]
+bands = 3
+samples = 16
+fps = 500
+[truth]
+fps = 50
+"""
+VIEW = 'lens = "cmount_5mm_f2p8"\nfnumber = 4\nfocus_m = 2\nwidth = 72\nheight = 54'
+EXPOSURES = "fps = 40\nexposure_ms = 3\nphase_ms = 9"
+
+
+def test_light_of_an_rgb_camera_is_rendered_for_its_exposures(tmp_path):
+    """Its pictures show the disk where pictures from the whole light show it, at the same place and times."""
+    recipe = FILM.replace("ROOT", str(ROOT)).replace("VIEW", VIEW).replace("EXPOSURES", EXPOSURES)
+    (tmp_path / "r.toml").write_text(recipe)
+    dataset(tmp_path / "r.toml", "-o", tmp_path / "set", "--only", 0)
+    cameras = Sequence(tmp_path / "set/sequences/0000").cameras
+    times_ns = json.loads((cameras["film"].stack_folder / "stack.json").read_text())["times_ns"]
+    assert all(8_000_000 <= t <= 12_000_000 or 34_000_000 <= t <= 38_000_000 for t in times_ns)
+    film, whole = ([read_png(frame.sharp_path) for frame in cameras[name].frames()] for name in ("film", "frame"))
+    assert len(film) == len(whole) == 2
+    turned = np.log(film[1] / film[0]), np.log(whole[1] / whole[0])  # without colours, which depend on the bands
+    assert np.abs(turned[1]).max() > 1 and np.corrcoef(*map(np.ravel, turned))[0, 1] > 0.95
 
 
 def test_tracks_of_pixels_are_the_flow(made):

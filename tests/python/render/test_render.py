@@ -168,6 +168,7 @@ def test_another_job_does_not_write_into_a_stack(render, tmp_path):
     [
         (["--frames", "0"], 2),
         (["--frames", "5:5"], 2),
+        (["--frames", "0:4,3:6"], 2),
         (["--fps", "-1"], 2),
         (["--set", "rmp=3"], 2),
         (["--set", "rpm=nan"], 4),
