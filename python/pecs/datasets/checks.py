@@ -78,7 +78,9 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
         for key in ("render_noise_share", "dropped_share"):
             value = camera.get("events", {}).get(key)
             if value is not None and value > limits[key]:
-                lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}")
+                camera_noise = camera["events"].get("camera_noise_share")
+                more = f" (of the camera's own noise: {camera_noise:.3g})" if key.startswith("render") else ""
+                lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}{more}")
     fastest, limit = found["motion"]["speed_most_m_s"], limits.get("speed_m_per_s")
     if limit is not None and fastest > limit:
         lines.append(f"speed of the rig is {fastest:.3g} m/s, limit {limit:g}")
@@ -204,8 +206,9 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
 
 def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     """Rates, causes, and the share of signal events that lie where the picture's light changes. noise_share: of the
-    sensor's noise; render_noise_share: of the renderer's, as `pecs sense` estimates it; dropped_share: events that the
-    readout dropped, of all that pixels fired; corner_hz: of photoreceptors in the light of the first frame."""
+    sensor's noise; render_noise_share, camera_noise_share: events that would not come again in another render, or in
+    another recording by the same camera, as `pecs sense` estimates them; dropped_share: events that the readout
+    dropped, of all that pixels fired; corner_hz: of photoreceptors in the light of the first frame."""
     found, causes = camera.events(), np.asarray(camera.causes())
     seconds = sequence.duration_us * 1e-6
     bins = np.histogram(found["t"], bins=50, range=(0, sequence.duration_us))[0] / (seconds / 50)
@@ -229,8 +232,9 @@ def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
         }
         for key in ("corner_hz", "photocurrent_a"):
             out |= {f"{key}_{part}": value for part, value in results[key].items()}
-        if (share := results.get("render_noise", {}).get("share")) is not None:
-            out["render_noise_share"] = share
+        for key in ("render_noise", "camera_noise"):
+            if (share := results.get(key, {}).get("share")) is not None:
+                out[f"{key}_share"] = share
     if _has(camera, "motion") and len(camera.truth) > 1 and signal.any():
         out |= _on_edges(camera, found[signal])
     return out

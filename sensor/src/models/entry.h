@@ -13,6 +13,7 @@ struct ModelSetup {
   Device device;
   std::map<std::string, double> parameters;
   bool random_phase = false;
+  std::uint64_t noise_seed = seed;
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
   double at(const char* key) const { return parameters.at(key); }
 };

@@ -95,7 +95,7 @@ class SenseRun {
  private:
   std::vector<double> amperes();
   ModelChoice model() const;
-  PixelArray pixels() const;
+  PixelArray pixels(std::optional<std::uint64_t> noise_seed = {}) const;
   EventSorter sorter() const;
   void run_streaming();
   void warm_up(const LightBatch& first, const std::function<void(const LightBatch&)>& advance) const;
@@ -117,21 +117,27 @@ class SenseRun {
   PixelArray pixels_;
   EventSorter sorter_;
   EventSink sink_;
-  // A second run for the renderer's noise: of its light, pixels and events.
+  // Another simulation, whose events are compared with those of the output.
   struct Again {
-    // The noise of two renders is in the difference of the lights.
-    explicit Again(const SenseRun& run)
-        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise),
-          pixels(run.pixels()),
+    Again(const SenseRun& run, std::optional<std::uint64_t> noise_seed)
+        : pixels(run.pixels(noise_seed)),
           sorter(run.sorter()),
           repeats(run.source_->info().width, run.timeline_.from_us(), run.timeline_.to_us()) {}
-    PhotocurrentReader light;
     PixelArray pixels;
     EventSorter sorter;
     Repeats repeats;
     LabelledEvents events{};
   };
-  std::unique_ptr<Again> again_;
+  struct Repetitions {
+    // The noise of two renders is in the difference of the lights.
+    explicit Repetitions(const SenseRun& run)
+        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise),
+          other_render(run, {}),
+          other_recording(run, ~run.options_.seed) {}
+    PhotocurrentReader light;
+    Again other_render, other_recording;
+  };
+  std::unique_ptr<Repetitions> again_;
   std::vector<float> first_fa_;    // light of the first frame
   std::int64_t light_planes_ = 0;  // given to the pixels
 };
@@ -148,12 +154,14 @@ SenseRun::SenseRun(const SenseOptions& options)
       pixels_(pixels()),
       sorter_(sorter()),
       sink_(options, chip_, timeline_) {
-  if (moves_ && source_->info().has_noise && options_.render_noise > 0) again_ = std::make_unique<Again>(*this);
+  if (moves_ && source_->info().has_noise && options_.render_noise > 0) again_ = std::make_unique<Repetitions>(*this);
 }
 
-PixelArray SenseRun::pixels() const {
+PixelArray SenseRun::pixels(std::optional<std::uint64_t> noise_seed) const {
   const StackInfo& info = source_->info();
-  return {model_, chip_, info.width, info.height, options_.seed, 1.0, options_.labels.has_value()};
+  ModelChoice model = model_;
+  model.noise_seed = noise_seed;
+  return {model, chip_, info.width, info.height, options_.seed, 1.0, options_.labels.has_value()};
 }
 
 EventSorter SenseRun::sorter() const {
@@ -201,12 +209,14 @@ SenseReport SenseRun::run() {
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
   if (again_) {
-    results_["render_noise"] = again_->repeats.report();
-    if (again_->repeats.share() > kMuchRenderNoise)
+    results_["render_noise"] = again_->other_render.repeats.report();
+    results_["camera_noise"] = again_->other_recording.repeats.report();
+    const double render = again_->other_render.repeats.share(), camera = again_->other_recording.repeats.share();
+    if (render > kMuchRenderNoise)
       results_["warnings"].push_back(fmt::format(
-          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another "
-          "render); render with more --samples, or with --noise-events 10%",
-          100 * again_->repeats.share()));
+          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another render; "
+          "from the camera's own noise: {:.0f} %); render with more --samples, or with --noise-events 10%",
+          100 * render, 100 * camera));
   }
   return {config(), results_};
 }
@@ -225,9 +235,14 @@ void SenseRun::run_streaming() {
     };
     simulate(pixels_, sorter_, events);
     if (again_) {
+      const auto repeat = [&](Again& other, LabelledEvents& first) {
+        simulate(other.pixels, other.sorter, other.events);
+        other.repeats.match(first, other.events, clock.final_us(), frames.last);
+      };
+      LabelledEvents same = events;
+      repeat(again_->other_recording, same);
       frames.planes = light.again;
-      simulate(again_->pixels, again_->sorter, again_->events);
-      again_->repeats.match(events, again_->events, clock.final_us(), frames.last);
+      repeat(again_->other_render, events);
     }
     return sink_.write(events, frames.last);
   };

@@ -68,8 +68,8 @@ def sensed_with_noise(folder, lights, noises, motion, **options):
             writer.write_frame(i, np.stack([light, noise]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of the share
-        report = pecs.sense(folder, folder.with_suffix(".npz"), chip="ideal", **options)
-    return report["results"].get("render_noise"), pecs.read(folder.with_suffix(".npz"))
+        report = pecs.sense(folder, folder.with_suffix(".npz"), **{"chip": "ideal"} | options)
+    return report["results"], pecs.read(folder.with_suffix(".npz"))
 
 
 def share_alone(events, others, window_us):
@@ -103,14 +103,16 @@ def test_events_of_the_renderers_noise(tmp_path, sigma):
 
     found, events = run("a", lights[0], 1.0, labels=tmp_path / "labels.npy")
     _, others = run("b", lights[1], 1.0)
+    found, camera = found["render_noise"], found["camera_noise"]
     wanted = share_alone(events, others, found["window_us"])
+    assert camera["share"] == 0  # `ideal` has no noise
     assert len(events) > 3000 and 0.1 < wanted < 0.6 and found["share"] == pytest.approx(wanted, rel=0.3)
     labels = np.load(tmp_path / "labels.npy")
     assert 0.6 < (labels == pecs.sensor.LABELS.index("render")).mean() / found["share"] < 1
 
-    assert run("still", lights[0], 0.0)[0]["share"] == 0
+    assert run("still", lights[0], 0.0)[0]["render_noise"]["share"] == 0
     with_noise, without = run("one thread", lights[0], 1.0, threads=1)[1], run("off", lights[0], 1.0, render_noise=0)
-    assert without[0] is None and (with_noise == without[1]).all()
+    assert not {"render_noise", "camera_noise"} & without[0].keys() and (with_noise == without[1]).all()
 
 
 def test_noise_decides_the_direction_of_pixels(tmp_path):
@@ -124,8 +126,23 @@ def test_noise_decides_the_direction_of_pixels(tmp_path):
         motion = SCENE.motion() / 8
         results.append(sensed_with_noise(tmp_path / name, lights, noises, motion, warmup_us=20_000))
     (found, events), (_, others) = results
+    found = found["render_noise"]
     wanted = share_alone(events, others, found["window_us"])
     assert len(events) > 1000 and 0.2 < wanted < 0.8 and found["share"] == pytest.approx(wanted, rel=0.1)
+
+
+def test_events_of_the_cameras_noise(tmp_path):
+    """The estimated share is that of events that differ between two seeds of pixels that are all alike."""
+    still = [np.full((SCENE.height, SCENE.width), 1e-3) * (1 - 0.3 * t) for t in (0.0, 1.0)]
+    chip = {"chip": "davis346", "overrides": {"threshold_mismatch": 0, "noise_std": 0.05}, "readout": "ideal"}
+    runs = []
+    for seed in (1, 2):
+        folder, noises = tmp_path / f"{seed}", [np.zeros_like(still[0])] * 2
+        runs.append(sensed_with_noise(folder, still, noises, 0 * SCENE.motion(), seed=seed, **chip))
+    (found, events), (_, others) = runs
+    wanted = share_alone(events, others, found["camera_noise"]["window_us"])
+    assert found["render_noise"]["share"] == 0 and len(events) > 1000
+    assert 0.05 < wanted < 0.9 and found["camera_noise"]["share"] == pytest.approx(wanted, rel=0.1)
 
 
 def test_threads_change_nothing(tmp_path, pecs_program, keyframes):

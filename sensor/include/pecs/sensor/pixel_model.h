@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -76,6 +77,8 @@ struct ModelChoice {
   Device device = Device::cpu;
   // Pixels of `pecs` begin at random distances from their thresholds, as pixels that have been on, instead of at rest.
   bool random_phase = false;
+  // Of the temporal noise of `pecs`: another recording with the same pixels. Without a value that of everything else.
+  std::optional<std::uint64_t> noise_seed = {};
 };
 
 std::vector<std::string> model_names();

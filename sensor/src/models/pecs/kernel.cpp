@@ -253,7 +253,7 @@ class PixelBlock {
     const auto s = static_cast<std::uint64_t>(four);
     Four out{{iota(rows_.first + p), hn::Set(u, static_cast<std::uint32_t>(s)),
               hn::Set(u, static_cast<std::uint32_t>(s >> 32)), hn::Set(u, static_cast<std::uint32_t>(purpose))}};
-    philox(out.r, a_.seed);
+    philox(out.r, a_.noise_seed);
     return out;
   }
   // Gaussian deviates of a step.

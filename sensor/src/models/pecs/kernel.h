@@ -9,7 +9,7 @@ namespace pecs::sensor {
 struct KernelArguments {
   PixelConstants constants;
   float dark_fa, gain_fa, noise_std;
-  std::uint64_t seed;
+  std::uint64_t seed, noise_seed;
   bool random_phase;  // pixels begin at a random distance from their thresholds
   // Arrays start at pixel 0 and are padded by kMaxLanes. Equal thresholds: kMaxLanes of each.
   bool equal_thresholds;

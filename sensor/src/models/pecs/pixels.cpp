@@ -57,6 +57,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
       background_on_hz_(setup.chip.background_on_hz),
       background_off_hz_(setup.chip.background_off_hz),
       seed_(setup.seed),
+      noise_seed_(setup.noise_seed),
       random_phase_(setup.random_phase),
       map_(setup.chip.pixel_map),
       width_(static_cast<std::uint32_t>(setup.width)) {
@@ -156,6 +157,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        static_cast<float>(gain_fa_),
        static_cast<float>(noise_std_),
        seed_,
+       noise_seed_,
        random_phase_,
        equal_thresholds_,
        threshold_on_.data(),
@@ -193,7 +195,7 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
       std::int64_t draw = 0;
       Random4 r{};
       const auto next = [&] {
-        if (draw % 4 == 0) r = random4(seed_, block, window << 24 | draw / 4, Purpose::background);
+        if (draw % 4 == 0) r = random4(noise_seed_, block, window << 24 | draw / 4, Purpose::background);
         return uniform(r[static_cast<std::size_t>(draw++ % 4)]);
       };
       const int n = poisson(rate_hz * kBlock * kBackgroundWindow_us * 1e-6, next);
@@ -208,7 +210,7 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
   const auto of_one = [&](std::uint32_t pixel, double on_hz, double off_hz, Purpose purpose, Cause cause) {
     for (std::int64_t window = first_window; static_cast<double>(window) * kBackgroundWindow_us < end_us; ++window) {
       std::int64_t draw = 0;
-      const auto next = [&] { return uniform(random4(seed_, pixel, window << 24 | draw++, purpose)[0]); };
+      const auto next = [&] { return uniform(random4(noise_seed_, pixel, window << 24 | draw++, purpose)[0]); };
       const int n = poisson((on_hz + off_hz) * kBackgroundWindow_us * 1e-6, next);
       for (int i = 0; i < n; ++i) {
         const double t_us = (static_cast<double>(window) + next()) * kBackgroundWindow_us;

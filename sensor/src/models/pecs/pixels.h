@@ -62,7 +62,7 @@ class PecsPixels : public PixelModel {
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
-  std::uint64_t seed_;
+  std::uint64_t seed_, noise_seed_;
   bool random_phase_;
   bool equal_thresholds_;
   Zeros threshold_on_, threshold_off_;  // if equal, one vector each
