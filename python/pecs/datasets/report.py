@@ -137,7 +137,9 @@ def _quality(checks: dict[str, Any]) -> str:
         events = camera.get("events", {})
         shares = [f"{events['rate_per_pixel_hz']:.3g} events/s per pixel"] if events else []
         shares += [
-            f"{k} {100 * events[f'{k}_share']:.1f} %" for k in ("render_noise", "camera_noise", "dropped") if f"{k}_share" in events
+            f"{k} {100 * events[f'{k}_share']:.1f} %"
+            for k in ("render_noise", "camera_noise", "dropped")
+            if f"{k}_share" in events
         ]
         words += [f"{name}: {', '.join(shares)}"] if shares else []
     words.append(f"speed up to {checks['motion']['speed_most_m_s']:.2f} m/s")

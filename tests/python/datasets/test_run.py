@@ -245,7 +245,9 @@ def test_quality_is_in_the_set(made):
     assert 0 <= checks["cameras"]["left"]["not_compared"]["flow_hidden_or_outside"] < 0.6
     assert 0 < checks["motion"]["speed_least_m_s"] <= checks["motion"]["speed_most_m_s"] < 5
     noisy = [k for k in ("left", "right") if checks["cameras"][k]["events"]["render_noise_share"] > 0.1]
-    assert [line.partition(":")[0] for line in checks["outside_limits"] if "render_noise" in line] == noisy
+    lines = [line for line in checks["outside_limits"] if "render_noise" in line]
+    assert [line.partition(":")[0] for line in lines] == noisy and all("camera's own noise: 0." in x for x in lines)
+    assert 0 < events["camera_noise_share"] < 1
     rows = json.loads((made / "set/dataset.json").read_text())["sequences"]
     assert rows[0]["outside_limits"] == checks["outside_limits"]
     assert (made / "set/index.html").read_text().count('class="moving"') == 2
