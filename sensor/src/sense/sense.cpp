@@ -128,6 +128,7 @@ class SenseRun {
     Repeats repeats;
     LabelledEvents events{};
   };
+  // The same recording of another render, and another recording of the same light.
   struct Repetitions {
     // The noise of two renders is in the difference of the lights.
     explicit Repetitions(const SenseRun& run)

@@ -77,7 +77,7 @@ struct ModelChoice {
   Device device = Device::cpu;
   // Pixels of `pecs` begin at random distances from their thresholds, as pixels that have been on, instead of at rest.
   bool random_phase = false;
-  // Of the temporal noise of `pecs`: another recording with the same pixels. Without a value that of everything else.
+  // Seed of the temporal noise of `pecs`, for another recording by the same pixels; by default the common seed.
   std::optional<std::uint64_t> noise_seed = {};
 };
 
