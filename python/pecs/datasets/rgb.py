@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import bad_input
 from .._files import write_text
 from .._library import data_dir
 from ..spectra import spectrum
@@ -29,6 +28,7 @@ ELECTRON_C = 1.602176634e-19
 PEAKS_NM = ((605.0, 40.0), (535.0, 40.0), (460.0, 35.0))  # red, green, blue: peak and standard deviation
 CUT_NM = (400.0, 701.0)
 WHITE_SHARE = 0.9  # of white: the 99th percentile of a picture
+WEAKEST = 0.02  # of the greatest singular value of a colour matrix: weaker ones are noise
 CV_NAMES = {"rggb": "BayerBG", "bggr": "BayerRG", "grbg": "BayerGB", "gbrg": "BayerGR"}  # OpenCV names the second row
 
 
@@ -63,7 +63,8 @@ def write_chip(path: Path, channel: int | None, width: int, height: int, pitch_u
 
 def colour_matrix(stack: dict[str, Any], illuminant: Spectrum) -> NDArray[np.float64]:
     """[3, 3]: linear sRGB from the filters' photocurrents, up to one scale; what is white under the illuminant is
-    neutral."""
+    neutral. If the bands do not distinguish three colours, the matrix has a lower rank: colours that only the missing
+    bands distinguish come out alike."""
     nm = np.array([band["lambda_nm"] for band in stack["bands"]])
     weight = np.array([band["weight_nm"] for band in stack["bands"]])
     lamp = np.interp(nm, *illuminant)
@@ -72,10 +73,8 @@ def colour_matrix(stack: dict[str, Any], illuminant: Spectrum) -> NDArray[np.flo
     filter_nm, qe = filters()
     seen = np.array([np.interp(nm, filter_nm, q, left=0, right=0) for q in qe.T]) * nm * weight  # [3, bands]
     response = seen @ (lamp * reflectance).T  # [filter, primary]
-    if np.linalg.cond(response) > 1e4:
-        got = f"bands at {[round(v) for v in nm]} nm"
-        raise bad_input("rgb", "render.bands", got, "three in the visible at least")
-    matrix = np.linalg.inv(response)
+    matrix = np.linalg.pinv(response, rcond=WEAKEST)
+    matrix /= (matrix @ response.sum(1))[:, None]  # keeps white neutral
     return np.asarray(matrix / np.abs(matrix).max())
 
 
@@ -104,7 +103,7 @@ class Developer:
         rng: np.random.Generator,
     ):
         self._film, self._matrix, self._rng = film, matrix, rng
-        white = np.linalg.inv(matrix).sum(1)
+        white = np.linalg.pinv(matrix, rcond=WEAKEST).sum(1)
         self._white = white / white.max()  # response of the filters to white
         self._electrons_per_a = exposure_ms * 1e-3 / ELECTRON_C
         seen = [self._brightness(self._electrons(planes)) for planes in some]

@@ -100,6 +100,27 @@ def test_white_is_that_of_the_lamps(name, tmp_path):
     assert np.allclose(grey / grey.max(), 1, atol=1e-9)
 
 
+def test_bands_of_an_event_camera_in_warm_light_give_two_colours():
+    """Three bands of a DAVIS346 under a halogen lamp, the last one behind the filters' cut: grey is neutral, red and
+    green are so, and pictures are developed."""
+    bands = [{"lambda_nm": nm, "weight_nm": of} for nm, of in ((528.2, 156.5), (627.9, 87.8), (721.7, 101.8))]
+    nm = np.array([band["lambda_nm"] for band in bands])
+    matrix = rgb.colour_matrix({"bands": bands}, pecs.spectrum("blackbody:2856"))
+    filter_nm, qe = rgb.filters()
+    light = np.interp(nm, *pecs.spectrum("blackbody:2856")) * nm * [band["weight_nm"] for band in bands]
+    at, red, green, _ = pecs.spectrum("basis/srgb")
+
+    def filtered(reflectance):
+        return np.array([np.interp(nm, filter_nm, q, left=0, right=0) for q in qe.T]) @ (light * reflectance)
+
+    grey, r, g = (matrix @ filtered(of) for of in (np.ones(3), np.interp(nm, at, red), np.interp(nm, at, green)))
+    assert np.allclose(grey / grey.max(), 1, atol=1e-9) and r.argmax() == 0 and g[1] > 2 * g[0]
+    planes = np.tile(filtered(np.full(3, 0.5))[:, None, None], (1, 8, 8)).astype(np.float32)
+    planes *= 3000 * rgb.ELECTRON_C / 5e-3 / planes.max()
+    picture = rgb.Developer(film(), 5.0, matrix, [planes], generator(1, 0, "x")).sharp(planes)
+    assert np.ptp(picture.astype(int), -1).max() <= 1 and picture.min() > 200
+
+
 def test_srgb_is_opencolorios():
     import PyOpenColorIO
 
