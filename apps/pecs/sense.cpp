@@ -181,9 +181,12 @@ void print(const Options& o, const sensor::SenseReport& report, const Console& c
   }
   std::string line = fmt::format("{}: {} events, {}x{}", o.output.string(), r["events"].get<std::int64_t>(),
                                  r["width"].get<int>(), r["height"].get<int>());
-  if (const auto noise = r.find("render_noise"); noise != r.end() && (*noise)["share"].is_number())
-    line += fmt::format(", {:.1f} % of them from the noise of the renderer (camera's own noise: {:.1f} %)",
-                        100 * (*noise)["share"].get<double>(), 100 * r["camera_noise"]["share"].get<double>());
+  const auto add_share = [&](const char* key, const char* text) {
+    if (const auto noise = r.find(key); noise != r.end() && (*noise)["share"].is_number())
+      line += fmt::format(fmt::runtime(text), 100 * (*noise)["share"].get<double>());
+  };
+  add_share("render_noise", ", {:.1f} % of them from the noise of the renderer");
+  add_share("camera_noise", " (camera's own noise: {:.1f} %)");
   fmt::print("{}\n", line);
   if (const auto dropped = r["dropped"].get<std::int64_t>())
     console.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));

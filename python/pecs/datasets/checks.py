@@ -78,8 +78,8 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
         for key in ("render_noise_share", "dropped_share"):
             value = camera.get("events", {}).get(key)
             if value is not None and value > limits[key]:
-                camera_noise = camera["events"].get("camera_noise_share")
-                more = f" (of the camera's own noise: {camera_noise:.3g})" if key.startswith("render") else ""
+                own = camera["events"].get("camera_noise_share") if key == "render_noise_share" else None
+                more = f" (of the camera's own noise: {own:.3g})" if own is not None else ""
                 lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}{more}")
     fastest, limit = found["motion"]["speed_most_m_s"], limits.get("speed_m_per_s")
     if limit is not None and fastest > limit:

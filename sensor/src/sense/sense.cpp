@@ -132,11 +132,12 @@ class SenseRun {
   struct Repetitions {
     // The noise of two renders is in the difference of the lights.
     explicit Repetitions(const SenseRun& run)
-        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise),
-          other_render(run, {}),
-          other_recording(run, ~run.options_.seed) {}
+        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise), other_render(run, {}) {
+      if (model_traits(run.model_.name).takes_noise_seed) other_recording.emplace(run, ~run.options_.seed);
+    }
     PhotocurrentReader light;
-    Again other_render, other_recording;
+    Again other_render;
+    std::optional<Again> other_recording;
   };
   std::unique_ptr<Repetitions> again_;
   std::vector<float> first_fa_;    // light of the first frame
@@ -211,13 +212,17 @@ SenseReport SenseRun::run() {
   if (moves_) results_["dense_steps"] = light_planes_;
   if (again_) {
     results_["render_noise"] = again_->other_render.repeats.report();
-    results_["camera_noise"] = again_->other_recording.repeats.report();
-    const double render = again_->other_render.repeats.share(), camera = again_->other_recording.repeats.share();
-    if (render > kMuchRenderNoise)
+    std::string camera;
+    if (again_->other_recording) {
+      const Repeats& repeats = again_->other_recording->repeats;
+      results_["camera_noise"] = repeats.report();
+      camera = fmt::format("; from the camera's own noise: {:.0f} %", 100 * repeats.share());
+    }
+    if (const double share = again_->other_render.repeats.share(); share > kMuchRenderNoise)
       results_["warnings"].push_back(fmt::format(
-          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another render; "
-          "from the camera's own noise: {:.0f} %); render with more --samples, or with --noise-events 10%",
-          100 * render, 100 * camera));
+          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another render{}); "
+          "render with more --samples, or with --noise-events 10%",
+          100 * share, camera));
   }
   return {config(), results_};
 }
@@ -240,8 +245,10 @@ void SenseRun::run_streaming() {
         simulate(other.pixels, other.sorter, other.events);
         other.repeats.match(first, other.events, clock.final_us(), frames.last);
       };
-      LabelledEvents same = events;
-      repeat(again_->other_recording, same);
+      if (again_->other_recording) {
+        LabelledEvents same = events;
+        repeat(*again_->other_recording, same);
+      }
       frames.planes = light.again;
       repeat(again_->other_render, events);
     }

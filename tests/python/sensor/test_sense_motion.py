@@ -143,6 +143,8 @@ def test_events_of_the_cameras_noise(tmp_path):
     wanted = share_alone(events, others, found["camera_noise"]["window_us"])
     assert found["render_noise"]["share"] == 0 and len(events) > 1000
     assert 0.05 < wanted < 0.9 and found["camera_noise"]["share"] == pytest.approx(wanted, rel=0.1)
+    other, _ = sensed_with_noise(tmp_path / "v2e", still, noises, 0 * SCENE.motion(), model="v2e")
+    assert "render_noise" in other and "camera_noise" not in other  # its noise has no separate seed
 
 
 def test_threads_change_nothing(tmp_path, pecs_program, keyframes):

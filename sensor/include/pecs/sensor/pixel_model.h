@@ -64,6 +64,7 @@ struct ModelTraits {
   bool takes_light = false;            // photocurrent [fA]; otherwise a grey value from 0 to 255 (white)
   bool tells_causes = false;           // labels each event with its cause
   bool is_random = true;               // the seed changes the events
+  bool takes_noise_seed = false;       // ModelChoice::noise_seed changes the noise, and nothing else
   bool pixels_are_independent = true;  // of each other, so that a region may be simulated on its own
 };
 
@@ -77,7 +78,7 @@ struct ModelChoice {
   Device device = Device::cpu;
   // Pixels of `pecs` begin at random distances from their thresholds, as pixels that have been on, instead of at rest.
   bool random_phase = false;
-  // Seed of the temporal noise of `pecs`, for another recording by the same pixels; by default the common seed.
+  // Seed of the temporal noise, for another recording by the same pixels; by default the common seed.
   std::optional<std::uint64_t> noise_seed = {};
 };
 

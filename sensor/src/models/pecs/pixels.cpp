@@ -229,7 +229,10 @@ std::vector<BackgroundEvent> PecsPixels::background(double begin_us, double end_
   return events;
 }
 
-extern const ModelEntry kModel_pecs{
-    "pecs", "docs/reference/sensor.md", {}, {.takes_light = true, .tells_causes = true}, make_model<PecsPixels>};
+extern const ModelEntry kModel_pecs{"pecs",
+                                    "docs/reference/sensor.md",
+                                    {},
+                                    {.takes_light = true, .tells_causes = true, .takes_noise_seed = true},
+                                    make_model<PecsPixels>};
 
 }  // namespace pecs::sensor
