@@ -142,7 +142,7 @@ int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frames, const 
   return guard(error, [&] {
     check_frames(frames, t_us, count);
     if (channels < 1)
-      throw pecs::Error(pecs::ExitCode::usage, fmt::format("channels: got {}, wanted 2, 4 or 12", channels));
+      throw pecs::Error(pecs::ExitCode::usage, fmt::format("channels: got {}, wanted 2, 4 or 20", channels));
     return push(given(sensor, "sensor"), frames, {t_us, static_cast<std::size_t>(count)}, &given(motion, "motion"),
                 channels, last != 0);
   });

@@ -18,6 +18,26 @@ _carry_labels = function("pecs_carry_labels", INT, INTEGERS, INTEGERS, FLOATS, I
 _event_labels = function("pecs_event_labels", INT64, POINTER, INT64, POINTER, TEXT, DOUBLE, POINTER, INT64)
 
 
+CHANNELS = tuple(  # of the layer `motion`
+    way + name
+    for way in ("", "back_")
+    for name in ("x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end", "z", "z_end")
+)
+QUARTERS = np.arange(1, 5) / 4  # fractions of an interval at which the layer contains displacements
+_POWERS = np.arange(1, 5)
+_COEFFICIENTS = np.linalg.inv(QUARTERS[:, None] ** _POWERS)  # [power, quarter]
+
+
+def displacement_weights(fraction: float) -> NDArray[np.float64]:
+    """[4]: weights of the displacements after each quarter of an interval, whose sum is that at a fraction of it."""
+    return np.asarray(fraction**_POWERS @ _COEFFICIENTS)
+
+
+def velocity_weights(fraction: float) -> NDArray[np.float64]:
+    """[4]: as `displacement_weights`, of the velocity per interval."""
+    return np.asarray(_POWERS * fraction ** (_POWERS - 1) @ _COEFFICIENTS)
+
+
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
@@ -30,7 +50,7 @@ def carry(
     first, second : array
         [H, W] or [bands, H, W], any positive light.
     motion : array
-        [12, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
+        [20, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
         backward flow. NaN: unknown.
     fraction : float
         Time within the interval, 0 to 1.
@@ -129,8 +149,9 @@ def event_labels(
 
 
 def _check_motion(motion: NDArray[np.float32], size: tuple[int, ...]) -> None:
-    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in (2, 4, 12):
-        raise ValueError(f"motion: got shape {motion.shape}, wanted (12, {size[0]}, {size[1]}), or 2 or 4 channels")
+    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in (2, 4, len(CHANNELS)):
+        wanted = f"({len(CHANNELS)}, {size[0]}, {size[1]}), or 2 or 4 channels"
+        raise ValueError(f"motion: got shape {motion.shape}, wanted {wanted}")
 
 
 def _whole(labels: ArrayLike) -> NDArray[np.int32]:

@@ -188,10 +188,8 @@ class Sensor(Handle):
             No frame follows; the sensor closes. Default False.
         motion : array, optional
             Motion in the interval before each frame, [channels, H, W] or [T, channels, H, W] as `pecs.carry` takes it:
-            12
-            channels, or optical flow in 2 or 4; NaN: unknown. Light between the frames is then warped along it. That
-            of the
-            very first frame is ignored.
+            20 channels, or optical flow in 2 or 4; NaN: unknown. Light between the frames is then warped along it. That
+            of the very first frame is ignored.
 
         Returns
         -------
@@ -216,8 +214,8 @@ class Sensor(Handle):
     def _motion(self, motion: ArrayLike, frames: int) -> NDArray[np.float32]:
         out = np.ascontiguousarray(_as_array(motion), np.float32)
         out = out[None] if out.ndim == 3 else out
-        if out.ndim != 4 or (len(out), *out.shape[2:]) != (frames, *self.shape) or out.shape[1] not in (2, 4, 12):
-            raise ValueError(f"motion: got shape {out.shape}, wanted ({frames}, 2 | 4 | 12, *{self.shape})")
+        if out.ndim != 4 or (len(out), *out.shape[2:]) != (frames, *self.shape) or out.shape[1] not in (2, 4, 20):
+            raise ValueError(f"motion: got shape {out.shape}, wanted ({frames}, 2 | 4 | 20, *{self.shape})")
         return out
 
     def finish(self) -> Events:

@@ -23,6 +23,7 @@ using namespace pecs::bench;
 using pecs::sensor::Carrier;
 constexpr int kWidth = 1280, kHeight = 720, kPlanes = 16;
 constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
+constexpr std::size_t kHalf = pecs::sensor::kMotionChannels / 2;
 
 struct Object {
   float x, y, rx, ry, dx, dy, z;
@@ -32,7 +33,7 @@ struct Object {
 struct Scene {
   std::vector<Object> objects;
   float turn = 0, grow = 0, drift = 0;
-  void at(int x, int y, float way, float (&out)[6]) const {
+  void at(int x, int y, float way, float (&out)[kHalf]) const {
     const auto fx = static_cast<float>(x), fy = static_cast<float>(y);
     float dx = way * (drift - turn * (fy - 360) + grow * (fx - 640)),
           dy = way * (turn * (fx - 640) + grow * (fy - 360));
@@ -43,16 +44,19 @@ struct Scene {
       if (u * u + v * v > 1 || o.z > z) continue;
       dx = way * o.dx, dy = way * o.dy, z = o.z;
     }
-    const float values[6] = {dx / 2, dy / 2, dx, dy, z, z};
-    std::copy_n(values, 6, out);
+    for (int part = 1; part <= 4; ++part) {
+      out[2 * part - 2] = 0.25f * static_cast<float>(part) * dx;
+      out[2 * part - 1] = 0.25f * static_cast<float>(part) * dy;
+    }
+    out[kHalf - 2] = out[kHalf - 1] = z;
   }
   std::vector<float> layer() const {
-    std::vector<float> out(12 * kPixels);
+    std::vector<float> out(2 * kHalf * kPixels);
     for (std::size_t i = 0; i < kPixels; ++i)
       for (std::size_t side = 0; side < 2; ++side) {
-        float values[6];
+        float values[kHalf];
         at(static_cast<int>(i % kWidth), static_cast<int>(i / kWidth), side ? -1.0f : 1.0f, values);
-        for (std::size_t c = 0; c < 6; ++c) out[(6 * side + c) * kPixels + i] = values[c];
+        for (std::size_t c = 0; c < kHalf; ++c) out[(kHalf * side + c) * kPixels + i] = values[c];
       }
     return out;
   }

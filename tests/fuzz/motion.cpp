@@ -20,7 +20,7 @@ bool same(std::span<const float> a, std::span<const float> b) {
 void carry(fuzz::Bytes in) {
   const int width = 1 + in.take<std::uint8_t>() % 80, height = 1 + in.take<std::uint8_t>() % 40;
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  constexpr std::size_t kChannels[] = {2, 4, 12, 12, 3};
+  constexpr std::size_t kChannels[] = {2, 4, sensor::kMotionChannels, sensor::kMotionChannels, 3};
   const Carrier carrier(fuzz::strange_floats(in, pixels * kChannels[in.take<std::uint8_t>() % 5]), width, height);
   if (const double path_px = carrier.longest_path_px(); !(path_px >= 0 && path_px < 1000))
     fuzz::defect("the longest path");

@@ -13,7 +13,7 @@ using namespace pecs;
 Json channels() {
   Json names;
   for (const char* side : {"", "back_"})
-    for (const char* name : {"x_mid", "y_mid", "x_end", "y_end", "z", "z_end"})
+    for (const char* name : {"x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end", "z", "z_end"})
       names.push_back(std::string(side) + name);
   return names;
 }

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pecs
 from pecs._progress import Line
+from pecs.motion import CHANNELS, QUARTERS
 
 from . import keyframes
 from .judge import Judge
@@ -275,8 +276,8 @@ def _warped(light: np.ndarray, there: SurfaceHits, hits: SurfaceHits, surfaces: 
     if not np.any(move):
         return None
     z = np.minimum(place[2], SKY_M)
-    motion = np.full((12, *z.shape), np.nan, np.float32)
-    motion[:6] = [*(move / 2), *move, there.depth, place[2]]
+    motion = np.full((len(CHANNELS), *z.shape), np.nan, np.float32)
+    motion[: len(CHANNELS) // 2] = [*(part for q in QUARTERS for part in q * move), there.depth, place[2]]
     bands = np.concatenate([light, z[None].astype(np.float32)])
     return pecs.carry(bands, bands, motion, ALMOST_ONE, side="first")
 

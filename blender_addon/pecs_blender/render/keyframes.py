@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Chooses keyframes so that motion explains the light between them.
 
-Each interval is the longest one in which no visible surface moves further than `step_px` and every path is a parabola
-to within BEND_PX, which the sensor can follow (docs/reference/exr_stack.md). Both are measured on a small picture at
-five instants of the interval; points without a place at its end are ignored.
+Each interval is the longest one in which no visible surface moves further than `step_px`, hardly any turns or stretches
+by more than TURN, and every path is, to within BEND_PX, the polynomial through its places after each quarter, which the
+sensor follows (docs/reference/exr_stack.md). They are measured on a small picture at nine instants of the interval;
+points without a place at its end are ignored.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ from collections.abc import Callable
 
 import numpy as np
 from pecs._progress import Line
+from pecs.motion import displacement_weights
 
 from .surfaces import Poses, SurfaceHits, Surfaces
 from .timeline import Timeline
 
 BEND_PX = 0.01  # a still outline, such as a turning disk's, moves by this over what is behind it
+TURN = 0.5  # rad: the light of an edge's pixels depends on how it lies across them
+TURNING = 0.01  # of the picture: what turns in less of it is rendered between keyframes
 LONGEST = 256  # grid steps; limits aliasing of periodic motion
-FRACTIONS = (0.25, 0.5, 0.75, 1.0)
+PARTS = 8  # of an interval
 
 
 class Paths:
@@ -29,26 +33,27 @@ class Paths:
         self._seen: dict[float, SurfaceHits] = {}
         self._poses: dict[float, Poses] = {}
 
-    def path(self, from_s: float, to_s: float) -> tuple[float, float]:
-        """Longest path [px] of a surface point between two instants, and largest deviation [px] from a parabola."""
-        forward = self._one_way(from_s, to_s)
-        backward = self._one_way(to_s, from_s)
-        return max(forward[0], backward[0]), max(forward[1], backward[1])
+    def path(self, from_s: float, to_s: float) -> np.ndarray:
+        """Between two instants: the longest path of a surface point [px], the largest deviation from its polynomial
+        [px], and how much a surface turns or stretches at most."""
+        return np.maximum(self._one_way(from_s, to_s), self._one_way(to_s, from_s))
 
-    def _one_way(self, from_s: float, to_s: float) -> tuple[float, float]:
+    def _one_way(self, from_s: float, to_s: float) -> np.ndarray:
         seen = self._hits_at(from_s)
-        at = [self._surfaces.place(seen, self._pose(from_s + f * (to_s - from_s)))[:2] for f in (0.0, *FRACTIONS)]
+        times_s = np.linspace(from_s, to_s, PARTS + 1)
+        at = [self._surfaces.place(seen, self._pose(float(t)))[:2] for t in times_s]
         height, width = at[0].shape[1:]
         limits = np.array([width, height])[:, None, None]
         inside = np.any([np.all((p >= 0) & (p <= limits), axis=0) for p in at[1:]], axis=0)
         known = np.all([np.isfinite(p).all(axis=0) for p in at], axis=0) & inside
         if not known.any():
-            return 0.0, 0.0
+            return np.zeros(3)
+        turn = _turned(np.where(known, at[-1] - at[0], np.nan), seen.instance)
         at = [p[:, known] / self._scale for p in at]
         length = sum(np.linalg.norm(b - a, axis=0) for a, b in zip(at, at[1:], strict=False))
-        middle, end = at[2] - at[0], at[4] - at[0]
-        bend = [np.linalg.norm(at[i] - at[0] - parabola(middle, end, FRACTIONS[i - 1]), axis=0) for i in (1, 3)]
-        return float(length.max()), float(np.max(bend))
+        moved = np.array(at) - at[0]
+        bend = [moved[i] - np.tensordot(displacement_weights(i / PARTS), moved[2::2], 1) for i in range(1, PARTS, 2)]
+        return np.array([length.max(), np.linalg.norm(bend, axis=1).max(), turn])
 
     def _hits_at(self, t_s: float) -> SurfaceHits:
         if t_s not in self._seen:
@@ -59,7 +64,7 @@ class Paths:
     def _pose(self, t_s: float) -> Poses:
         if t_s not in self._poses:
             self._set_time(t_s)
-            self._keep(self._poses, t_s, self._surfaces.poses(), 12)
+            self._keep(self._poses, t_s, self._surfaces.poses(), 2 * PARTS + 4)
         return self._poses[t_s]
 
     @staticmethod
@@ -69,9 +74,16 @@ class Paths:
             kept.pop(next(iter(kept)))
 
 
-def parabola(middle: np.ndarray, end: np.ndarray, fraction: float) -> np.ndarray:
-    """Displacement at a fraction of the interval, from those in its middle and at its end."""
-    return middle * (4 * fraction * (1 - fraction)) + end * (fraction * (2 * fraction - 1))
+def _turned(moved: np.ndarray, instance: np.ndarray) -> float:
+    """Change of the distance between neighbours on a surface, relative to it, of displacements [2, h, w]: what all but
+    TURNING of the picture stays below. Of the two neighbours of a point along an axis, the one with the smaller change
+    counts: the other may be behind it."""
+    most = 0.0
+    for ids, moves in ((instance, moved), (instance.T, moved.transpose(0, 2, 1))):
+        parted = np.where(ids[1:] == ids[:-1], np.linalg.norm(moves[:, 1:] - moves[:, :-1], axis=0), np.nan)
+        around = np.minimum(parted[1:], parted[:-1])  # NaN if one is
+        most = max(most, float(np.quantile(np.nan_to_num(around), 1 - TURNING)))
+    return most
 
 
 def choose(plan: Timeline, motion: Paths, step_px: float, progress: Line) -> list[int]:
@@ -96,9 +108,9 @@ def _longest(guess: int, motion: Paths, ends_s: list[float], step_px: float) -> 
     most = len(ends_s) - 1
     fits, fails, steps = 0, most + 1, max(1, min(guess, most))
     while True:
-        length, bend = motion.path(ends_s[0], ends_s[steps])
-        likely = 0.98 * steps * min(step_px / max(length, 1e-9), (BEND_PX / max(bend, 1e-9)) ** (1 / 3))
-        if length <= step_px and bend <= BEND_PX:
+        used = motion.path(ends_s[0], ends_s[steps]) / (step_px, BEND_PX, TURN)
+        likely = 0.98 * steps * np.min(1 / np.maximum(used, 1e-9) ** (1, 1 / 5, 1))  # bends grow with the fifth power
+        if used.max() <= 1:
             fits = steps
         else:
             fails = steps

@@ -245,7 +245,7 @@ PECS_API char* pecs_sense(const char* input, const char* output, const char* opt
                           void* user, pecs_error* error);
 
 /* Light between two keyframes, carried along the motion of what is seen (docs/reference/sensor.md). first, second, out:
- * [bands][height][width], any positive light; motion: [channels][height][width], the 12 channels of the layer `motion`
+ * [bands][height][width], any positive light; motion: [channels][height][width], the 20 channels of the layer `motion`
  * (docs/reference/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not
  * known; fraction: 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts,
  * NaN where it does not show it. capacity: of out, in floats. */

@@ -215,13 +215,13 @@ class Camera:
             [H, W, 3] in m, in the axes of the world; 0 for still surfaces, NaN where it is unknown and where there is
             no surface.
         """
-        move = self.truth.motion(i)
+        move = self.truth.layer("motion", i, ("x_end", "y_end", "z", "z_end"))
         y, x = np.mgrid[: self.height, : self.width] + 0.5
         with np.errstate(invalid="ignore"):
-            ends = np.stack([x + move[2], y + move[3]], -1)
+            ends = np.stack([x + move[0], y + move[1]], -1)
         directions = self.view.directions, self.view.lens.directions(ends, **self.view.setting)
         poses = self.poses_at(self.truth.times_us[i : i + 2])
-        here, there = (transformed(p, along(d, z)) for p, d, z in zip(poses, directions, move[4:6], strict=True))
+        here, there = (transformed(p, along(d, z)) for p, d, z in zip(poses, directions, move[2:], strict=True))
         with np.errstate(invalid="ignore"):
             return np.where(np.isfinite(there - here), there - here, np.nan)
 
@@ -293,8 +293,8 @@ class Camera:
 
     @property
     def stack_folder(self) -> Path:
-        """The light of its pixels, if the set keeps it."""
-        return self._pixels / "stack"
+        """Its light, if the set keeps it."""
+        return (self.folder if self.kind == "rgb" else self._pixels) / "stack"
 
     @cached_property
     def view(self) -> Optics:

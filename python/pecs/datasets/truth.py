@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
+from ..motion import displacement_weights, velocity_weights
 from ..stack import StackReader
 from ._bilinear import bilinear, on_surface
 from .files import read_object
@@ -243,25 +244,24 @@ class Truth:
         Returns
         -------
         float32 array
-            [H, W, 2] in pixels per second, on the parabola of `motion`; NaN: unknown.
+            [H, W, 2] in pixels per second, on the path of `motion`; NaN: unknown.
         """
-        moves, seconds = self._parabola(i, forward=i + 1 < len(self))
-        return ((4 * moves[..., :2] - moves[..., 2:]) / seconds).astype(np.float32)
+        moves, seconds = self._path(i, forward=i + 1 < len(self))
+        return (velocity_weights(0) @ moves / seconds).astype(np.float32)
 
-    def _parabola(self, i: int, forward: bool) -> tuple[NDArray[np.float32], float]:
-        """Motion from instant i [H, W, 4]: x and y to the middle and to the end of the interval after it (or before
-        it, if not `forward`); and the interval's length in s, negative if not `forward`."""
-        names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("mid", "end") for c in "xy"]
+    def _path(self, i: int, forward: bool) -> tuple[NDArray[np.float32], float]:
+        """Motion from instant i [H, W, 4, 2]: displacements after each quarter of the interval after it (or before it,
+        if not `forward`); and the interval's length in s, negative if not `forward`."""
+        names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("q1", "mid", "q3", "end") for c in "xy"]
         start = i if forward else i - 1
-        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1)
+        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1).reshape(*self.shape, 4, 2)
         return moves, (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
 
     def velocity_at(self, t_us: float) -> NDArray[np.float32]:
         """Velocity at any time.
 
-        The points of the nearest instant are moved along their parabolas. Pixels to which no point comes (at edges)
-        have the
-        velocity of the pixel at that instant.
+        The points of the nearest instant are moved along their paths. Pixels to which no point comes (at edges) have
+        the velocity of the pixel at that instant.
 
         Parameters
         ----------
@@ -279,11 +279,10 @@ class Truth:
         at_instant = self.velocity(i)
         if abs(self.times_us[i] - t_us) <= 1:
             return at_instant
-        moves, seconds = self._parabola(i, forward=t_us > self.times_us[i])
+        moves, seconds = self._path(i, forward=t_us > self.times_us[i])
         moves = moves.astype(np.float64)
         s = (t_us - self.times_us[i]) * 1e-6 / seconds
-        first, second = 4 * moves[..., :2] - moves[..., 2:], 2 * moves[..., 2:] - 4 * moves[..., :2]
-        moved, velocity = first * s + second * s * s, (first + 2 * s * second) / seconds
+        moved, velocity = displacement_weights(s) @ moves, velocity_weights(s) @ moves / seconds
         height, width = self.shape
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float64)
         source = grid

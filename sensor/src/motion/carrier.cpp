@@ -143,13 +143,14 @@ class TileWork {
 
 // Tiles [x0, x1) x [y0, y1), counted in tiles, that a block's points and their neighbours may reach at any instant.
 Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) {
-  // |D| of the parabola is at most that of its ends and its top, below 1 of `mid` and 1/8 of `end` beyond them.
-  const auto least = [](float mid, float end) {
-    return std::min(0.0f, mid) + std::min(0.0f, end) - 0.125f * std::max(0.0f, end);
-  };
-  const auto most = [](float mid, float end) {
-    return std::max(0.0f, mid) + std::max(0.0f, end) - 0.125f * std::min(0.0f, end);
-  };
+  Vec2 least, most;
+  constexpr int kParts = 32;  // between these instants, a path strays by less than the margin
+  for (int i = 1; i <= kParts; ++i) {
+    const Weights w(static_cast<double>(i) / kParts);
+    const Vec2 low = reach.least(w), high = reach.most(w);
+    least = {std::min(least.x, low.x), std::min(least.y, low.y)};
+    most = {std::max(most.x, high.x), std::max(most.y, high.y)};
+  }
   constexpr float kMargin_px = 4;
   const auto reached = [](float low, float high, int tile_size, int size, int tiles) {
     const auto is_reached = [&](int i) {
@@ -162,12 +163,10 @@ Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) 
     while (end < tiles && is_reached(end)) ++end;
     return std::pair(begin, end);
   };
-  const auto [x0, x1] = reached(static_cast<float>(block.x0) + least(reach.mid_least.x, reach.end_least.x),
-                                static_cast<float>(block.x1) + most(reach.mid_most.x, reach.end_most.x), kTileWidth,
-                                from.width(), from.tiles_x());
-  const auto [y0, y1] = reached(static_cast<float>(block.y0) + least(reach.mid_least.y, reach.end_least.y),
-                                static_cast<float>(block.y1) + most(reach.mid_most.y, reach.end_most.y), kTileHeight,
-                                from.height(), from.tiles_y());
+  const auto [x0, x1] = reached(static_cast<float>(block.x0) + least.x, static_cast<float>(block.x1) + most.x,
+                                kTileWidth, from.width(), from.tiles_x());
+  const auto [y0, y1] = reached(static_cast<float>(block.y0) + least.y, static_cast<float>(block.y1) + most.y,
+                                kTileHeight, from.height(), from.tiles_y());
   return {x0, y0, x1, y1};
 }
 
@@ -178,8 +177,12 @@ std::vector<float> from_flow(std::span<const float> flow, std::size_t channels, 
     for (std::size_t i = 0; i < pixels; ++i) {
       const float x = flow[2 * side * pixels + i], y = flow[(2 * side + 1) * pixels + i];
       const float z = 1 / (1 + std::hypot(x, y));
-      const float values[6] = {0.5f * x, 0.5f * y, x, y, z, z};
-      for (std::size_t c = 0; c < 6; ++c) out[(6 * side + c) * pixels + i] = values[c];
+      float* to = out.data() + kPathChannels * side * pixels + i;
+      for (std::size_t q = 0; q < kQuarters; ++q) {
+        const float part = static_cast<float>(q + 1) / kQuarters;
+        to[2 * q * pixels] = part * x, to[(2 * q + 1) * pixels] = part * y;
+      }
+      for (std::size_t c = kPathChannels - 2; c < kPathChannels; ++c) to[c * pixels] = z;
     }
   return out;
 }
@@ -219,7 +222,7 @@ void check_motion_size(std::size_t values, int width, int height) {
   if (width < 1 || height < 1 || channels * pixels != values ||
       (channels != 2 && channels != 4 && channels != kMotionChannels))
     throw bad_input("motion", "size", fmt::format("{} values for {}x{} pixels", values, width, height),
-                    "2, 4 or 12 channels");
+                    fmt::format("2, 4 or {} channels", kMotionChannels));
 }
 
 Carrier::Carrier(std::span<const float> values, int width, int height) {

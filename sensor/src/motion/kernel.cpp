@@ -24,12 +24,18 @@ static_assert(hn::MaxLanes(F()) <= kSpare);
 
 void Paths(const PathArguments& a) {
   const F f;
-  const V mid = hn::Set(f, a.mid), end = hn::Set(f, a.end), here = hn::Set(f, a.here), there = hn::Set(f, a.there);
+  const V here = hn::Set(f, a.here), there = hn::Set(f, a.there);
   for (std::size_t i = 0; i < a.count; i += hn::Lanes(f)) {
     const auto load = [&](std::size_t c) { return hn::LoadU(f, a.channels + c * a.stride + i); };
-    hn::StoreU(hn::MulAdd(mid, load(0), hn::Mul(end, load(2))), f, a.x + i);
-    hn::StoreU(hn::MulAdd(mid, load(1), hn::Mul(end, load(3))), f, a.y + i);
-    hn::StoreU(hn::MulAdd(here, load(4), hn::Mul(there, load(5))), f, a.z + i);
+    V x = hn::Zero(f), y = hn::Zero(f);
+    for (std::size_t q = 0; q < kQuarters; ++q) {
+      const V weight = hn::Set(f, a.quarters[q]);
+      x = hn::MulAdd(weight, load(2 * q), x);
+      y = hn::MulAdd(weight, load(2 * q + 1), y);
+    }
+    hn::StoreU(x, f, a.x + i);
+    hn::StoreU(y, f, a.y + i);
+    hn::StoreU(hn::MulAdd(here, load(kPathChannels - 2), hn::Mul(there, load(kPathChannels - 1))), f, a.z + i);
   }
 }
 

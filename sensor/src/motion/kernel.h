@@ -1,6 +1,7 @@
 #pragma once
 // The inner loops of Carrier, compiled for each instruction set (kernel.cpp). They read and write arrays up to kSpare
 // values beyond their end.
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -8,11 +9,15 @@ namespace pecs::sensor::motion {
 
 constexpr std::size_t kSpare = 16;
 
+constexpr std::size_t kQuarters = 4;                      // places of a path, at equal times; the last at its end
+constexpr std::size_t kPathChannels = 2 * kQuarters + 2;  // x and y of each, depth at start and end
+
 // Computes displacements and depths of a run of points at an instant, with the weights of `Weights`.
 struct PathArguments {
   const float* channels;  // of the run's first point
   std::size_t stride;     // from channel to channel
-  float mid, end, here, there;
+  std::array<float, kQuarters> quarters;
+  float here, there;
   std::size_t count;
   float *x, *y, *z;
 };

@@ -8,11 +8,13 @@
 
 namespace pecs::sensor {
 
+static_assert(kMotionChannels == 2 * motion::kPathChannels);
+
 struct Carrier::KeyframeInterval {
   KeyframeInterval(int width, int height) : first(width, height), second(width, height) {}
   void put(int y, int rows, const float* values) {
     first.put(y, rows, values);
-    second.put(y, rows, values + static_cast<std::ptrdiff_t>(6 * rows) * first.width());
+    second.put(y, rows, values + static_cast<std::ptrdiff_t>(motion::kPathChannels) * rows * first.width());
   }
   void close() {
     first.close();

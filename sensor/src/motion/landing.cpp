@@ -75,7 +75,7 @@ void Landing::land_part(const Surfaces& from, const Weights& w, int tile, const 
   const Tile source = from.tile(tile);
   const auto [x0, y0, x1, y1] = part;
   const auto above = static_cast<std::size_t>(y0 - source.y0) * kBlockWidth;  // the row above the part's first
-  paths({from.block(tile) + above, kBlockPixels, w.mid, w.end, w.here, w.there,
+  paths({from.block(tile) + above, kBlockPixels, w.quarters, w.here, w.there,
          static_cast<std::size_t>(y1 - y0 + 2) * kBlockWidth, paths_[0] + above, paths_[1] + above, paths_[2] + above});
   Run run;
   std::uint16_t flags[Run::kMost] = {};
@@ -104,10 +104,14 @@ void Landing::land_boundaries(const Surfaces& from, const Weights& w, const Tile
     for (int x = x0; x < x1; ++x) {
       const std::int32_t index = y * from.width() + x;
       if (!(from.flags(index) & kMixedPixel)) continue;
-      const VisiblePoint here = boundary_at(from, w, index, static_cast<float>(x), static_cast<float>(y));
-      // To first order, the forward position is the point mirrored at the pixel.
-      const float column = std::floor(2 * static_cast<float>(x) - here.u + 0.5f);
-      const float row = std::floor(2 * static_cast<float>(y) - here.v + 0.5f);
+      const auto [dx, dy] = from.occluder(index);
+      const std::int32_t of = index + dy * from.width() + dx;
+      const float* at = from.where(of);
+      const Slopes s = slopes_of(w, at, from.flags(of));
+      const Vec2 d = w.path(Surfaces::at(at));
+      const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
+      const float column = std::floor(static_cast<float>(x) + d.x - s.by_x.x * ox - s.by_y.x * oy + 0.5f);
+      const float row = std::floor(static_cast<float>(y) + d.y - s.by_x.y * ox - s.by_y.y * oy + 0.5f);
       const VisiblePoint seen = boundary_at(from, w, index, column, row);
       const int cx = static_cast<int>(column) - x0_, cy = static_cast<int>(row) - y0_;
       if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;

@@ -10,17 +10,19 @@ namespace {
 constexpr float kOneSurface_px = 0.5f;  // largest change of distance between neighbours of one surface in an interval
 constexpr float kSameSlope = 0.25f;     // or largest relative difference of that change between adjacent pairs
 
-// Change of the distance between two points of a block, at the middle or at the end.
+constexpr std::size_t kPlaces = 2 * kQuarters;  // channels
+
+// Largest change of the distance between two points of a block.
 float parting(const float* p, const float* q) {
   float most = 0;
-  for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(q[c * kBlockPixels] - p[c * kBlockPixels]));
+  for (std::size_t c = 0; c < kPlaces; ++c) most = std::max(most, std::abs(q[c * kBlockPixels] - p[c * kBlockPixels]));
   return most;
 }
 
 // Difference of that change between the pairs of three points in a row.
 float bend(const float* a, const float* b, const float* c) {
   float most = 0;
-  for (std::size_t k = 0; k < 4 * kBlockPixels; k += kBlockPixels)
+  for (std::size_t k = 0; k < kPlaces * kBlockPixels; k += kBlockPixels)
     most = std::max(most, std::abs(c[k] - 2 * b[k] + a[k]));
   return most;
 }
@@ -30,51 +32,57 @@ constexpr float kMost_px = 32768;
 
 bool is_known(const float* p) {
   float depths = 0;
-  for (std::size_t c = 4; c < 6; ++c) depths += p[c * kBlockPixels];
+  for (std::size_t c = kPlaces; c < kPathChannels; ++c) depths += p[c * kBlockPixels];
   bool near = true;  // false for NaN
-  for (std::size_t c = 0; c < 4; ++c) near &= std::abs(p[c * kBlockPixels]) < kMost_px;
+  for (std::size_t c = 0; c < kPlaces; ++c) near &= std::abs(p[c * kBlockPixels]) < kMost_px;
   return near && std::isfinite(depths);
 }
 
-float moved2(const Point& p) { return p.x_end * p.x_end + p.y_end * p.y_end; }
+float length2(Vec2 v) { return v.x * v.x + v.y * v.y; }
+
+float moved2(const Point& p) { return length2(p.moved.back()); }
 
 // Of two points at one depth, the one that moves more counts as nearer (of coplanar objects it lies on the other).
 bool is_nearer(const Point& a, const Point& b) { return a.z < b.z || (a.z == b.z && moved2(a) > moved2(b)); }
 
 }  // namespace
 
-void Reach::add(const Point& p) {
-  const Vec2 mid{p.x_mid, p.y_mid}, end{p.x_end, p.y_end};
-  moves |= mid.x != 0 || mid.y != 0 || end.x != 0 || end.y != 0;
-  if (!any) {
-    mid_least = mid_most = mid, end_least = end_most = end;
-    any = true;
-    return;
+Weights::Weights(double f) : here(static_cast<float>(1 - f)), there(static_cast<float>(f)) {
+  const double t = 4 * f;
+  quarters = {static_cast<float>(-t * (t - 2) * (t - 3) * (t - 4) / 6),
+              static_cast<float>(t * (t - 1) * (t - 3) * (t - 4) / 4),
+              static_cast<float>(-t * (t - 1) * (t - 2) * (t - 4) / 6),
+              static_cast<float>(t * (t - 1) * (t - 2) * (t - 3) / 24)};
+}
+
+void Reach::add(const std::array<Vec2, kQuarters>& moved) {
+  if (!any) lowest = highest = moved;
+  any = true;
+  for (std::size_t q = 0; q < kQuarters; ++q) {
+    const Vec2 to = moved[q];
+    moves |= to.x != 0 || to.y != 0;
+    lowest[q] = {std::min(lowest[q].x, to.x), std::min(lowest[q].y, to.y)};
+    highest[q] = {std::max(highest[q].x, to.x), std::max(highest[q].y, to.y)};
   }
-  const auto stretch = [](Vec2& least, Vec2& most, Vec2 to) {
-    least = {std::min(least.x, to.x), std::min(least.y, to.y)};
-    most = {std::max(most.x, to.x), std::max(most.y, to.y)};
-  };
-  stretch(mid_least, mid_most, mid);
-  stretch(end_least, end_most, end);
 }
 
 Surfaces::Surfaces(int width, int height)
     : width_(width),
       height_(height),
-      blocks_(static_cast<std::size_t>(tiles_x() * tiles_y()) * 6 * kBlockPixels + kSpare),
+      blocks_(static_cast<std::size_t>(tiles_x() * tiles_y()) * kPathChannels * kBlockPixels + kSpare),
       flags_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height)) {}
 
 void Surfaces::put(int y, int rows, const float* values) {
-  for (std::size_t c = 0; c < 6; ++c)
+  for (std::size_t c = 0; c < kPathChannels; ++c)
     for (int row = y; row < y + rows; ++row, values += width_)
       for (int ty = std::max(row - 1, 0) / kTileHeight; ty <= std::min(row + 1, height_ - 1) / kTileHeight; ++ty)
         for (int tx = 0; tx < tiles_x(); ++tx) {
           const Tile t = tile(ty * tiles_x() + tx);
           const int left = std::max(t.x0 - 1, 0), right = std::min(t.x1 + 1, width_);
-          float* to = blocks_.data() + (static_cast<std::size_t>(ty * tiles_x() + tx) * 6 + c) * kBlockPixels +
+          float* to = blocks_.data() +
+                      (static_cast<std::size_t>(ty * tiles_x() + tx) * kPathChannels + c) * kBlockPixels +
                       block_place(left - t.x0, row - t.y0);
-          for (int x = left; x < right; ++x, ++to) *to = c < 4 ? values[x] : std::min(values[x], kFar);
+          for (int x = left; x < right; ++x, ++to) *to = c < kPlaces ? values[x] : std::min(values[x], kFar);
         }
 }
 
@@ -104,7 +112,7 @@ void Surfaces::close() {
   tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(i); });
 }
 
-// kKnown, kRight and kDown of a tile; returns its longest path.
+// kKnown, kRight and kDown of a tile; returns its longest path if all quarters were as fast as the fastest.
 float Surfaces::link(int index) {
   const Tile t = tile(index);
   const int count = t.x1 - t.x0;
@@ -114,11 +122,11 @@ float Surfaces::link(int index) {
     const float* p = block(index) + block_place(0, y - t.y0);
     for (int x = 0; x < count; ++x) row[x] = is_known(p + x) ? kKnown : 0;
     for (int x = 0; x < count; ++x) {
-      const Point point = at(p + x);
-      const float dx = point.x_end - point.x_mid, dy = point.y_end - point.y_mid;
-      // At least the square of the sum of both halves' lengths.
-      const float path2 = 2 * (point.x_mid * point.x_mid + point.y_mid * point.y_mid + dx * dx + dy * dy);
-      longest2 = row[x] && path2 > longest2 ? path2 : longest2;
+      const std::array<Vec2, kQuarters> to = moved(p + x);
+      float fastest2 = length2(to[0]);
+      for (std::size_t q = 1; q < kQuarters; ++q)
+        fastest2 = std::max(fastest2, length2({to[q].x - to[q - 1].x, to[q].y - to[q - 1].y}));
+      longest2 = row[x] && fastest2 > longest2 ? fastest2 : longest2;
     }
     for (int x = 0; x < count; ++x)
       if (parting(p + x, p + x + 1) <= kOneSurface_px) row[x] |= kRight;
@@ -133,7 +141,7 @@ float Surfaces::link(int index) {
         row[x] &= static_cast<std::uint16_t>(~kDown);
     }
   }
-  return std::sqrt(longest2);
+  return static_cast<float>(kQuarters) * std::sqrt(longest2);
 }
 
 // `flag` if the distance of a pixel and its neighbour changes as that of the adjacent pairs does.
@@ -210,7 +218,7 @@ Reach Surfaces::reach_of(int index) const {
       const std::uint16_t mine = flags(y * width_ + x);
       reach.mixed |= (mine & kMixedPixel) != 0;
       if (mine & kKnown)
-        reach.add({row[x], row[x + kBlockPixels], row[x + 2 * kBlockPixels], row[x + 3 * kBlockPixels], 0, 0});
+        reach.add(moved(row + x));
       else
         reach.unknown = true;
     }

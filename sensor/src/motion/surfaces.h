@@ -2,10 +2,13 @@
 // The surfaces in one keyframe: points with their paths, which neighbours share a surface, and how far each block of
 // points moves.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
+
+#include "motion/kernel.h"
 
 namespace pecs::sensor::motion {
 
@@ -23,35 +26,47 @@ struct Vec2 {
   float x = 0, y = 0;
 };
 
-// Motion of a point from its keyframe over the middle of the interval to the other keyframe.
+// Motion of a point from its keyframe to the other one.
 struct Point {
-  float x_mid, y_mid, x_end, y_end;  // displacements [px]
-  float z, z_end;                    // at most kFar
+  std::array<Vec2, kQuarters> moved;  // displacements after each quarter of the interval [px]
+  float z, z_end;                     // at most kFar
 };
 
-// Weights of a point's values at the fraction f of its path: a parabola through 0, middle and end; depths are linear.
+// Weights of a point's values at the fraction f of its path: a polynomial of degree 4 through the start and the four
+// places (Lagrange's form); depths are linear.
 struct Weights {
-  explicit Weights(double f)
-      : mid(static_cast<float>(4 * f * (1 - f))),
-        end(static_cast<float>(f * (2 * f - 1))),
-        here(static_cast<float>(1 - f)),
-        there(static_cast<float>(f)) {}
-  Vec2 path(const Point& p) const { return {mid * p.x_mid + end * p.x_end, mid * p.y_mid + end * p.y_end}; }
+  explicit Weights(double f);
+  Vec2 path(const Point& p) const {
+    Vec2 out;
+    for (std::size_t q = 0; q < kQuarters; ++q)
+      out = {out.x + quarters[q] * p.moved[q].x, out.y + quarters[q] * p.moved[q].y};
+    return out;
+  }
   float depth(const Point& p) const { return here * p.z + there * p.z_end; }
-  float mid, end, here, there;
+  std::array<float, kQuarters> quarters;
+  float here, there;
 };
 
-// Least and largest displacement of a block.
+// Least and largest displacements of a block, after each quarter of the interval.
 struct Reach {
-  Vec2 mid_least, mid_most, end_least, end_most;
+  std::array<Vec2, kQuarters> lowest, highest;
   bool any = false, moves = false, unknown = false, mixed = false;
-  void add(const Point& p);
+  void add(const std::array<Vec2, kQuarters>& moved);
   // Bounds of the displacement at the fraction of `w`.
-  Vec2 least(const Weights& w) const { return at(w, mid_least, w.end >= 0 ? end_least : end_most); }
-  Vec2 most(const Weights& w) const { return at(w, mid_most, w.end >= 0 ? end_most : end_least); }
+  Vec2 least(const Weights& w) const { return at(w, lowest, highest); }
+  Vec2 most(const Weights& w) const { return at(w, highest, lowest); }
 
  private:
-  static Vec2 at(const Weights& w, Vec2 m, Vec2 e) { return {w.mid * m.x + w.end * e.x, w.mid * m.y + w.end * e.y}; }
+  // positive, negative: what counts where the weight is so.
+  static Vec2 at(const Weights& w, const std::array<Vec2, kQuarters>& positive,
+                 const std::array<Vec2, kQuarters>& negative) {
+    Vec2 out;
+    for (std::size_t q = 0; q < kQuarters; ++q) {
+      const Vec2 p = w.quarters[q] >= 0 ? positive[q] : negative[q];
+      out = {out.x + w.quarters[q] * p.x, out.y + w.quarters[q] * p.y};
+    }
+    return out;
+  }
 };
 
 constexpr int kTileWidth = 64, kTileHeight = 32;
@@ -69,7 +84,7 @@ constexpr std::ptrdiff_t block_place(int x, int y) { return static_cast<std::ptr
 class Surfaces {
  public:
   Surfaces(int width, int height);
-  // Rows from y on: values[(channel * rows + row) * width + x], x_mid y_mid x_end y_end z z_end.
+  // Rows from y on: values[(channel * rows + row) * width + x], x and y after each quarter, z z_end.
   void put(int y, int rows, const float* values);
   // After all rows. In the caller's TBB arena.
   void close();
@@ -86,13 +101,19 @@ class Surfaces {
     return block(y / kTileHeight * tiles_x() + x / kTileWidth) + block_place(x % kTileWidth, y % kTileHeight);
   }
   static Point at(const float* p) {
-    const auto value = [&](std::size_t c) { return p[c * kBlockPixels]; };
-    return {value(0), value(1), value(2), value(3), value(4), value(5)};
+    return {moved(p), p[(kPathChannels - 2) * kBlockPixels], p[(kPathChannels - 1) * kBlockPixels]};
+  }
+  static std::array<Vec2, kQuarters> moved(const float* p) {
+    std::array<Vec2, kQuarters> out;
+    for (std::size_t q = 0; q < kQuarters; ++q) out[q] = {p[2 * q * kBlockPixels], p[(2 * q + 1) * kBlockPixels]};
+    return out;
   }
   Point at(std::int32_t index) const { return at(where(index)); }
   std::uint16_t flags(std::int32_t index) const { return flags_[static_cast<std::size_t>(index)]; }
-  // [6][kBlockHeight][kBlockWidth] of a tile; 0 beyond the picture.
-  const float* block(int tile) const { return blocks_.data() + static_cast<std::size_t>(tile) * 6 * kBlockPixels; }
+  // [kPathChannels][kBlockHeight][kBlockWidth] of a tile; 0 beyond the picture.
+  const float* block(int tile) const {
+    return blocks_.data() + static_cast<std::size_t>(tile) * kPathChannels * kBlockPixels;
+  }
   // Step from a mixed pixel to the neighbour that shows its occluder.
   struct Step {
     int dx, dy;

@@ -47,13 +47,14 @@ std::int64_t frame_index(const Layer& layer, const std::string& name) {
 }
 
 void check_motion(const Layer& layer, const std::string& file) {
-  static const std::vector<std::string> kChannels = {"x_mid",      "y_mid",      "x_end",      "y_end",
-                                                     "z",          "z_end",      "back_x_mid", "back_y_mid",
-                                                     "back_x_end", "back_y_end", "back_z",     "back_z_end"};
+  std::vector<std::string> channels;
+  for (const char* way : {"", "back_"})
+    for (const char* name : {"x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end", "z", "z_end"})
+      channels.push_back(fmt::format("{}{}", way, name));
   if (!layer.per_interval) throw bad_input(file, "layers: motion: at", "instant", "interval");
-  if (layer.channels != kChannels)
+  if (layer.channels != channels)
     throw bad_input(file, "layers: motion: channels", fmt::format("{}", fmt::join(layer.channels, " ")),
-                    fmt::format("{}", fmt::join(kChannels, " ")));
+                    fmt::format("{}", fmt::join(channels, " ")));
 }
 
 std::vector<std::int64_t> frames_in(const fs::path& folder, const Layer& layer) {

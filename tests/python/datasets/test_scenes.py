@@ -111,5 +111,5 @@ def test_same_bits_in_every_run(root, scene, tmp_path):
     motion = a.read_layer("motion", 0)
     assert np.array_equal(motion, b.read_layer("motion", 0), equal_nan=True)
     seen = np.isfinite(a.read_layer("depth", 0)[1])
-    moves = np.hypot(motion[2], motion[3]) > 0.1
-    assert not np.isnan(motion[:4, seen]).any() and 0.005 < moves.mean() < 0.6  # people walk and deform: known
+    moves = np.hypot(motion[6], motion[7]) > 0.1
+    assert not np.isnan(motion[:8, seen]).any() and 0.005 < moves.mean() < 0.6  # people walk and deform: known

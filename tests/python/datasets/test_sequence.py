@@ -42,7 +42,7 @@ def test_truth_is_the_scenes(folder):
     np.testing.assert_allclose(truth.normal(2), np.moveaxis(left.picture(normals), -1, 0), atol=1e-6)
     np.testing.assert_allclose(truth.flow(2), left.flow(20_000, 30_000)[0], atol=1e-5)
     np.testing.assert_allclose(truth.flow_back(2), left.flow(30_000, 20_000)[0], atol=1e-5)
-    assert truth.motion(2).shape == (12, 72, 96)
+    assert truth.motion(2).shape == (20, 72, 96)
     with pytest.raises(IndexError):
         truth.flow(len(truth) - 1)
     assert truth.layers == ("depth", "normal", "objects", "motion")

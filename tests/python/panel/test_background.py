@@ -29,7 +29,7 @@ options = Options(**{k: v for k, v in args.items() if k in Options.__dataclass_f
 assert options == Options(lens="none", time="adaptive"), options  # the panel's defaults are those of `pecs run`
 p = scene.pecs
 p.layers = {"depth", "motion"}
-assert p.bands == 0 and p.channels == 3 + 2 + 12, p.channels
+assert p.bands == 0 and p.channels == 3 + 2 + 20, p.channels
 p.lens, p.focus_m = "pecs_lab_15mm", 150.0
 arguments = settings.render_arguments(scene)
 assert arguments[arguments.index("--focus") + 1] == "1.5"  # the file is in centimetres

@@ -65,7 +65,7 @@ def test_size_place_and_speed(files, tmp_path):
     focal_px = 50 / 36 * 96
     side = np.count_nonzero(seen[0].any(0))  # seen from a camera that looks 10 deg down
     assert abs(side - 0.5 * focal_px / 4.0) < 1.5
-    moved = np.nanmedian(motion[2][seen[0]])
+    moved = np.nanmedian(motion[6][seen[0]])
     assert abs(moved - 0.1 * focal_px / 4.0) < 0.35
     assert abs(np.argwhere(seen[1])[:, 1].mean() - np.argwhere(seen[0])[:, 1].mean() - moved) < 0.6
     record = json.loads((tmp_path / "s/stack.json").read_text())["render"]["placed"]

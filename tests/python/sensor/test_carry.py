@@ -37,7 +37,7 @@ def test_bands_are_carried_alike_and_sides_can_be_had_alone():
 
 
 def test_wrong_arguments_are_refused():
-    plane, motion = np.ones((4, 6)), np.zeros((12, 4, 6))
+    plane, motion = np.ones((4, 6)), np.zeros((20, 4, 6))
     for arguments in (
         (plane, plane[:3], motion, 0.5),
         (plane, plane, motion[:5], 0.5),

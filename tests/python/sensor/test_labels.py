@@ -29,13 +29,13 @@ def test_ids_are_not_blended_and_the_nearer_hides():
     assert found[26, 22] == 2000 and first[26, 22] == 7000  # uncovered: the second plane's
     assert found[26, 47] == 3000 and second[26, 47] == 7000  # not yet covered: the first one's
     # What neither can tell is what both have there, or 0.
-    nan = np.full((12, H, W), np.nan)
+    nan = np.full((20, H, W), np.nan)
     unknown = pecs.carry_labels(first, second, nan, 0.5)
     assert np.array_equal(unknown, np.where(first == second, first, 0)) and (unknown == 0).sum() > 100
 
 
 def test_wrong_arguments_are_refused():
-    ids, motion = np.ones((H, W), int), np.zeros((12, H, W))
+    ids, motion = np.ones((H, W), int), np.zeros((20, H, W))
     assert np.array_equal(pecs.carry_labels(ids.astype(np.float32), ids.astype(np.uint8), motion[:2], 0.3), ids)
     for arguments in (
         (ids, ids[:-1], motion, 0.5),

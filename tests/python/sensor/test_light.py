@@ -10,7 +10,7 @@ from support.moving_scene import Scene, write_stack
 STEP_NS = 8_000_000
 STEP_US = STEP_NS / 1000
 SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=4)
-THERE, BACK = SCENE.motion(), SCENE.motion()[[*range(6, 12), *range(6)]]
+THERE, BACK = SCENE.motion(), SCENE.motion()[[*range(10, 20), *range(10)]]
 CHIP = pecs.Chip("ideal")
 
 
@@ -217,7 +217,7 @@ def test_wrong_requests_are_one_line(stack, tmp_path):
 
 def test_an_exposure_does_not_miss_a_picture_between(tmp_path):
     """A lamp that flashes over a scene where nothing moves: the sensor takes a plane at the picture's time too."""
-    still = np.zeros((12, 72, 96), np.float32)
+    still = np.zeros((20, 72, 96), np.float32)
     frame = SCENE.frame(0)
     between = [(0, 0, STEP_NS // 4, 3 * frame)]
     stack = write_stack(tmp_path / "s", [frame, frame], [0, STEP_NS], [still], between=between)

@@ -159,7 +159,7 @@ def test_without_motion_nothing_changes(tmp_path, pecs_program):
     """A layer that says that nothing moves is as none."""
     write(tmp_path / "plain", frames=6, level=1e-3)
     frames = [pecs.StackReader(tmp_path / "plain").read_frame(i)[0] / 1e-3 for i in range(6)]
-    still = np.zeros((12, *frames[0].shape), np.float32)
+    still = np.zeros((20, *frames[0].shape), np.float32)
     times_ns = [i * 1_000_000 for i in range(6)]
     write_stack(tmp_path / "still", frames, times_ns, [still] * 5)
     write_stack(tmp_path / "none", frames, times_ns)
@@ -177,9 +177,10 @@ def turning(frames, width=60, height=20):
     for i in range(frames):
         row = np.exp(0.2 * np.sin(2 * np.pi * (x / 60 - i / frames)) + 0.1 * np.cos(4 * np.pi * (x / 60 - i / frames)))
         planes.append(np.broadcast_to(row, (height, width)).astype(np.float32))
-    motion = np.ones((12, height, width), np.float32)
-    for k, part in enumerate((0.5, 0, 1, 0)):
-        motion[k], motion[6 + k] = 60 / frames * part, -60 / frames * part
+    motion = np.ones((20, height, width), np.float32)
+    motion[1:8:2] = motion[11:18:2] = 0
+    for k in range(4):
+        motion[2 * k], motion[10 + 2 * k] = 60 / frames * (k + 1) / 4, -60 / frames * (k + 1) / 4
     return planes, motion
 
 
@@ -224,7 +225,7 @@ def test_a_missing_or_wrong_motion_is_one_line(tmp_path, pecs_program, keyframes
     refused(stack, "motion_000001.exr", "pecsTimeNs")
     text = (stack / "stack.json").read_text()
     (stack / "stack.json").write_text(text.replace('"x_mid"', '"u_mid"'))
-    refused(stack, "stack.json: layers: motion: channels: got u_mid y_mid", "wanted x_mid y_mid")
+    refused(stack, "stack.json: layers: motion: channels: got x_q1 y_q1 u_mid", "wanted x_q1 y_q1 x_mid")
     (stack / "stack.json").write_text(text.replace('"interval"', '"instant"'))
     refused(stack, "stack.json: layers: motion: at: got instant, wanted interval")
 
@@ -274,7 +275,7 @@ def test_a_still_scene_under_a_lamp(tmp_path, pecs_program):
     """Nothing moves: the pictures between alone say when the light changes, and pixels that none shows stay silent."""
     still = SCENE.frame(0)
     between = [(0, k, k * STEP_NS // 8, np.where(lamp(k / 8) > 1, still * lamp(k / 8), np.nan)) for k in range(1, 8)]
-    motion = np.zeros((12, *still.shape), np.float32)
+    motion = np.zeros((20, *still.shape), np.float32)
     stack = write_stack(tmp_path / "s", [still, still], [0, STEP_NS], [motion], between=between)
     events = events_of(pecs_program, stack, tmp_path / "o.csv")
     # 0.9 up are 4 thresholds of 0.2; down again are 3, and the fourth is met exactly.
@@ -285,7 +286,7 @@ def test_a_still_scene_under_a_lamp(tmp_path, pecs_program):
 
 def test_pictures_between_at_wrong_times_are_one_line(tmp_path, pecs_program):
     still = SCENE.frame(0)
-    motion = np.zeros((12, *still.shape), np.float32)
+    motion = np.zeros((20, *still.shape), np.float32)
     between = [(0, 0, 1000, still), (0, 3, 2000, still)]
     stack = write_stack(tmp_path / "s", [still, still], [0, STEP_NS], [motion], between=between)
     sense(pecs_program, stack, "-o", tmp_path / "o.csv")
@@ -305,7 +306,7 @@ def pushed(frames, t_us, motions, **options):
 
 
 def test_pushed_frames_give_the_same_events(tmp_path, pecs_program):
-    there, back = SCENE.motion(), SCENE.motion()[[*range(6, 12), *range(6)]]
+    there, back = SCENE.motion(), SCENE.motion()[[*range(10, 20), *range(10)]]
     ends = [SCENE.frame(0), SCENE.frame(1)]
     stack = write_stack(tmp_path / "s", [*ends, ends[0]], [0, STEP_NS, 2 * STEP_NS], [there, back])
     sense(pecs_program, stack, "-o", tmp_path / "o.csv", "--seed", 3)
@@ -328,7 +329,7 @@ def test_optical_flow_may_be_pushed(tmp_path):
     motion = SCENE.motion()
     frames, t_us = [SCENE.frame(0), SCENE.frame(1)], [0, STEP_NS / 1000]
     full = pushed(frames, t_us, [motion], chip="ideal")
-    flow = pushed(frames, t_us, [motion[[2, 3, 8, 9]]], chip="ideal")
+    flow = pushed(frames, t_us, [motion[[6, 7, 16, 17]]], chip="ideal")
     frozen = pushed(frames, t_us, [np.full((2, *SCENE.frame(0).shape), np.nan)], chip="ideal")
     plain = np.concatenate([pecs.simulate(np.stack(frames), t_us, "ideal", photocurrent_a=1e-15)])
     columns = [np.stack([events[k] for k in "txyp"], 1).astype(int) for events in (full, flow, frozen, plain)]

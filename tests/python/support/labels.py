@@ -34,14 +34,15 @@ class Rectangle:
         return (np.abs(outline) < px) | (np.abs(line) < px)
 
     def motion(self, t=0):
-        """[12, H, W] of the interval from t on."""
-        out = np.zeros((12, H, W), np.float32)
+        """[20, H, W] of the interval from t on."""
+        out = np.zeros((20, H, W), np.float32)
         for side, way in ((0, 1), (1, -1)):
             front = self._edges(t + side)[0] < 0
             for axis in range(2):
                 d = way * np.where(front, self.step[axis], self.drift[axis])
-                out[6 * side + axis], out[6 * side + 2 + axis] = d / 2, d
-            out[6 * side + 4 : 6 * side + 6] = np.where(front, 1.0, 4.0)
+                for quarter in range(4):
+                    out[10 * side + 2 * quarter + axis] = d * (quarter + 1) / 4
+            out[10 * side + 8 : 10 * side + 10] = np.where(front, 1.0, 4.0)
         return out
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from pecs.stack import StackWriter
 
-CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")]
+PLACES = ("x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end")
+CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in (*PLACES, "z", "z_end")]
 LAYER = {"name": "motion", "files": "motion_%06d.exr", "channels": CHANNELS, "unit": "px, z in m", "at": "interval"}
 
 
@@ -72,7 +73,7 @@ class Scene:
         u, v = self._to_ellipse(x, y, t0)
         front = self._inside(u, v)
         out = []
-        for t in (0.5, t1):
+        for t in np.linspace(t0, t1, 5)[1:]:
             ex, ey = self._from_ellipse(u, v, t)
             out.append(np.where(front, ex - x, self.background[0] * (t - t0)))
             out.append(np.where(front, ey - y, self.background[1] * (t - t0)))
@@ -80,7 +81,7 @@ class Scene:
         return [*out, z, z]
 
     def motion(self):
-        """[12, height, width], of the layer `motion`."""
+        """[20, height, width], of the layer `motion`."""
         return np.array(self._paths(0.0, 1.0) + self._paths(1.0, 0.0), np.float32)
 
     def edge_distance(self, t):

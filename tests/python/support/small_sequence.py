@@ -163,15 +163,15 @@ def write_truth(folder, eye):
     (folder / "objects.json").write_text(json.dumps(text))
 
 
-MOTION = ["x_mid", "y_mid", "x_end", "y_end", "z", "z_end"]
+MOTION = ["x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end", "z", "z_end"]
 MOTION += ["back_" + name for name in MOTION]
 
 
 def motion(eye, start, end):
     out = []
     for a, b in ((start, end), (end, start)):
-        (half, _), (full, z_end) = eye.flow(a, (a + b) / 2), eye.flow(a, b)
-        out += [half[..., 0], half[..., 1], full[..., 0], full[..., 1], eye.picture(eye.look(a)[1]), z_end]
+        flows = [eye.flow(a, a + k / 4 * (b - a)) for k in (1, 2, 3, 4)]
+        out += [flow[..., i] for flow, _ in flows for i in (0, 1)] + [eye.picture(eye.look(a)[1]), flows[-1][1]]
     return np.stack(out)
 
 

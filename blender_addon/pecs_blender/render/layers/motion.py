@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Motion of the surface point at a pixel's centre: from an interval's start to its middle and end, and from its end
+"""Motion of the surface point at a pixel's centre: from an interval's start to its quarters and end, and from its end
 back (docs/reference/exr_stack.md)."""
 
 from __future__ import annotations
 
 import numpy as np
+from pecs.motion import CHANNELS, QUARTERS
 
 from ..surfaces import HitCache, Poses, SurfaceHits
 from .layer import Layer
@@ -14,27 +15,27 @@ STILL_PX = 1e-4  # smaller motion is rounding, and set to 0
 
 class Motion(Layer):
     name, unit, at = "motion", "px, z in m", "interval"
-    channels = tuple(
-        way + channel for way in ("", "back_") for channel in ("x_mid", "y_mid", "x_end", "y_end", "z", "z_end")
-    )
+    channels = CHANNELS
 
     def __init__(self, hits: HitCache):
         self._stage, self._hits, self._surfaces = hits.stage, hits, hits.surfaces
 
     def render(self, begin_s: float, end_s: float) -> np.ndarray:
-        first = self._hits.at(begin_s)
-        self._stage.set_time((begin_s + end_s) / 2)
-        middle = self._surfaces.poses()
+        first, between = self._hits.at(begin_s), []
+        for fraction in QUARTERS[:-1]:
+            self._stage.set_time(begin_s + float(fraction) * (end_s - begin_s))
+            between.append(self._surfaces.poses())
         last = self._hits.at(end_s)
-        return np.concatenate([self._way(first, middle, last.poses), self._way(last, middle, first.poses)])
+        there, back = self._way(first, [*between, last.poses]), self._way(last, [*between[::-1], first.poses])
+        return np.concatenate([there, back])
 
-    def _way(self, seen: SurfaceHits, middle: Poses, end: Poses) -> np.ndarray:
-        """Six channels, of the motion from `seen` through `middle` to `end`."""
-        places = self._surfaces.place(seen, middle), self._surfaces.place(seen, end)
-        moves = np.concatenate([place[:2] for place in places]) - np.tile(self._surfaces.centres(), (2, 1, 1))
+    def _way(self, seen: SurfaceHits, poses: list[Poses]) -> np.ndarray:
+        """Half of the channels, of the motion of `seen` to these poses."""
+        places = [self._surfaces.place(seen, one) for one in poses]
+        moves = np.concatenate([place[:2] - self._surfaces.centres() for place in places])
         moves[:, np.isnan(moves).any(0)] = np.nan
         moves[:, (np.hypot(moves[::2], moves[1::2]) < STILL_PX).all(0)] = 0
-        z_end = np.where(np.isnan(moves[0]), np.nan, places[1][2])
+        z_end = np.where(np.isnan(moves[0]), np.nan, places[-1][2])
         if self._stage.moving_px:  # the rest is still by definition
             left, top, right, bottom = self._stage.moving_px
             still = np.ones(seen.depth.shape, bool)

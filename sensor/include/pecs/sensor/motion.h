@@ -12,11 +12,11 @@
 
 namespace pecs::sensor {
 
-// Channels of the layer `motion` (docs/reference/exr_stack.md): x_mid y_mid x_end y_end z z_end of the points visible
-// at the start, then the same of those visible at the end, back to the start.
-inline constexpr std::size_t kMotionChannels = 12;
+// Channels of the layer `motion` (docs/reference/exr_stack.md): x_q1 y_q1 x_mid y_mid x_q3 y_q3 x_end y_end z z_end of
+// the points visible at the start, then the same of those visible at the end, back to the start.
+inline constexpr std::size_t kMotionChannels = 20;
 
-// Throws bad_input unless there are 2, 4 or 12 values a pixel, as Carrier takes them.
+// Throws bad_input unless there are 2, 4 or 20 values a pixel, as Carrier takes them.
 void check_motion_size(std::size_t values, int width, int height);
 
 // Both keyframes, or one of them alone.
@@ -26,7 +26,7 @@ enum class CarrySide { both, first, second };
 // number of threads nor the order of calls.
 class Carrier {
  public:
-  // motion: [12][height][width], of the layer. Or [2]: forward optical flow, x and y [px] from the start; or [4]:
+  // motion: [20][height][width], of the layer. Or [2]: forward optical flow, x and y [px] from the start; or [4]:
   // forward and backward flow; with flow, points that move more count as nearer. Values that are not finite are unknown
   // (a depth may be infinite). Throws bad_input for another size. In the caller's TBB arena.
   Carrier(std::span<const float> motion, int width, int height);
@@ -36,8 +36,8 @@ class Carrier {
   Carrier(Carrier&&) noexcept;
   Carrier& operator=(Carrier&&) noexcept;
 
-  // Upper limit of the paths of all points within the interval [px], clamped to the picture's diagonal. 0: nothing
-  // moves.
+  // Longest path of a point within the interval [px], if it always moved as in its fastest quarter, clamped to the
+  // picture's diagonal. 0: nothing moves.
   double longest_path_px() const;
   // Evenly spaced fractions in (0, 1), so that nothing moves more than half a pixel (of so many subpixels) from one to
   // the next. In an interval of this length they are at least a microsecond apart.
