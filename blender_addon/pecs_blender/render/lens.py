@@ -35,6 +35,10 @@ class Lens:
     shift_mm: tuple[float, float]
     tilt_deg: tuple[float, float]
     pixel_pitch_mm: float
+    focus_bands_nm: tuple[float, ...]  # empty: all bands
+
+    def focus_bands(self, lambda_nm: np.ndarray) -> list[float]:
+        return list(self.focus_bands_nm) or lambda_nm.tolist()
 
     @property
     def film(self) -> dict:
@@ -84,7 +88,8 @@ def choose(source: Source, view: View) -> Lens | None:
     setting = {"focus_m": focus_m, "stop_diameter_mm": stop_mm, "fnumber": view.fnumber}
     width, height = view.size
     film_mm = view.film_width_mm, view.film_width_mm * height / width
-    return Lens(lens, setting, film_mm, view.film_shift_mm, view.film_tilt_deg, view.film_width_mm / width)
+    pitch_mm = view.film_width_mm / width
+    return Lens(lens, setting, film_mm, view.film_shift_mm, view.film_tilt_deg, pitch_mm, view.focus_bands_nm)
 
 
 def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
@@ -103,7 +108,7 @@ def cameras(
     made = [
         lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
-            focus_bands_nm=lambda_nm.tolist(),
+            focus_bands_nm=lens.focus_bands(lambda_nm),
             colour_tolerance_px=tolerance_px,
             **lens.setting,
             **lens.frame,
@@ -129,6 +134,7 @@ def cameras(
         "name": last.lens_name,
         "file": Path(last.file).name,
         **{key: getattr(last, key) for key in keys},
+        "focus_bands_nm": lens.focus_bands(lambda_nm),
         "channel_mode": "per_channel" if per_channel else "mean",
         "colour_shift_px": float(f"{max(camera.colour_shift_px for camera in made):.3g}"),
         "diffraction": diffraction,

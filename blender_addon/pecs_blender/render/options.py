@@ -45,6 +45,13 @@ def _share(text: str) -> float:
         raise argparse.ArgumentTypeError(f"got {text}, wanted a share such as 10%") from None
 
 
+def _wavelengths(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted wavelengths such as 450,550 [nm]") from None
+
+
 def _box(text: str) -> tuple[int, ...]:
     numbers = text.split(":")
     if len(numbers) != 4 or not all(n.isdecimal() for n in numbers):
@@ -222,6 +229,14 @@ class Options:
     fnumber: float | None = option(None, "f-number of the lens, instead of a stop diameter", above=0, high=1000)
     focus_m: float | None = option(
         None, "focus distance of the lens; by default the scene's", above=0, high=1e9, unit="m"
+    )
+    focus_bands_nm: tuple[float, ...] = option(
+        (),
+        "wavelengths at which the lens is focused; by default all bands",
+        low=100,
+        high=20000,
+        parse=_wavelengths,
+        metavar="NM,NM,...",
     )
     focal_mm: float = option(15.02, "focal length of a scene folder's pinhole", above=0, high=1e4, unit="mm")
     colour_tolerance_px: float = option(

@@ -37,6 +37,7 @@ class View:
     stop_diameter_mm: float | None
     fnumber: float | None
     focus_m: float | None
+    focus_bands_nm: tuple[float, ...]  # empty: all bands
     focal_mm: float  # of a scene folder's pinhole
     colour_tolerance_px: float  # rendered pixels
     moving_px: Box | None  # rendered pixels; None: everything may move
@@ -124,6 +125,7 @@ def resolve(options: Options, source: Source) -> Plan:
         options.stop_diameter_mm,
         options.fnumber,
         options.focus_m,
+        options.focus_bands_nm,
         options.focal_mm,
         options.colour_tolerance_px * subpixels,
         _moving_px(options.moving_px, pixels, subpixels),

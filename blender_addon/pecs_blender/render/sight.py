@@ -159,7 +159,7 @@ class Sight:
             "height": height,
             "pixel_pitch_mm": lens.pixel_pitch_mm,
             "lambda_nm": float(self._stage.lambda_nm.mean()),
-            "focus_bands_nm": self._stage.lambda_nm.tolist(),
+            "focus_bands_nm": lens.focus_bands(self._stage.lambda_nm),
             "film_shift_mm": lens.shift_mm,
             "film_tilt_deg": lens.tilt_deg,
             **lens.setting,

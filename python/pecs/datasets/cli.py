@@ -181,11 +181,12 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     rows, truth, light = [], 0, 0
     made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))  # by scene: number, duration, time [s], GB
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
-    stacks = [camera for camera in found.cameras if not camera.pixels_of]
+    stacks = [camera for camera in found.cameras if camera.has_light]
+    owners = sum(not camera.pixels_of for camera in found.cameras)
     for index in wanted:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
-        truth += len(stacks) * found.truth_frames(duration_s)
+        truth += owners * found.truth_frames(duration_s)
         light += sum(end - begin for one in stacks for begin, end in rgb.light_instants(found, drawn, one))
         if folder.is_dir():
             files = [p.stat() for p in folder.rglob("*") if p.is_file()]

@@ -59,7 +59,8 @@ class Film:
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera of the rig. pixels_of: the camera whose stack it shares (a beam splitter). options: of its render."""
+    """A camera of the rig. pixels_of: the camera whose place, lens and pixels it shares (a beam splitter). options: of
+    its render."""
 
     name: str
     kind: str
@@ -81,6 +82,11 @@ class CameraEntry:
     pixels_of: str | None
     options: dict[str, Any]
     film: Film | None
+
+    @property
+    def has_light(self) -> bool:
+        """Whether light is rendered for it. Event cameras of one place share it; an RGB camera has other bands."""
+        return self.kind == "rgb" or not self.pixels_of
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,13 @@ class Recipe:
             },
             "cameras": {entry.name: camera(entry) for entry in self.cameras},
         }
+
+    def camera(self, name: str) -> CameraEntry:
+        return next(c for c in self.cameras if c.name == name)
+
+    def owner(self, entry: CameraEntry) -> CameraEntry:
+        """The camera whose pixels it shares, or the camera itself."""
+        return self.camera(entry.pixels_of) if entry.pixels_of else entry
 
     def scene(self, name: str) -> SceneEntry:
         return next(s for s in self.scenes if s.name == name)
@@ -329,7 +342,7 @@ def _camera(table: Table) -> CameraEntry:
         model=model,
         partner=table.optional(table.text, "partner"),
         pixels_of=shared,
-        options=_options(table.table("options", {})) if own else {},
+        options=_options(table.table("options", {})) if own or kind == "rgb" else {},
         film=_film(table) if kind == "rgb" else None,
     )
     if kind == "rgb" and own and not (found.width and found.height):

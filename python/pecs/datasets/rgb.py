@@ -22,6 +22,7 @@ from .._files import write_text
 from .._library import data_dir
 from ..spectra import spectrum
 from .recipe import CameraEntry, Film, Recipe
+from .work import pixels
 
 Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], power
 ELECTRON_C = 1.602176634e-19
@@ -173,18 +174,16 @@ def frame_times_us(
     return [(round(b), round(b + exposure_us)) for b in begin[whole]]
 
 
-def light_instants(recipe: Recipe, drawn: dict[str, Any], owner: CameraEntry) -> list[tuple[int, int]]:
-    """Ranges [begin, end) of the instants that a sequence's light needs: those of the exposures if only RGB cameras
-    see the owner's pixels, otherwise all from 0 to the end (the last may be later)."""
-    fps = float(recipe.render_options(recipe.scene(drawn["scene"]), owner)["fps"])
+def light_instants(recipe: Recipe, drawn: dict[str, Any], entry: CameraEntry) -> list[tuple[int, int]]:
+    """Ranges [begin, end) of the instants that a camera's light needs: those of the exposures if only an RGB camera
+    sees it, otherwise all from 0 to the end (the last may be later)."""
+    fps = float(recipe.render_options(recipe.scene(drawn["scene"]), entry)["fps"])
     last = math.ceil(drawn["duration_s"] * fps - 1e-9)
-    needed = np.zeros(last, bool)  # intervals
-    for entry in (c for c in recipe.cameras if owner.name in (c.name, c.pixels_of)):
-        times = _exposures_us(entry, int(owner.height or 0), drawn) if entry.film else []
-        for begin, end in times:
-            needed[math.floor(begin * 1e-6 * fps + 1e-9) : math.ceil(end * 1e-6 * fps - 1e-9)] = True
-        if not times:
-            needed[:] = True
+    shared = any(c.pixels_of == entry.name and not c.has_light for c in recipe.cameras)
+    times = _exposures_us(entry, pixels(recipe, entry)[1], drawn) if entry.film and not shared else []
+    needed = np.full(last, not times)  # intervals
+    for begin, end in times:
+        needed[math.floor(begin * 1e-6 * fps + 1e-9) : math.ceil(end * 1e-6 * fps - 1e-9)] = True
     bounds = np.flatnonzero(np.diff(needed, prepend=False, append=False)).reshape(-1, 2)
     return [(int(begin), int(end) + 1) for begin, end in bounds]
 

@@ -56,7 +56,7 @@ def optics(stack: dict[str, Any], lens_path: str) -> Optics:
         "height": stack["height"],
         "pixel_pitch_mm": stack["pixel_pitch_m"] * 1e3,
         "lambda_nm": float(np.mean(nm)),
-        "focus_bands_nm": nm,
+        "focus_bands_nm": lens["focus_bands_nm"],
         "focus_m": lens["focus_m"],
         "stop_diameter_mm": lens["stop_diameter_mm"],
     }

@@ -18,7 +18,6 @@ from .._errors import bad_input
 from .._files import write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
-from ..chip import Chip
 from ..lens import Lens
 from . import imu as imus
 from . import pictures, placing, report, rgb, rig, trajectories
@@ -28,7 +27,7 @@ from .manifest import seal
 from .paths import GRAVITY_M_S2
 from .recipe import CameraEntry, Recipe
 from .sequence import Sequence
-from .work import Work, beside, portable, sequence_work
+from .work import Work, beside, pixels, portable, sequence_work
 
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
 SURVEY_INSTANTS = 5
@@ -46,7 +45,7 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[
         for entry in owners:
             _see_corners(work, entry)
         _move(work)
-        for entry in owners:
+        for entry in sorted((c for c in recipe.cameras if c.has_light), key=lambda c: bool(c.pixels_of)):
             _render(work, entry, threads)
         _describe(work)
         for entry in recipe.cameras:
@@ -145,12 +144,15 @@ def _parameters(work: Work) -> list[Any]:
 
 
 def _render(work: Work, entry: CameraEntry, threads: int) -> None:
+    """Light, and ground truth if the camera has pixels of its own."""
     recipe, scene = work.recipe, work.recipe.scene(work.drawn["scene"])
-    drawn = work.drawn["cameras"][entry.name]
+    owner = recipe.owner(entry)
+    (work.folder / entry.name).mkdir(exist_ok=True)
+    drawn = work.drawn["cameras"][owner.name]
     chip, width, height = film(work, entry)
     options = {
-        "camera_path": f"{entry.name}/camera_path.txt",
-        "lens": entry.lens,
+        "camera_path": f"{owner.name}/camera_path.txt",
+        "lens": owner.lens,
         "fnumber": drawn["fnumber"],
         "focus_m": drawn["focus_m"],
         "chip": chip,
@@ -164,7 +166,9 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
     flags = [scene.path, *_parameters(work)]
     seconds = work.drawn["duration_s"]
     where: dict[str, Any] = {"folder": work.folder, "log": f"{entry.name}/render.log"}
-    if recipe.truth["layers"] and not (work.truth(entry) / "done").exists():
+    if owner is not entry:  # its film stands where that of the owner stands
+        options["focus_bands_nm"] = ",".join(map(str, rig.stack_json(work.stack(owner))["lens"]["focus_bands_nm"]))
+    if owner is entry and recipe.truth["layers"] and not (work.truth(entry) / "done").exists():
         work.say(f"{entry.name}: truth")
         own = {k: v for k, v in light.items() if k not in OF_LIGHT}
         fps = recipe.truth["fps"]
@@ -182,14 +186,11 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
 def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:
     """The chip that determines film width and bands (its path is relative to the work's folder), and the size of the
     picture in pixels."""
+    width, height, pitch_um = pixels(work.recipe, entry)
     if entry.kind == "events":
-        name = _copied(work, entry, str(entry.chip), "chip.json")
-        with Chip(work.folder / name if "/" in name else name) as chip:
-            return name, entry.width or chip.width, entry.height or chip.height
-    width, height = int(entry.width or 0), int(entry.height or 0)
+        return _copied(work, entry, str(entry.chip), "chip.json"), width, height
     assert entry.film
-    path = work.folder / entry.name / "film.json"
-    rgb.write_chip(path, None, width, height, float(entry.pixel_pitch_um or 0), entry.film.peak_qe)
+    rgb.write_chip(work.folder / entry.name / "film.json", None, width, height, pitch_um, entry.film.peak_qe)
     return f"{entry.name}/film.json", width, height
 
 
@@ -205,12 +206,10 @@ def _copied(work: Work, entry: CameraEntry, name: str, to: str) -> str:
 
 def _see_corners(work: Work, entry: CameraEntry) -> None:
     """Rejects a lens that does not cover the film, before rendering."""
-    chip, width, height = film(work, entry)
-    with Chip(work.folder / chip if "/" in chip else chip) as profile:
-        pitch_mm = profile.pixel_pitch_m * 1e3
+    width, height, pitch_um = pixels(work.recipe, entry)
     corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
     drawn = work.drawn["cameras"][entry.name]
-    setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_mm}
+    setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_um * 1e-3}
     with Lens(entry.lens) as lens:
         _covered(work, entry, lens.directions(corners, width=width, height=height, **setting))
 
@@ -230,11 +229,11 @@ def _describe(work: Work) -> None:
     views = {c.name: _view(work, c) for c in recipe.cameras if not c.pixels_of}
     entries = []
     for entry in recipe.cameras:
-        owner, name = work.owner(entry), entry.name
+        owner, name = recipe.owner(entry), entry.name
         view = views[owner.name]
         K_rect, R_rect, baseline = [view.pinhole.K], np.eye(3), None
         if entry.partner:
-            other = views[work.owner(work.camera(entry.partner)).name]
+            other = views[recipe.owner(recipe.camera(entry.partner)).name]
             move = np.linalg.inv(view.placed) @ other.placed
             baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [view.pinhole.K, other.pinhole.K]
             R_rect = rig.stereo_rotation(move)

@@ -21,6 +21,7 @@ from .._config import read_json
 from .._errors import PecsOutputError
 from .._files import sha256, write_json
 from .._library import version
+from ..chip import Chip
 from .manifest import sequence_folder
 from .recipe import CameraEntry, Recipe
 
@@ -49,18 +50,11 @@ class Work:
     def duration_us(self) -> int:
         return round(self.drawn["duration_s"] * 1e6)
 
-    def camera(self, name: str) -> CameraEntry:
-        return next(c for c in self.recipe.cameras if c.name == name)
-
-    def owner(self, entry: CameraEntry) -> CameraEntry:
-        """The camera whose pixels it shares, or the camera itself."""
-        return self.camera(entry.pixels_of) if entry.pixels_of else entry
-
     def stack(self, entry: CameraEntry) -> Path:
-        return self.folder / self.owner(entry).name / "stack"
+        return self.folder / (entry if entry.has_light else self.recipe.owner(entry)).name / "stack"
 
     def truth(self, entry: CameraEntry) -> Path:
-        return self.folder / self.owner(entry).name / "truth"
+        return self.folder / self.recipe.owner(entry).name / "truth"
 
 
 @contextmanager
@@ -124,6 +118,16 @@ def beside(recipe: Recipe, name: str) -> Path | None:
     """The file of that name beside the recipe, or None."""
     path = recipe.path.parent / name
     return path if path.is_file() else None
+
+
+def pixels(recipe: Recipe, entry: CameraEntry) -> tuple[int, int, float]:
+    """Width and height of a camera's picture, and the pitch of its pixels [um]."""
+    owner = recipe.owner(entry)
+    if owner.kind == "rgb":
+        return int(owner.width or 0), int(owner.height or 0), float(owner.pixel_pitch_um or 0)
+    with Chip(beside(recipe, str(owner.chip)) or str(owner.chip)) as chip:
+        width, height = owner.width or chip.width, owner.height or chip.height
+        return width, height, chip.pixel_pitch_m * 1e6 * (chip.width or width) / width  # the film is the whole chip
 
 
 def portable(value: Any) -> Any:

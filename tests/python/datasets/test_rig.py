@@ -19,7 +19,7 @@ SIZE = 346, 260
 
 def stack(focus_m=3.0, stop_mm=1.0):
     bands = [{"lambda_nm": nm, "weight_nm": 50.0} for nm in NM]
-    lens = {"focus_m": focus_m, "stop_diameter_mm": stop_mm}
+    lens = {"focus_m": focus_m, "stop_diameter_mm": stop_mm, "focus_bands_nm": NM}
     return {"width": SIZE[0], "height": SIZE[1], "pixel_pitch_m": 18.5e-6, "bands": bands, "lens": lens}
 
 
@@ -100,9 +100,9 @@ def test_white_is_that_of_the_lamps(name, tmp_path):
     assert np.allclose(grey / grey.max(), 1, atol=1e-9)
 
 
-def test_bands_of_an_event_camera_in_warm_light_give_two_colours():
-    """Three bands of a DAVIS346 under a halogen lamp, the last one behind the filters' cut: grey is neutral, red and
-    green are so, and pictures are developed."""
+def test_two_bands_in_the_visible_give_two_colours():
+    """The last of three bands is behind the filters' cut: grey is neutral, red and green are so, and pictures are
+    developed."""
     bands = [{"lambda_nm": nm, "weight_nm": of} for nm, of in ((528.2, 156.5), (627.9, 87.8), (721.7, 101.8))]
     nm = np.array([band["lambda_nm"] for band in bands])
     matrix = rgb.colour_matrix({"bands": bands}, pecs.spectrum("blackbody:2856"))

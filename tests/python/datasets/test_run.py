@@ -189,18 +189,33 @@ VIEW = 'lens = "cmount_5mm_f2p8"\nfnumber = 4\nfocus_m = 2\nwidth = 72\nheight =
 EXPOSURES = "fps = 40\nexposure_ms = 3\nphase_ms = 9"
 
 
-def test_light_of_an_rgb_camera_is_rendered_for_its_exposures(tmp_path):
-    """Its pictures show the disk where pictures from the whole light show it, at the same place and times."""
+@pytest.mark.parametrize("name", ["film", "frame"])  # on its own pixels, and on those of the event camera
+def test_light_of_an_rgb_camera_is_rendered_for_its_exposures(films, name):
+    """Its pictures show the disk where the light of the event camera shows it, at the same place and times."""
+    cameras = films.cameras
+    stacks = [json.loads((cameras[n].stack_folder / "stack.json").read_text()) for n in ("left", name)]
+    assert all(8_000_000 <= t <= 12_000_000 or 34_000_000 <= t <= 38_000_000 for t in stacks[1]["times_ns"])
+    assert stacks[1]["bands"] != stacks[0]["bands"]
+    if name == "frame":
+        assert stacks[0]["lens"]["film_z_mm"] == pytest.approx(stacks[1]["lens"]["film_z_mm"], abs=1e-9)
+    frames = cameras[name].frames()
+    pictures = [read_png(frame.sharp_path) for frame in frames]
+    with pecs.Chip("davis346") as chip, pecs.Light(cameras["left"].stack_folder, chip) as light:
+        whole = light.at([frame.middle_us for frame in frames])[:, 0]
+    turned = (
+        np.log(pictures[1] / pictures[0]),
+        np.log(whole[1] / whole[0]),
+    )
+    assert np.abs(turned[1]).max() > 1 and np.corrcoef(*map(np.ravel, turned))[0, 1] > 0.95
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    tmp_path = tmp_path_factory.mktemp("films")
     recipe = FILM.replace("ROOT", str(ROOT)).replace("VIEW", VIEW).replace("EXPOSURES", EXPOSURES)
     (tmp_path / "r.toml").write_text(recipe)
     dataset(tmp_path / "r.toml", "-o", tmp_path / "set", "--only", 0)
-    cameras = Sequence(tmp_path / "set/sequences/0000").cameras
-    times_ns = json.loads((cameras["film"].stack_folder / "stack.json").read_text())["times_ns"]
-    assert all(8_000_000 <= t <= 12_000_000 or 34_000_000 <= t <= 38_000_000 for t in times_ns)
-    film, whole = ([read_png(frame.sharp_path) for frame in cameras[name].frames()] for name in ("film", "frame"))
-    assert len(film) == len(whole) == 2
-    turned = np.log(film[1] / film[0]), np.log(whole[1] / whole[0])  # without colours, which depend on the bands
-    assert np.abs(turned[1]).max() > 1 and np.corrcoef(*map(np.ravel, turned))[0, 1] > 0.95
+    return Sequence(tmp_path / "set/sequences/0000")
 
 
 def test_tracks_of_pixels_are_the_flow(made):
@@ -312,7 +327,7 @@ def test_pages_and_exports(made):
         assert (made / "set" / name).exists(), name
     assert "left: events, 48 x 36" in (made / "set/sequences/0001/report.html").read_text()
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan").stdout
-    assert "2 sequences, 2 stacks each: ground truth at 12 instants" in plan and "measured on 2" in plan
+    assert "2 sequences, 3 stacks each: ground truth at 12 instants" in plan and "measured on 2" in plan
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
     assert "measured on 2 existing sequences of rotating_disk" in plan and "98 left" in plan
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
