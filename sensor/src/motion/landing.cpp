@@ -28,21 +28,33 @@ Slopes slopes_of(const Weights& w, const float* at, std::uint16_t flags) {
   return out;
 }
 
-// The point visible at (x, y) on the surface of pixel `of`, relative to that pixel's neighbour (dx, dy).
-VisiblePoint place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
+// The surface of a pixel, continued to the pixel's neighbour.
+struct Continued {
+  Slopes slopes;
+  float z;       // of the pixel, at the instant
+  Vec2 in, now;  // the neighbour in the keyframe and at the instant
+};
+
+Continued continued(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy) {
   const float* at = from.where(of);
   const Slopes s = slopes_of(w, at, from.flags(of));
   const Point p = Surfaces::at(at);
-  const Vec2 d = w.path(p);
+  const Vec2 d = w.path(p), pixel = from.position(of);
   const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
-  const Vec2 point = from.position(of);
-  const float fx = point.x + ox, fy = point.y + oy;
-  const float rx = x - (fx + d.x + s.by_x.x * ox + s.by_y.x * oy), ry = y - (fy + d.y + s.by_x.y * ox + s.by_y.y * oy);
+  const Vec2 in{pixel.x + ox, pixel.y + oy};
+  const Vec2 now{in.x + d.x + s.by_x.x * ox + s.by_y.x * oy, in.y + d.y + s.by_x.y * ox + s.by_y.y * oy};
+  return {s, w.depth(p), in, now};
+}
+
+// The point visible at (x, y) on the surface of pixel `of`, relative to that pixel's neighbour (dx, dy).
+VisiblePoint place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
+  const auto [s, z, in, now] = continued(from, w, of, dx, dy);
+  const float rx = x - now.x, ry = y - now.y;
   float xx = 1 + s.by_x.x, xy = s.by_y.x, yx = s.by_x.y, yy = 1 + s.by_y.y;
   float det = xx * yy - xy * yx;
   if (!(det > 0.1f)) xx = yy = det = 1, xy = yx = 0;  // the surface turns away
   const float u = (yy * rx - xy * ry) / det, v = (xx * ry - yx * rx) / det;
-  return {of + dy * from.width() + dx, fx + u, fy + v, w.depth(p) + s.z_by_x * u + s.z_by_y * v};
+  return {of + dy * from.width() + dx, in.x + u, in.y + v, z + s.z_by_x * u + s.z_by_y * v};
 }
 
 }  // namespace
@@ -105,13 +117,8 @@ void Landing::land_boundaries(const Surfaces& from, const Weights& w, const Tile
       const std::int32_t index = y * from.width() + x;
       if (!(from.flags(index) & kMixedPixel)) continue;
       const auto [dx, dy] = from.occluder(index);
-      const std::int32_t of = index + dy * from.width() + dx;
-      const float* at = from.where(of);
-      const Slopes s = slopes_of(w, at, from.flags(of));
-      const Vec2 d = w.path(Surfaces::at(at));
-      const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
-      const float column = std::floor(static_cast<float>(x) + d.x - s.by_x.x * ox - s.by_y.x * oy + 0.5f);
-      const float row = std::floor(static_cast<float>(y) + d.y - s.by_x.y * ox - s.by_y.y * oy + 0.5f);
+      const Vec2 now = continued(from, w, index + dy * from.width() + dx, -dx, -dy).now;
+      const float column = std::floor(now.x + 0.5f), row = std::floor(now.y + 0.5f);
       const VisiblePoint seen = boundary_at(from, w, index, column, row);
       const int cx = static_cast<int>(column) - x0_, cy = static_cast<int>(row) - y0_;
       if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;
