@@ -53,8 +53,10 @@ class Moving : public FrameSource {
   void read_motion(std::int64_t, const RowSink& sink) const override {
     for (int y = 0; y < kHeight; ++y) {
       Plane row;
-      for (const float v : {3.0f, 0.0f, 6.0f, 0.0f, 1.0f, 1.0f, -3.0f, 0.0f, -6.0f, 0.0f, 1.0f, 1.0f})
-        row.insert(row.end(), kWidth, v);
+      for (const float quarter : {1.5f, -1.5f}) {
+        for (const float v : {quarter, 0.0f, 2 * quarter, 0.0f, 3 * quarter, 0.0f, 4 * quarter, 0.0f, 1.0f, 1.0f})
+          row.insert(row.end(), kWidth, v);
+      }
       sink(y, 1, row);
     }
   }
