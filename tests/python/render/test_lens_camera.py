@@ -283,7 +283,7 @@ from types import SimpleNamespace
 from pecs_blender.render import lens
 from pecs._errors import UsageError
 film = {"film_width_mm": 6.2, "film_shift_mm": (0, 0), "film_tilt_deg": (0, 0), "size": (1280, 720)}
-unset = film | dict.fromkeys(("lens", "fnumber", "stop_diameter_mm", "focus_m"))
+unset = film | dict.fromkeys(("lens", "fnumber", "stop_diameter_mm", "focus_m", "focus_bands_nm"))
 own = {"lens": "pecs_lab_15mm", "focus_m": 1.5, "stop_diameter_mm": 50.0}
 for own["stop_diameter_mm"], stop_mm in ((50.0, 4.54), (1.0, 1.0), (None, None)):
     source = SimpleNamespace(lens=own, folder=Path("."))
