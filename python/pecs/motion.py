@@ -23,6 +23,7 @@ CHANNELS = tuple(  # of the layer `motion`
     for way in ("", "back_")
     for name in ("x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end", "z", "z_end")
 )
+CHANNEL_COUNTS = (2, 4, len(CHANNELS))  # of motion: forward flow, both, the layer
 QUARTERS = np.arange(1, 5) / 4  # fractions of an interval at which the layer contains displacements
 _POWERS = np.arange(1, 5)
 _COEFFICIENTS = np.linalg.inv(QUARTERS[:, None] ** _POWERS)  # [power, quarter]
@@ -149,7 +150,7 @@ def event_labels(
 
 
 def _check_motion(motion: NDArray[np.float32], size: tuple[int, ...]) -> None:
-    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in (2, 4, len(CHANNELS)):
+    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in CHANNEL_COUNTS:
         wanted = f"({len(CHANNELS)}, {size[0]}, {size[1]}), or 2 or 4 channels"
         raise ValueError(f"motion: got shape {motion.shape}, wanted {wanted}")
 

@@ -29,6 +29,7 @@ from ._library import Handle, function, take_json
 from ._options import SensorOptions, library_options
 from .chip import Chip
 from .events import EVENT_DTYPE, Events
+from .motion import CHANNEL_COUNTS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -214,8 +215,9 @@ class Sensor(Handle):
     def _motion(self, motion: ArrayLike, frames: int) -> NDArray[np.float32]:
         out = np.ascontiguousarray(_as_array(motion), np.float32)
         out = out[None] if out.ndim == 3 else out
-        if out.ndim != 4 or (len(out), *out.shape[2:]) != (frames, *self.shape) or out.shape[1] not in (2, 4, 20):
-            raise ValueError(f"motion: got shape {out.shape}, wanted ({frames}, 2 | 4 | 20, *{self.shape})")
+        if out.ndim != 4 or (len(out), *out.shape[2:]) != (frames, *self.shape) or out.shape[1] not in CHANNEL_COUNTS:
+            counts = " | ".join(map(str, CHANNEL_COUNTS))
+            raise ValueError(f"motion: got shape {out.shape}, wanted ({frames}, {counts}, *{self.shape})")
         return out
 
     def finish(self) -> Events:

@@ -36,12 +36,12 @@ class Paths:
     def path(self, from_s: float, to_s: float) -> np.ndarray:
         """Between two instants: the longest path of a surface point [px], the largest deviation from its polynomial
         [px], and how much a surface turns or stretches at most."""
-        return np.maximum(self._one_way(from_s, to_s), self._one_way(to_s, from_s))
+        times_s = np.linspace(from_s, to_s, PARTS + 1).tolist()
+        return np.maximum(self._one_way(times_s), self._one_way(times_s[::-1]))  # equal times: poses are kept
 
-    def _one_way(self, from_s: float, to_s: float) -> np.ndarray:
-        seen = self._hits_at(from_s)
-        times_s = np.linspace(from_s, to_s, PARTS + 1)
-        at = [self._surfaces.place(seen, self._pose(float(t)))[:2] for t in times_s]
+    def _one_way(self, times_s: list[float]) -> np.ndarray:
+        seen = self._hits_at(times_s[0])
+        at = [self._surfaces.place(seen, self._pose(t))[:2] for t in times_s]
         height, width = at[0].shape[1:]
         limits = np.array([width, height])[:, None, None]
         inside = np.any([np.all((p >= 0) & (p <= limits), axis=0) for p in at[1:]], axis=0)

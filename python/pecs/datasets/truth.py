@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
-from ..motion import displacement_weights, velocity_weights
+from ..motion import CHANNELS, displacement_weights, velocity_weights
 from ..stack import StackReader
 from ._bilinear import bilinear, on_surface
 from .files import read_object
@@ -252,9 +252,8 @@ class Truth:
     def _path(self, i: int, forward: bool) -> tuple[NDArray[np.float32], float]:
         """Motion from instant i [H, W, 4, 2]: displacements after each quarter of the interval after it (or before it,
         if not `forward`); and the interval's length in s, negative if not `forward`."""
-        names = [f"{'' if forward else 'back_'}{c}_{at}" for at in ("q1", "mid", "q3", "end") for c in "xy"]
-        start = i if forward else i - 1
-        moves = np.moveaxis(self.layer("motion", start, tuple(names)), 0, -1).reshape(*self.shape, 4, 2)
+        first, start = (0, i) if forward else (len(CHANNELS) // 2, i - 1)
+        moves = np.moveaxis(self.layer("motion", start, CHANNELS[first : first + 8]), 0, -1).reshape(*self.shape, 4, 2)
         return moves, (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
 
     def velocity_at(self, t_us: float) -> NDArray[np.float32]:
