@@ -6,26 +6,14 @@ World: x right, y along the street, z up, metres; the camera's entrance pupil is
 looks along +y. Nothing is smooth-shaded: Blender's smooth normals differ from run to run in the last bits.
 """
 
-import importlib.util
 import math
-from pathlib import Path
 from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
 from pecs_blender.render.build import SceneParts, sun_lamp
-
-
-def beside(name):
-    """A module of this folder, which is no package."""
-    spec = importlib.util.spec_from_file_location(f"pecs_street_{name}", Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-solids, paint_box = beside("solids"), beside("paint")
-Shape, Paint, ramp = solids.Shape, paint_box.Paint, paint_box.ramp
+from pecs_blender.render.paint import Paint, ramp
+from pecs_blender.render.solids import Shape
 
 GROUND_M, KERB_M, BACK_M, AHEAD_M = -1.5, 0.12, -45.0, 110.0
 ROAD_M, PAVEMENT_M = 5.5, 9.0  # half widths; houses begin where the pavement ends

@@ -21,13 +21,15 @@ Vec = tuple[float, float, float]
 @dataclass
 class SceneParts:
     """Result of build() in scene.py. pose(t_s) moves everything to an instant; target is the point and normal at which
-    `illuminance_lux` is defined; period_s is None for a scene that does not repeat."""
+    `illuminance_lux` is defined; period_s is None for a scene that does not repeat. lamps: those whose
+    strength (`energy`) pose changes."""
 
     pose: Callable[[float], None]
     period_s: float | None
     target: tuple[Vec, Vec]
     illuminance_lux: float
     bounces: int = 2
+    lamps: tuple[bpy.types.Light, ...] = ()
 
 
 def diffuse(name: str, reflectance: Spectrum) -> bpy.types.Material:

@@ -27,7 +27,7 @@ class FolderScene(Source):
         self._parts = scene_file.build()
         self.folder = scene_file.folder
         self.lens = scene_file.camera
-        self.period_s = self._parts.period_s
+        self.period_s, self.lamps = self._parts.period_s, self._parts.lamps
         self.size = (1280, 720)
         self.bounces = {"max_bounces": self._parts.bounces, "diffuse_bounces": self._parts.bounces}
         self.record = {"name": scene_file.name, "parameters": scene_file.parameters}

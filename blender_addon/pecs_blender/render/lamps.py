@@ -4,12 +4,12 @@ know the light at every other strength without a render: light is a sum over lam
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 
+from .source import Source
 from .spectral import movers
 
 MOST_GROUPS = 4  # each needs as much memory and denoising as the rest of the light
@@ -41,18 +41,19 @@ class Strength:
         """At the largest value, without animation."""
         for mover in self.movers:
             mover.mute = True
-        setattr(self.owner, self.key, self.largest)
+        if getattr(self.owner, self.key) != self.largest:  # Cycles synchronizes what is set
+            setattr(self.owner, self.key, self.largest)
 
 
 class Lamps:
     """names: passes of Cycles, one per group of lamps whose strengths change alike."""
 
-    def __init__(self, scene: bpy.types.Scene, set_time: Callable[[float], None], times_s: list[float]):
+    def __init__(self, source: Source, times_s: list[float]):
         """Reads the strengths at all instants, and makes the groups: before the scene's first render, since Cycles
         keeps its data."""
-        self._times_s, found = times_s, _strengths(scene) if times_s else []
+        self._times_s, found = times_s, _strengths(source) if times_s else []
         for t_s in times_s if found else ():
-            set_time(t_s)
+            source.set_time(t_s)
             for one in found:
                 one.read()
         groups: list[list[Strength]] = []
@@ -66,13 +67,13 @@ class Lamps:
         self.names = tuple(f"Combined_pecs {number}" for number in range(len(self._groups)))
         for name, group in zip(self.names, self._groups, strict=True):
             name = name.removeprefix("Combined_")
-            for layer in scene.view_layers:
+            for layer in source.scene.view_layers:
                 layer.lightgroups.add(name=name)
             for thing in (thing for one in group for thing in one.lit_by):
                 thing.lightgroup = name
 
     def hold(self) -> None:
-        """From now on, each lamp has its largest strength."""
+        """Each lamp has its largest strength. After every Source.set_time, which may set others."""
         for one in (one for group in self._groups for one in group):
             one.hold()
 
@@ -81,19 +82,20 @@ class Lamps:
         return np.array([np.interp(t_s, self._times_s, group[0].factors) for group in self._groups])
 
 
-def _strengths(scene: bpy.types.Scene) -> list[Strength]:
-    found = []
+def _strengths(source: Source) -> list[Strength]:
+    found, world = [], source.scene.world
     for light in bpy.data.lights:
         objects = [thing for thing in bpy.data.objects if thing.data == light]
         changes = light.node_tree and light.node_tree.animation_data or movers(light, "color")
-        if objects and not changes and (by := movers(light, "energy")):
+        by = movers(light, "energy")
+        if objects and not changes and (by or light in source.lamps):
             found.append(Strength(light, "energy", objects, by))
-    tree = scene.world and scene.world.node_tree
+    tree = world and world.node_tree
     if tree and tree.animation_data:
         shaders = [node for node in tree.nodes if any(o.type == "SHADER" for o in node.outputs)]
         if len(shaders) == 1 and shaders[0].bl_idname == "ShaderNodeBackground":
             strength = shaders[0].inputs["Strength"]
             by = movers(tree, f"{strength.path_from_id()}.default_value")
             if by and not strength.is_linked:
-                found.append(Strength(strength, "default_value", [scene.world], by))
+                found.append(Strength(strength, "default_value", [world], by))
     return found

@@ -37,7 +37,7 @@ class Stage:
         self._choose_bands(plan.bands)
         apart = plan.instants.step_px and plan.light
         times_s = [t * 1e-9 for t in plan.instants.grid.bounds_ns] if apart else []
-        self.lamps = Lamps(source.scene, source.set_time, times_s)
+        self.lamps = Lamps(source, times_s)
         self._pose_first_instant(plan.view)
         self._measure_light(plan.bands, plan.light)
         self.lamps.hold()
@@ -79,6 +79,7 @@ class Stage:
     def set_time(self, t_s: float) -> None:
         self.spectral.before_instant()
         self.source.set_time(t_s)
+        self.lamps.hold()
         self.spectral.after_instant()
         self.factors = self.lamps.factors(t_s)
         if self.lens:

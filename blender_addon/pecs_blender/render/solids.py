@@ -4,7 +4,8 @@
 import math
 
 from mathutils import Vector
-from pecs_blender.render.build import mesh_object
+
+from .build import mesh_object
 
 
 class Shape:

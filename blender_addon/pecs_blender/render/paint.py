@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of the street: plain ones, and procedural textures of the object's own metres."""
+"""Materials of scene folders: plain ones, and procedural textures of the object's own metres."""
 
 import bpy
 
