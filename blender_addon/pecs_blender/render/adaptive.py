@@ -26,7 +26,7 @@ from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import BLOCK_PX, at, grown, pixels_of, tiles_with
+from .tiles import BLOCK_PX, at, changed_blocks, grown, of_blocks, pixels_of, tiles_with
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -43,6 +43,7 @@ ALMOST_ONE = 1 - 2.0**-20  # at 1 itself, pecs.carry returns the other keyframe 
 
 # Pictures between keyframes
 ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction at their border
+UNCHANGED = 0.2  # of the tolerance; less is no change between the same samples of two instants
 MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
 LAMP_PIXELS, LAMP_SHARE = 1000, 0.01  # pixels in which changes of lamps are compared; share of them that may be wrong
 LAMP_TOLERANCE = 0.5  # of other changes: those of lamps are everywhere, and cost no render
@@ -219,7 +220,8 @@ class ChangedParts:
                 return self._picture(*self._whole())
             self._light.refresh(frame, self._light.boxes(more))
             rendered = self._judge.lit(self._light.bands_of(frame), factors)
-            more = grown(self._judge.differing(current, self._judge.photocurrent(rendered))) & ~done
+            differing = self._judge.differing_blocks(current, self._judge.photocurrent(rendered))
+            more = of_blocks(grown(differing)) & ~done
         # Where no sample of a block changed, the anchor's values: still parts stay bit-identical.
         different = pixels_of(tiles_with((frame != still).any(0), BLOCK_PX), self._stage.size, BLOCK_PX)
         reached = grown(tiles_with(different))  # by diffraction
@@ -378,6 +380,15 @@ class Between:
         part = (self._grid_s[step] - t_before) / (t_after - t_before)
         return warped * np.exp(before + part * (after - before)).reshape(warped.shape)
 
+    def _changed(self, it: KeyframeInterval, factors: np.ndarray) -> np.ndarray:
+        """Pixels [height, width] whose samples show another light than those of the first keyframe."""
+        one, other = (
+            self._judge.photocurrent(self._judge.lit(self._light.bands_of(frame), factors))
+            for frame in (it.first.frame, it.frame)
+        )
+        blocks = changed_blocks(one, other, UNCHANGED * self._judge.tolerance)
+        return pixels_of(grown(blocks), self._stage.size, BLOCK_PX)
+
     def _halve(self, it: KeyframeInterval, low: int, high: int, wrong: np.ndarray) -> None:
         middle = (low + high) // 2
         bends = self._lamps_bend(it, low, high)
@@ -391,6 +402,7 @@ class Between:
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
         more, done, current = wrong, np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
+        halves = None if it.first.clean is None else current.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
         expected = pecs.carry(
@@ -408,18 +420,25 @@ class Between:
             self._light.refresh_around(it.frame, found)
             for box, part in self._light.raw_parts(it.frame, found):
                 part = self._judge.lit(part, factors)
+                if halves is not None:
+                    of = self._judge.lit(self._light.halves_of(it.frame)[at(box)], factors)
+                    halves[at(box)] = self._judge.photocurrent(of)
                 current[at(box)] = self._judge.photocurrent(part)
                 if it.first.clean is None:
                     light[at(box)] = part
             done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
-            wrong = self._judge.differing(predicted, current)
-            more = grown(wrong) & ~done
+            differing = self._judge.differing_blocks(predicted, current, halves)
+            wrong, more = of_blocks(differing), of_blocks(grown(differing)) & ~done
         if it.first.clean is not None:
+            # Where nothing changed, the keyframe's: a denoiser gives other values for a part of the picture.
+            known = np.isfinite(current)
+            changed = known & self._changed(it, factors)
+            light = np.where(known & ~changed, self._judge.lit(it.first.written, factors), light)
             around = it.frame[: 2 * len(it.first.raw)]
-            for box, part in self._light.clean_parts(it.frame, done, around):
+            for box, part in self._light.clean_parts(it.frame, tiles_with(changed), around):
                 rendered = self._judge.lit(self._judge.with_noise(part, factors), factors)
                 mixed = self._judge.mixed(expected[at(box)], rendered)
-                light[at(box)] = np.where(np.isfinite(current[at(box)]), mixed, light[at(box)])
+                light[at(box)] = np.where(changed[at(box)], mixed, light[at(box)])
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
         with np.errstate(divide="ignore", invalid="ignore"):

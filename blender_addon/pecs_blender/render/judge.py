@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .tiles import differing, differing_tiles, probe_strips
+from .tiles import differing_blocks, differing_tiles, of_blocks, probe_strips
 
 if TYPE_CHECKING:  # they import bpy
     from .layers.light import Light
@@ -85,7 +85,12 @@ class Judge:
 
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents differ; NaN pixels are ignored."""
-        return differing(a, b, self.tolerance, self.subpixels)
+        return of_blocks(self.differing_blocks(a, b))
+
+    def differing_blocks(self, a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None) -> np.ndarray:
+        """Blocks [rows, columns] in which two photocurrents differ. halves: half the difference of the halves of
+        b's samples."""
+        return differing_blocks(a, b, self.tolerance, self.subpixels, halves=halves)
 
     def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,6 +12,7 @@ TILE_PX = 16
 BLOCK_PX = 4
 EDGE_PX = 0.15  # tolerated shift of an edge, in sensor pixels
 SIGMAS = 4.0
+OF_HALVES = 2.0  # a difference of two pictures is more than this times half that of the halves
 LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
 STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 
@@ -28,9 +30,9 @@ def tiles_of(width: int, height: int) -> tuple[int, int]:
     return -(-height // TILE_PX), -(-width // TILE_PX)
 
 
-def differing(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float) -> np.ndarray:
-    """Tiles [rows, columns] with a block that differs (`differing_blocks`)."""
-    return _blocks(differing_blocks(a, b, tolerance, subpixels), TILE_PX // BLOCK_PX).any(-1)
+def of_blocks(blocks: np.ndarray) -> np.ndarray:
+    """Tiles [rows, columns] that contain any of the blocks."""
+    return _blocks(blocks, TILE_PX // BLOCK_PX).any(-1)
 
 
 def differing_tiles(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float) -> np.ndarray:
@@ -42,11 +44,17 @@ def differing_tiles(a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: f
 
 
 def differing_blocks(
-    a: np.ndarray, b: np.ndarray, tolerance: float, subpixels: float, sigmas: float = SIGMAS
+    a: np.ndarray,
+    b: np.ndarray,
+    tolerance: float,
+    subpixels: float,
+    sigmas: float = SIGMAS,
+    halves: np.ndarray | None = None,
 ) -> np.ndarray:
     """Blocks whose light differs by more than `tolerance` times itself plus a shift of its edges by EDGE_PX, and by
     more than `sigmas` times the scatter within blocks. a, b: [height, width] with `subpixels` per sensor pixel in x and
-    y; NaN pixels are ignored."""
+    y; NaN pixels are ignored. halves: half the difference of the halves of b's samples, from which the noise of blocks
+    and their neighbours follows, too; a bright path in one of them is no difference."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
@@ -59,9 +67,19 @@ def differing_blocks(
     scatter = np.sqrt(np.maximum((d**2).sum(-1) - total**2 / np.maximum(n, 1), 0) * n / np.maximum(n - 1, 1))
     limit = np.where(known, _blocks(allowed), 0).sum(-1)
     different = (n >= BLOCK_PX) & (np.abs(total) > limit)
-    usual = LIKE_NEIGHBOURS * _median(np.where(n >= BLOCK_PX, scatter, np.nan), different)
+    usual = LIKE_NEIGHBOURS * _of_neighbours(np.where(n >= BLOCK_PX, scatter, np.nan), different, np.nanmedian)
     different[different] = np.abs(total[different]) > sigmas * np.minimum(scatter[different], usual)
+    if halves is not None:
+        noise = np.abs(np.where(known, _blocks(halves), 0).sum(-1))
+        usual = _of_neighbours(np.where(n >= BLOCK_PX, noise**2, np.nan), different, np.nanmean) ** 0.5
+        different[different] = np.abs(total[different]) > np.maximum(sigmas * usual, OF_HALVES * noise[different])
     return different
+
+
+def changed_blocks(a: np.ndarray, b: np.ndarray, tolerance: float) -> np.ndarray:
+    """Blocks in which the pixels of two pictures [height, width] from the same samples differ, in the mean by more than
+    `tolerance` of a."""
+    return np.nansum(_blocks(np.abs(b - a)), -1) > tolerance * np.nansum(_blocks(a), -1)
 
 
 def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
@@ -72,10 +90,10 @@ def _blocks(values: np.ndarray, side: int = BLOCK_PX) -> np.ndarray:
     return padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
 
 
-def _median(values: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Median, without NaN, of each value that is wanted and its 24 neighbours."""
+def _of_neighbours(values: np.ndarray, where: np.ndarray, mean: Callable) -> np.ndarray:
+    """A mean, without NaN, of each value that is wanted and its 24 neighbours."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), (5, 5))
-    return np.nanmedian(around[where].reshape(-1, 25), axis=1)
+    return mean(around[where].reshape(-1, 25), axis=1)
 
 
 def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:

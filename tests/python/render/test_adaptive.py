@@ -143,6 +143,61 @@ def test_pictures_between_show_their_own_instant(blends):
     assert len(worst) > 10 and max(worst) < 1.5
 
 
+DESK = (
+    "--lens",
+    "none",
+    "--focal",
+    "5mm",
+    "--fnumber",
+    2,
+    "--width",
+    96,
+    "--height",
+    54,
+    "--bands",
+    1,
+    "--fps",
+    1000,
+    "--frames",
+    17,
+)
+
+
+@pytest.fixture(scope="module")
+def desk(root, tmp_path_factory):
+    """Renders scenes/desk with further arguments."""
+
+    def rendered(*args):
+        folder = tmp_path_factory.mktemp("desk") / "s"
+        pecs_blender("render", root / "scenes/desk", "-o", folder, *DESK, *args)
+        return folder
+
+    return rendered
+
+
+def test_rendered_tiles_show_still_pixels_as_the_keyframe_does(desk):
+    """What a denoiser makes of a part of the picture differs from what it made of the whole."""
+    folder = desk("--time", "adaptive", "--set", "metronome_hz=3", "--set", "fan_hz=0")
+    still, same = 0, 0
+    with pecs.StackReader(folder) as reader:
+        first, second = reader.read_frame(0), reader.read_frame(1)
+        for which in range(len(reader.between_ns(0))):
+            light = reader.read_between(0, which)
+            there = (first == second).all(0) & np.isfinite(light[0])
+            still += there.sum()
+            same += (there & (light[: len(first)] == first).all(0)).sum()
+    assert still > 200 and same > 0.3 * still
+
+
+def test_lamps_of_a_scene_folder_flicker_as_rendered(desk):
+    flicker = ("--samples", 16, "--set", "flicker_hz=125", "--set", "window_to_lamp=0", "--set", "fan_hz=0")
+    folder, every, chip = desk("--time", "adaptive", *flicker), desk(*flicker), pecs.Chip("ideal")
+    truth = chip.photocurrent(every).mean((1, 2))
+    with pecs.Light(folder, chip) as light:
+        found = np.array([light.at(1000.0 * step)[0].mean() for step in range(17)])
+    assert np.abs(np.log(found / truth)).max() < 0.05 and np.ptp(np.log(truth)) > 0.3
+
+
 def test_a_shadow_needs_a_part_of_the_picture_alone(blends):
     folder = adaptive(blends, "shadow")
     sizes = [len(data) for name, data in files(folder).items() if name.startswith("between")]

@@ -8,6 +8,10 @@ from support import in_bpy
 SHAPE = 90, 150  # no multiple of a tile
 
 
+def differing(*args, **options):
+    return tiles.of_blocks(tiles.differing_blocks(*args, **options))
+
+
 @pytest.mark.parametrize("call_px", [0, 1000, 1e6])
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.8, 1.0])
 def test_boxes_cover_all_tiles_once_at_the_least_cost(share, call_px):
@@ -38,13 +42,34 @@ def test_noise_does_not_differ_and_light_does():
     rng = np.random.default_rng(5)
     light = 1 + 0.5 * np.sin(np.arange(150) / 3) * np.sin(np.arange(90) / 4)[:, None]
     noisy = [light * (1 + 0.1 * rng.standard_normal(SHAPE)) for _ in range(2)]
-    assert tiles.differing(*noisy, 0.05, 1).mean() < 0.05
+    assert differing(*noisy, 0.05, 1).mean() < 0.05
     changed = noisy[1].copy()
     changed[32:48, 64:80] *= 1.3
-    found = tiles.differing(noisy[0], changed, 0.05, 1)
+    found = differing(noisy[0], changed, 0.05, 1)
     assert found[2, 4] and found.sum() <= 4
     changed[32:48, 64:80] = np.nan  # says nothing
-    assert not tiles.differing(noisy[0], changed, 0.05, 1)[2, 4]
+    assert not differing(noisy[0], changed, 0.05, 1)[2, 4]
+
+
+def test_a_bright_path_in_one_half_of_the_samples_is_no_difference():
+    rng = np.random.default_rng(7)
+    own, *halves = (1 + 0.02 * rng.standard_normal(SHAPE) for _ in range(3))
+    halves[0][20, 30] += 40  # far above the noise of its neighbours
+    halves[0][60, 100] += 40
+    halves[1][60, 100] += 39
+    other, half_difference = (halves[0] + halves[1]) / 2, (halves[0] - halves[1]) / 2
+    assert np.argwhere(differing(own, other, 0.05, 1)).tolist() == [[1, 1], [3, 6]]
+    assert np.argwhere(differing(own, other, 0.05, 1, halves=half_difference)).tolist() == [[3, 6]]
+
+
+def test_blocks_of_the_same_samples_change_by_more_than_a_share():
+    one = np.random.default_rng(8).random(SHAPE)
+    other = one.copy()
+    other[41, 82] += 0.3
+    other[10:14, 10:14] = one[10:14, 10:14][::-1]  # the mean stays
+    other[-1, -1] += 0.3  # of a block that is smaller than others
+    found = tiles.changed_blocks(one, other, 0.01)
+    assert found[10, 20] and found[2, 2] and found[-1, -1] and not found[:, :2].any() and found.sum() <= 6
 
 
 def test_whole_tiles_show_what_noise_hides_from_blocks():
@@ -54,14 +79,14 @@ def test_whole_tiles_show_what_noise_hides_from_blocks():
     other[32:64, 64:96] *= 1.15
     found = tiles.differing_tiles(own, other, 0.02, 1, 3)
     assert found[2:4, 4:6].all() and found.sum() <= 6
-    assert not tiles.differing(own, other, 0.02, 1)[2:4, 4:6].all()
+    assert not differing(own, other, 0.02, 1)[2:4, 4:6].all()
 
 
 @pytest.mark.parametrize("shift_px, differs", [(0.1, False), (0.5, True)])
 def test_edges_may_lie_a_little_elsewhere(shift_px, differs):
     x = np.arange(150) - 75.3
     step, moved = (1 + 9 * np.clip(x - shift, 0, 1) * np.ones(SHAPE) for shift in (0, shift_px))
-    assert tiles.differing(step, moved, 0.05, 1).any() == differs
+    assert differing(step, moved, 0.05, 1).any() == differs
 
 
 def test_strips_lie_in_the_picture():

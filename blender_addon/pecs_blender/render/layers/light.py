@@ -66,6 +66,10 @@ class Light(Layer):
         """The light of a frame, without its further channels."""
         return frame[: len(self._to_film)]
 
+    def halves_of(self, frame: np.ndarray) -> np.ndarray:
+        """Half the difference of the halves' bands of a frame, if it is denoised."""
+        return frame[len(self._to_film) : 2 * len(self._to_film)]
+
     def boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `refresh_around` takes."""
         call_px = CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples)
@@ -130,7 +134,7 @@ class Light(Layer):
         cycles.set_border(scene, None)
         return patches
 
-    def clean(self, frame: np.ndarray, fast: bool = False) -> np.ndarray | None:
+    def clean(self, frame: np.ndarray) -> np.ndarray | None:
         """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], that of all
         samples, and half the difference of the halves; None if nothing is denoised."""
         if not self._denoiser:
@@ -140,7 +144,7 @@ class Light(Layer):
         of_first, of_second = np.split(guides, 2)
         first = self._denoiser(mean + difference, of_first, fast=True)
         second = self._denoiser(mean - difference, of_second, fast=True)
-        both = (first + second) / 2 if fast else self._denoiser(mean, (of_first + of_second) / 2)
+        both = self._denoiser(mean, (of_first + of_second) / 2)
         return np.concatenate([both, (first - second) / 2])
 
     def _light_up(self, frame: np.ndarray) -> None:
@@ -174,7 +178,7 @@ class Light(Layer):
         nothing is denoised."""
         for box in self.filter_boxes(tiles) if self._denoiser else []:
             outer, inner = self._grown(box, HALO_PX), self._grown(box, DENOISE_PX)
-            part, clean = around[at(outer)].copy(), self.clean(frame[at(inner)], fast=where is None)
+            part, clean = around[at(outer)].copy(), self.clean(frame[at(inner)])
             part[at(inner, outer)] = clean if where is None else np.where(where[at(inner)], clean, around[at(inner)])
             yield box, self.blur(part)[at(box, outer)]
 
