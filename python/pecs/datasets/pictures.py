@@ -48,7 +48,7 @@ def take(work: Work, entry: CameraEntry) -> None:
             work.recipe.rng(work.index, f"camera.{entry.name}.film"),
         )
         for index, (begin, end) in enumerate(times):
-            first_row = begin - first_us - film.rolling_us * (size[1] - 1) / 2
+            first_row = begin - first_us - film.rolled_us(size[1])
             planes = light.exposure(first_row, end - begin, film.rolling_us, film.steps or None)
             name = f"{index:06d}.png"
             write_whole(folder / "rgb" / name, png_bytes(developer.picture(planes), PNG_LEVEL))

@@ -56,6 +56,10 @@ class Film:
     sharp: bool
     steps: int  # of an exposure; 0: motion is at most half a pixel in each
 
+    def rolled_us(self, height: int) -> float:
+        """From the first row's exposure to the middle of the picture, and from there to the last row's."""
+        return self.rolling_us * (height - 1) / 2
+
 
 @dataclass(frozen=True)
 class CameraEntry:

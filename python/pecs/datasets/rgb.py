@@ -168,7 +168,7 @@ def frame_times_us(
     film: Film, height: int, duration_us: float, exposure_ms: float, phase_ms: float
 ) -> list[tuple[int, int]]:
     """Begin and end of the middle row's exposure, of the pictures all of whose rows lie within the sequence."""
-    exposure_us, period_us, rolled_us = exposure_ms * 1e3, 1e6 / film.fps, film.rolling_us * (height - 1) / 2
+    exposure_us, period_us, rolled_us = exposure_ms * 1e3, 1e6 / film.fps, film.rolled_us(height)
     begin = phase_ms * 1e3 + np.arange(math.ceil(duration_us / period_us)) * period_us
     whole = (begin >= rolled_us) & (begin + exposure_us + rolled_us <= duration_us)
     return [(round(b), round(b + exposure_us)) for b in begin[whole]]
@@ -192,7 +192,7 @@ def _exposures_us(entry: CameraEntry, height: int, drawn: dict[str, Any]) -> lis
     """Begin of the first and end of the last row's exposure, of each picture."""
     film, own = entry.film, drawn["cameras"][entry.name]
     assert film
-    rolled_us = film.rolling_us * (height - 1) / 2
+    rolled_us = film.rolled_us(height)
     duration_us = drawn["duration_s"] * 1e6
     times = frame_times_us(film, height, duration_us, own["exposure_ms"], own["phase_ms"])
     return [(begin - rolled_us, end + rolled_us) for begin, end in times]

@@ -11,6 +11,7 @@ pytest.importorskip("scipy")
 
 from pecs.datasets import recipe  # noqa: E402
 from pecs.datasets.table import Table  # noqa: E402
+from pecs.datasets.work import pixels  # noqa: E402
 
 RECIPE = """
 name = "t"
@@ -216,15 +217,7 @@ def test_the_recipes_of_the_examples(path):
         if entry.pixels_of:
             continue
         drawn = found.draw(0)["cameras"][entry.name]
-        if entry.kind == "events":
-            with pecs.Chip(entry.chip) as chip:
-                width, height, pitch_um = (
-                    entry.width or chip.width,
-                    entry.height or chip.height,
-                    chip.pixel_pitch_m * 1e6,
-                )
-        else:
-            width, height, pitch_um = entry.width, entry.height, entry.pixel_pitch_um
+        width, height, pitch_um = pixels(found, entry)
         corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
         setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_um * 1e-3}
         with pecs.Lens(entry.lens) as lens:
