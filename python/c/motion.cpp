@@ -14,6 +14,11 @@ using pecs::capi::given;
 using pecs::capi::guard;
 using namespace pecs::sensor;
 
+struct pecs_carrier {
+  Carrier motion;
+  std::size_t pixels;
+};
+
 namespace {
 
 CarrySide side_of(const char* side) {
@@ -39,15 +44,23 @@ void check_fraction(double fraction) {
 
 extern "C" {
 
-int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels, int width,
-               int height, double fraction, const char* side, float* out, int64_t capacity, pecs_error* error) {
+pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, int height, pecs_error* error) {
   return guard(error, [&] {
+    const std::size_t pixels = positive(width, "width") * positive(height, "height");
+    const std::size_t values = positive(channels, "channels") * pixels;
+    return new pecs_carrier{Carrier({&given(motion, "motion"), values}, width, height), pixels};
+  });
+}
+
+int pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second, int bands, double fraction,
+                       const char* side, float* out, int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const auto& [motion, pixels] = given(carrier, "carrier");
     const CarrySide which = side_of(side);
     check_fraction(fraction);
-    const std::size_t pixels = positive(width, "width") * positive(height, "height");
-    const std::size_t planes = positive(bands, "bands"), values = positive(channels, "channels") * pixels;
+    const std::size_t planes = positive(bands, "bands");
     pecs::capi::need_room(static_cast<int64_t>(planes * pixels), capacity);
-    given(first, "first"), given(second, "second"), given(motion, "motion"), given(out, "out");
+    given(first, "first"), given(second, "second"), given(out, "out");
     std::vector<const float*> a, b;
     std::vector<float*> to;
     for (std::size_t k = 0; k < planes; ++k) {
@@ -55,25 +68,26 @@ int pecs_carry(const float* first, const float* second, int bands, const float* 
       b.push_back(second + k * pixels);
       to.push_back(out + k * pixels);
     }
-    Carrier({motion, values}, width, height).planes(a, b, {&fraction, 1}, to, which);
+    motion.planes(a, b, {&fraction, 1}, to, which);
     return 0;
   });
 }
 
-int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels, int width,
-                      int height, double fraction, int32_t* out, int64_t capacity, pecs_error* error) {
+int pecs_carrier_labels(const pecs_carrier* carrier, const int32_t* first, const int32_t* second, double fraction,
+                        int32_t* out, int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
+    const auto& [motion, pixels] = given(carrier, "carrier");
     check_fraction(fraction);
-    const std::size_t pixels = positive(width, "width") * positive(height, "height");
-    const std::size_t values = positive(channels, "channels") * pixels;
     pecs::capi::need_room(static_cast<int64_t>(pixels), capacity);
-    given(first, "first"), given(second, "second"), given(motion, "motion"), given(out, "out");
+    given(first, "first"), given(second, "second"), given(out, "out");
     std::vector<Carrier::Sight> sights;
     for (std::size_t i = 0; i < pixels; ++i) sights.push_back({static_cast<std::int32_t>(i), fraction});
-    Carrier({motion, values}, width, height).labels(first, second, sights, {out, pixels});
+    motion.labels(first, second, sights, {out, pixels});
     return 0;
   });
 }
+
+void pecs_carrier_close(pecs_carrier* carrier) { delete carrier; }
 
 int64_t pecs_event_labels(const pecs_event* events, int64_t count, const pecs_stack_reader* stack, const char* layer,
                           double begin_us, uint16_t* out, int64_t capacity, pecs_error* error) {

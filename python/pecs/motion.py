@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLE, FLOATS, INT, INT64, INTEGERS, POINTER, TEXT
-from ._library import function
+from ._library import Handle, function
 from .events import as_events
 from .stack import StackReader
 
-_carry = function("pecs_carry", INT, FLOATS, FLOATS, INT, FLOATS, INT, INT, INT, DOUBLE, TEXT, FLOATS, INT64)
-_carry_labels = function("pecs_carry_labels", INT, INTEGERS, INTEGERS, FLOATS, INT, INT, INT, DOUBLE, INTEGERS, INT64)
+_open = function("pecs_carrier_open", POINTER, FLOATS, INT, INT, INT)
+_light = function("pecs_carrier_light", INT, POINTER, FLOATS, FLOATS, INT, DOUBLE, TEXT, FLOATS, INT64)
+_labels = function("pecs_carrier_labels", INT, POINTER, INTEGERS, INTEGERS, DOUBLE, INTEGERS, INT64)
+_close = function("pecs_carrier_close", None, POINTER, error=False)
 _event_labels = function("pecs_event_labels", INT64, POINTER, INT64, POINTER, TEXT, DOUBLE, POINTER, INT64)
 
 
@@ -39,25 +41,111 @@ def velocity_weights(fraction: float) -> NDArray[np.float64]:
     return np.asarray(_POWERS * fraction ** (_POWERS - 1) @ _COEFFICIENTS)
 
 
+class Carrier(Handle):
+    """The motion between two keyframes, prepared once for any number of instants.
+
+        with pecs.Carrier(stack.read_layer("motion", 0)) as carrier:
+            third, half = (carrier.light(first, second, fraction) for fraction in (1 / 3, 1 / 2))
+
+    Parameters
+    ----------
+    motion : array
+        [20, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
+        backward flow. NaN: unknown.
+
+    Raises
+    ------
+    ValueError
+        A shape is wrong.
+    """
+
+    _free = staticmethod(_close)
+
+    def __init__(self, motion: ArrayLike):
+        m = np.ascontiguousarray(motion, np.float32)
+        if m.ndim != 3 or len(m) not in CHANNEL_COUNTS:
+            raise ValueError(f"motion: got shape {m.shape}, wanted ({len(CHANNELS)}, H, W), or 2 or 4 channels")
+        self._size = m.shape[1:]
+        super().__init__(_open(m, len(m), m.shape[2], m.shape[1]))
+
+    def light(self, first: ArrayLike, second: ArrayLike, fraction: float, side: str = "both") -> NDArray[np.float32]:
+        """The light between the keyframes, warped along the motion.
+
+        Parameters
+        ----------
+        first, second : array
+            [H, W] or [bands, H, W], any positive light.
+        fraction : float
+            Time within the interval, 0 to 1.
+        side : str
+            "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
+            surface.
+
+        Returns
+        -------
+        float32 array
+            In the shape of `first`.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong.
+        """
+        a, b = (np.ascontiguousarray(v, np.float32) for v in (first, second))
+        if a.shape != b.shape or a.ndim not in (2, 3):
+            raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
+        self._check_size(a.shape[-2:])
+        out = np.empty_like(a)
+        self._call(_light, a, b, 1 if a.ndim == 2 else len(a), fraction, side.encode(), out, out.size)
+        return out
+
+    def labels(self, first: ArrayLike, second: ArrayLike, fraction: float) -> NDArray[np.int32]:
+        """Object ids between two planes of them, warped along the motion. The nearest surface wins; ids are never
+        blended.
+
+        Parameters
+        ----------
+        first, second : array
+            [H, W], whole numbers.
+        fraction : float
+            Time within the interval, 0 to 1.
+
+        Returns
+        -------
+        int32 array
+            [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, or a value is not a whole number.
+        """
+        a, b = _whole(first), _whole(second)
+        if a.shape != b.shape or a.ndim != 2:
+            raise ValueError(f"labels: got shapes {a.shape} and {b.shape}, wanted two of [H, W]")
+        self._check_size(a.shape)
+        out = np.empty_like(a)
+        self._call(_labels, a, b, fraction, out, out.size)
+        return out
+
+    def _check_size(self, size: tuple[int, ...]) -> None:
+        if size != self._size:
+            raise ValueError(f"motion: got {self._size[0]} x {self._size[1]} pixels, wanted {size[0]} x {size[1]}")
+
+
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light between two keyframes, warped along motion.
+    """`Carrier.light` for one instant.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
 
     Parameters
     ----------
-    first, second : array
-        [H, W] or [bands, H, W], any positive light.
+    first, second, fraction, side
+        As of `Carrier.light`.
     motion : array
-        [20, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
-        backward flow. NaN: unknown.
-    fraction : float
-        Time within the interval, 0 to 1.
-    side : str
-        "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
-        surface.
+        As of `Carrier`.
 
     Returns
     -------
@@ -69,27 +157,19 @@ def carry(
     ValueError
         A shape is wrong.
     """
-    a, b, m = (np.ascontiguousarray(v, np.float32) for v in (first, second, motion))
-    if a.shape != b.shape or a.ndim not in (2, 3):
-        raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
-    _check_motion(m, a.shape[-2:])
-    out = np.empty_like(a)
-    bands = 1 if a.ndim == 2 else len(a)
-    _carry(a, b, bands, m, len(m), a.shape[-1], a.shape[-2], fraction, side.encode(), out, out.size)
-    return out
+    with Carrier(motion) as carrier:
+        return carrier.light(first, second, fraction, side)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """Object ids between two planes of them, warped along motion. The nearest surface wins; ids are never blended.
+    """`Carrier.labels` for one instant.
 
     Parameters
     ----------
-    first, second : array
-        [H, W], whole numbers.
+    first, second, fraction
+        As of `Carrier.labels`.
     motion : array
-        As of `carry`.
-    fraction : float
-        Time within the interval, 0 to 1.
+        As of `Carrier`.
 
     Returns
     -------
@@ -101,14 +181,8 @@ def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fractio
     ValueError
         A shape is wrong, or a value is not a whole number.
     """
-    a, b = _whole(first), _whole(second)
-    m = np.ascontiguousarray(motion, np.float32)
-    if a.shape != b.shape or a.ndim != 2:
-        raise ValueError(f"labels: got shapes {a.shape} and {b.shape}, wanted two of [H, W]")
-    _check_motion(m, a.shape)
-    out = np.empty_like(a)
-    _carry_labels(a, b, m, len(m), a.shape[1], a.shape[0], fraction, out, out.size)
-    return out
+    with Carrier(motion) as carrier:
+        return carrier.labels(first, second, fraction)
 
 
 def event_labels(
@@ -147,12 +221,6 @@ def event_labels(
     with stack._use() as handle:
         _event_labels(some.ctypes.data, len(some), handle, layer.encode(), begin_us, out.ctypes.data, len(out))
     return out
-
-
-def _check_motion(motion: NDArray[np.float32], size: tuple[int, ...]) -> None:
-    if motion.ndim != 3 or motion.shape[1:] != size or len(motion) not in CHANNEL_COUNTS:
-        wanted = f"({len(CHANNELS)}, {size[0]}, {size[1]}), or 2 or 4 channels"
-        raise ValueError(f"motion: got shape {motion.shape}, wanted {wanted}")
 
 
 def _whole(labels: ArrayLike) -> NDArray[np.int32]:

@@ -125,7 +125,7 @@ class Adaptive:
         if index < len(ends):
             second = self._picture((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
-            self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, motion))
+            self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, pecs.Carrier(motion)))
             output.write_layer("motion", index, motion)
 
     def _picture(self, index: int) -> Picture:
@@ -293,7 +293,7 @@ class KeyframeInterval:
     end: int
     first: Picture
     second: Picture
-    motion: np.ndarray
+    carrier: pecs.Carrier
     frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
     residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
     lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of light over that interpolated in time
@@ -330,7 +330,7 @@ class Between:
     def _disagreeing(self, it: KeyframeInterval) -> np.ndarray:
         middle = (it.start + it.end) // 2
         (first, second), fraction = self._photocurrents(it, middle), self._fraction(it, middle)
-        a, b = (pecs.carry(first, second, it.motion, fraction, side=side) for side in ("first", "second"))
+        a, b = (it.carrier.light(first, second, fraction, side) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
 
@@ -338,7 +338,7 @@ class Between:
         middle = (it.start + it.end) // 2
 
         def warped(bands: slice) -> np.ndarray:
-            return pecs.carry(*self._photocurrents(it, middle, bands), it.motion, self._fraction(it, middle))
+            return it.carrier.light(*self._photocurrents(it, middle, bands), self._fraction(it, middle))
 
         self._stage.set_time(self._grid_s[middle])
         return self._judge.strips_differing(self._stage, self._light, it.index, warped)
@@ -395,7 +395,7 @@ class Between:
         if middle == low or not (wrong.any() or bends):
             return
         fraction = self._fraction(it, middle)
-        warped = pecs.carry(*self._photocurrents(it, middle), it.motion, fraction)
+        warped = it.carrier.light(*self._photocurrents(it, middle), fraction)
         predicted = self._predicted(it, middle, warped)
         self._stage.set_time(self._grid_s[middle])
         factors = self._stage.factors
@@ -405,9 +405,7 @@ class Between:
         halves = None if it.first.clean is None else current.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
-        expected = pecs.carry(
-            *(self._judge.lit(one.written, factors) for one in (it.first, it.second)), it.motion, fraction
-        )
+        expected = it.carrier.light(*(self._judge.lit(one.written, factors) for one in (it.first, it.second)), fraction)
         expected[: len(self._judge.weights)] *= change
         # Motion and lamps give the light elsewhere; without lamps, the sensor computes the same.
         light = expected.copy() if bends else np.full(expected.shape, np.nan, np.float32)

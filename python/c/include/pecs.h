@@ -244,21 +244,23 @@ typedef int (*pecs_progress_fn)(double done, void* user);
 PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
                           void* user, pecs_error* error);
 
-/* Light between two keyframes, carried along the motion of what is seen (docs/reference/sensor.md). first, second, out:
- * [bands][height][width], any positive light; motion: [channels][height][width], the 20 channels of the layer `motion`
- * (docs/reference/exr_stack.md), or 2 (forward optical flow in pixels) or 4 (forward and backward), NaN where not
- * known; fraction: 0 (the first) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts,
- * NaN where it does not show it. capacity: of out, in floats. */
-PECS_API int pecs_carry(const float* first, const float* second, int bands, const float* motion, int channels,
-                        int width, int height, double fraction, const char* side, float* out, int64_t capacity,
-                        pecs_error* error);
-
+/* The motion between two keyframes (docs/reference/sensor.md), prepared for any number of instants. motion:
+ * [channels][height][width], the 20 channels of the layer `motion` (docs/reference/exr_stack.md), or 2 (forward optical
+ * flow in pixels) or 4 (forward and backward), NaN where not known. Threads may share it. */
+typedef struct pecs_carrier pecs_carrier;
+PECS_API pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, int height, pecs_error* error);
+/* Light between the keyframes. first, second, out: [bands][height][width], any positive light; fraction: 0 (the first)
+ * to 1. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does not show it.
+ * capacity: of out, in floats. */
+PECS_API int pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second, int bands,
+                                double fraction, const char* side, float* out, int64_t capacity, pecs_error* error);
 /* Numbers of what is seen (object ids) between two planes of them, [height][width]: each pixel gets that of the surface
- * point which is visible there at `fraction`, never blended; motion and fraction as of pecs_carry. What neither plane
- * shows is what both have at the pixel, or 0. capacity: of out. */
-PECS_API int pecs_carry_labels(const int32_t* first, const int32_t* second, const float* motion, int channels,
-                               int width, int height, double fraction, int32_t* out, int64_t capacity,
-                               pecs_error* error);
+ * point which is visible there at `fraction`, never blended. What neither plane shows is what both have at the pixel,
+ * or 0. capacity: of out. */
+PECS_API int pecs_carrier_labels(const pecs_carrier* carrier, const int32_t* first, const int32_t* second,
+                                 double fraction, int32_t* out, int64_t capacity, pecs_error* error);
+PECS_API void pecs_carrier_close(pecs_carrier* carrier);
+
 /* The number of each event, at the event's own time (to half a pixel of motion), in a stack's layer of one channel of
  * whole numbers per instant ("objects"), along the stack's motion; 0 outside the stack's time. Events in the order of
  * time; begin_us: their time at the stack's first instant. The stack needs no light. Returns count. */
@@ -276,7 +278,7 @@ PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* err
 PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                                   pecs_error* error);
 /* The same where it is known how things moved in the interval before each frame: motion is [count][channels][height]
- * [width], channels as of pecs_carry; that of the first frame ever is not looked at. Light between the frames is
+ * [width], channels as of pecs_carrier_open; that of the first frame ever is not looked at. Light between the frames is
  * carried along it, so often that nothing moves more than half a pixel. */
 PECS_API int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count,
                                          const float* motion, int channels, int last, pecs_error* error);

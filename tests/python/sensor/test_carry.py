@@ -36,6 +36,19 @@ def test_bands_are_carried_alike_and_sides_can_be_had_alone():
     assert all(0 < plane.sum() < 400 for plane in hidden) and (hidden[0] & hidden[1]).sum() < 20
 
 
+def test_one_motion_carries_at_any_number_of_instants():
+    scene = Scene(80, 60)
+    first, second, motion = scene.frame(0), scene.frame(1), scene.motion()
+    with pecs.Carrier(motion) as carrier:
+        for fraction in (0.7, 0.2, 0.7):
+            carried = pecs.carry(first, second, motion, fraction)
+            assert np.array_equal(carrier.light(first, second, fraction), carried)
+            ids = np.round(100 * first), np.round(100 * second)
+            assert np.array_equal(carrier.labels(*ids, fraction), pecs.carry_labels(*ids, motion, fraction))
+    with pytest.raises(ValueError, match="closed"):
+        carrier.light(first, second, 0.5)
+
+
 def test_wrong_arguments_are_refused():
     plane, motion = np.ones((4, 6)), np.zeros((20, 4, 6))
     for arguments in (
