@@ -136,7 +136,7 @@ class Carrier(Handle):
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """`Carrier.light` for one instant.
+    """The light at one instant between two keyframes, warped along motion: `Carrier.light`.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
 
@@ -162,7 +162,7 @@ def carry(
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """`Carrier.labels` for one instant.
+    """Object ids at one instant between two planes of them, warped along motion: `Carrier.labels`.
 
     Parameters
     ----------

@@ -284,7 +284,7 @@ def plant(paint, rng):
     """Leaves that bend, in a pot."""
     greens = [paint.plain(rgb, 0.4) for rgb in ((0.04, 0.14, 0.03), (0.08, 0.24, 0.05), (0.16, 0.32, 0.08))]
     pot = paint.noise("clay", (0.3, 0.12, 0.06), (0.5, 0.24, 0.13), (30.0, 150.0))
-    x, y = 0.37, 1.12
+    x, y = 0.63, 1.05
     shape = Shape()
     shape.tube((x, y, DESK_M), (x, y, DESK_M + 0.1), (0.05, 0.065), pot, 32)
     shape.tube((x, y, DESK_M + 0.1), (x, y, DESK_M + 0.102), (0.058, 0.058), paint.plain((0.05, 0.03, 0.02), 0.9), 32)
@@ -307,7 +307,7 @@ def plant(paint, rng):
 
 def fan(turns_hz, paint, rng):
     """Four blades behind a guard of wires, towards the camera."""
-    place = Vector((0.58, 0.98, DESK_M + 0.24))
+    place = Vector((0.4, 1.05, DESK_M + 0.24))
     steel, dark = paint.plain((0.4, 0.4, 0.41), 0.3), paint.plain((0.05, 0.05, 0.055), 0.5)
     stand = Shape()
     stand.tube((place.x, place.y + 0.05, DESK_M), (place.x, place.y + 0.05, DESK_M + 0.02), (0.08, 0.075), dark, 24)
