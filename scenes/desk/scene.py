@@ -350,21 +350,21 @@ def metronome(swings_hz, paint, rng):
     shape = Shape()
     corners = [
         (x + w * s, y + w * t, DESK_M + h)
-        for w, h in ((0.05, 0.0), (0.022, 0.17))
+        for w, h in ((0.055, 0.0), (0.022, 0.21))
         for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
     shape.add(corners, [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 3, 2, 1), (4, 5, 6, 7)], wood)
     shape.object("metronome", "metronome")
     rod, steel = Shape(), paint.plain((0.6, 0.6, 0.58), 0.2)
-    rod.tube((0, 0, 0), (0, 0, 0.18), (0.0018, 0.0018), steel, 8)
-    weight = [(-0.012, 0.11), (0.012, 0.11), (0.009, 0.14), (-0.009, 0.14)]
+    rod.tube((0, 0, 0), (0, 0, 0.25), (0.0018, 0.0018), steel, 8)
+    weight = [(-0.012, 0.17), (0.012, 0.17), (0.009, 0.2), (-0.009, 0.2)]
     rod.add(
         [(u, s, v) for s in (-0.005, 0.005) for u, v in weight],
         [(0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)],
         paint.plain((0.7, 0.55, 0.2), 0.25),
     )
     pendulum = rod.object("pendulum", "metronome")
-    pendulum.location = (x, y - 0.056, DESK_M + 0.02)
+    pendulum.location = (x, y - 0.062, DESK_M + 0.02)
     phase = rng.uniform(0, 2 * math.pi)
 
     def move(t_s):
