@@ -11,7 +11,7 @@ from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
-from pecs_blender.render.build import SceneParts, area_lamp, mesh_object
+from pecs_blender.render.build import SceneParts, area_lamp, material_of, mesh_object
 from pecs_blender.render.paint import Paint
 from pecs_blender.render.solids import Shape
 
@@ -43,7 +43,7 @@ def build(p):
     rng = Random(int(p["texture_seed"]))
     paint = Paint(rng)
     surroundings(paint)
-    lamp = lights(p)
+    lamp = lights(p, paint)
     books(paint, rng)
     papers(paint, rng)
     keyboard(paint)
@@ -89,11 +89,11 @@ def surroundings(paint):
     board.object("pinboard", "board")
 
 
-def lights(p):
+def lights(p, paint):
     """A window in the left wall, and the desk lamp, whose light is returned. Each alone gives the card at CARD_M its
     share of pi, unless something hides it."""
     window = area_lamp("window", WINDOW_M, WINDOW_SIZE_M, p["window_spectrum"])
-    bpy.data.objects["window"].rotation_euler = (0.0, -math.pi / 2, 0.0)  # looks along +x
+    window.rotation_euler = (0.0, -math.pi / 2, 0.0)  # looks along +x
     lamp = area_lamp("desk lamp", LAMP_M, (LAMP_SIDE_M, LAMP_SIDE_M), p["lamp_spectrum"])
     shares = (p["window_to_lamp"] / (1 + p["window_to_lamp"]), 1 / (1 + p["window_to_lamp"]))
     for light, centre, away, share in ((window, WINDOW_M, (1, 0, 0), shares[0]), (lamp, LAMP_M, (0, 0, -1), shares[1])):
@@ -101,7 +101,7 @@ def lights(p):
         light.data.energy *= (
             share * math.pi / (light.data.size * light.data.size_y * way.dot(Vector(away)) * way.y / way.length**4)
         )
-    steel, shade = Paint(Random(0)).plain((0.2, 0.2, 0.21), 0.3), Shape()
+    steel, shade = paint.plain((0.2, 0.2, 0.21), 0.3), Shape()
     x, y, z = LAMP_M
     foot, elbow, head = (0.75, 0.75, DESK_M), (0.7, 0.72, DESK_M + 0.3), (x, y, z + 0.07)
     shade.tube(foot, (*foot[:2], DESK_M + 0.015), (0.09, 0.085), steel, 24)
@@ -109,7 +109,7 @@ def lights(p):
     shade.tube(elbow, head, (0.008, 0.008), steel, 8)
     around = [2 * math.pi * k / 24 for k in range(24)]
     rings = [[(x + r * math.cos(a), y + r * math.sin(a), h) for a in around] for r, h in ((0.03, head[2]), (0.08, z))]
-    shade.add([*rings[0], *rings[1]], [(k, (k + 1) % 24, 24 + (k + 1) % 24, 24 + k) for k in range(24)], steel)
+    shade.band(*rings, steel)
     shade.object("lamp", "lamp")
     return lamp.data
 
@@ -209,7 +209,7 @@ def keyboard(paint):
 
 
 def screen(paint, rng):
-    """A screen that shows lines of a program, and emits as much as a white card on the desk reflects."""
+    """A screen that shows lines of a program, and emits about as much as a white card reflects."""
     black, (x, y, z) = paint.plain((0.02, 0.02, 0.022), 0.3), (0.0, 1.02, DESK_M + 0.09)
     shape = Shape()
     shape.box((x - 0.27, x + 0.27), (y, y + 0.03), (z, z + 0.32), black)
@@ -238,13 +238,8 @@ def screen(paint, rng):
 
 
 def glowing(name, rgb):
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    shader, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    material, shader = material_of(name, "ShaderNodeEmission")
     shader.inputs["Color"].default_value = (*rgb, 1.0)
-    material.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
     return material
 
 
@@ -260,8 +255,7 @@ def mug(paint, rng):
         [(x + 0.036 * math.cos(a), y + 0.036 * math.sin(a), z) for a in around] for z in (heights[-1], DESK_M + 0.01)
     ]
     for k, (low, high) in enumerate(zip(rings[:-1], rings[1:], strict=True)):
-        faces = [(i, (i + 1) % 48, 48 + (i + 1) % 48, 48 + i) for i in range(48)]
-        shape.add([*low, *high], faces, stripe if k in (1, 3) else body)
+        shape.band(low, high, stripe if k in (1, 3) else body)
     shape.add(rings[-1], [tuple(range(48))], body)
     for k in range(7):  # a handle of short tubes
         a, b = (math.pi * (n / 7 - 0.5) for n in (k, k + 1))

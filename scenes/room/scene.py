@@ -9,7 +9,7 @@ import math
 from random import Random
 
 import bpy
-from pecs_blender.render.build import SceneParts, area_lamp, box, diffuse, mesh_object
+from pecs_blender.render.build import SceneParts, area_lamp, box, diffuse, material_of, mesh_object
 
 FLOOR_M, BACK_M = -0.8, 2.6
 
@@ -54,13 +54,7 @@ def build(p):
 
 
 def _material(name, closure="ShaderNodeBsdfPrincipled"):
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    shader = nodes.new(closure)
-    output = nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    material, shader = material_of(name, closure)
     return material, material.node_tree, shader
 
 

@@ -418,12 +418,12 @@ class Between:
             self._light.refresh_around(it.frame, found)
             for box, part in self._light.raw_parts(it.frame, found):
                 part = self._judge.lit(part, factors)
-                if halves is not None:
+                current[at(box)] = self._judge.photocurrent(part)
+                if halves is None:
+                    light[at(box)] = part
+                else:
                     of = self._judge.lit(self._light.halves_of(it.frame)[at(box)], factors)
                     halves[at(box)] = self._judge.photocurrent(of)
-                current[at(box)] = self._judge.photocurrent(part)
-                if it.first.clean is None:
-                    light[at(box)] = part
             done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
             differing = self._judge.differing_blocks(predicted, current, halves)
             wrong, more = of_blocks(differing), of_blocks(grown(differing)) & ~done

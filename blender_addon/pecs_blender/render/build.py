@@ -32,13 +32,19 @@ class SceneParts:
     lamps: tuple[bpy.types.Light, ...] = ()
 
 
-def diffuse(name: str, reflectance: Spectrum) -> bpy.types.Material:
+def material_of(name: str, kind: str) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
+    """A material of one shader node of this type, and that node."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     nodes = material.node_tree.nodes
     nodes.clear()
-    bsdf, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(bsdf.outputs[0], output.inputs["Surface"])
+    shader, output = nodes.new(kind), nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    return material, shader
+
+
+def diffuse(name: str, reflectance: Spectrum) -> bpy.types.Material:
+    material, bsdf = material_of(name, "ShaderNodeBsdfDiffuse")
     material["pecs_reflectance"] = reflectance.source
     if reflectance.is_constant:
         bsdf.inputs["Color"].default_value = (*[float(reflectance.value[0])] * 3, 1.0)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Materials of scene folders: plain ones, and procedural textures of the object's own metres."""
 
-import bpy
+from .build import material_of
 
 
 class Paint:
@@ -70,12 +70,9 @@ class Paint:
 
     def _get(self, key, colour, roughness):
         if key not in self._made:
-            material = self._made[key] = bpy.data.materials.new(str(key if isinstance(key, str) else key[0]))
-            material.use_nodes = True
+            material, shader = material_of(str(key if isinstance(key, str) else key[0]), "ShaderNodeBsdfPrincipled")
+            self._made[key] = material
             nodes, links = material.node_tree.nodes, material.node_tree.links
-            nodes.clear()
-            shader, output = nodes.new("ShaderNodeBsdfPrincipled"), nodes.new("ShaderNodeOutputMaterial")
-            links.new(shader.outputs[0], output.inputs["Surface"])
             shader.inputs["Roughness"].default_value = roughness
             found = colour(nodes, links)
             if isinstance(found, tuple):

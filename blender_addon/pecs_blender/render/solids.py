@@ -32,8 +32,13 @@ class Shape:
         """A profile of (y, z) points, drawn along x."""
         n = len(profile)
         corners = [(x, y, z) for x in x_m for y, z in profile]
-        self.add(corners, [(i, (i + 1) % n, n + (i + 1) % n, n + i) for i in range(n)], material)
+        self.band(corners[:n], corners[n:], material)
         self.add(corners, [tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1))], material)
+
+    def band(self, low, high, material):
+        """Faces between two closed rings of as many points."""
+        n = len(low)
+        self.add([*low, *high], [(i, (i + 1) % n, n + (i + 1) % n, n + i) for i in range(n)], material)
 
     def tube(self, start, end, radii_m, material, segments=12, round_ends=False):
         """A frustum; with round ends a capsule."""

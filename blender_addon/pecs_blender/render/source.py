@@ -21,7 +21,7 @@ class Source(ABC):
     """scene: the Blender scene to render. unit_m: metres per unit of its coordinates. lens: `lens` (a name or "none"),
     `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: for stack.json. folder: of files with
     relative paths. path: replaces the camera's own motion. placed: objects of other files. fnumber: of the scene's own
-    camera at t = 0. lamps: those whose strength set_time changes, beside animated ones."""
+    camera at t = 0. lamps: not animated, but set_time changes their strength."""
 
     scene: bpy.types.Scene
     folder: Path

@@ -40,7 +40,6 @@ class Stage:
         self.lamps = Lamps(source, times_s)
         self._pose_first_instant(plan.view)
         self._measure_light(plan.bands, plan.light)
-        self.lamps.hold()
         self._build_cameras(plan.view, plan.bands.per_pass)
 
     def _set_up_cycles(self, sampling: Sampling) -> None:

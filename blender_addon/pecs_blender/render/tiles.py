@@ -12,7 +12,7 @@ TILE_PX = 16
 BLOCK_PX = 4
 EDGE_PX = 0.15  # tolerated shift of an edge, in sensor pixels
 SIGMAS = 4.0
-OF_HALVES = 2.0  # a difference of two pictures is more than this times half that of the halves
+OF_HALVES = 2.0  # a difference counts beyond this times half the difference of the halves
 LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
 STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 
@@ -54,7 +54,7 @@ def differing_blocks(
     """Blocks whose light differs by more than `tolerance` times itself plus a shift of its edges by EDGE_PX, and by
     more than `sigmas` times the scatter within blocks. a, b: [height, width] with `subpixels` per sensor pixel in x and
     y; NaN pixels are ignored. halves: half the difference of the halves of b's samples, from which the noise of blocks
-    and their neighbours follows, too; a bright path in one of them is no difference."""
+    and their neighbours follows, too; a bright path in one of them does not count."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
