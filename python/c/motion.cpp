@@ -4,6 +4,7 @@
 #include <tbb/task_arena.h>
 
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "guard.h"
@@ -15,8 +16,14 @@ using pecs::capi::guard;
 using namespace pecs::sensor;
 
 struct pecs_carrier {
-  Carrier motion;
+  std::shared_ptr<const Carrier> motion;
   std::size_t pixels;
+};
+
+struct pecs_carried {
+  std::shared_ptr<const Carrier> motion;
+  CarriedLight light;
+  std::size_t bands, pixels;
 };
 
 namespace {
@@ -48,30 +55,45 @@ pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, in
   return guard(error, [&] {
     const std::size_t pixels = positive(width, "width") * positive(height, "height");
     const std::size_t values = positive(channels, "channels") * pixels;
-    return new pecs_carrier{Carrier({&given(motion, "motion"), values}, width, height), pixels};
+    return new pecs_carrier{std::make_shared<Carrier>(std::span(&given(motion, "motion"), values), width, height),
+                            pixels};
   });
 }
 
-int pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second, int bands, double fraction,
-                       const char* side, float* out, int64_t capacity, pecs_error* error) {
+pecs_carried* pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second, int bands,
+                                 const char* side, pecs_error* error) {
   return guard(error, [&] {
     const auto& [motion, pixels] = given(carrier, "carrier");
     const CarrySide which = side_of(side);
-    check_fraction(fraction);
-    const std::size_t planes = positive(bands, "bands");
-    pecs::capi::need_room(static_cast<int64_t>(planes * pixels), capacity);
-    given(first, "first"), given(second, "second"), given(out, "out");
+    const std::size_t count = positive(bands, "bands");
+    given(first, "first"), given(second, "second");
     std::vector<const float*> a, b;
-    std::vector<float*> to;
-    for (std::size_t k = 0; k < planes; ++k) {
+    for (std::size_t k = 0; k < count; ++k) {
       a.push_back(first + k * pixels);
       b.push_back(second + k * pixels);
-      to.push_back(out + k * pixels);
     }
-    motion.planes(a, b, {&fraction, 1}, to, which);
+    return new pecs_carried{motion, {*motion, a, b, which}, count, pixels};
+  });
+}
+
+int pecs_carried_at(const pecs_carried* light, double fraction, const int32_t* boxes, int count, float* out,
+                    int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const auto& [motion, carried, bands, pixels] = given(light, "light");
+    check_fraction(fraction);
+    pecs::capi::need_room(static_cast<int64_t>(bands * pixels), capacity);
+    given(out, "out");
+    std::vector<float*> to;
+    for (std::size_t k = 0; k < bands; ++k) to.push_back(out + k * pixels);
+    std::vector<Box> parts(CarriedLight::kWhole, CarriedLight::kWhole + 1);
+    if (boxes) parts.clear();
+    for (int k = 0; boxes && k < count; ++k, boxes += 4) parts.push_back({boxes[0], boxes[1], boxes[2], boxes[3]});
+    carried.planes({&fraction, 1}, to, parts);
     return 0;
   });
 }
+
+void pecs_carried_close(pecs_carried* light) { delete light; }
 
 int pecs_carrier_labels(const pecs_carrier* carrier, const int32_t* first, const int32_t* second, double fraction,
                         int32_t* out, int64_t capacity, pecs_error* error) {
@@ -82,7 +104,7 @@ int pecs_carrier_labels(const pecs_carrier* carrier, const int32_t* first, const
     given(first, "first"), given(second, "second"), given(out, "out");
     std::vector<Carrier::Sight> sights;
     for (std::size_t i = 0; i < pixels; ++i) sights.push_back({static_cast<std::int32_t>(i), fraction});
-    motion.labels(first, second, sights, {out, pixels});
+    motion->labels(first, second, sights, {out, pixels});
     return 0;
   });
 }

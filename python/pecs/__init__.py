@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .lens import Camera, Lens
     from .light import Light
     from .metrics import compare, delays
-    from .motion import Carrier, carry, carry_labels, event_labels
+    from .motion import CarriedLight, Carrier, carry, carry_labels, event_labels
     from .representations import event_histogram, time_surface, voxel_grid
     from .sensor import Sensor, simulate
     from .spectra import glass, spectrum
@@ -34,7 +34,7 @@ _MODULES = {
     "lens": "Camera Lens",
     "light": "Light",
     "metrics": "compare delays",
-    "motion": "Carrier carry carry_labels event_labels",
+    "motion": "CarriedLight Carrier carry carry_labels event_labels",
     "representations": "event_histogram time_surface voxel_grid",
     "sensor": "Sensor simulate",
     "spectra": "glass spectrum",
@@ -43,6 +43,7 @@ _MODULES = {
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = [
     "Camera",
+    "CarriedLight",
     "Carrier",
     "Chip",
     "EVENT_DTYPE",

@@ -14,7 +14,9 @@ from .events import as_events
 from .stack import StackReader
 
 _open = function("pecs_carrier_open", POINTER, FLOATS, INT, INT, INT)
-_light = function("pecs_carrier_light", INT, POINTER, FLOATS, FLOATS, INT, DOUBLE, TEXT, FLOATS, INT64)
+_light = function("pecs_carrier_light", POINTER, POINTER, FLOATS, FLOATS, INT, TEXT)
+_at = function("pecs_carried_at", INT, POINTER, DOUBLE, POINTER, INT, FLOATS, INT64)
+_close_light = function("pecs_carried_close", None, POINTER, error=False)
 _labels = function("pecs_carrier_labels", INT, POINTER, INTEGERS, INTEGERS, DOUBLE, INTEGERS, INT64)
 _close = function("pecs_carrier_close", None, POINTER, error=False)
 _event_labels = function("pecs_event_labels", INT64, POINTER, INT64, POINTER, TEXT, DOUBLE, POINTER, INT64)
@@ -45,7 +47,8 @@ class Carrier(Handle):
     """The motion between two keyframes, prepared once for any number of instants.
 
         with pecs.Carrier(stack.read_layer("motion", 0)) as carrier:
-            third, half = (carrier.light(first, second, fraction) for fraction in (1 / 3, 1 / 2))
+                light = carrier.light(first, second)
+            third, half = light.at(1 / 3), light.at(1 / 2)
 
     Parameters
     ----------
@@ -68,36 +71,31 @@ class Carrier(Handle):
         self._size = m.shape[1:]
         super().__init__(_open(m, len(m), m.shape[2], m.shape[1]))
 
-    def light(self, first: ArrayLike, second: ArrayLike, fraction: float, side: str = "both") -> NDArray[np.float32]:
+    def light(self, first: ArrayLike, second: ArrayLike, side: str = "both") -> CarriedLight:
         """The light between the keyframes, warped along the motion.
 
         Parameters
         ----------
         first, second : array
             [H, W] or [bands, H, W], any positive light.
-        fraction : float
-            Time within the interval, 0 to 1.
         side : str
             "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
             surface.
 
         Returns
         -------
-        float32 array
-            In the shape of `first`.
+        CarriedLight
 
         Raises
         ------
         ValueError
-            A shape is wrong.
+            A shape or `side` is wrong.
         """
         a, b = (np.ascontiguousarray(v, np.float32) for v in (first, second))
         if a.shape != b.shape or a.ndim not in (2, 3):
             raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
         self._check_size(a.shape[-2:])
-        out = np.empty_like(a)
-        self._call(_light, a, b, 1 if a.ndim == 2 else len(a), fraction, side.encode(), out, out.size)
-        return out
+        return CarriedLight(self._call(_light, a, b, 1 if a.ndim == 2 else len(a), side.encode()), a, b)
 
     def labels(self, first: ArrayLike, second: ArrayLike, fraction: float) -> NDArray[np.int32]:
         """Object ids between two planes of them, warped along the motion. The nearest surface wins; ids are never
@@ -133,17 +131,62 @@ class Carrier(Handle):
             raise ValueError(f"motion: got {self._size[0]} x {self._size[1]} pixels, wanted {size[0]} x {size[1]}")
 
 
+class CarriedLight(Handle):
+    """The light between two keyframes, prepared for any number of instants by `Carrier.light`."""
+
+    _free = staticmethod(_close_light)
+
+    def __init__(self, handle: int, first: NDArray[np.float32], second: NDArray[np.float32]):
+        self._keyframes = first, second  # kept: the library has pointers to them
+        super().__init__(handle)
+
+    def at(
+        self, fraction: float, boxes: ArrayLike | None = None, out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """The light at one instant.
+
+        Parameters
+        ----------
+        fraction : float
+            Time within the interval, 0 to 1.
+        boxes : array, optional
+            [n, 4]: left, top, right, bottom [px] of the parts to compute. Default: the whole picture. Light elsewhere
+            is unspecified.
+        out : float32 array, optional
+            Filled and returned. Default: a new array, NaN outside the boxes or light there.
+
+        Returns
+        -------
+        float32 array
+            In the shape of the keyframes.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong.
+        """
+        shape = self._keyframes[0].shape
+        out = np.full(shape, np.nan, np.float32) if out is None else out
+        if out.shape != shape:
+            raise ValueError(f"out: got shape {out.shape}, wanted {shape}")
+        some = np.ascontiguousarray(() if boxes is None else boxes, np.int32).reshape(-1, 4)
+        self._call(_at, fraction, None if boxes is None else some.ctypes.data, len(some), out, out.size)
+        return out
+
+
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light at one instant between two keyframes, warped along motion: `Carrier.light`.
+    """The light at one instant between two keyframes, warped along motion: `Carrier.light(...).at(fraction)`.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
 
     Parameters
     ----------
-    first, second, fraction, side
+    first, second, side
         As of `Carrier.light`.
+    fraction : float
+        Time within the interval, 0 to 1.
     motion : array
         As of `Carrier`.
 
@@ -158,7 +201,7 @@ def carry(
         A shape is wrong.
     """
     with Carrier(motion) as carrier:
-        return carrier.light(first, second, fraction, side)
+        return carrier.light(first, second, side).at(fraction)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:

@@ -20,6 +20,7 @@ namespace {
 
 using namespace pecs::bench;
 
+using pecs::sensor::CarriedLight;
 using pecs::sensor::Carrier;
 constexpr int kWidth = 1280, kHeight = 720, kPlanes = 16;
 constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
@@ -96,7 +97,7 @@ void run(const std::string& name, int passes, int threads) {
     const Carrier carrier(layer, kWidth, kHeight);
     prepares.push_back(cpu_s() - start);
     const float *a = first.data(), *b = second.data();
-    carries.push_back(seconds([&] { carrier.planes({&a, 1}, {&b, 1}, fractions, planes); }));
+    carries.push_back(seconds([&] { CarriedLight(carrier, {&a, 1}, {&b, 1}).planes(fractions, planes); }));
   }
   const double pixels = static_cast<double>(kPixels) * kPlanes;
   fmt::print(

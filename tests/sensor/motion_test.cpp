@@ -77,7 +77,7 @@ Plane carry(const Carrier& carrier, const Plane& a, const Plane& b, double s, Ca
   Plane out(kPixels);
   const float *first = a.data(), *second = b.data();
   float* to = out.data();
-  carrier.planes({&first, 1}, {&second, 1}, {&s, 1}, {&to, 1}, side);
+  CarriedLight(carrier, {&first, 1}, {&second, 1}, side).planes({&s, 1}, {&to, 1});
   return out;
 }
 
@@ -269,10 +269,28 @@ TEST(Motion, WildNumbersDoNoHarm) {
   for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {1, 200}, {200, 1}}) {
     const Plane small(static_cast<std::size_t>(width * height), 2.0f);
     Plane out(small.size());
+    const float* const light = small.data();
+    float* const to = out.data();
+    const double s = 0.5;
     const Carrier tiny(Plane(kMotionChannels * small.size(), 0.25f), width, height);
-    tiny.plane(small.data(), small.data(), 0.5, out.data());
+    CarriedLight(tiny, {&light, 1}, {&light, 1}).planes({&s, 1}, {&to, 1});
     EXPECT_TRUE(std::ranges::all_of(out, [](float v) { return std::abs(v - 2) < 1e-5f; })) << width << 'x' << height;
   }
+}
+
+TEST(Motion, BoxesHaveTheWholePicturesLight) {
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  const Plane a = Block::light(0), b = Block::light(1), whole = carry(carrier, a, b, 0.4);
+  Plane out(kPixels, -1);
+  const float *first = a.data(), *second = b.data();
+  float* const to = out.data();
+  const double s = 0.4;
+  const Box boxes[] = {{50, 30, 70, 41}, {kWidth - 3, 0, kWidth, kHeight}};
+  CarriedLight(carrier, {&first, 1}, {&second, 1}).planes({&s, 1}, {&to, 1}, boxes);
+  for (const Box& box : boxes)
+    for (int y = box.y0; y < box.y1; ++y)
+      for (int x = box.x0; x < box.x1; ++x) EXPECT_EQ(out[at(x, y)], whole[at(x, y)]);
+  EXPECT_GT(std::ranges::count(out, -1.0f), 0);  // the rest was not computed
 }
 
 TEST(Motion, LightStaysLight) {

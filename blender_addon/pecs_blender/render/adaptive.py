@@ -26,7 +26,19 @@ from .output import Output, as_written
 from .plan import Instants
 from .stage import Stage
 from .surfaces import HitCache, SurfaceHits, Surfaces
-from .tiles import BLOCK_PX, at, changed_blocks, grown, of_blocks, pixels_of, tiles_with
+from .tiles import (
+    BLOCK_PX,
+    TILE_PX,
+    Box,
+    at,
+    box_of,
+    changed_blocks,
+    grown,
+    of_blocks,
+    part_boxes,
+    pixels_of,
+    tiles_with,
+)
 from .timeline import Timeline
 
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosing keyframes, of the sensor's
@@ -205,11 +217,12 @@ class ChangedParts:
         now = self._hits.at(t_s)
         self._stage.set_time(t_s)
         factors = self._stage.factors
-        expected = self._judge.lit(self._light.bands_of(still), factors)
+        same = self._judge.lit(self._light.first_half(still), factors)
         changed = self._judge.strips_differing(
-            self._stage, self._light, index, lambda bands: self._judge.photocurrent(expected, bands)
+            self._stage, self._light, index, lambda bands: self._judge.photocurrent(same, bands)
         )
-        frame, current = still.copy(), self._judge.photocurrent(expected)
+        frame = still.copy()
+        current = self._judge.photocurrent(self._judge.lit(self._light.bands_of(still), factors))
         surfaces = self._hits.surfaces
         moved = surfaces.moved(before, now.poses) | surfaces.moved(now, before.poses)
         more = grown(tiles_with(moved) | changed)
@@ -218,7 +231,7 @@ class ChangedParts:
             done |= more
             if done.mean() > MAX_CHANGED:
                 return self._picture(*self._whole())
-            self._light.refresh(frame, self._light.boxes(more))
+            self._light.refresh_tiles(frame, more)
             rendered = self._judge.lit(self._light.bands_of(frame), factors)
             differing = self._judge.differing_blocks(current, self._judge.photocurrent(rendered))
             more = of_blocks(grown(differing)) & ~done
@@ -253,34 +266,50 @@ def average_samples(
 ) -> np.ndarray:
     """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light, at
     these strengths of lamps, in the first channels, those of Picture.raw; rounded as in the file."""
-    depth = np.minimum(hits.depth, SKY_M)
-    total, count = own.astype(np.float64), np.ones(own.shape[1:])
-    current = judge.photocurrent(judge.lit(own, factors))
+    more, count = np.zeros(own.shape), np.zeros(own.shape[1:], np.uint8)  # from neighbours
     for light, there in neighbours:
-        warped = _warped(light, there, hits, surfaces)
-        if warped is None:
+        place = surfaces.place(there, hits.poses)
+        box = _differing_part(own, light, place, surfaces.centres())
+        if box is None:
             continue
-        warped, z = warped[:-1], warped[-1]
-        same = np.isfinite(warped).all(0) & (np.abs(z - depth) <= SAME_DEPTH * depth)
-        other = judge.photocurrent(judge.lit(warped, factors))
+        here = own[at(box)]
+        warped, z = np.split(_warped(light, there, place, box), [len(own)])
+        depth = np.minimum(hits.depth[at(box)], SKY_M)
+        same = np.isfinite(warped).all(0) & (np.abs(z[0] - depth) <= SAME_DEPTH * depth)
+        current, other = (judge.photocurrent(judge.lit(one, factors)) for one in (here, warped))
         agree = judge.same_light(np.where(same, current, np.nan), np.where(same, other, np.nan))
-        height, width = same.shape
-        same &= pixels_of(agree, (width, height))
-        total[:, same] += warped[:, same]
-        count[same] += 1
-    return as_written((total / count).astype(np.float32))
+        same &= pixels_of(agree, same.shape[::-1])
+        more[at(box)][:, same] += warped[:, same]
+        count[at(box)][same] += 1
+    mean = own.copy()
+    shared = count > 0
+    mean[:, shared] = (own[:, shared] + more[:, shared]) / (1 + count[shared])
+    return as_written(mean)
 
 
-def _warped(light: np.ndarray, there: SurfaceHits, hits: SurfaceHits, surfaces: Surfaces) -> np.ndarray | None:
-    """Light and depth at the instant of `hits`; None if nothing moves."""
-    place = surfaces.place(there, hits.poses)
-    move = place[:2] - surfaces.centres()
-    if not np.any(move):
+def _differing_part(own: np.ndarray, light: np.ndarray, place: np.ndarray, centres: np.ndarray) -> Box | None:
+    """Box of tiles, and some more around them, outside which a neighbour's surfaces stand still in the same light. None
+    if nothing moves. place: as Surfaces.place returns it for the neighbour's points."""
+    moving = (place[:2] != centres).any(0)
+    if not moving.any():
         return None
-    z = np.minimum(place[2], SKY_M)
+    height, width = moving.shape
+    x, y = place[:2, moving & np.isfinite(place[:2]).all(0)]
+    reached = moving | (own != light).any(0)
+    reached[np.clip(y, 0, height - 1).astype(int), np.clip(x, 0, width - 1).astype(int)] = True
+    tiles = grown(tiles_with(reached))
+    (left, right), (top, bottom) = (np.flatnonzero(tiles.any(axis))[[0, -1]] * TILE_PX for axis in (0, 1))
+    return left, top, min(right + TILE_PX, width), min(bottom + TILE_PX, height)
+
+
+def _warped(light: np.ndarray, there: SurfaceHits, place: np.ndarray, box: Box) -> np.ndarray:
+    """A neighbour's light and, in a further channel, depth in a box, warped to `place`."""
+    x, y, z = place[at(box)]
+    move = np.stack([x - np.arange(box[0], box[2]) - 0.5, y - np.arange(box[1], box[3])[:, None] - 0.5])
+    z = np.minimum(z, SKY_M)
     motion = np.full((len(CHANNELS), *z.shape), np.nan, np.float32)
-    motion[: len(CHANNELS) // 2] = [*(part for q in QUARTERS for part in q * move), there.depth, place[2]]
-    bands = np.concatenate([light, z[None].astype(np.float32)])
+    motion[: len(CHANNELS) // 2] = [*(part for q in QUARTERS for part in q * move), there.depth[at(box)], z]
+    bands = np.concatenate([light[at(box)], z[None].astype(np.float32)])
     return pecs.carry(bands, bands, motion, ALMOST_ONE, side="first")
 
 
@@ -297,6 +326,7 @@ class KeyframeInterval:
     frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
     residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
     lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of light over that interpolated in time
+    carried: tuple[pecs.CarriedLight, pecs.CarriedLight] | None = None  # Between._carried
 
 
 class Between:
@@ -316,7 +346,7 @@ class Between:
             it.frame = it.first.frame.copy()
             it.lamps = self._of_lamps(it) if self._stage.lamps.names else None
             self._halve(it, it.start, it.end, self._disagreeing(it) | self._probed(it))
-            it.frame = None
+            it.frame = it.carried = None
 
     def _fraction(self, it: KeyframeInterval, step: int) -> float:
         start_s, end_s = self._grid_s[it.start], self._grid_s[it.end]
@@ -330,7 +360,7 @@ class Between:
     def _disagreeing(self, it: KeyframeInterval) -> np.ndarray:
         middle = (it.start + it.end) // 2
         (first, second), fraction = self._photocurrents(it, middle), self._fraction(it, middle)
-        a, b = (it.carrier.light(first, second, fraction, side) for side in ("first", "second"))
+        a, b = (it.carrier.light(first, second, side).at(fraction) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
 
@@ -338,7 +368,7 @@ class Between:
         middle = (it.start + it.end) // 2
 
         def warped(bands: slice) -> np.ndarray:
-            return it.carrier.light(*self._photocurrents(it, middle, bands), self._fraction(it, middle))
+            return it.carrier.light(*self._photocurrents(it, middle, bands)).at(self._fraction(it, middle))
 
         self._stage.set_time(self._grid_s[middle])
         return self._judge.strips_differing(self._stage, self._light, it.index, warped)
@@ -365,28 +395,46 @@ class Between:
         followed = bend <= LAMP_TOLERANCE * self._judge.tolerance  # not where a lamp is off: NaN
         return np.count_nonzero(~followed) > LAMP_SHARE * followed.size
 
-    def _predicted(self, it: KeyframeInterval, step: int, warped: np.ndarray) -> np.ndarray:
-        """Warped photocurrent, times the residual interpolated between rendered pictures: the sensor's prediction if
-        the lamps have constant strength."""
-        before, after = np.zeros(warped.size, np.float32), np.zeros(warped.size, np.float32)
-        t_before, t_after = (np.full(warped.size, self._grid_s[end], np.float64) for end in (it.start, it.end))
-        nodes = sorted(it.residual)
-        for node in (n for n in nodes if n < step):
-            at, values = it.residual[node]
-            before[at], t_before[at] = values, self._grid_s[node]
-        for node in (n for n in reversed(nodes) if n > step):
-            at, values = it.residual[node]
-            after[at], t_after[at] = values, self._grid_s[node]
-        part = (self._grid_s[step] - t_before) / (t_after - t_before)
-        return warped * np.exp(before + part * (after - before)).reshape(warped.shape)
+    def _carried(self, it: KeyframeInterval, step: int) -> tuple[pecs.CarriedLight, pecs.CarriedLight]:
+        """Photocurrent and the light that is written, at a step's strengths of lamps."""
+        if it.carried is None or self._stage.lamps.names:
+            factors = self._stage.lamps.factors(self._grid_s[step])
+            written = (self._judge.lit(one.written, factors) for one in (it.first, it.second))
+            it.carried = it.carrier.light(*self._photocurrents(it, step)), it.carrier.light(*written)
+        return it.carried
 
-    def _changed(self, it: KeyframeInterval, factors: np.ndarray) -> np.ndarray:
-        """Pixels [height, width] whose samples show another light than those of the first keyframe."""
-        one, other = (
-            self._judge.photocurrent(self._judge.lit(self._light.bands_of(frame), factors))
-            for frame in (it.first.frame, it.frame)
-        )
-        blocks = changed_blocks(one, other, UNCHANGED * self._judge.tolerance)
+    def _change(self, it: KeyframeInterval, step: int) -> np.ndarray:
+        """Rendered over warped photocurrent [height, width]: the residual interpolated between rendered pictures, as in
+        the sensor's prediction if the lamps have constant strength."""
+        out = np.ones(self._stage.size[::-1], np.float32)
+        if not it.residual:
+            return out
+        before, after = np.zeros(out.size, np.float32), np.zeros(out.size, np.float32)
+        since, until = np.zeros(out.size), np.zeros(out.size)  # s after the interval's start, before its end
+        for node in sorted(it.residual):
+            if node < step:
+                where, before[where] = it.residual[node][0], it.residual[node][1]
+                since[where] = self._grid_s[node] - self._grid_s[it.start]
+        for node in sorted(it.residual, reverse=True):
+            if node > step:
+                where, after[where] = it.residual[node][0], it.residual[node][1]
+                until[where] = self._grid_s[it.end] - self._grid_s[node]
+        where = np.unique(np.concatenate([pixels for pixels, _ in it.residual.values()]))
+        now_s, length_s = (self._grid_s[k] - self._grid_s[it.start] for k in (step, it.end))
+        part = (now_s - since[where]) / (length_s - until[where] - since[where])
+        out.ravel()[where] = np.exp(before[where] + part * (after[where] - before[where]))
+        return out
+
+    def _changed(self, it: KeyframeInterval, factors: np.ndarray, boxes_px: list[Box]) -> np.ndarray:
+        """Pixels [height, width] of these boxes whose samples show another light than those of the first keyframe, and
+        pixels around them."""
+        blocks = np.zeros([-(-n // BLOCK_PX) for n in self._stage.size[::-1]], bool)
+        for box in boxes_px:
+            one, other = (
+                self._judge.photocurrent(self._judge.lit(self._light.bands_of(frame)[at(box)], factors))
+                for frame in (it.first.frame, it.frame)
+            )
+            blocks[at(box_of(box, BLOCK_PX))] = changed_blocks(one, other, UNCHANGED * self._judge.tolerance)
         return pixels_of(grown(blocks), self._stage.size, BLOCK_PX)
 
     def _halve(self, it: KeyframeInterval, low: int, high: int, wrong: np.ndarray) -> None:
@@ -394,54 +442,66 @@ class Between:
         bends = self._lamps_bend(it, low, high)
         if middle == low or not (wrong.any() or bends):
             return
-        fraction = self._fraction(it, middle)
-        warped = it.carrier.light(*self._photocurrents(it, middle), fraction)
-        predicted = self._predicted(it, middle, warped)
+        judge, size, denoised = self._judge, self._stage.size, it.first.clean is not None
+        fraction, change, (carried, carried_written) = (
+            of(it, middle) for of in (self._fraction, self._change, self._carried)
+        )
         self._stage.set_time(self._grid_s[middle])
         factors = self._stage.factors
+        warped, predicted = np.zeros((2, *size[::-1]), np.float32)  # where needed
+        current, halves = np.full((2, *size[::-1]), np.nan, np.float32)
+        light = np.full((len(judge.weights) + denoised, *size[::-1]), np.nan, np.float32)
+        expected = np.zeros_like(light)  # where needed
+
+        def expect(box: Box) -> np.ndarray:
+            carried_written.at(fraction, [box], expected)
+            expected[: len(judge.weights)][at(box)] *= change[at(box)]
+            return expected[at(box)]
+
+        if bends:  # motion and lamps give the light elsewhere; without lamps, the sensor computes the same
+            light[:] = expect((0, 0, *size))
 
         # Render the wrong tiles, growing until the new picture agrees with the prediction at its border.
-        more, done, current = wrong, np.zeros_like(wrong), np.full(warped.shape, np.nan, np.float32)
-        halves = None if it.first.clean is None else current.copy()
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.nan_to_num(predicted / warped, nan=1.0, posinf=1.0)
-        expected = it.carrier.light(*(self._judge.lit(one.written, factors) for one in (it.first, it.second)), fraction)
-        expected[: len(self._judge.weights)] *= change
-        # Motion and lamps give the light elsewhere; without lamps, the sensor computes the same.
-        light = expected.copy() if bends else np.full(expected.shape, np.nan, np.float32)
+        more, done = wrong, np.zeros_like(wrong)
         for _ in range(ROUNDS):
             if not more.any():
                 break
             if (done | more).mean() > MAX_BETWEEN:
                 more = ~done
-            found = self._light.boxes(more)
-            self._light.refresh_around(it.frame, found)
+            found = self._light.refresh_tiles(it.frame, more, around=True)
             for box, part in self._light.raw_parts(it.frame, found):
-                part = self._judge.lit(part, factors)
-                current[at(box)] = self._judge.photocurrent(part)
-                if halves is None:
-                    light[at(box)] = part
+                part = judge.lit(part, factors)
+                current[at(box)] = judge.photocurrent(part)
+                if denoised:
+                    of = judge.lit(self._light.halves_of(it.frame)[at(box)], factors)
+                    halves[at(box)] = judge.photocurrent(of)
                 else:
-                    of = self._judge.lit(self._light.halves_of(it.frame)[at(box)], factors)
-                    halves[at(box)] = self._judge.photocurrent(of)
-            done = tiles_with(np.isfinite(current))  # boxes may cover more tiles
-            differing = self._judge.differing_blocks(predicted, current, halves)
+                    light[at(box)] = part
+                done[at(box_of(box, TILE_PX))] = True
+            near = part_boxes(grown(done), *size)
+            carried.at(fraction, near, warped)
+            for box in near:
+                predicted[at(box)] = warped[at(box)] * change[at(box)]
+            differing = judge.differing_in(near, predicted, current, halves if denoised else None)
             wrong, more = of_blocks(differing), of_blocks(grown(differing)) & ~done
-        if it.first.clean is not None:
+        known = np.isfinite(current)
+        if denoised:
             # Where nothing changed, the keyframe's: a denoiser gives other values for a part of the picture.
-            known = np.isfinite(current)
-            changed = known & self._changed(it, factors)
-            light = np.where(known & ~changed, self._judge.lit(it.first.written, factors), light)
+            parts = part_boxes(done, *size)
+            changed = known & self._changed(it, factors, parts)
+            for box in parts:
+                still = known[at(box)] & ~changed[at(box)]
+                light[at(box)] = np.where(still, judge.lit(it.first.written[at(box)], factors), light[at(box)])
             around = it.frame[: 2 * len(it.first.raw)]
             for box, part in self._light.clean_parts(it.frame, tiles_with(changed), around):
-                rendered = self._judge.lit(self._judge.with_noise(part, factors), factors)
-                mixed = self._judge.mixed(expected[at(box)], rendered)
-                light[at(box)] = np.where(changed[at(box)], mixed, light[at(box)])
+                rendered = judge.lit(judge.with_noise(part, factors), factors)
+                light[at(box)] = np.where(changed[at(box)], judge.mixed(expect(box), rendered), light[at(box)])
         self._output.write_between(it.index, middle - it.start, round(self._grid_s[middle] * 1e9), light)
 
+        where = np.flatnonzero(known)
         with np.errstate(divide="ignore", invalid="ignore"):
-            residual = np.log(current / warped).ravel()
-        known = np.flatnonzero(~np.isnan(residual))
-        it.residual[middle] = known, np.where(np.isinf(residual[known]), 0, residual[known])
+            residual = np.log(current.ravel()[where] / warped.ravel()[where])
+        defined = ~np.isnan(residual)
+        it.residual[middle] = where[defined], np.where(np.isinf(residual), 0, residual)[defined]
         self._halve(it, low, middle, wrong)
         self._halve(it, middle, high, wrong)

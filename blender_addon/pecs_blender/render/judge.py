@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .tiles import differing_blocks, differing_tiles, of_blocks, probe_strips
+from .tiles import BLOCK_PX, TILE_PX, Box, at, box_of, differing_blocks, differing_tiles, of_blocks, probe_strips
 
 if TYPE_CHECKING:  # they import bpy
     from .layers.light import Light
@@ -91,6 +91,21 @@ class Judge:
         """Blocks [rows, columns] in which two photocurrents differ. halves: half the difference of the halves of
         b's samples."""
         return differing_blocks(a, b, self.tolerance, self.subpixels, halves=halves)
+
+    def differing_in(
+        self, boxes_px: list[Box], a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None
+    ) -> np.ndarray:
+        """As `differing_blocks`, in these boxes of tiles; False elsewhere. a, b and halves are read up to a tile
+        beyond."""
+        height, width = a.shape
+        out = np.zeros((-(-height // BLOCK_PX), -(-width // BLOCK_PX)), bool)
+        for left, top, right, bottom in boxes_px:
+            x, y = max(0, left - TILE_PX), max(0, top - TILE_PX)
+            part = np.s_[y : bottom + TILE_PX, x : right + TILE_PX]
+            found = self.differing_blocks(a[part], b[part], None if halves is None else halves[part])
+            inner = box_of((left, top, right, bottom), BLOCK_PX)
+            out[at(inner)] = found[at(inner, (x // BLOCK_PX, y // BLOCK_PX))]
+        return out
 
     def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""

@@ -14,6 +14,7 @@ EDGE_PX = 0.15  # tolerated shift of an edge, in sensor pixels
 SIGMAS = 4.0
 OF_HALVES = 2.0  # a difference counts beyond this times half the difference of the halves
 LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
+CALL_PX = 20000  # as slow as another call of numpy's functions
 STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
@@ -23,6 +24,16 @@ def at(box: Box, origin: tuple[int, ...] = (0, 0)) -> tuple:
     """Index of a box in pictures [..., height, width] whose first pixel is `origin`, x and y."""
     x, y = origin[:2]
     return ..., slice(box[1] - y, box[3] - y), slice(box[0] - x, box[2] - x)
+
+
+def box_of(box: Box, side: int) -> Box:
+    """The same box counted in squares of this side, which it meets."""
+    return box[0] // side, box[1] // side, -(-box[2] // side), -(-box[3] // side)
+
+
+def part_boxes(tiles: np.ndarray, width: int, height: int) -> list[Box]:
+    """Boxes that cover the tiles, for work on arrays."""
+    return boxes(tiles, width, height, CALL_PX, TILE_PX)
 
 
 def tiles_of(width: int, height: int) -> tuple[int, int]:
@@ -103,7 +114,7 @@ def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:
 
 def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> np.ndarray:
     """Pixels [height, width] of the tiles; size: width, height."""
-    return np.kron(tiles, np.ones((side, side), bool))[: size[1], : size[0]]
+    return tiles.repeat(side, 0).repeat(side, 1)[: size[1], : size[0]]
 
 
 def grown(tiles: np.ndarray) -> np.ndarray:

@@ -116,7 +116,8 @@ void MovingLight::warp(const LightInterval& interval, std::span<const double> fr
   }
   std::vector<float*> to;
   for (Plane& plane : out) to.push_back(plane.data());
-  interval.carrier->planes(interval.first, interval.second, fractions, to, CarrySide::both, fine);
+  const Box part{.y0 = fine.begin, .y1 = fine.end};
+  interval.carried->planes(fractions, to, {&part, 1});
   for (std::size_t k = 0; k < to.size() && !interval.residuals.empty(); ++k)
     interval.residuals[k % chips_].apply(fractions[k / chips_], to[k], begin, end);
 }
@@ -195,6 +196,7 @@ void IntervalReader::add_motion(LightInterval& in) const {
   const StackInfo& info = source().info();
   const double length_us = t_us(in.frame + 1) - t_us(in.frame);
   in.carrier.emplace(source(), in.frame);
+  in.carried.emplace(*in.carrier, in.first, in.second);
   const std::vector<double> even = in.carrier->instants(length_us, info.subpixels);
   in.instants.insert(in.instants.end(), even.begin(), even.end());
 
@@ -204,16 +206,19 @@ void IntervalReader::add_motion(LightInterval& in) const {
   for (const std::int64_t t_ns : times_ns)
     in.pictures.push_back((static_cast<double>(t_ns) - begin_ns) / (1e3 * length_us));
   const std::size_t values = static_cast<std::size_t>(info.file_width()) * static_cast<std::size_t>(info.file_height());
-  Plane rendered(values), warped(values);
-  for (std::size_t chip = 0; chip < chips_.size(); ++chip) {
-    Residuals& residuals = in.residuals.emplace_back();
-    for (std::size_t k = 0; k < in.pictures.size(); ++k) {
+  std::vector<Plane> warped(chips_.size(), Plane(values + motion::kSpare));
+  std::vector<float*> to;
+  for (Plane& plane : warped) to.push_back(plane.data());
+  Plane rendered(values);
+  in.residuals.resize(chips_.size());
+  for (std::size_t k = 0; k < in.pictures.size(); ++k) {
+    in.carried->planes({&in.pictures[k], 1}, to);
+    for (std::size_t chip = 0; chip < chips_.size(); ++chip) {
       chips_[chip]->read_between(in.frame, k, rendered.data());
-      in.carrier->plane(in.first[chip], in.second[chip], in.pictures[k], warped.data());
-      residuals.add(in.pictures[k], rendered, warped);
+      in.residuals[chip].add(in.pictures[k], rendered, std::span(warped[chip]).first(values));
     }
-    residuals.close();
   }
+  for (Residuals& residuals : in.residuals) residuals.close();
   const double close = 0.25 / static_cast<double>(in.instants.size());
   for (const double s : in.pictures)
     std::erase_if(in.instants, [&](double at) { return at > 0 && std::abs(at - s) < close; });

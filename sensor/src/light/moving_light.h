@@ -55,6 +55,7 @@ struct LightInterval {
   std::int64_t frame = 0;
   std::vector<const float*> first{}, second{};  // keyframes on each chip; no second: the first alone
   std::optional<Carrier> carrier{};             // none: blended at the pixel
+  std::optional<CarriedLight> carried{};        // by the carrier, on each chip
   std::vector<double> pictures{};               // fractions of the pictures rendered between
   std::vector<Residuals> residuals{};           // on each chip, or none
   // Fractions at which a sensor takes planes: 0, then so many that nothing moves more than half a pixel from one to the

@@ -116,9 +116,10 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
   MovingLight moving(width_, height_);
   for (std::size_t i = 0; i < planes.size(); ++i, motion += channels * pixels()) {
     if (!last_plane_.empty()) {
-      const LightInterval interval{.first = {last_plane_.data()},
-                                   .second = {planes[i]},
-                                   .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
+      LightInterval interval{.first = {last_plane_.data()},
+                             .second = {planes[i]},
+                             .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
+      interval.carried.emplace(*interval.carrier, interval.first, interval.second);
       const double length_us = t_us[i] - last_t_us_;
       const std::vector<double> instants = interval.carrier->instants(length_us);
       moving.planes(interval, instants, {0, height_}, [&](std::size_t first, std::span<const float* const> between) {

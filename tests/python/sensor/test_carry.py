@@ -39,14 +39,20 @@ def test_bands_are_carried_alike_and_sides_can_be_had_alone():
 def test_one_motion_carries_at_any_number_of_instants():
     scene = Scene(80, 60)
     first, second, motion = scene.frame(0), scene.frame(1), scene.motion()
+    boxes = [(0, 0, 10, 20), (30, 40, 80, 60)]
     with pecs.Carrier(motion) as carrier:
+        light = carrier.light(first, second)
         for fraction in (0.7, 0.2, 0.7):
             carried = pecs.carry(first, second, motion, fraction)
-            assert np.array_equal(carrier.light(first, second, fraction), carried)
+            assert np.array_equal(light.at(fraction), carried)
+            parts = light.at(fraction, boxes)
+            for left, top, right, bottom in boxes:
+                assert np.array_equal(parts[top:bottom, left:right], carried[top:bottom, left:right])
             ids = np.round(100 * first), np.round(100 * second)
             assert np.array_equal(carrier.labels(*ids, fraction), pecs.carry_labels(*ids, motion, fraction))
     with pytest.raises(ValueError, match="closed"):
-        carrier.light(first, second, 0.5)
+        carrier.light(first, second)
+    assert np.array_equal(light.at(0.7), carried)  # keeps what it needs
 
 
 def test_wrong_arguments_are_refused():

@@ -22,7 +22,7 @@ from ..tiles import Box, at, boxes
 from .layer import Layer
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
-BLUR_PX, HALO_PX = 16, 64  # around a part, diffraction uses light of the same instant, and further out of another
+BLUR_PX, HALO_PX = 8, 64  # around a part, diffraction uses light of the same instant, and further out of another
 CALL_RAYS = 13000  # of the camera: as slow as another call (street, 2 cores; 3000 and 6000 were slower)
 DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
@@ -70,10 +70,9 @@ class Light(Layer):
         """Half the difference of the halves' bands of a frame, if it is denoised."""
         return frame[len(self._to_film) : 2 * len(self._to_film)]
 
-    def boxes(self, tiles: np.ndarray) -> list[Box]:
-        """Boxes that cover the tiles, in the least time that `refresh_around` takes."""
-        call_px = CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples)
-        return boxes(tiles, *self._stage.size, call_px, self._around_px)
+    def first_half(self, frame: np.ndarray) -> np.ndarray:
+        """The light of a frame from the samples that `strips` renders."""
+        return self.bands_of(frame) + self.halves_of(frame) if self._denoiser else self.bands_of(frame)
 
     def filter_boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take."""
@@ -85,6 +84,15 @@ class Light(Layer):
         frame = np.empty((2 * (bands + guides) if self._denoiser else bands, *self._stage.size[::-1]), np.float32)
         self.refresh(frame, [(0, 0, *self._stage.size)])
         return frame
+
+    def refresh_tiles(self, frame: np.ndarray, tiles: np.ndarray, around: bool = False) -> list[Box]:
+        """Renders the current instant into boxes of a frame that cover these tiles, and returns them. around: also what
+        diffraction brings into them from around them."""
+        around_px = self._around_px if around else 0
+        call_px = CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples)
+        found = boxes(tiles, *self._stage.size, call_px, around_px)
+        self.refresh(frame, [self._grown(box, around_px) for box in found])
+        return found
 
     def refresh(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
         """Renders the current instant into these boxes of a frame that is as `fresh` returns it."""
@@ -105,10 +113,13 @@ class Light(Layer):
         self._light_up(frame)  # also across the borders of boxes
 
     def strips(self, boxes_px: list[Box], which: int) -> np.ndarray:
-        """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN
-        elsewhere."""
+        """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN elsewhere.
+        If light is denoised, from the first half of the samples: enough to find what changed."""
         frame = np.full(self._to_film.shape, np.nan, np.float32)
-        for box, patch in zip(boxes_px, self._rendered(range(which, which + 1), boxes_px), strict=True):
+        samples = self._samples // 2 if self._denoiser else self._samples
+        with cycles.sample_subset(self._stage.source.scene, 0, samples):
+            patches = self._rendered(range(which, which + 1), boxes_px)
+        for box, patch in zip(boxes_px, patches, strict=True):
             frame[at(box)] = patch
         self._light_up(frame)
         return frame
@@ -159,10 +170,6 @@ class Light(Layer):
                 for picture, blur in zip(frame[first:][one.bands], one.blurs, strict=False):  # none without diffraction
                     blur(picture)
         return frame
-
-    def refresh_around(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
-        """As `refresh`, and, for diffraction, around the boxes."""
-        self.refresh(frame, [self._grown(box, self._around_px) for box in boxes_px])
 
     def raw_parts(self, frame: np.ndarray, boxes_px: list[Box]) -> Iterator[tuple[Box, np.ndarray]]:
         """The light [bands, height, width] in these boxes of a frame, with diffraction."""

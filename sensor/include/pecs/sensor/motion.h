@@ -12,6 +12,10 @@
 
 namespace pecs::sensor {
 
+namespace motion {
+struct PreparedLight;
+}
+
 // Channels of the layer `motion` (docs/reference/exr_stack.md): x_q1 y_q1 x_mid y_mid x_q3 y_q3 x_end y_end z z_end of
 // the points visible at the start, then the same of those visible at the end, back to the start.
 inline constexpr std::size_t kMotionChannels = 20;
@@ -43,19 +47,6 @@ class Carrier {
   // the next. In an interval of this length they are at least a microsecond apart.
   std::vector<double> instants(double length_us, int subpixels = 1) const;
 
-  // Planes of light at fractions s, [fraction][plane], from those at the start and at the end; each [height * width].
-  // One call for several costs less than several calls. s = 0 and s = 1 give the keyframes; where nothing moves, equal
-  // values stay bit-identical. A point that both keyframes show is blended in ln, with weight s of the second; a point
-  // that one keyframe shows is taken from it. Pixels whose point neither shows, or whose motion is unknown, are blended
-  // in place; with one side they are NaN. Light that is not finite counts as not visible. Rows outside `rows` are
-  // unspecified. In the caller's TBB arena.
-  void planes(std::span<const float* const> first, std::span<const float* const> second,
-              std::span<const double> fractions, std::span<float* const> out, CarrySide side = CarrySide::both,
-              Region rows = {0, kMaxSide}) const;
-  void plane(const float* first, const float* second, double s, float* out) const {
-    planes({&first, 1}, {&second, 1}, {&s, 1}, {&out, 1});
-  }
-
   // Labels (object ids) at pixels and instants, from planes of labels at the start and at the end, [height * width]:
   // each sight gets the label of the point visible there, from the keyframe nearer in time if both show it. Labels are
   // never blended. If neither shows the point, or the motion is unknown, it is the label that both planes have at the
@@ -68,8 +59,38 @@ class Carrier {
               std::span<std::int32_t> out) const;
 
  private:
+  friend class CarriedLight;
   struct KeyframeInterval;
   std::unique_ptr<KeyframeInterval> interval_;
+};
+
+// Part of a picture: pixels [x0, x1) x [y0, y1).
+struct Box {
+  int x0 = 0, y0 = 0, x1 = kMaxSide, y1 = kMaxSide;
+};
+
+// The light of both keyframes of an interval, prepared for any number of instants at the first that needs it.
+// Thread-safe.
+class CarriedLight {
+ public:
+  // Planes of light at the start and at the end, each [height * width]. The caller keeps them, and the carrier's
+  // motion (which may be moved from one Carrier to another).
+  CarriedLight(const Carrier& carrier, std::span<const float* const> first, std::span<const float* const> second,
+               CarrySide side = CarrySide::both);
+  ~CarriedLight();
+
+  // Planes of light at fractions s, [fraction][plane]. One call for several costs less than several calls. s = 0 and
+  // s = 1 give the keyframes; where nothing moves, equal values stay bit-identical. A point that both keyframes show is
+  // blended in ln, with weight s of the second; a point that one keyframe shows is taken from it. Pixels whose point
+  // neither shows, or whose motion is unknown, are blended in place; with one side they are NaN. Light that is not
+  // finite counts as not visible. Outside the boxes planes are unspecified. In the caller's TBB arena.
+  void planes(std::span<const double> fractions, std::span<float* const> out,
+              std::span<const Box> boxes = kWhole) const;
+  static constexpr Box kWhole[] = {{}};
+
+ private:
+  const Carrier::KeyframeInterval& interval_;
+  std::unique_ptr<motion::PreparedLight> light_;
 };
 
 }  // namespace pecs::sensor
