@@ -137,7 +137,10 @@ class Adaptive:
         if index < len(ends):
             second = self._picture((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
-            self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, pecs.Carrier(motion)))
+            ends_px = motion[[CHANNELS.index(name) for name in ("x_end", "y_end", "back_x_end", "back_y_end")]]
+            path_px = float(np.nanmax(np.hypot(ends_px[::2], ends_px[1::2]), initial=0))
+            carrier = pecs.Carrier(motion)
+            self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, carrier, path_px))
             output.write_layer("motion", index, motion)
 
     def _picture(self, index: int) -> Picture:
@@ -323,6 +326,7 @@ class KeyframeInterval:
     first: Picture
     second: Picture
     carrier: pecs.Carrier
+    path_px: float  # the longest of a surface point
     frame: np.ndarray | None = None  # of `first`, with what was rendered since in its place
     residual: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # pixels and ln(rendered / warped)
     lamps: np.ndarray | None = None  # [steps + 1, some pixels]: ln of light over that interpolated in time
@@ -362,7 +366,8 @@ class Between:
         (first, second), fraction = self._photocurrents(it, middle), self._fraction(it, middle)
         a, b = (it.carrier.light(first, second, side).at(fraction) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
-        return self._judge.differing(np.where(nowhere, first, a), np.where(nowhere, second, b))
+        a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
+        return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
 
     def _probed(self, it: KeyframeInterval) -> np.ndarray:
         middle = (it.start + it.end) // 2

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # they import bpy
 SAME_LIGHT = 0.02  # relative difference of light within which samples are averaged
 SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
 MOST_NOISE = 0.99  # difference of the halves' photocurrents over their sum
+LEFT_TO_STRIPS = 0.5  # of the tolerance; changes that interpolation follows so well are not rendered
 AROUND_PX = 21  # side of the squares in which a difference is compared with noise, in rendered pixels
 
 
@@ -107,6 +108,18 @@ class Judge:
             out[at(inner)] = found[at(inner, (x // BLOCK_PX, y // BLOCK_PX))]
         return out
 
+    def interpolable(self, a: np.ndarray, b: np.ndarray, path_px: float) -> np.ndarray:
+        """Photocurrent a [height, width], with the part of ln(b / a) that interpolation between them follows. Where a
+        surface moves through shading, or shading over a surface, by up to path_px, ln(b / a) is the difference of
+        ln(shading) over the path, and interpolation is wrong by an eighth of the path times the slope of that."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.log(b / a)
+        known = np.isfinite(change)
+        size = np.maximum(_around(known), 1 / AROUND_PX**2)
+        change = _around(np.where(known, change, 0)) / size
+        error = path_px / 8 * _slope(change)
+        return np.where(error <= LEFT_TO_STRIPS * self.tolerance, a * np.exp(change), a).astype(np.float32)
+
     def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""
         return ~(self.differing(a, b) | differing_tiles(a, b, SAME_LIGHT, self.subpixels, SUSPECT_SIGMAS))
@@ -118,6 +131,15 @@ def _around(values: np.ndarray) -> np.ndarray:
     padded = np.pad(values.astype(np.float64), ((n // 2 + 1, n // 2), (n // 2 + 1, n // 2)))
     total = padded.cumsum(0).cumsum(1)
     return (total[n:, n:] - total[n:, :-n] - total[:-n, n:] + total[:-n, :-n]) / n**2
+
+
+def _slope(values: np.ndarray) -> np.ndarray:
+    """Of means over AROUND_PX, per pixel, between pixels that share few of them."""
+    n = AROUND_PX // 2
+    padded = np.pad(values, n, mode="edge")
+    return np.hypot(padded[n:-n, 2 * n :] - padded[n:-n, : -2 * n], padded[2 * n :, n:-n] - padded[: -2 * n, n:-n]) / (
+        2 * n
+    )
 
 
 def _signal(difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
