@@ -60,8 +60,8 @@ pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, in
   });
 }
 
-pecs_carried* pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second, int bands,
-                                 const char* side, pecs_error* error) {
+pecs_carried* pecs_carried_open(const pecs_carrier* carrier, const float* first, const float* second, int bands,
+                                const char* side, pecs_error* error) {
   return guard(error, [&] {
     const auto& [motion, pixels] = given(carrier, "carrier");
     const CarrySide which = side_of(side);

@@ -14,8 +14,8 @@ from .events import as_events
 from .stack import StackReader
 
 _open = function("pecs_carrier_open", POINTER, FLOATS, INT, INT, INT)
-_light = function("pecs_carrier_light", POINTER, POINTER, FLOATS, FLOATS, INT, TEXT)
-_at = function("pecs_carried_at", INT, POINTER, DOUBLE, POINTER, INT, FLOATS, INT64)
+_open_light = function("pecs_carried_open", POINTER, POINTER, FLOATS, FLOATS, INT, TEXT)
+_light_at = function("pecs_carried_at", INT, POINTER, DOUBLE, POINTER, INT, FLOATS, INT64)
 _close_light = function("pecs_carried_close", None, POINTER, error=False)
 _labels = function("pecs_carrier_labels", INT, POINTER, INTEGERS, INTEGERS, DOUBLE, INTEGERS, INT64)
 _close = function("pecs_carrier_close", None, POINTER, error=False)
@@ -47,7 +47,7 @@ class Carrier(Handle):
     """The motion between two keyframes, prepared once for any number of instants.
 
         with pecs.Carrier(stack.read_layer("motion", 0)) as carrier:
-                light = carrier.light(first, second)
+                light = pecs.CarriedLight(carrier, first, second)
             third, half = light.at(1 / 3), light.at(1 / 2)
 
     Parameters
@@ -70,32 +70,6 @@ class Carrier(Handle):
             raise ValueError(f"motion: got shape {m.shape}, wanted ({len(CHANNELS)}, H, W), or 2 or 4 channels")
         self._size = m.shape[1:]
         super().__init__(_open(m, len(m), m.shape[2], m.shape[1]))
-
-    def light(self, first: ArrayLike, second: ArrayLike, side: str = "both") -> CarriedLight:
-        """The light between the keyframes, warped along the motion.
-
-        Parameters
-        ----------
-        first, second : array
-            [H, W] or [bands, H, W], any positive light.
-        side : str
-            "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
-            surface.
-
-        Returns
-        -------
-        CarriedLight
-
-        Raises
-        ------
-        ValueError
-            A shape or `side` is wrong.
-        """
-        a, b = (np.ascontiguousarray(v, np.float32) for v in (first, second))
-        if a.shape != b.shape or a.ndim not in (2, 3):
-            raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
-        self._check_size(a.shape[-2:])
-        return CarriedLight(self._call(_light, a, b, 1 if a.ndim == 2 else len(a), side.encode()), a, b)
 
     def labels(self, first: ArrayLike, second: ArrayLike, fraction: float) -> NDArray[np.int32]:
         """Object ids between two planes of them, warped along the motion. The nearest surface wins; ids are never
@@ -132,13 +106,33 @@ class Carrier(Handle):
 
 
 class CarriedLight(Handle):
-    """The light between two keyframes, prepared for any number of instants by `Carrier.light`."""
+    """The light between two keyframes, warped along the motion; prepared once for any number of instants.
+
+    Parameters
+    ----------
+    carrier : Carrier
+        The motion; may be closed afterwards.
+    first, second : array
+        [H, W] or [bands, H, W], any positive light.
+    side : str
+        "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
+        surface.
+
+    Raises
+    ------
+    ValueError
+        A shape or `side` is wrong.
+    """
 
     _free = staticmethod(_close_light)
 
-    def __init__(self, handle: int, first: NDArray[np.float32], second: NDArray[np.float32]):
-        self._keyframes = first, second  # kept: the library has pointers to them
-        super().__init__(handle)
+    def __init__(self, carrier: Carrier, first: ArrayLike, second: ArrayLike, side: str = "both"):
+        a, b = (np.ascontiguousarray(v, np.float32) for v in (first, second))
+        if a.shape != b.shape or a.ndim not in (2, 3):
+            raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
+        carrier._check_size(a.shape[-2:])
+        self._keyframes = a, b  # the library has pointers to them
+        super().__init__(carrier._call(_open_light, a, b, 1 if a.ndim == 2 else len(a), side.encode()))
 
     def at(
         self, fraction: float, boxes: ArrayLike | None = None, out: NDArray[np.float32] | None = None
@@ -170,21 +164,21 @@ class CarriedLight(Handle):
         if out.shape != shape:
             raise ValueError(f"out: got shape {out.shape}, wanted {shape}")
         some = np.ascontiguousarray(() if boxes is None else boxes, np.int32).reshape(-1, 4)
-        self._call(_at, fraction, None if boxes is None else some.ctypes.data, len(some), out, out.size)
+        self._call(_light_at, fraction, None if boxes is None else some.ctypes.data, len(some), out, out.size)
         return out
 
 
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light at one instant between two keyframes, warped along motion: `Carrier.light(...).at(fraction)`.
+    """The light at one instant between two keyframes, warped along motion: `CarriedLight.at`.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
 
     Parameters
     ----------
     first, second, side
-        As of `Carrier.light`.
+        As of `CarriedLight`.
     fraction : float
         Time within the interval, 0 to 1.
     motion : array
@@ -201,7 +195,7 @@ def carry(
         A shape is wrong.
     """
     with Carrier(motion) as carrier:
-        return carrier.light(first, second, side).at(fraction)
+        return CarriedLight(carrier, first, second, side).at(fraction)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:

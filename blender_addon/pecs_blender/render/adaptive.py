@@ -364,7 +364,7 @@ class Between:
     def _disagreeing(self, it: KeyframeInterval) -> np.ndarray:
         middle = (it.start + it.end) // 2
         (first, second), fraction = self._photocurrents(it, middle), self._fraction(it, middle)
-        a, b = (it.carrier.light(first, second, side).at(fraction) for side in ("first", "second"))
+        a, b = (pecs.CarriedLight(it.carrier, first, second, side).at(fraction) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
         return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
@@ -373,7 +373,7 @@ class Between:
         middle = (it.start + it.end) // 2
 
         def warped(bands: slice) -> np.ndarray:
-            return it.carrier.light(*self._photocurrents(it, middle, bands)).at(self._fraction(it, middle))
+            return pecs.CarriedLight(it.carrier, *self._photocurrents(it, middle, bands)).at(self._fraction(it, middle))
 
         self._stage.set_time(self._grid_s[middle])
         return self._judge.strips_differing(self._stage, self._light, it.index, warped)
@@ -405,7 +405,10 @@ class Between:
         if it.carried is None or self._stage.lamps.names:
             factors = self._stage.lamps.factors(self._grid_s[step])
             written = (self._judge.lit(one.written, factors) for one in (it.first, it.second))
-            it.carried = it.carrier.light(*self._photocurrents(it, step)), it.carrier.light(*written)
+            it.carried = (
+                pecs.CarriedLight(it.carrier, *self._photocurrents(it, step)),
+                pecs.CarriedLight(it.carrier, *written),
+            )
         return it.carried
 
     def _change(self, it: KeyframeInterval, step: int) -> np.ndarray:

@@ -253,8 +253,8 @@ PECS_API pecs_carrier* pecs_carrier_open(const float* motion, int channels, int 
  * light. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does not show it.
  * `first` and `second` must outlive it. Threads may share it. */
 typedef struct pecs_carried pecs_carried;
-PECS_API pecs_carried* pecs_carrier_light(const pecs_carrier* carrier, const float* first, const float* second,
-                                          int bands, const char* side, pecs_error* error);
+PECS_API pecs_carried* pecs_carried_open(const pecs_carrier* carrier, const float* first, const float* second,
+                                         int bands, const char* side, pecs_error* error);
 /* Light at a fraction, 0 (the first keyframe) to 1. boxes: NULL for the whole picture, or `count` times left, top,
  * right, bottom [pixels]; light outside them is unspecified. out: [bands][height][width]. capacity: of out, in floats.
  */

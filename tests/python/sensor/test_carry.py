@@ -41,7 +41,7 @@ def test_one_motion_carries_at_any_number_of_instants():
     first, second, motion = scene.frame(0), scene.frame(1), scene.motion()
     boxes = [(0, 0, 10, 20), (30, 40, 80, 60)]
     with pecs.Carrier(motion) as carrier:
-        light = carrier.light(first, second)
+        light = pecs.CarriedLight(carrier, first, second)
         for fraction in (0.7, 0.2, 0.7):
             carried = pecs.carry(first, second, motion, fraction)
             assert np.array_equal(light.at(fraction), carried)
@@ -51,7 +51,7 @@ def test_one_motion_carries_at_any_number_of_instants():
             ids = np.round(100 * first), np.round(100 * second)
             assert np.array_equal(carrier.labels(*ids, fraction), pecs.carry_labels(*ids, motion, fraction))
     with pytest.raises(ValueError, match="closed"):
-        carrier.light(first, second)
+        pecs.CarriedLight(carrier, first, second)
     assert np.array_equal(light.at(0.7), carried)  # keeps what it needs
 
 
