@@ -1,16 +1,11 @@
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <vector>
 
-#include "motion/kernel.h"
 #include "motion/keyframe_interval.h"
 #include "motion/sampling.h"
-#include "motion/view.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
 
