@@ -85,10 +85,9 @@ int pecs_carried_at(const pecs_carried* light, double fraction, const int32_t* b
     given(out, "out");
     std::vector<float*> to;
     for (std::size_t k = 0; k < bands; ++k) to.push_back(out + k * pixels);
-    std::vector<Box> parts(CarriedLight::kWhole, CarriedLight::kWhole + 1);
-    if (boxes) parts.clear();
+    std::vector<Box> parts;
     for (int k = 0; boxes && k < count; ++k, boxes += 4) parts.push_back({boxes[0], boxes[1], boxes[2], boxes[3]});
-    carried.planes({&fraction, 1}, to, parts);
+    carried.planes({&fraction, 1}, to, boxes ? std::span<const Box>(parts) : CarriedLight::kWhole);
     return 0;
   });
 }

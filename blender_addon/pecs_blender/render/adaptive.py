@@ -11,6 +11,7 @@ made on the light as rendered: a denoiser's error has no known distribution, tha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,11 +33,13 @@ from .tiles import (
     Box,
     at,
     box_of,
+    boxes,
     changed_blocks,
     grown,
     of_blocks,
     part_boxes,
     pixels_of,
+    tiles_of,
     tiles_with,
 )
 from .timeline import Timeline
@@ -270,13 +273,15 @@ def average_samples(
     """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light, at
     these strengths of lamps, in the first channels, those of Picture.raw; rounded as in the file."""
     more, count = np.zeros(own.shape), np.zeros(own.shape[1:], np.uint8)  # from neighbours
+    centres = surfaces.centres()
     for light, there in neighbours:
         place = surfaces.place(there, hits.poses)
-        box = _differing_part(own, light, place, surfaces.centres())
-        if box is None:
+        moving = (place[:2] != centres).any(0)
+        if not moving.any():
             continue
-        here = own[at(box)]
-        warped, z = np.split(_warped(light, there, place, box), [len(own)])
+        box = _differing_part(moving | (own != light).any(0), place[:2, moving])
+        here, move = own[at(box)], place[:2][at(box)] - centres[at(box)]
+        warped, z = np.split(_warped(light[at(box)], there.depth[at(box)], move, place[2][at(box)]), [len(own)])
         depth = np.minimum(hits.depth[at(box)], SKY_M)
         same = np.isfinite(warped).all(0) & (np.abs(z[0] - depth) <= SAME_DEPTH * depth)
         current, other = (judge.photocurrent(judge.lit(one, factors)) for one in (here, warped))
@@ -290,29 +295,23 @@ def average_samples(
     return as_written(mean)
 
 
-def _differing_part(own: np.ndarray, light: np.ndarray, place: np.ndarray, centres: np.ndarray) -> Box | None:
-    """Box of tiles, and some more around them, outside which a neighbour's surfaces stand still in the same light. None
-    if nothing moves. place: as Surfaces.place returns it for the neighbour's points."""
-    moving = (place[:2] != centres).any(0)
-    if not moving.any():
-        return None
-    height, width = moving.shape
-    x, y = place[:2, moving & np.isfinite(place[:2]).all(0)]
-    reached = moving | (own != light).any(0)
+def _differing_part(different: np.ndarray, landed: np.ndarray) -> Box:
+    """The box of tiles, and some more around them, that contains all different pixels [height, width] and the places
+    [2, n] at which moving surface points land."""
+    height, width = different.shape
+    x, y = landed[:, np.isfinite(landed).all(0)]
+    reached = different.copy()
     reached[np.clip(y, 0, height - 1).astype(int), np.clip(x, 0, width - 1).astype(int)] = True
-    tiles = grown(tiles_with(reached))
-    (left, right), (top, bottom) = (np.flatnonzero(tiles.any(axis))[[0, -1]] * TILE_PX for axis in (0, 1))
-    return left, top, min(right + TILE_PX, width), min(bottom + TILE_PX, height)
+    return boxes(grown(tiles_with(reached)), width, height, math.inf)[0]
 
 
-def _warped(light: np.ndarray, there: SurfaceHits, place: np.ndarray, box: Box) -> np.ndarray:
-    """A neighbour's light and, in a further channel, depth in a box, warped to `place`."""
-    x, y, z = place[at(box)]
-    move = np.stack([x - np.arange(box[0], box[2]) - 0.5, y - np.arange(box[1], box[3])[:, None] - 0.5])
+def _warped(light: np.ndarray, depth: np.ndarray, move: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Light [channels, height, width] whose points at these depths move by `move` [2, height, width] to the depth z,
+    warped; in a further channel z."""
     z = np.minimum(z, SKY_M)
     motion = np.full((len(CHANNELS), *z.shape), np.nan, np.float32)
-    motion[: len(CHANNELS) // 2] = [*(part for q in QUARTERS for part in q * move), there.depth[at(box)], z]
-    bands = np.concatenate([light[at(box)], z[None].astype(np.float32)])
+    motion[: len(CHANNELS) // 2] = [*(part for q in QUARTERS for part in q * move), depth, z]
+    bands = np.concatenate([light, z[None].astype(np.float32)])
     return pecs.carry(bands, bands, motion, ALMOST_ONE, side="first")
 
 
@@ -436,7 +435,7 @@ class Between:
     def _changed(self, it: KeyframeInterval, factors: np.ndarray, boxes_px: list[Box]) -> np.ndarray:
         """Pixels [height, width] of these boxes whose samples show another light than those of the first keyframe, and
         pixels around them."""
-        blocks = np.zeros([-(-n // BLOCK_PX) for n in self._stage.size[::-1]], bool)
+        blocks = np.zeros(tiles_of(*self._stage.size, BLOCK_PX), bool)
         for box in boxes_px:
             one, other = (
                 self._judge.photocurrent(self._judge.lit(self._light.bands_of(frame)[at(box)], factors))

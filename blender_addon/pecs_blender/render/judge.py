@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .tiles import BLOCK_PX, TILE_PX, Box, at, box_of, differing_blocks, differing_tiles, of_blocks, probe_strips
+from .tiles import (
+    BLOCK_PX,
+    TILE_PX,
+    Box,
+    at,
+    box_of,
+    differing_blocks,
+    differing_tiles,
+    of_blocks,
+    probe_strips,
+    tiles_of,
+)
 
 if TYPE_CHECKING:  # they import bpy
     from .layers.light import Light
@@ -64,9 +75,7 @@ class Judge:
             difference = np.log(self.photocurrent(rendered) / self.photocurrent(expected))
         noise = rendered[-1] - expected[-1]
         known = np.isfinite(difference) & np.isfinite(noise)
-        size = np.maximum(_around(known), 1 / AROUND_PX**2)
-        difference, noise = np.where(known, difference, 0), np.where(known, noise, 0)
-        wide, wide_noise = _around(difference) / size, _around(noise) / size
+        wide, wide_noise = _around_known(known, difference, noise)
         wide_share = _signal(wide, wide_noise)
         fine_share = _signal(np.where(known, difference - wide, 0), np.where(known, noise - wide_noise, 0))
         lifted, lowered = expected.copy(), rendered.copy()  # differ in the rest only
@@ -98,8 +107,7 @@ class Judge:
     ) -> np.ndarray:
         """As `differing_blocks`, in these boxes of tiles; False elsewhere. a, b and halves are read up to a tile
         beyond."""
-        height, width = a.shape
-        out = np.zeros((-(-height // BLOCK_PX), -(-width // BLOCK_PX)), bool)
+        out = np.zeros(tiles_of(*a.shape[::-1], BLOCK_PX), bool)
         for left, top, right, bottom in boxes_px:
             x, y = max(0, left - TILE_PX), max(0, top - TILE_PX)
             part = np.s_[y : bottom + TILE_PX, x : right + TILE_PX]
@@ -114,9 +122,7 @@ class Judge:
         ln(shading) over the path, and interpolation is wrong by an eighth of the path times the slope of that."""
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.log(b / a)
-        known = np.isfinite(change)
-        size = np.maximum(_around(known), 1 / AROUND_PX**2)
-        change = _around(np.where(known, change, 0)) / size
+        (change,) = _around_known(np.isfinite(change), change)
         error = path_px / 8 * _slope(change)
         return np.where(error <= LEFT_TO_STRIPS * self.tolerance, a * np.exp(change), a).astype(np.float32)
 
@@ -131,6 +137,12 @@ def _around(values: np.ndarray) -> np.ndarray:
     padded = np.pad(values.astype(np.float64), ((n // 2 + 1, n // 2), (n // 2 + 1, n // 2)))
     total = padded.cumsum(0).cumsum(1)
     return (total[n:, n:] - total[n:, :-n] - total[:-n, n:] + total[:-n, :-n]) / n**2
+
+
+def _around_known(known: np.ndarray, *pictures: np.ndarray) -> list[np.ndarray]:
+    """Means over the known pixels in the squares around the pixels; 0 where there are none."""
+    share = np.maximum(_around(known), 1 / AROUND_PX**2)
+    return [_around(np.where(known, values, 0)) / share for values in pictures]
 
 
 def _slope(values: np.ndarray) -> np.ndarray:

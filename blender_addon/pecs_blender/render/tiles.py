@@ -36,9 +36,9 @@ def part_boxes(tiles: np.ndarray, width: int, height: int) -> list[Box]:
     return boxes(tiles, width, height, CALL_PX, TILE_PX)
 
 
-def tiles_of(width: int, height: int) -> tuple[int, int]:
+def tiles_of(width: int, height: int, side: int = TILE_PX) -> tuple[int, int]:
     """Rows and columns."""
-    return -(-height // TILE_PX), -(-width // TILE_PX)
+    return -(-height // side), -(-width // side)
 
 
 def of_blocks(blocks: np.ndarray) -> np.ndarray:

@@ -44,7 +44,8 @@ class Light(Layer):
         self._around_px = BLUR_PX if any(one.blurs for one in stage.passes) else 0
         self._denoiser = denoise.Denoiser(sampling.threads) if sampling.denoise else None
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
-        scene.cycles.samples, scene.cycles.seed, self._samples = rays.samples, rays.seed, rays.samples
+        scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
+        self._call_samples = rays.samples // 2 if sampling.denoise else rays.samples
         to_film = stage.unit[:, None, None]
         if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
@@ -89,8 +90,7 @@ class Light(Layer):
         """Renders the current instant into boxes of a frame that cover these tiles, and returns them. around: also what
         diffraction brings into them from around them."""
         around_px = self._around_px if around else 0
-        call_px = CALL_RAYS / (self._samples // 2 if self._denoiser else self._samples)
-        found = boxes(tiles, *self._stage.size, call_px, around_px)
+        found = boxes(tiles, *self._stage.size, CALL_RAYS / self._call_samples, around_px)
         self.refresh(frame, [self._grown(box, around_px) for box in found])
         return found
 
@@ -100,7 +100,7 @@ class Light(Layer):
         if not self._denoiser:
             patches = self._rendered(passes, boxes_px)
         else:
-            half, bands, halves = self._samples // 2, len(self._to_film), []
+            half, bands, halves = self._call_samples, len(self._to_film), []
             for first in (0, half):
                 with cycles.sample_subset(self._stage.source.scene, first, half):
                     halves.append(self._rendered(passes, boxes_px, denoise.GUIDES))
@@ -116,8 +116,7 @@ class Light(Layer):
         """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN elsewhere.
         If light is denoised, from the first half of the samples: enough to find what changed."""
         frame = np.full(self._to_film.shape, np.nan, np.float32)
-        samples = self._samples // 2 if self._denoiser else self._samples
-        with cycles.sample_subset(self._stage.source.scene, 0, samples):
+        with cycles.sample_subset(self._stage.source.scene, 0, self._call_samples):
             patches = self._rendered(range(which, which + 1), boxes_px)
         for box, patch in zip(boxes_px, patches, strict=True):
             frame[at(box)] = patch
