@@ -310,12 +310,14 @@ PupilTables pupil_tables(const Tracer& tracer, double film_z_mm, double max_r_mm
   tables.e0 = exact_pupil(tracer, film_z_mm, 0).irradiance_per_radiance;
   constexpr int kLayers = 5, kMaxLayers = 33, kRadii = 17;
   for (int count = kLayers;; count = 2 * count - 1) {
+    const std::vector<PupilTable> coarser = std::move(tables.layers);  // every second one of the new layers
     tables.layers.clear();
     for (int k = 0; k < count; ++k)
-      tables.layers.push_back(pupil_table(tracer, film_z_mm + max_dz_mm * (2.0 * k / (count - 1) - 1), max_r_mm));
-    tables.missed_fraction = 0;
-    for (const PupilTable& layer : tables.layers)
-      tables.missed_fraction = std::max(tables.missed_fraction, layer.missed_fraction);
+      tables.layers.push_back(!coarser.empty() && k % 2 == 0
+                                  ? coarser[static_cast<std::size_t>(k) / 2]
+                                  : pupil_table(tracer, film_z_mm + max_dz_mm * (2.0 * k / (count - 1) - 1), max_r_mm));
+    double in_layers = 0;
+    for (const PupilTable& layer : tables.layers) in_layers = std::max(in_layers, layer.missed_fraction);
     std::vector<double> missed(static_cast<std::size_t>(count - 1) * kRadii);
     tbb::parallel_for(std::size_t{0}, missed.size(), [&](std::size_t i) {
       const std::size_t between = i / kRadii;
@@ -323,8 +325,10 @@ PupilTables pupil_tables(const Tracer& tracer, double film_z_mm, double max_r_mm
       const double r = max_r_mm * static_cast<double>(i % kRadii) / (kRadii - 1);
       missed[i] = missed_fraction(exact_pupil(tracer, film_z_mm + dz, r), tables.ellipse_at(r, dz));
     });
-    tables.missed_fraction = std::max(tables.missed_fraction, *std::max_element(missed.begin(), missed.end()));
-    if (tables.missed_fraction <= 3 * kNegligible || count >= kMaxLayers) return tables;
+    const double in_between = *std::max_element(missed.begin(), missed.end());
+    tables.missed_fraction = std::max(in_layers, in_between);
+    // More layers do not mend what the layers themselves miss.
+    if (in_between <= std::max(3 * kNegligible, in_layers) || count >= kMaxLayers) return tables;
   }
 }
 
