@@ -60,7 +60,7 @@ def _render_options(command) -> None:
     add = command.add_argument
     add("scene", type=Path, nargs="?", help=SCENE_HELP)
     add("-o", "--output", type=Path, required=True, help="folder of the stack")
-    add("--plan", action="store_true", help="print the number of instants, time and disk space, and render nothing")
+    add("--plan", action="store_true", help="print the number of instants, time and disk space, and write nothing")
     _job_options(command)
 
 

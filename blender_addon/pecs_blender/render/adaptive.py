@@ -134,11 +134,11 @@ class Adaptive:
             if not layer.is_written(output, index):
                 self._stage.set_time(t_s)
                 layer.write(output, index, t_s)
-        first = self._picture(index)
+        first = self.keyframe(index)
         if not output.has_layer("light", index):
             output.write_layer("light", index, self._judge.lit(first.written, self._stage.lamps.factors(t_s)))
         if index < len(ends):
-            second = self._picture((index + 1) % len(keys))
+            second = self.keyframe((index + 1) % len(keys))
             motion = self._motion.render(t_s, self._grid_s[ends[index]])
             ends_px = motion[[CHANNELS.index(name) for name in ("x_end", "y_end", "back_x_end", "back_y_end")]]
             path_px = float(np.nanmax(np.hypot(ends_px[::2], ends_px[1::2]), initial=0))
@@ -146,7 +146,7 @@ class Adaptive:
             self._between.refine(KeyframeInterval(index, keys[index], ends[index], first, second, carrier, path_px))
             output.write_layer("motion", index, motion)
 
-    def _picture(self, index: int) -> Picture:
+    def keyframe(self, index: int) -> Picture:
         """A keyframe after sample sharing."""
         if index not in self._shared:
             self._shared[index] = self._share_samples(index)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +21,7 @@ from .layers import layer_class
 from .layers.layer import Layer
 from .layers.light import Light
 from .output import Output, free_folder
-from .plan import Plan
+from .plan import Plan, Sampling
 from .resources import BYTES_PER_VALUE, MemoryGuard, check_disk, peak_mb, readable
 from .source import Source
 from .stage import Stage
@@ -32,7 +33,7 @@ UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * adaptive.SHARED + 8  # held in memo
 
 def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", cost_only: bool = False) -> Path:
     """The stack's folder. exists: what to do with a stack that is there: "continue", "overwrite", or "new" (use the
-    next free name). cost_only: prints the cost, and renders nothing."""
+    next free name). cost_only: prints the cost, and writes nothing."""
     job = Render(source, plan)
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
@@ -73,14 +74,8 @@ class Render:
         if not share:
             return
         stage, plan = self._stage, self._plan
-        pilot = Render(self._source, replace(plan, layers=("motion",), verbosity={"quiet": True, "verbose": False}))
-        pilot._stage, pilot._keyframes = stage, self._keyframes.middle(noise.PILOT_KEYFRAMES)
-        pilot._instants, pilot._sampling = pilot._keyframes.timeline, noise.pilot_sampling(self._sampling)
-        pilot._wanted = range(len(pilot._instants.times_ns))
-        with tempfile.TemporaryDirectory(prefix="pecs_pilot_") as folder:
-            stop.remove_at_exit(Path(folder))
-            pilot.open(Path(folder) / "stack", "continue")
-            pilot.make_layers()
+        middle, sampling = self._keyframes.middle(noise.PILOT_KEYFRAMES), noise.pilot_sampling(self._sampling)
+        with self._pilot(middle, sampling, ("motion",)) as pilot:
             pilot.write_frames()
             has_none = not stage.lens_record and not pilot._stack.get("fnumber")
             fnumber = noise.FNUMBER if has_none else None
@@ -89,6 +84,19 @@ class Render:
             of_pixel = samples * plan.view.subpixels**2
             print(f"render: {of_pixel} samples per pixel for {share:.3g} noise events", file=sys.stderr)
         self._sampling = replace(self._sampling, samples=samples)
+
+    @contextmanager
+    def _pilot(self, keyframes: adaptive.Keyframes, sampling: Sampling, layers: tuple[str, ...]) -> Iterator[Render]:
+        """This job at these keyframes, ready to write its frames to a folder that is removed."""
+        plan = replace(self._plan, layers=layers, verbosity={"quiet": True, "verbose": False})
+        pilot = Render(self._source, plan)
+        pilot._stage, pilot._keyframes, pilot._instants = self._stage, keyframes, keyframes.timeline
+        pilot._sampling, pilot._wanted = sampling, range(len(keyframes.keys))
+        with tempfile.TemporaryDirectory(prefix="pecs_pilot_") as folder:
+            stop.remove_at_exit(Path(folder))
+            pilot.open(Path(folder) / "stack", "continue")
+            pilot.make_layers()
+            yield pilot
 
     def open(self, folder: Path, exists: str) -> None:
         """Chooses the stack's folder, and checks that the disk has room for the frames that are missing there."""
@@ -106,10 +114,7 @@ class Render:
             if self._light and not self._plan.verbosity["quiet"]:
                 self._stage.print_bands()
             if self._keyframes:
-                tolerance = self._plan.instants.tolerance
-                frames: Frames = adaptive.Adaptive(
-                    self._stage, self._keyframes, self._light, self._layers, self._hits, tolerance, output
-                )
+                frames: Frames = self._adaptive(output)
             else:
                 layers = [*self._layers, *([self._light] if self._light else [])]
                 frames = Uniform(self._stage, self._instants, layers, output)
@@ -117,22 +122,49 @@ class Render:
             for layer in self._layers:
                 layer.finish(output)
 
+    def _adaptive(self, output: Output) -> adaptive.Adaptive:
+        tolerance = self._plan.instants.tolerance
+        return adaptive.Adaptive(self._stage, self._keyframes, self._light, self._layers, self._hits, tolerance, output)
+
     def print_cost(self) -> None:
-        each_s = self._light_s() if self._plan.light else self._layers_s()
-        needed_bytes = self._needed_bytes(lambda file: True)
+        needed_bytes, count = self._needed_bytes(lambda file: True), len(self._instants.times_ns)
         held = ADAPTIVE_PICTURES if self._keyframes else UNIFORM_PICTURES
         memory_bytes = peak_mb() * 1e6 + held * needed_bytes / max(1, len(self._wanted))
+        if self._keyframes:
+            each_s, each_bytes = self._keyframe_cost()
+            disk_bytes, about = each_bytes * len(self._wanted), "about"
+        else:
+            each_s, disk_bytes, about = self._light_s() if self._plan.light else self._layers_s(), needed_bytes, "up to"
         if self._plan.light:
             self._stage.print_bands()
-        count, of = len(self._instants.times_ns), len(self._plan.instants.grid.times_ns)
+        of = len(self._plan.instants.grid.times_ns)
         frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
-        between = ", plus pictures between keyframes; still parts cost nothing" if count < of else ""
+        between = " with the frames after it" if self._keyframes else ""
         text = (
-            f"render: {frames}, {_duration(each_s)} each: {_duration(count * each_s)}{between}; up to "
-            f"{readable(needed_bytes)} on the disk, about {readable(memory_bytes)} of memory"
+            f"render: {frames}, {_duration(each_s)} each{between}: {_duration(count * each_s)}; {about} "
+            f"{readable(disk_bytes)} on the disk, about {readable(memory_bytes)} of memory"
         )
-        cost = {"frames": count, "of": of, "each_s": each_s, "disk_bytes": needed_bytes, "memory_bytes": memory_bytes}
+        cost = {"frames": count, "of": of, "each_s": each_s, "disk_bytes": disk_bytes, "memory_bytes": memory_bytes}
         report(text, plan=cost)
+
+    def _keyframe_cost(self) -> tuple[float, int]:
+        """Seconds and bytes of a keyframe and its share of the intervals, measured on two keyframes in the middle."""
+        with (
+            self._pilot(self._keyframes.middle(2), self._sampling, self._plan.layers) as pilot,
+            Output(pilot.folder, pilot._stack, None, False) as output,
+        ):
+            frames = pilot._adaptive(output)
+            start = time.perf_counter()
+            for index in pilot._wanted:
+                frames.keyframe(index)
+            keyframes_s = time.perf_counter() - start
+            frames.write(0)
+            interval_s = time.perf_counter() - start - keyframes_s
+            size = {file.name: file.stat().st_size for file in pilot.folder.glob("*.exr")}
+            intervals = len(self._keyframes.ends) / len(self._keyframes.keys)  # per keyframe
+            of_interval = sum(n for name, n in size.items() if name.startswith(("motion_", "between_")))
+            each_s = keyframes_s / len(pilot._wanted) + intervals * interval_s
+            return each_s, round(sum(size.values()) + (intervals - 1) * of_interval)
 
     def _needed_bytes(self, counts: Callable[[str], bool]) -> int:
         """Upper bound of this process's frames, as far as `counts` says of their names."""

@@ -138,13 +138,11 @@ def planned_with(scene) -> list[str]:
 
 
 def plan_rows(found: dict) -> list[tuple[str, str]]:
-    """Labels and values of the answer. Pictures between keyframes take time beyond that of the keyframes."""
-    duration = background.clock(found["frames"] * found["each_s"])
-    some = found["frames"] < found["of"]
+    """Labels and values of the answer."""
     return [
         ("Rendered", say("{count:,} of {of:,}", count=found["frames"], of=found["of"])),
-        ("Time", say("more than {time}", time=duration) if some else duration),
-        ("Disk", say("up to {size}", size=readable(found["disk_bytes"]))),
+        ("Time", background.clock(found["frames"] * found["each_s"])),
+        ("Disk", readable(found["disk_bytes"])),
         ("Memory", readable(found["memory_bytes"])),
     ]
 

@@ -59,8 +59,7 @@ assert message.startswith("Plan: 2 of 2 frames, 0:") and not is_error, message
 found = background.state.plan[bpy.context.scene.name]
 assert found["disk_bytes"] == 2 * 3 * 48 * 32 * 4 and found["memory_bytes"] > 1e8, found
 rows = dict(operators.plan_rows(found))
-assert rows["Disk"].startswith("up to ") and list(rows) == ["Rendered", "Time", "Disk", "Memory"], rows
-assert dict(operators.plan_rows(found | {"of": 200}))["Time"].startswith("more than 0:"), rows
+assert rows["Time"].startswith("0:") and list(rows) == ["Rendered", "Time", "Disk", "Memory"], rows
 for name, value in (("samples", 2), ("samples", 1)):  # grey with other settings
     is_same = found["settings"] == operators.planned_with(bpy.context.scene)
     setattr(bpy.context.scene.pecs, name, value)
