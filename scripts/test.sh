@@ -9,6 +9,6 @@ git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run --Werror
 say "ctest"
 ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
-"$PY" -m pytest -q -n 2 --dist loadfile
+"$PY" -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 .venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py tests/python/learning/test_flow_study.py
 say "all tests passed"
