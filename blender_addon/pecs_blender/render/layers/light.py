@@ -145,8 +145,9 @@ class Light(Layer):
         return patches
 
     def clean(self, frame: np.ndarray) -> np.ndarray | None:
-        """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], that of all
-        samples, and half the difference of the halves; None if nothing is denoised."""
+        """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], the light, and half
+        the difference of the halves; None if nothing is denoised. The light is the mean of what the denoiser makes of
+        all samples, which is blurred less, and of both halves, which varies less (docs/studies/keyframes.md)."""
         if not self._denoiser:
             return None
         bands = len(self._to_film)
@@ -155,7 +156,7 @@ class Light(Layer):
         first = self._denoiser(mean + difference, of_first, fast=True)
         second = self._denoiser(mean - difference, of_second, fast=True)
         both = self._denoiser(mean, (of_first + of_second) / 2)
-        return np.concatenate([both, (first - second) / 2])
+        return np.concatenate([both / 2 + (first + second) / 4, (first - second) / 2])
 
     def _light_up(self, frame: np.ndarray) -> None:
         """Gives pixels for which no ray passes the lens a neighbour's light."""
