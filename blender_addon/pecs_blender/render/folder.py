@@ -17,7 +17,7 @@ from .spectra import constant, illuminance_lux
 LOOK_ALONG_Y_DEG = (90.0, 0.0, 0.0)
 METER_LAMBDA_NM = (450.0, 550.0, 650.0)
 METER_REFLECTANCE = 0.5
-METER_SAMPLES = 4096
+METER_SAMPLES = 1 << 16
 
 
 class FolderScene(Source):
@@ -70,7 +70,8 @@ class FolderScene(Source):
         plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])
 
         small = scene.render, {"resolution_x": 8, "resolution_y": 8}
-        with cycles.changed((small, (scene.cycles, {"samples": METER_SAMPLES // 64}))):
+        # The same seed in each render: cameras of a rig have seeds of their own, and see one light.
+        with cycles.changed((small, (scene.cycles, {"samples": METER_SAMPLES // 64, "seed": 0}))):
             scene.camera = camera
             self.set_time(0.0)
             spectral.set_pass(points(METER_LAMBDA_NM))

@@ -38,7 +38,7 @@ def disk(render, tmp_path_factory):
     folder = tmp_path_factory.mktemp("disk")
     common = ("--bands", 3, "--frames", 1, "--width", 320, "--samples", 4, "--set", "phase_deg=30")
     render(folder / "lens", *common)
-    render(folder / "pinhole", *common, "--lens", "none")
+    render(folder / "pinhole", *common, "--lens", "none", "--seed", 2)
     return folder
 
 
@@ -113,6 +113,11 @@ def test_the_light_is_absolute(disk):
         mean = np.average(lamp(nm), weights=response)
         expected = 0.84 / np.pi * 100 * mean / (683 * np.sum(v(grid) * lamp(grid)))
         assert white[k] == pytest.approx(expected, rel=0.1)
+
+
+def test_cameras_with_their_own_seeds_see_one_light(disk):
+    lens, pinhole = (frames(disk / name)[0]["render"]["radiance_per_relative_power"] for name in ("lens", "pinhole"))
+    assert lens == pinhole
 
 
 def test_film_irradiance_follows_from_the_radiance(disk):
