@@ -145,9 +145,9 @@ class Light(Layer):
         return patches
 
     def clean(self, frame: np.ndarray) -> np.ndarray | None:
-        """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], the light, and half
-        the difference of the halves; None if nothing is denoised. The light is the mean of what the denoiser makes of
-        all samples, which is blurred less, and of both halves, which varies less (docs/studies/keyframes.md)."""
+        """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], the light, and
+        half the difference of the halves; None if nothing is denoised. The light is the mean of what the denoiser makes
+        of all samples, which is blurred less, and of both halves, which varies less (docs/studies/keyframes.md)."""
         if not self._denoiser:
             return None
         bands = len(self._to_film)
