@@ -185,11 +185,12 @@ def test_rendered_tiles_show_still_pixels_as_the_keyframe_does(desk):
 
 def test_lamps_of_a_scene_folder_flicker_as_rendered(desk):
     flicker = (*SMALL, "--set", "flicker_hz=125", "--set", "window_to_lamp=0", "--set", "fan_hz=0")
-    folder, every, chip = desk("--time", "adaptive", *flicker), desk(*flicker), pecs.Chip("ideal")
+    folder = desk("--time", "adaptive", "--no-denoise", *flicker)  # the denoiser makes this dark picture 2 % brighter
+    every, chip = desk(*flicker), pecs.Chip("ideal")
     truth = chip.photocurrent(every).mean((1, 2))
     with pecs.Light(folder, chip) as light:
         found = np.array([light.at(1000.0 * step)[0].mean() for step in range(17)])
-    assert np.abs(np.log(found / truth)).max() < 0.05 and np.ptp(np.log(truth)) > 0.3
+    assert np.abs(np.log(found / truth)).max() < 0.03 and np.ptp(np.log(truth)) > 0.3
 
 
 def test_a_shadow_needs_a_part_of_the_picture_alone(blends):
