@@ -10,8 +10,9 @@ namespace pecs::lens {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr int kNodes = 33, kMaxNodes = 129, kAreaPerNode = 4;
+constexpr int kNodes = 33, kMaxNodes = 129;
 constexpr double kMargin = 1.0005, kWiden = 1.0005, kNegligible = 1e-5;  // part of a pupil's area
+constexpr double kAtEdge = 1e-10;                                        // of a fill
 
 // Gauss-Legendre on [0, 1], 8 nodes.
 constexpr std::array<std::array<double, 2>, 8> kGauss{{{0.019855071751231884, 0.05061426814518813},
@@ -47,7 +48,7 @@ double find_edge(const F& f, double in, double f_in, double out, double f_out) {
     double t = 0.5;
     if (std::isfinite(f_out) && i % 8 != 7) t = std::clamp(f_in / (f_in - f_out), 1e-9, 1.0 - 1e-9);
     const double mid = in + t * (out - in), f_mid = f(mid);
-    if (f_mid == 0) return mid;
+    if (std::abs(f_mid) < kAtEdge) return mid;
     if (f_mid < 0) {
       in = mid;
       f_in = f_mid;
@@ -88,17 +89,18 @@ double golden_section(double low, double high, int steps, const F& f) {
 
 // The lowest fill on the meridional line; the pupil is symmetric, so it meets this line when there is one.
 double find_inside(const Probe& probe, double reach) {
-  constexpr int kSteps = 512;
-  double best_x = 0, best = std::numeric_limits<double>::infinity();
-  const double step = 2 * reach / kSteps;
-  for (int i = 0; i <= kSteps; ++i) {
-    const double x = -reach + i * step, f = probe(x, 0);
-    if (f < best) {
-      best = f;
-      best_x = x;
+  double best_x = 0, best = std::numeric_limits<double>::infinity(), step = 0;
+  for (const int steps : {32, 512}) {
+    step = 2 * reach / steps;
+    for (int i = 0; i <= steps; ++i) {
+      const double x = -reach + i * step, f = probe(x, 0);
+      if (f < best) {
+        best = f;
+        best_x = x;
+      }
     }
+    if (best <= -0.5) return best_x;
   }
-  if (best <= -0.5) return best_x;
   const double mid = golden_section(best_x - step, best_x + step, 60, [&](double x) { return probe(x, 0); });
   return probe(mid, 0) < best ? mid : best_x;
 }
@@ -233,17 +235,16 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
   // More nodes until the interpolated ellipses cover the pupils between them; the margin covers the last missing part.
   std::vector<ExactPupil> pupils;
   for (int nodes = kNodes;; nodes = 2 * nodes - 1) {
-    const int dense = (nodes - 1) * kAreaPerNode + 1;
-    std::vector<ExactPupil> coarser = std::move(pupils);  // every second one of the new nodes
+    const int per_node = nodes == kNodes ? 4 : 2, dense = (nodes - 1) * per_node + 1;
+    std::vector<ExactPupil> coarser = std::move(pupils);
+    const int stride = coarser.empty() ? dense : (dense - 1) / static_cast<int>(coarser.size() - 1);
     pupils.assign(dense, {});
     tbb::parallel_for(0, dense, [&](int i) {
-      pupils[i] = !coarser.empty() && i % 2 == 0 ? std::move(coarser[i / 2])
-                                                 : exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0));
+      pupils[i] = !coarser.empty() && i % stride == 0 ? std::move(coarser[i / stride])
+                                                      : exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0));
     });
     table.ellipses.assign(nodes, {});
-    tbb::parallel_for(0, nodes, [&](int i) {
-      table.ellipses[i] = covering_ellipse(pupils[static_cast<std::size_t>(i) * kAreaPerNode]);
-    });
+    tbb::parallel_for(0, nodes, [&](int i) { table.ellipses[i] = covering_ellipse(pupils[i * per_node]); });
     // A film point without light gets its neighbour's ellipse, so that the interpolated ellipse still covers the pupil.
     for (int i = 1; i < nodes; ++i)
       if (table.ellipses[i].a_mm == 0) table.ellipses[i] = table.ellipses[i - 1];
@@ -259,13 +260,13 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
     }
     // Misses between the nodes are few and small at first: widen the two adjacent ellipses before adding nodes.
     std::vector<Ellipse> covering = table.ellipses;
-    for (int round = 0; round < 3; ++round) {
+    for (int round = 0; round < 8; ++round) {
       table.missed_fraction = 0;
       for (int i = 0; i < dense; ++i) {
         const double missed = missed_fraction(pupils[i], table.ellipse_at(pupils[i].r_mm));
         table.missed_fraction = std::max(table.missed_fraction, missed);
         if (missed <= kNegligible) continue;
-        for (int node = i / kAreaPerNode; node <= std::min(i / kAreaPerNode + 1, nodes - 1); ++node) {
+        for (int node = i / per_node; node <= std::min(i / per_node + 1, nodes - 1); ++node) {
           covering[node].a_mm *= kWiden;
           covering[node].b_mm *= kWiden;
         }

@@ -17,7 +17,7 @@ struct ExactPupil {
   double irradiance_per_radiance = 0;  // E for scene radiance 1: integral of cos^4 / d^2 over the pupil [sr]
   Vec3 edge_point(std::size_t j) const;  // z = 0
 };
-ExactPupil exact_pupil(const Tracer& tracer, double film_z_mm, double r_mm, int angles = 360);
+ExactPupil exact_pupil(const Tracer& tracer, double film_z_mm, double r_mm, int angles = 180);
 
 // Eq. 2: Elli(p, a, b), centre (p, 0), semi-axes a along the film point's radius and b across.
 struct Ellipse {
@@ -27,7 +27,8 @@ struct Ellipse {
 Ellipse covering_ellipse(const ExactPupil& pupil);  // smallest ellipse that contains it
 
 // The table the camera samples from: ellipses at evenly spaced film radii, interpolated linearly, enlarged by the
-// margin so that the interpolated ellipse covers the exact pupil everywhere; exact areas at radii four times as dense.
+// margin so that the interpolated ellipse covers the exact pupil everywhere; exact areas at radii two or four times as
+// dense.
 struct PupilTable {
   double lambda_nm = 0, film_z_mm = 0, max_r_mm = 0;
   std::vector<Ellipse> ellipses;   // at max_r i / (size - 1)
