@@ -210,6 +210,7 @@ def _nearest(dark: np.ndarray, reach_px: int) -> tuple[np.ndarray, np.ndarray]:
     for dy, dx in steps:
         v, u = np.clip(y + dy, 0, dark.shape[0] - 1), np.clip(x + dx, 0, dark.shape[1] - 1)
         near = np.where((near < 0) & ~dark[v, u], v * dark.shape[1] + u, near)
-    if (near < 0).any():
-        raise bad_input("render", "--samples", "too few", "more, since in some pixels no ray passes the lens")
+    if lost := int((near < 0).sum()):
+        got, wanted = f"{lost} pixels that no ray reaches", "a lens that covers the film, or more --samples"
+        raise bad_input("render", "--lens", got, wanted)
     return at, near
