@@ -9,6 +9,7 @@ import shutil
 import time
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from .._progress import Line
 from . import manifest, recipe, report, rgb, run, writers
 from .card import write_cards
 from .sequence import sequences
-from .work import Busy
+from .work import Busy, pixels
 
 SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
@@ -177,7 +178,7 @@ def _move_aside(wanted: list[int], output: Path) -> None:
 
 
 def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
-    """Prints the drawn sequences, and their time and size as measured on existing ones of the same scenes."""
+    """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes."""
     rows, truth, light = [], 0, 0
     made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))  # by scene: number, duration, time [s], GB
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
@@ -188,12 +189,11 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
         scene, duration_s = drawn["scene"], drawn["duration_s"]
         truth += owners * found.truth_frames(duration_s)
         light += sum(end - begin for one in stacks for begin, end in rgb.light_instants(found, drawn, one))
-        if folder.is_dir():
-            files = [p.stat() for p in folder.rglob("*") if p.is_file()]
-            seconds = max(s.st_mtime for s in files) - min(s.st_mtime for s in files)
-            made[scene] += 1, duration_s, seconds, sum(s.st_size for s in files) * 1e-9
-        else:
-            missing[scene] += 1, duration_s
+        share, seconds, gigabytes = _made(found, drawn, folder)
+        if share:
+            made[scene] += share, share * duration_s, seconds, gigabytes
+        if not folder.is_dir():
+            missing[scene] += 1, (1 - share) * duration_s
         words = [f"{index:04d}", f"{drawn['split']:5}", f"{scene:16}", f"{duration_s:.3g} s"]
         rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
@@ -204,10 +204,11 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     print(f"{len(wanted)} sequences, {len(stacks)} stacks each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     if not made:
-        print(f"time and size can be estimated once one sequence exists: run --only {wanted[0]}; {free:.0f} GB free")
+        when = "once the light of one camera is rendered"
+        print(f"time and size can be estimated {when}: run --only {wanted[0]}; {free:.0f} GB free")
         return
     every = sum(made.values(), np.zeros(4))
-    print(f"measured on {every[0]:.0f} existing sequences of {', '.join(sorted(made))}")
+    print(f"measured on {every[0]:.2g} existing sequences of {', '.join(sorted(made))}")
     count, left_s, size = 0.0, 0.0, 0.0
     for scene, (number, duration_s) in missing.items():
         _, durations_s, seconds, gigabytes = made.get(scene, every)
@@ -216,3 +217,25 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
     print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")
+
+
+def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[float, float, float]:
+    """Of a sequence: which share of it exists, the time that this took [s], and its size [GB]. The share of a sequence
+    that is being made is that of the instants and pixels of the cameras whose light is complete."""
+    if folder.is_dir():
+        share, until = 1.0, math.inf
+    else:
+        folder = folder.with_name(f"{folder.name}.partial")
+        stacks = [camera for camera in found.cameras if camera.has_light]
+        done = [(folder / camera.name / "stack/done") for camera in stacks]
+        rendered = [end for end in done if end.exists()]
+        until = max((end.stat().st_mtime for end in rendered), default=0.0)
+        sizes = [math.prod(pixels(found, camera)[:2]) for camera in stacks]
+        counts = [sum(end - begin for begin, end in rgb.light_instants(found, drawn, camera)) for camera in stacks]
+        parts = [size * count for size, count in zip(sizes, counts, strict=True)]
+        share = sum(part for part, end in zip(parts, done, strict=True) if end in rendered) / sum(parts)
+    files = [one for one in (p.stat() for p in folder.rglob("*") if p.is_file()) if one.st_mtime <= until]
+    if not files:
+        return 0.0, 0.0, 0.0
+    seconds = max(one.st_mtime for one in files) - min(one.st_mtime for one in files)
+    return share, seconds, sum(one.st_size for one in files) * 1e-9

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -331,6 +332,25 @@ def test_pages_and_exports(made):
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
     assert "measured on 2 existing sequences of rotating_disk" in plan and "98 left" in plan
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
+
+
+def test_a_sequence_in_work_gives_an_estimate(made, tmp_path):
+    copy(made, tmp_path)
+    assert "once the light of one camera is rendered" in dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
+    shutil.copytree(made / "set/sequences/0000", tmp_path / "sequences/0000.partial")
+    for done in tmp_path.glob("sequences/0000.partial/*/stack/done"):
+        done.unlink()
+    files = [p.stat().st_mtime for p in tmp_path.glob("sequences/**/*") if p.is_file()]
+    shares = []
+    for name, seconds in (("left", 1000), ("right", 3000)):
+        done = tmp_path / f"sequences/0000.partial/{name}/stack/done"
+        done.write_bytes(b"")
+        os.utime(done, (max(files), min(files) + seconds))
+        plan = dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
+        shares.append(float(re.search("measured on (.+) existing", plan)[1]))
+        hours = float(re.search("2 left: (.+) h", plan)[1])
+        assert hours == pytest.approx((2 - shares[-1]) / shares[-1] * seconds / 3600, abs=0.02), name
+    assert shares[1] == pytest.approx(2 * shares[0], rel=0.05) and 0.33 < shares[0] < 0.5
 
 
 def test_parts_threads_and_a_kill_give_the_same_set(made, tmp_path):
