@@ -41,6 +41,11 @@ class Line:
         elif number % self._every == 0:
             print(text, file=sys.stderr, flush=True)
 
+    def detail(self, text: str) -> None:
+        """A text for a terminal only."""
+        if self._terminal:
+            self(text)
+
     def _print_json(self, number: int, total: int, left_s: float | None) -> None:
         now_s = time.monotonic()
         if now_s - self._json_s < JSON_INTERVAL_S and number != total:

@@ -103,8 +103,12 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
         left = (time.monotonic() - begin) / made * (len(wanted) - done) if made else math.nan
         more = "" if math.isnan(left) else f", about {left / 60:.0f} min left"
 
-        def say(what: str, index: int = index, done: int = done, more: str = more) -> None:
-            line(f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {what}{more}", done, len(wanted))
+        def say(step: str, progress: str = "", index: int = index, done: int = done, more: str = more) -> None:
+            text = f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {step}"
+            if progress:
+                line.detail(f"{text} {progress}{more}")
+            else:
+                line(f"{text}{more}", done, len(wanted))
 
         try:
             run.make(found, index, output, threads, say)

@@ -7,6 +7,7 @@ import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ WARMUP_US = 20_000  # of the pixels, before the sequence (docs/reference/sensor.
 OF_LIGHT = ("time", "fps", "step_px", "subpixels", "noise_events")
 
 
-def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[[str], None]) -> None:
+def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[..., None]) -> None:
     """Makes sequence `index` in output/sequences, unless it exists. Raises PecsError; Busy if another process makes
     it."""
     with sequence_work(recipe, index, output, say) as work:
@@ -163,24 +164,26 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         "threads": threads,
     }
     light = recipe.render_options(scene, entry)
-    flags = [scene.path, *_parameters(work)]
     seconds = work.drawn["duration_s"]
-    where: dict[str, Any] = {"folder": work.folder, "log": f"{entry.name}/render.log"}
+
+    def render(what: str, to: Path, *own: Any) -> None:
+        step = f"{entry.name}: {what}"
+        work.say(step)
+        job = ["render", scene.path, *_parameters(work), "-o", to.relative_to(work.folder), *own]
+        blender(*job, folder=work.folder, log=f"{entry.name}/render.log", tell=partial(work.say, step))
+        write_whole(to / "done", b"")
+
     if owner is not entry:  # its film stands where that of the owner stands
         options["focus_bands_nm"] = ",".join(map(str, rig.stack_json(work.stack(owner))["lens"]["focus_bands_nm"]))
     if owner is entry and recipe.truth["layers"] and not (work.truth(entry) / "done").exists():
-        work.say(f"{entry.name}: truth")
         own = {k: v for k, v in light.items() if k not in OF_LIGHT}
         fps = recipe.truth["fps"]
         own |= {"fps": fps, "frames": recipe.truth_frames(seconds), "layers": ",".join(recipe.truth["layers"])}
-        blender("render", *flags, "-o", f"{entry.name}/truth", "--no-light", *words(options | own), **where)
-        write_whole(work.truth(entry) / "done", b"")
+        render("truth", work.truth(entry), "--no-light", *words(options | own))
     if not (work.stack(entry) / "done").exists():
-        work.say(f"{entry.name}: light")
         ranges = rgb.light_instants(recipe, work.drawn, entry)
         own = light | {"frames": ",".join(f"{begin}:{end}" for begin, end in ranges)}
-        blender("render", *flags, "-o", f"{entry.name}/stack", *words(options | own), **where)
-        write_whole(work.stack(entry) / "done", b"")
+        render("light", work.stack(entry), *words(options | own))
 
 
 def film(work: Work, entry: CameraEntry) -> tuple[Any, int, int]:

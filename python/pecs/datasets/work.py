@@ -34,13 +34,14 @@ class Busy(PecsOutputError):
 
 @dataclass(frozen=True)
 class Work:
-    """A sequence being made. folder: SET/sequences/NNNN.partial."""
+    """A sequence being made. folder: SET/sequences/NNNN.partial. say(step) reports a step, say(step, progress) how far
+    it is."""
 
     recipe: Recipe
     index: int
     drawn: dict[str, Any]
     folder: Path
-    say: Callable[[str], None]
+    say: Callable[..., None]
 
     @property
     def name(self) -> str:
@@ -58,7 +59,7 @@ class Work:
 
 
 @contextmanager
-def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[[str], None]) -> Iterator[Work | None]:
+def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., None]) -> Iterator[Work | None]:
     """The work on sequence `index` of output/sequences, for this process alone; None if the sequence exists. The folder
     gets its name when the block ends without an exception, while the lock is still held. Raises Busy, and
     PecsOutputError if the sequence was begun or made from another request."""

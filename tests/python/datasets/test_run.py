@@ -1,5 +1,6 @@
 """A small set from its recipe, rendered, sensed and checked; stopped, in parts, damaged, and of wrong recipes."""
 
+import contextlib
 import hashlib
 import json
 import os
@@ -384,6 +385,22 @@ def test_damage_is_named_and_mended(made, tmp_path):
     result = dataset(*words, "--check", check=False)
     assert result.returncode == 4 and "left/events.h5: got other content" in result.stdout
     assert "2 of 2 sequences lost or damaged: 0000, 0001" in result.stderr
+
+
+def test_a_terminal_shows_how_far_a_camera_is(made, tmp_path):
+    copy(made, tmp_path)
+    shutil.copytree(made / "set/sequences/0000", tmp_path / "set/sequences/0000.partial")
+    shutil.rmtree(tmp_path / "set/sequences/0000.partial/left/stack")
+    command = [sys.executable, "-m", "pecs.datasets", tmp_path / "r.toml", "-o", tmp_path / "set", "--only", "0"]
+    terminal, stderr = os.openpty()
+    with subprocess.Popen(list(map(str, command)), stderr=stderr) as process:
+        os.close(stderr)
+        shown = b""
+        with contextlib.suppress(OSError):  # at the end
+            while data := os.read(terminal, 4096):
+                shown += data
+    os.close(terminal)
+    assert process.returncode == 0 and re.search(rb"sequence 0000, left: light \d+/\d+, \d+ s left", shown), shown
 
 
 def test_a_finished_set_is_left_alone(made):
