@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +18,16 @@ from .._child import mortal
 from .._errors import PecsError
 
 CHECKOUT = Path(__file__).resolve().parents[3]
+# Blender 4.5 crashed in one of thousands of renders, in the update of its dependency graph.
+CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
 STEP = re.compile(r"^render: (\d+/\d+, \d+ s left)$", re.MULTILINE)
 
 
 def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = lambda progress: None) -> None:
     """Runs in the folder, so that records contain no absolute path. The output goes to the log; an error is raised with
-    the renderer's line and exit code. The renderer ends with this process, which frees the folder's lock. If this
-    Python has no bpy, PECS_BLENDER_PYTHON names one that has bpy and pecs_blender. tell: gets the renderer's progress,
-    such as "3/17, 200 s left"."""
+    the renderer's line and exit code. The renderer ends with this process, which frees the folder's lock. A renderer
+    that crashes is started once more, and continues. If this Python has no bpy, PECS_BLENDER_PYTHON names one that has
+    bpy and pecs_blender. tell: gets the renderer's progress, such as "3/17, 200 s left"."""
     python = os.environ.get("PECS_BLENDER_PYTHON", sys.executable)
     paths = [Path(p).absolute() for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
     if not importlib.util.find_spec("pecs_blender") and (CHECKOUT / "blender_addon").is_dir():
@@ -32,31 +37,34 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
         environment["PECS_LIBRARY"] = str(Path(environment["PECS_LIBRARY"]).absolute())
     path = folder / log
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab") as out:
-        begin = out.tell()
-        command = [python, "-m", "pecs_blender", *map(str, words)]
-        streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
-        with subprocess.Popen(mortal(command), env=environment, cwd=folder, **streams) as process:
-            try:
-                code = None
-                while code is None:
-                    code = _ended(process)
-                    if steps := STEP.findall(_output(path, begin)):
-                        tell(steps[-1])
-            except BaseException:  # stopped; finished frames are kept
-                process.terminate()
-                raise
+    command = mortal([python, "-m", "pecs_blender", *map(str, words)])
+    for _ in range(2):
+        begin = path.stat().st_size if path.exists() else 0
+        with path.open("ab") as out:
+            streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
+            with subprocess.Popen(command, env=environment, cwd=folder, **streams) as process:
+                code = _watched(process, partial(_output, path, begin), tell)
+        if -code not in CRASHES:
+            break
     if code:
         lines = _output(path, begin).strip().splitlines() or ["no output"]
-        raise PecsError(f"{lines[-1]} ({path})", code if 0 < code < 8 else 1)
+        said = lines[-1] if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
+        raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
 
 
-def _ended(process: subprocess.Popen[bytes]) -> int | None:
-    """The exit code, waited for a second."""
+def _watched(process: subprocess.Popen[bytes], output: Callable[[], str], tell: Callable[[str], None]) -> int:
+    """The exit code. Once a second, and at the end, `tell` gets the last step of the output."""
+    code = None
     try:
-        return process.wait(1)
-    except subprocess.TimeoutExpired:
-        return None
+        while code is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = process.wait(1)
+            if steps := STEP.findall(output()):
+                tell(steps[-1])
+    except BaseException:  # stopped; finished frames are kept
+        process.terminate()
+        raise
+    return code
 
 
 def _output(log: Path, begin: int) -> str:

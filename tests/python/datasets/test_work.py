@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ pecs = pytest.importorskip("pecs")
 pytest.importorskip("scipy")
 
 from pecs.datasets import recipe, run, work  # noqa: E402
+from pecs.datasets.blender import blender  # noqa: E402
 
 RECIPE = """
 seed = 3
@@ -126,3 +128,22 @@ def test_another_version_does_not_continue(set_, monkeypatch):
     monkeypatch.setattr(work, "version", lambda: "9.9")
     make(set_)  # a finished one stays
     assert json.loads((made / "drawn.json").read_text())["versions"]["pecs"] == pecs.version()
+
+
+@pytest.mark.parametrize("crashes", [1, 2])
+def test_a_renderer_that_crashes_is_started_once_more(tmp_path, monkeypatch, crashes):
+    """Blender crashed in one of thousands of renders."""
+    python, count = tmp_path / "python", tmp_path / "count"
+    python.write_text(
+        f'#!/bin/sh\necho start >> "{count}"\n'
+        f'[ "$(wc -l < "{count}")" -gt {crashes} ] || kill -SEGV $$\nexec "{sys.executable}" "$@"\n'
+    )
+    python.chmod(0o755)
+    monkeypatch.setenv("PECS_BLENDER_PYTHON", str(python))
+    if crashes == 1:
+        blender("--help", folder=tmp_path, log="a.log")
+        assert "usage: pecs_blender" in (tmp_path / "a.log").read_text()
+    else:
+        with pytest.raises(pecs.PecsError, match=r"the renderer was ended by SIGSEGV \(.*a\.log\)"):
+            blender("--help", folder=tmp_path, log="a.log")
+    assert count.read_text() == "start\nstart\n"

@@ -96,7 +96,7 @@ def check_way(way, camera, things, times, camera_from_world=lambda t: FLIP, leas
             print(f"{low} m: {np.abs(wanted[:, known]).max():.3f} px, off by {error:.1e} px")
             assert error < TOLERANCE_PX
             if t == end:
-                assert np.allclose(way[9][known], now[2][known], rtol=1e-5)
+                assert np.allclose(way[9][known], now[2][known], rtol=2e-5)  # two roundings to 16 bits
     assert (np.isfinite(z) == found).all()
     return way[:8]
 
