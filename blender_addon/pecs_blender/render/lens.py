@@ -164,5 +164,4 @@ def even_out(
             illumination = np.array([(p["r_mm"], p["relative_illumination"]) for p in pupil])
             with np.errstate(divide="ignore"):
                 gain[k] = np.interp(radius_mm, illumination[:, 0], illumination[:, 1]) / gain[k]
-    bpy.data.scenes.remove(scene)
     return gain
