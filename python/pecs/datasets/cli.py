@@ -192,7 +192,7 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
         truth += owners * found.truth_frames(duration_s)
-        light += sum(end - begin for one in stacks for begin, end in rgb.light_instants(found, drawn, one))
+        light += sum(_instants(found, drawn, one) for one in stacks)
         share, seconds, gigabytes = _made(found, drawn, folder)
         if share:
             made[scene] += share, share * duration_s, seconds, gigabytes
@@ -223,6 +223,11 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")
 
 
+def _instants(found: recipe.Recipe, drawn: dict[str, Any], camera: recipe.CameraEntry) -> int:
+    """At how many instants a camera's light is wanted."""
+    return sum(end - begin for begin, end in rgb.light_instants(found, drawn, camera))
+
+
 def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[float, float, float]:
     """Of a sequence: which share of it exists, the time that this took [s], and its size [GB]. The share of a sequence
     that is being made is that of the instants and pixels of the cameras whose light is complete."""
@@ -231,15 +236,12 @@ def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[fl
     else:
         folder = folder.with_name(f"{folder.name}.partial")
         stacks = [camera for camera in found.cameras if camera.has_light]
-        done = [(folder / camera.name / "stack/done") for camera in stacks]
-        rendered = [end for end in done if end.exists()]
-        until = max((end.stat().st_mtime for end in rendered), default=0.0)
-        sizes = [math.prod(pixels(found, camera)[:2]) for camera in stacks]
-        counts = [sum(end - begin for begin, end in rgb.light_instants(found, drawn, camera)) for camera in stacks]
-        parts = [size * count for size, count in zip(sizes, counts, strict=True)]
-        share = sum(part for part, end in zip(parts, done, strict=True) if end in rendered) / sum(parts)
+        done = {camera.name: folder / camera.name / "stack/done" for camera in stacks}
+        rendered = {name: path.stat().st_mtime for name, path in done.items() if path.exists()}
+        if not rendered:
+            return 0.0, 0.0, 0.0
+        parts = {one.name: math.prod(pixels(found, one)[:2]) * _instants(found, drawn, one) for one in stacks}
+        share, until = sum(parts[name] for name in rendered) / sum(parts.values()), max(rendered.values())
     files = [one for one in (p.stat() for p in folder.rglob("*") if p.is_file()) if one.st_mtime <= until]
-    if not files:
-        return 0.0, 0.0, 0.0
     seconds = max(one.st_mtime for one in files) - min(one.st_mtime for one in files)
     return share, seconds, sum(one.st_size for one in files) * 1e-9

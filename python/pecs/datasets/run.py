@@ -164,12 +164,13 @@ def _render(work: Work, entry: CameraEntry, threads: int) -> None:
         "threads": threads,
     }
     light = recipe.render_options(scene, entry)
+    flags = [scene.path, *_parameters(work)]
     seconds = work.drawn["duration_s"]
 
     def render(what: str, to: Path, *own: Any) -> None:
         step = f"{entry.name}: {what}"
         work.say(step)
-        job = ["render", scene.path, *_parameters(work), "-o", to.relative_to(work.folder), *own]
+        job = ["render", *flags, "-o", to.relative_to(work.folder), *own]
         blender(*job, folder=work.folder, log=f"{entry.name}/render.log", tell=partial(work.say, step))
         write_whole(to / "done", b"")
 
