@@ -18,7 +18,7 @@
 namespace pecs::app {
 namespace {
 
-struct Arguments {
+struct CompareArguments {
   std::string real, sim, disk, picture;
   double window_us = 0;
   std::string normalisation = "shared", origin = "first-event";
@@ -28,7 +28,7 @@ struct Arguments {
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
 
-void print_table(const metrics::Comparison& c, const Arguments& a) {
+void print_table(const metrics::Comparison& c, const CompareArguments& a) {
   const auto row = [](const char* name, const std::string& value, const std::string& floor, const std::string& note) {
     fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
   };
@@ -85,7 +85,7 @@ metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real
   return metrics::turning_disk_from({detected, from == "find" ? file : from});
 }
 
-void run(const Arguments& a, Console& console) {
+void run(const CompareArguments& a, Console& console) {
   metrics::CompareOptions options;
   options.normalisation = metrics::normalisation_from(a.normalisation);
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
@@ -112,7 +112,7 @@ void run(const Arguments& a, Console& console) {
 }  // namespace
 
 void add_compare(CLI::App& app, Console& console) {
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<CompareArguments>();
   auto* command =
       app.add_subcommand("compare", "score a simulation against a real recording (docs/reference/metrics.md)");
   command->add_option("REAL", a->real, "recording, any event format")->required();

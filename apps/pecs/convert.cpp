@@ -16,7 +16,7 @@
 namespace pecs::app {
 namespace {
 
-struct Options {
+struct ConvertArguments {
   std::string in, out;
   std::optional<std::string> format, input_format;
   std::vector<int> size;
@@ -29,7 +29,7 @@ struct Options {
 // The stages of a chip on the events of a file.
 class Stages {
  public:
-  Stages(const Options& o, const events::StreamInfo& info) : is_on_(o.stages.any()) {
+  Stages(const ConvertArguments& o, const events::StreamInfo& info) : is_on_(o.stages.any()) {
     if (is_on_) stages_.emplace(o.stages, info.width, info.height);
     if (o.dropped) file_.emplace(*o.dropped, o.stages);
   }
@@ -55,7 +55,7 @@ class Stages {
 };
 
 // Some files state no size: then all events are read to measure it.
-events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
+events::StreamInfo input_info(const ConvertArguments& o, const events::Codec& codec) {
   auto reader = codec.open_reader(o.in);
   events::StreamInfo info = reader->info();
   if (!o.size.empty()) {
@@ -72,7 +72,7 @@ events::StreamInfo input_info(const Options& o, const events::Codec& codec) {
 
 Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
 
-void convert(const Options& o, Console& console) {
+void convert(const ConvertArguments& o, Console& console) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
   events::Selector selector(o.selection);
@@ -126,7 +126,7 @@ void convert(const Options& o, Console& console) {
 }  // namespace
 
 void add_convert(CLI::App& app, Console& console) {
-  const auto o = std::make_shared<Options>();
+  const auto o = std::make_shared<ConvertArguments>();
   CLI::App* sub = app.add_subcommand("convert", "convert an event file to another format, whole, in part or filtered");
   sub->add_option("IN", o->in, "event file")->required();
   add_output(*sub, "OUT", o->out, "event file to write; its extension selects the format")->required();

@@ -106,7 +106,7 @@ void print_stack(const std::string& path, const Json& info) {
   }
 }
 
-void print(const std::string& path, const Json& info) {
+void print_events(const std::string& path, const Json& info) {
   fmt::print("{}: {}, {}x{} pixels{}\n", path, info["format"].get<std::string>(), info["width"].get<int>(),
              info["height"].get<int>(), info["camera"] == "" ? "" : ", " + info["camera"].get<std::string>());
   fmt::print("events       {}\n", info["events"].get<std::uint64_t>());
@@ -145,7 +145,7 @@ void add_info(CLI::App& app, Console&) {
     if (o->json)
       fmt::print("{}\n", text_of(info));
     else
-      (is_stack ? print_stack : print)(o->path, info);
+      (is_stack ? print_stack : print_events)(o->path, info);
   });
 }
 

@@ -26,7 +26,7 @@
 namespace pecs::app {
 namespace {
 
-struct Arguments {
+struct PreviewArguments {
   std::string stack, output, illuminant;
   std::int64_t frame = 0;
   double exposure_ev = 0, fps = 30;
@@ -38,7 +38,7 @@ struct Arguments {
 using Triple = std::array<double, 3>;
 
 // The illuminant of the options, of the scene in stack.json, or d65.
-std::string illuminant_of(const Arguments& a) {
+std::string illuminant_of(const PreviewArguments& a) {
   if (!a.illuminant.empty()) return a.illuminant;
   const auto file = std::filesystem::path(a.stack) / "stack.json";
   if (!std::filesystem::exists(file)) return "d65";
@@ -108,7 +108,7 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
 
 Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
 
-void run(const Arguments& a, Console& console) {
+void run(const PreviewArguments& a, Console& console) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4")
@@ -177,7 +177,7 @@ void run(const Arguments& a, Console& console) {
 }  // namespace
 
 void add_render_preview(CLI::App& app, Console& console) {
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<PreviewArguments>();
   auto* command = app.add_subcommand("render-preview", "convert a rendered stack to a picture (.png) or video (.mp4)");
   command->add_option("STACK", a->stack, "EXR stack with stack.json")->required();
   add_output(*command, "-o,--output", a->output, "file to write: .png or .mp4")->required();

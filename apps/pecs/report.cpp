@@ -12,13 +12,13 @@
 namespace pecs::app {
 namespace {
 
-struct Arguments {
+struct ReportArguments {
   std::string real, sim, stack, lens_svg, output;
   double window_us = 0;
   bool json = false;
 };
 
-void run(const Arguments& a, Console& console) {
+void run(const ReportArguments& a, Console& console) {
   view::ReportInputs inputs;
   std::vector<std::filesystem::path> files;
   const auto take = [&](const std::string& text, std::optional<std::filesystem::path>& into) {
@@ -44,7 +44,7 @@ void run(const Arguments& a, Console& console) {
 }  // namespace
 
 void add_report(CLI::App& app, Console& console) {
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<ReportArguments>();
   auto* command =
       app.add_subcommand("report", "write an HTML page: render, lens, simulated and recorded events, scores");
   command->add_option("--real", a->real, "recording");

@@ -23,7 +23,7 @@ std::pair<std::string, double> key_value(const std::string& text, const std::str
   throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted KEY=NUMBER", option, text));
 }
 
-struct Options : sensor::SenseOptions {
+struct SenseArguments : sensor::SenseOptions {
   bool json = false;
   std::vector<std::string> parameters, bias_texts;
   std::string readout = "chip", bands = "all";
@@ -36,9 +36,9 @@ struct Options : sensor::SenseOptions {
   const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
 };
 
-bool is_camera(const Options& o) { return o.live_source && *o.live_source != "video"; }
+bool is_camera(const SenseArguments& o) { return o.live_source && *o.live_source != "video"; }
 
-void add_frames(CLI::App* sub, Options* o) {
+void add_frames(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
       ->transform(quantity("Hz"))
       ->check(positive());
@@ -65,7 +65,7 @@ void add_frames(CLI::App* sub, Options* o) {
       ->check(positive());
 }
 
-void add_pixels(CLI::App* sub, Options* o) {
+void add_pixels(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
   sub->add_option("--set", o->overrides, "KEY=VALUE: a value of the chip, in the profile's unit (once per key)")
       ->allow_extra_args(false);
@@ -100,7 +100,7 @@ void add_pixels(CLI::App* sub, Options* o) {
              "the renderer");
 }
 
-void add_window(CLI::App* sub, Options* o) {
+void add_window(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--warmup-loops", o->window.warmup_loops,
                   "loops of a periodic stack to simulate before the output starts")
       ->check(CLI::Range(0, 1000000));
@@ -116,7 +116,7 @@ void add_window(CLI::App* sub, Options* o) {
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 
-void add_live(CLI::App* sub, Options* o) {
+void add_live(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
       ->check(CLI::Validator(
           [](std::string& text) {
@@ -137,7 +137,7 @@ void add_live(CLI::App* sub, Options* o) {
 }
 
 // Converts option texts to values; throws usage for conflicting options.
-void resolve(Options& o, const Console& console) {
+void resolve(SenseArguments& o, const Console& console) {
   o.quiet = console.quiet();
   o.ideal_readout = o.readout == "ideal";
   o.model.white_fa = o.white_a * 1e15;
@@ -161,7 +161,7 @@ void resolve(Options& o, const Console& console) {
                                         : "the input is missing; give a stack, pictures or a video");
 }
 
-sensor::SenseReport run(Options& o) {
+sensor::SenseReport run(SenseArguments& o) {
   const input::PictureOptions pictures{o.times, o.colour_space, o.ocio_config};
   if (!o.view) {
     o.source = input::open_frames(o.stack, pictures);
@@ -173,7 +173,7 @@ sensor::SenseReport run(Options& o) {
   return input::sense_live(o.live, o, pictures);
 }
 
-void print(const Options& o, const sensor::SenseReport& report, const Console& console) {
+void print(const SenseArguments& o, const sensor::SenseReport& report, const Console& console) {
   const Json& r = report.results;
   if (o.json) {
     fmt::print("{}\n", text_of(r));
@@ -202,7 +202,7 @@ void print(const Options& o, const sensor::SenseReport& report, const Console& c
 }  // namespace
 
 void add_sense(CLI::App& app, Console& console) {
-  const auto o = std::make_shared<Options>();
+  const auto o = std::make_shared<SenseArguments>();
   CLI::App* sub =
       app.add_subcommand("sense", "simulate events from frames: an EXR stack, EXR files, pictures or video");
   sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, or video; none for a camera");

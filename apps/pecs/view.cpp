@@ -16,7 +16,7 @@
 namespace pecs::app {
 namespace {
 
-struct Arguments {
+struct ViewArguments {
   std::string events, output, theme = "light";
   double from_us = 0, to_us = 0, window_us = 0;
   int count = 6;
@@ -33,7 +33,7 @@ double readable_slow_motion(std::int64_t span_us) {
   return wanted >= 5 * power ? 5 * power : wanted >= 2 * power ? 2 * power : power;
 }
 
-void run(const Arguments& a, Console& console) {
+void run(const ViewArguments& a, Console& console) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4" && extension != ".html")
@@ -87,7 +87,7 @@ void run(const Arguments& a, Console& console) {
 }  // namespace
 
 void add_view(CLI::App& app, Console& console) {
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<ViewArguments>();
   auto* command = app.add_subcommand("view", "show events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
   add_output(*command, "-o,--output", a->output, "file to write: .png, .mp4 or .html")->required();

@@ -5,11 +5,10 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 
+#include "degree.h"
 #include "pecs/calibration/optics.h"
 
 namespace pecs::calibration {
-
-inline constexpr double kDegree = CV_PI / 180;
 
 // World (x right, y forward, z up) to the axes of a camera that looks along +y.
 inline const cv::Matx33d kCameraFromWorld(1, 0, 0, 0, 0, -1, 0, 1, 0);

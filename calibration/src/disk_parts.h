@@ -6,11 +6,11 @@
 #include <span>
 #include <vector>
 
+#include "degree.h"
 #include "pecs/calibration/disk.h"
 
 namespace pecs::calibration::disk {
 
-inline constexpr double kDegree = std::numbers::pi / 180;
 inline constexpr double kLeastRadius_px = 10;  // angles closer to the centre are too uncertain
 
 struct Sample {

@@ -11,9 +11,9 @@
 namespace pecs::lens {
 namespace {
 
-constexpr int kNodes = 96;       // over the film radius
-constexpr int kLayers = 7;       // over the height of a tilted film
-constexpr double kBeyond = 1.1;  // extent of the table relative to the farthest corner
+constexpr int kRadialNodes = 96;  // over the film radius
+constexpr int kLayers = 7;        // over the height of a tilted film
+constexpr double kBeyond = 1.1;   // extent of the table relative to the farthest corner
 
 // Lagrange's weights of the nodes first, first + 1, first + 2, first + 3 at `x`.
 std::array<double, 4> cubic_weights(double x, double first) {
@@ -70,9 +70,9 @@ void ImageMap::tabulate(const Prescription& lens, double max_r_mm) {
   const double pupil_z = first_order(lens, mean_nm, s.stop_diameter_mm).entrance_pupil_z_mm;
   if (!std::isfinite(pupil_z)) throw Error(ExitCode::unsupported, lens.file + ": the entrance pupil lies at infinity");
 
-  step_mm_ = max_r_mm / kNodes;
+  step_mm_ = max_r_mm / kRadialNodes;
   layers_.assign(max_dz_mm_ > 0 ? kLayers : 1, {Chief{}});
-  std::size_t nodes = kNodes + 1;
+  std::size_t nodes = kRadialNodes + 1;
   for (std::size_t k = 0; k < layers_.size(); ++k) {
     const double dz = layers_.size() == 1 ? 0 : max_dz_mm_ * (2.0 * static_cast<double>(k) / (kLayers - 1) - 1);
     double last_angle = 0;

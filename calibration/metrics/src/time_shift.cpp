@@ -8,7 +8,7 @@
 namespace pecs::metrics {
 namespace {
 
-constexpr int kColumns = 40, kBins = 100;
+constexpr int kColumns = 40, kTimeBins = 100;
 
 // ON minus OFF events per block and time bin: [bin][block].
 struct Volume {
@@ -54,7 +54,7 @@ std::optional<double> correlation(const Volume& real, const Volume& sim, int shi
 std::optional<TimeShift> time_shift(const events::Recording& real, const events::Recording& sim,
                                     std::int64_t range_us) {
   if (real.width != sim.width || real.height != sim.height) return {};
-  const double bin_us = std::max(1.0, static_cast<double>(std::min(real.span_us, sim.span_us)) / kBins);
+  const double bin_us = std::max(1.0, static_cast<double>(std::min(real.span_us, sim.span_us)) / kTimeBins);
   const Volume a = volume_of(real, bin_us), b = volume_of(sim, bin_us);
   const auto now = correlation(a, b, 0);
   if (!now || real.events.size() < 1000 || sim.events.size() < 1000) return {};
@@ -70,7 +70,7 @@ std::optional<TimeShift> time_shift(const events::Recording& real, const events:
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (const int direction : {-1, 1})
-    for (int d = direction == 1 ? 0 : -1; std::abs(d) <= kBins / 4; d += direction) {
+    for (int d = direction == 1 ? 0 : -1; std::abs(d) <= kTimeBins / 4; d += direction) {
       const auto c = correlation(a, b, best + d);
       if (!c || *c < 0.7 * top) break;
       const Eigen::Vector3d row(1, d, d * d);

@@ -17,7 +17,7 @@ namespace {
 constexpr std::string_view kMagic = "#!AER-DAT2.0";
 constexpr std::string_view kChipKey = "# AEChip:";
 constexpr std::size_t kMaxChipLine = 200;
-constexpr std::int64_t kWrap = std::int64_t{1} << 32;
+constexpr std::int64_t kAedat2Wrap = std::int64_t{1} << 32;
 constexpr std::uint32_t kOtherSample = 1u << 31, kExternal = 1u << 10;
 
 struct ChipSize {
@@ -44,7 +44,7 @@ class Aedat2Reader final : public EventReader<Aedat2Reader> {
       const auto address = static_cast<std::uint32_t>(words >> 32);
       if (address & (kOtherSample | kExternal)) continue;
       // A decrease of t by half its range or more is a wrap.
-      if (t + kWrap / 2 <= last_) wraps_ += kWrap;
+      if (t + kAedat2Wrap / 2 <= last_) wraps_ += kAedat2Wrap;
       last_ = t;
       const int x = info_.width - 1 - static_cast<int>(address >> 12 & 0x3ff);
       const int y = info_.height - 1 - static_cast<int>(address >> 22 & 0x1ff);

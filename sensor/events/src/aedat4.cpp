@@ -23,7 +23,7 @@ namespace {
 
 constexpr std::string_view kMagic = "#!AER-DAT4.0\r\n";
 constexpr std::uint64_t kMaxHeaderBytes = 1 << 24, kMaxPacketBytes = 1 << 28;
-constexpr int kMaxSize = 32768;  // x and y are signed 16-bit
+constexpr int kAedat4MaxSize = 32768;  // x and y are signed 16-bit
 enum Compression { kNone, kLz4, kLz4High, kZstd, kZstdHigh };
 constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kTableId = "FTAB";
 
@@ -73,7 +73,7 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
  public:
   explicit Aedat4Reader(const std::filesystem::path& path) : file_(path) {
     read_header();
-    extent_.emplace(info_, kMaxSize);
+    extent_.emplace(info_, kAedat4MaxSize);
   }
 
   std::string place() const override { return fmt::format("packet at byte {}", packet_at_); }
@@ -134,7 +134,7 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
       info_.width = std::atoi(attribute(info, "sizeX").c_str());
       info_.height = std::atoi(attribute(info, "sizeY").c_str());
       info_.camera = attribute(info, "source");
-      if (info_.width < 1 || info_.height < 1 || info_.width > kMaxSize || info_.height > kMaxSize)
+      if (info_.width < 1 || info_.height < 1 || info_.width > kAedat4MaxSize || info_.height > kAedat4MaxSize)
         info_.width = info_.height = 0;
       return;
     }
@@ -180,13 +180,13 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
   std::size_t used_ = 0;
 };
 
-constexpr Limits kLimits = {.max_size = kMaxSize};
+constexpr Limits kAedat4Limits = {.max_size = kAedat4MaxSize};
 constexpr std::size_t kPacketEvents = 8192;
 
 class Aedat4Writer final : public CheckedWriter {
  public:
   Aedat4Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path, AtomicFile::Order::goes_back) {
+      : CheckedWriter(path, size, kAedat4Limits), file_(path, AtomicFile::Order::goes_back) {
     file_.put_text(kMagic);
     put_header(0);
   }
@@ -287,7 +287,7 @@ class Aedat4Writer final : public CheckedWriter {
 }  // namespace
 
 Codec make_aedat4() {
-  return make_codec<Aedat4Reader, Aedat4Writer>("aedat4", "iniVation AEDAT4", ".aedat4", kLimits,
+  return make_codec<Aedat4Reader, Aedat4Writer>("aedat4", "iniVation AEDAT4", ".aedat4", kAedat4Limits,
                                                 [](const auto&, auto head) { return begins_with(head, kMagic); });
 }
 

@@ -291,14 +291,14 @@ class CsvReader final : public EventReader<CsvReader> {
   Convention convention_ = Convention::csv;
 };
 
-constexpr Limits kLimits = {.keeps_size = false};
+constexpr Limits kCsvLimits = {.keeps_size = false};
 constexpr Limits kSecondsLimits = {.t_min_us = 0};
 
 template <Convention kConvention>
 class CsvWriter final : public CheckedWriter {
  public:
   CsvWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kCsv ? kLimits : kSecondsLimits, kConvention == Convention::e2vid), file_(path) {
+      : CheckedWriter(path, size, kCsv ? kCsvLimits : kSecondsLimits, kConvention == Convention::e2vid), file_(path) {
     if (kCsv) file_.put_text("t_us,x,y,p\n");
     if (kConvention == Convention::e2vid) file_.put_text(fmt::format("{} {}\n", size.width, size.height));
     if (kConvention == Convention::v2e)
@@ -337,7 +337,7 @@ Codec make_text(const char* name, const char* description, const char* extension
 
 }  // namespace
 
-Codec make_csv() { return make_text<Convention::csv>("csv", "CSV with a header line, t_us,x,y,p", ".csv", kLimits); }
+Codec make_csv() { return make_text<Convention::csv>("csv", "CSV with a header line, t_us,x,y,p", ".csv", kCsvLimits); }
 Codec make_e2vid() {
   return make_text<Convention::e2vid>("e2vid", "text of ESIM and E2VID: W H, then t x y p in seconds", ".txt",
                                       kSecondsLimits);

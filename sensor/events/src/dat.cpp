@@ -11,8 +11,8 @@
 namespace pecs::events {
 namespace {
 
-constexpr int kMaxSize = 1 << 14;
-constexpr std::int64_t kWrap = std::int64_t{1} << 32;
+constexpr int kDatMaxSize = 1 << 14;
+constexpr std::int64_t kDatWrap = std::int64_t{1} << 32;
 constexpr std::byte kOldType{0x00}, kCdType{0x0c}, kEventBytes{8};
 
 class DatReader final : public EventReader<DatReader> {
@@ -20,7 +20,7 @@ class DatReader final : public EventReader<DatReader> {
   explicit DatReader(const std::filesystem::path& path) : file_(path) {
     const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
     info_ = header.info;
-    extent_.emplace(info_, kMaxSize);
+    extent_.emplace(info_, kDatMaxSize);
     file_.seek(header.bytes);
     std::byte type_and_size[2];
     file_.read_exactly(type_and_size, "event type and size");
@@ -37,7 +37,7 @@ class DatReader final : public EventReader<DatReader> {
     if (!item) return false;
     // A decrease of t by half its range or more is a wrap.
     const auto t = static_cast<std::int64_t>(*item & 0xffffffff);
-    if (t + kWrap / 2 <= last_) wraps_ += kWrap;
+    if (t + kDatWrap / 2 <= last_) wraps_ += kDatWrap;
     last_ = t;
     const auto address = static_cast<std::uint32_t>(*item >> 32);
     event = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
@@ -53,12 +53,12 @@ class DatReader final : public EventReader<DatReader> {
 };
 
 // t has 32 bits, and a decrease by half their range means a wrap: a gap must be shorter than 2^31 us = 35 min.
-constexpr Limits kLimits = {.t_min_us = 0, .max_gap_us = kWrap / 2, .max_size = kMaxSize};
+constexpr Limits kDatLimits = {.t_min_us = 0, .max_gap_us = kDatWrap / 2, .max_size = kDatMaxSize};
 
 class DatWriter final : public CheckedWriter {
  public:
   DatWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path) {
+      : CheckedWriter(path, size, kDatLimits), file_(path) {
     file_.put_text(fmt::format("% Data file containing CD events.\n% Version 2\n% Height {}\n% Width {}\n", size.height,
                                size.width));
     file_.put(kCdType);
@@ -84,7 +84,7 @@ bool is_dat(const RawHeader& header, std::span<const std::byte> head) {
 }  // namespace
 
 Codec make_dat() {
-  return make_codec<DatReader, DatWriter>("dat", "Prophesee DAT version 2", ".dat", kLimits,
+  return make_codec<DatReader, DatWriter>("dat", "Prophesee DAT version 2", ".dat", kDatLimits,
                                           [](const auto&, auto head) { return is_dat(parse_raw_header(head), head); });
 }
 

@@ -93,7 +93,7 @@ class DsecReader final : public BlockReader {
 };
 
 // Without negative times; late streams begin near 0 by t_offset, so that ms_to_idx stays short.
-constexpr Limits kLimits = {.t_min_us = 0};
+constexpr Limits kDsecLimits = {.t_min_us = 0};
 constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::int64_t kLateUs = 3 * kHourUs;
 constexpr std::int64_t kMaxSpanUs = 24 * kHourUs;  // 86 million entries of ms_to_idx
@@ -101,7 +101,7 @@ constexpr std::int64_t kMaxSpanUs = 24 * kHourUs;  // 86 million entries of ms_t
 class DsecWriter final : public CheckedWriter {
  public:
   DsecWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits, false),
+      : CheckedWriter(path, size, kDsecLimits, false),
         file_(path),
         group_(file_, "/events"),
         t_(file_, "/events/t"),
@@ -156,10 +156,11 @@ class DsecWriter final : public CheckedWriter {
 }  // namespace
 
 Codec make_dsec_hdf5() {
-  return make_codec<DsecReader, DsecWriter>(
-      "dsec", "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)", ".h5", kLimits, [](const auto& path, auto head) {
-        return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
-      });
+  return make_codec<DsecReader, DsecWriter>("dsec", "DSEC HDF5 (events/t, x, y, p; t_offset; ms_to_idx)", ".h5",
+                                            kDsecLimits, [](const auto& path, auto head) {
+                                              return hdf5::is_hdf5(head) &&
+                                                     hdf5::has_paths(path, {kColumns.begin(), kColumns.end()});
+                                            });
 }
 
 }  // namespace pecs::events

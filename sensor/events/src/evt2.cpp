@@ -9,18 +9,18 @@
 namespace pecs::events {
 namespace {
 
-constexpr int kMaxSize = 2048;
-constexpr unsigned kTimeHigh = 8;
-constexpr std::int64_t kHighs = std::int64_t{1} << 28;
+constexpr int kEvt2MaxSize = 2048;
+constexpr unsigned kEvt2TimeHigh = 8;
+constexpr std::int64_t kEvt2Highs = std::int64_t{1} << 28;
 
 class Evt2Reader final : public RawReader<Evt2Reader, std::uint32_t> {
  public:
-  explicit Evt2Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
+  explicit Evt2Reader(const std::filesystem::path& path) : RawReader(path, kEvt2MaxSize) {}
 
   bool next(Event& event) {
     while (const auto word = next_word()) {
       const unsigned type = *word >> 28;
-      if (type == kTimeHigh) {
+      if (type == kEvt2TimeHigh) {
         high_.take(*word & 0x0fffffff);
       } else if (type <= 1 && high_.known()) {
         check_inside(event = {(high_.value() << 6) | (*word >> 22 & 0x3f),
@@ -33,15 +33,15 @@ class Evt2Reader final : public RawReader<Evt2Reader, std::uint32_t> {
   }
 
  private:
-  TimeHighReader high_{kHighs};
+  TimeHighReader high_{kEvt2Highs};
 };
 
-constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kMaxSize};
+constexpr Limits kEvt2Limits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kEvt2MaxSize};
 
 class Evt2Writer final : public CheckedWriter {
  public:
   Evt2Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path) {
+      : CheckedWriter(path, size, kEvt2Limits), file_(path) {
     file_.put_text(raw_header_text("EVT2", "2.0", size));
     put_high(0);
   }
@@ -50,7 +50,7 @@ class Evt2Writer final : public CheckedWriter {
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
       const std::int64_t high = e.t_us >> 6;
-      step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_high(next); });
+      step_time_high(high_, high, kEvt2Highs, [&](std::int64_t next) { put_high(next); });
       high_ = high;
       file_.put(std::uint32_t{e.p} << 28 | static_cast<std::uint32_t>(e.t_us & 0x3f) << 22 | std::uint32_t{e.x} << 11 |
                 e.y);
@@ -58,7 +58,7 @@ class Evt2Writer final : public CheckedWriter {
   }
   void finish() override { file_.commit(); }
 
-  void put_high(std::int64_t high) { file_.put(kTimeHigh << 28 | static_cast<std::uint32_t>(high % kHighs)); }
+  void put_high(std::int64_t high) { file_.put(kEvt2TimeHigh << 28 | static_cast<std::uint32_t>(high % kEvt2Highs)); }
 
   OutputFile file_;
   std::int64_t high_ = 0;
@@ -66,6 +66,6 @@ class Evt2Writer final : public CheckedWriter {
 
 }  // namespace
 
-Codec make_evt2() { return make_raw_codec<Evt2Reader, Evt2Writer>("evt2", "Prophesee RAW EVT2", "EVT2", kLimits); }
+Codec make_evt2() { return make_raw_codec<Evt2Reader, Evt2Writer>("evt2", "Prophesee RAW EVT2", "EVT2", kEvt2Limits); }
 
 }  // namespace pecs::events

@@ -13,14 +13,14 @@
 namespace pecs::events {
 namespace {
 
-constexpr int kMaxSize = 2048;
-constexpr std::uint64_t kTimeHigh = 8;
-constexpr std::int64_t kHighs = std::int64_t{1} << 28;
+constexpr int kEvt21MaxSize = 2048;
+constexpr std::uint64_t kEvt21TimeHigh = 8;
+constexpr std::int64_t kEvt21Highs = std::int64_t{1} << 28;
 
 class Evt21Reader final : public RawReader<Evt21Reader, std::uint64_t> {
  public:
   explicit Evt21Reader(const std::filesystem::path& path)
-      : RawReader(path, kMaxSize), halves_swapped_(options_["endianness"] == "legacy") {}
+      : RawReader(path, kEvt21MaxSize), halves_swapped_(options_["endianness"] == "legacy") {}
 
   bool next(Event& event) {
     while (mask_ == 0) {
@@ -28,7 +28,7 @@ class Evt21Reader final : public RawReader<Evt21Reader, std::uint64_t> {
       if (!word) return false;
       if (halves_swapped_) word = std::rotl(*word, 32);
       const std::uint64_t type = *word >> 60;
-      if (type == kTimeHigh) {
+      if (type == kEvt21TimeHigh) {
         high_.take(static_cast<std::int64_t>(*word >> 32 & 0x0fffffff));
       } else if (type <= 1 && high_.known()) {
         event_ = {(high_.value() << 6) | static_cast<std::int64_t>(*word >> 54 & 0x3f), 0,
@@ -45,18 +45,18 @@ class Evt21Reader final : public RawReader<Evt21Reader, std::uint64_t> {
 
  private:
   const bool halves_swapped_;
-  TimeHighReader high_{kHighs};
+  TimeHighReader high_{kEvt21Highs};
   Event event_;
   unsigned base_x_ = 0;
   std::uint32_t mask_ = 0;
 };
 
-constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kMaxSize};
+constexpr Limits kEvt21Limits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kEvt21MaxSize};
 
 class Evt21Writer final : public CheckedWriter {
  public:
   Evt21Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path) {
+      : CheckedWriter(path, size, kEvt21Limits), file_(path) {
     file_.put_text(raw_header_text("EVT21", "2.1", size, ";endianness=little"));
     put_high(0);
   }
@@ -66,7 +66,7 @@ class Evt21Writer final : public CheckedWriter {
     for (std::size_t i = 0; i < events.size();) {
       const Event& first = events[i];
       const std::int64_t high = first.t_us >> 6;
-      step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_high(next); });
+      step_time_high(high_, high, kEvt21Highs, [&](std::int64_t next) { put_high(next); });
       high_ = high;
 
       // A run to the right at one time and polarity within 32 aligned pixels is one word.
@@ -85,7 +85,9 @@ class Evt21Writer final : public CheckedWriter {
   }
   void finish() override { file_.commit(); }
 
-  void put_high(std::int64_t high) { file_.put(kTimeHigh << 60 | static_cast<std::uint64_t>(high % kHighs) << 32); }
+  void put_high(std::int64_t high) {
+    file_.put(kEvt21TimeHigh << 60 | static_cast<std::uint64_t>(high % kEvt21Highs) << 32);
+  }
 
   OutputFile file_;
   std::int64_t high_ = 0;
@@ -94,7 +96,7 @@ class Evt21Writer final : public CheckedWriter {
 }  // namespace
 
 Codec make_evt21() {
-  return make_raw_codec<Evt21Reader, Evt21Writer>("evt21", "Prophesee RAW EVT2.1", "EVT21", kLimits);
+  return make_raw_codec<Evt21Reader, Evt21Writer>("evt21", "Prophesee RAW EVT2.1", "EVT21", kEvt21Limits);
 }
 
 }  // namespace pecs::events

@@ -18,12 +18,12 @@ namespace {
 
 enum Type : unsigned { addr_y = 0, addr_x = 2, vect_base = 3, vect_12 = 4, vect_8 = 5, time_low = 6, time_high = 8 };
 
-constexpr int kMaxSize = 2048;
-constexpr std::int64_t kHighs = 4096;  // TIME_HIGH values in a wrap
+constexpr int kEvt3MaxSize = 2048;
+constexpr std::int64_t kEvt3Highs = 4096;  // TIME_HIGH values in a wrap
 
 class Evt3Reader final : public RawReader<Evt3Reader, std::uint16_t> {
  public:
-  explicit Evt3Reader(const std::filesystem::path& path) : RawReader(path, kMaxSize) {}
+  explicit Evt3Reader(const std::filesystem::path& path) : RawReader(path, kEvt3MaxSize) {}
 
   bool next(Event& event) {
     while (mask_ == 0) {
@@ -73,8 +73,8 @@ class Evt3Reader final : public RawReader<Evt3Reader, std::uint16_t> {
     mask_x_ = base_x_;
     event_.p = base_p_;
     base_x_ += size;
-    if (base_x_ > kMaxSize + 32)
-      throw damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kMaxSize));
+    if (base_x_ > kEvt3MaxSize + 32)
+      throw damage(fmt::format("a vector up to x = {}", base_x_), fmt::format("x below {}", kEvt3MaxSize));
   }
 
   // Until the next TIME_LOW, a new high part counts from its start.
@@ -86,19 +86,19 @@ class Evt3Reader final : public RawReader<Evt3Reader, std::uint16_t> {
   }
 
   Event event_;
-  TimeHighReader high_{kHighs};
+  TimeHighReader high_{kEvt3Highs};
   std::int64_t low_ = 0;
   int base_x_ = 0, mask_x_ = 0;
   std::uint8_t base_p_ = 0;
   unsigned mask_ = 0;
 };
 
-constexpr Limits kLimits = {.t_min_us = 0, .t_max_us = 10'000'000'000'000, .max_size = kMaxSize};
+constexpr Limits kEvt3Limits = {.t_min_us = 0, .t_max_us = 10'000'000'000'000, .max_size = kEvt3MaxSize};
 
 class Evt3Writer final : public CheckedWriter {
  public:
   Evt3Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits), file_(path) {
+      : CheckedWriter(path, size, kEvt3Limits), file_(path) {
     file_.put_text(raw_header_text("EVT3", "3.0", size));
     put_time(0, 0);
   }
@@ -129,13 +129,13 @@ class Evt3Writer final : public CheckedWriter {
   void put_time(std::int64_t high, std::int64_t low) {
     high_ = high;
     low_ = low;
-    word(time_high, static_cast<unsigned>(high % kHighs));
+    word(time_high, static_cast<unsigned>(high % kEvt3Highs));
     word(time_low, static_cast<unsigned>(low));
   }
 
   void step_to(std::int64_t t_us) {
     const std::int64_t high = t_us >> 12, low = t_us & 0xfff;
-    step_time_high(high_, high, kHighs, [&](std::int64_t next) { put_time(next, next == high ? low : 0); });
+    step_time_high(high_, high, kEvt3Highs, [&](std::int64_t next) { put_time(next, next == high ? low : 0); });
     if (low != low_) word(time_low, static_cast<unsigned>(low_ = low));
   }
 
@@ -168,6 +168,6 @@ class Evt3Writer final : public CheckedWriter {
 
 }  // namespace
 
-Codec make_evt3() { return make_raw_codec<Evt3Reader, Evt3Writer>("evt3", "Prophesee RAW EVT3", "EVT3", kLimits); }
+Codec make_evt3() { return make_raw_codec<Evt3Reader, Evt3Writer>("evt3", "Prophesee RAW EVT3", "EVT3", kEvt3Limits); }
 
 }  // namespace pecs::events

@@ -160,14 +160,14 @@ hdf5::Handle trigger_type() {
   return type;
 }
 
-constexpr Limits kLimits = {.t_min_us = 0, .max_gap_us = 86'400'000'000, .max_size = 2048};
+constexpr Limits kMetavisionLimits = {.t_min_us = 0, .max_gap_us = 86'400'000'000, .max_size = 2048};
 constexpr std::int64_t kIndexPeriodUs = 2000;
 constexpr std::size_t kIndexChunk = 1024;
 
 class MetavisionWriter final : public CheckedWriter {
  public:
   MetavisionWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits),
+      : CheckedWriter(path, size, kMetavisionLimits),
         file_(path),
         cd_(file_, "/CD"),
         triggers_(file_, "/EXT_TRIGGER"),
@@ -244,7 +244,7 @@ class MetavisionWriter final : public CheckedWriter {
 
 Codec make_metavision_hdf5() {
   return make_codec<MetavisionReader, MetavisionWriter>(
-      "metavision-hdf5", "Metavision HDF5 (ECF compression)", ".hdf5", kLimits,
+      "metavision-hdf5", "Metavision HDF5 (ECF compression)", ".hdf5", kMetavisionLimits,
       [](const auto& path, auto head) { return hdf5::is_hdf5(head) && hdf5::has_paths(path, {kEvents}); });
 }
 

@@ -207,7 +207,7 @@ class NpzReader final : public BlockReader {
   std::uint64_t size_;
 };
 
-constexpr Limits kLimits = {};
+constexpr Limits kNpzLimits = {};
 constexpr std::size_t kHeaderBytes = 128;
 constexpr zip_uint16_t kDosDate = 1 << 5 | 1;  // 1980-01-01, as NumPy's: the same events make the same bytes
 
@@ -260,7 +260,7 @@ class Spool {
 class NpzWriter final : public CheckedWriter {
  public:
   NpzWriter(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kLimits, false),
+      : CheckedWriter(path, size, kNpzLimits, false),
         partial_(path),
         t_(path, partial_, "<i8"),
         x_(path, partial_, "<u2"),
@@ -317,7 +317,7 @@ class NpzWriter final : public CheckedWriter {
 }  // namespace
 
 Codec make_npz() {
-  return make_codec<NpzReader, NpzWriter>("npz", "NumPy NPZ with t (us), x, y, p", ".npz", kLimits,
+  return make_codec<NpzReader, NpzWriter>("npz", "NumPy NPZ with t (us), x, y, p", ".npz", kNpzLimits,
                                           [](const auto&, auto head) { return begins_with(head, "PK\3\4"); });
 }
 

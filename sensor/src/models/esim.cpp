@@ -6,7 +6,7 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr ModelParameter kParameters[] = {
+constexpr ModelParameter kEsimParameters[] = {
     {"log_eps", "1", 1e-3, 1e-9, 1, "added to the picture (white = 1) before the logarithm"},
 };
 
@@ -66,6 +66,6 @@ class Esim : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_esim{
-    "esim", "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kParameters, {.is_random = false}, make_model<Esim>};
+    "esim", "Rebecq, Gehrig, Scaramuzza, CoRL 2018", kEsimParameters, {.is_random = false}, make_model<Esim>};
 
 }  // namespace pecs::sensor

@@ -12,7 +12,7 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr ModelParameter kParameters[] = {
+constexpr ModelParameter kIcnsParameters[] = {
     {"white_lux", "lux", 1e4, 1, 1e7, "light of grey value 255"},
     {"tau_us", "us", 40, 0, 1e6, "time constant at 1 klux"},
     {"latency_us", "us", 100, 0, 1e4, "of the readout, mean"},
@@ -123,6 +123,6 @@ class Icns : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_icns{
-    "icns", "Joubert et al., Frontiers in Neuroscience 2021", kParameters, {}, make_model<Icns>};
+    "icns", "Joubert et al., Frontiers in Neuroscience 2021", kIcnsParameters, {}, make_model<Icns>};
 
 }  // namespace pecs::sensor

@@ -14,7 +14,7 @@
 namespace pecs::sensor {
 namespace {
 
-constexpr ModelParameter kParameters[] = {
+constexpr ModelParameter kV2eParameters[] = {
     {"linear_below", "grey", 20, 1, 255, "the logarithm is linear below this grey value (Sec. 3, lin-log)"},
     {"cutoff_hz", "Hz", 0, 0, 1e6, "photoreceptor's corner at white (0: none); falls with the grey value"},
     {"leak_jitter", "1", 0.1, 0, 10, "relative deviation of a frame's leak"},
@@ -163,7 +163,10 @@ class V2e : public PixelModel {
 
 }  // namespace
 
-extern const ModelEntry kModel_v2e{
-    "v2e", "Hu, Liu, Delbruck, CVPR Workshops 2021", kParameters, {.pixels_are_independent = false}, make_model<V2e>};
+extern const ModelEntry kModel_v2e{"v2e",
+                                   "Hu, Liu, Delbruck, CVPR Workshops 2021",
+                                   kV2eParameters,
+                                   {.pixels_are_independent = false},
+                                   make_model<V2e>};
 
 }  // namespace pecs::sensor

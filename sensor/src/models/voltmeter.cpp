@@ -9,7 +9,7 @@ namespace pecs::sensor {
 namespace {
 
 // The paper's camera DAVIS346; time in us, light in grey values.
-constexpr ModelParameter kParameters[] = {
+constexpr ModelParameter kVoltmeterParameters[] = {
     {"k1", "1", 5.265, 0, 1e3, "threshold units per relative change of light (Eq. 10)"},
     {"k2", "grey", 20, 1e-3, 1e3, "dark light"},
     {"k3", "grey^.5/us^.5", 1e-4, 0, 1, "photon noise", true},
@@ -94,6 +94,6 @@ class Voltmeter : public PixelModel {
 }  // namespace
 
 extern const ModelEntry kModel_voltmeter{
-    "voltmeter", "Lin, Ma, Guo, Wen, ECCV 2022", kParameters, {}, make_model<Voltmeter>};
+    "voltmeter", "Lin, Ma, Guo, Wen, ECCV 2022", kVoltmeterParameters, {}, make_model<Voltmeter>};
 
 }  // namespace pecs::sensor

@@ -16,7 +16,7 @@ std::size_t pixels_of(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
-constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min() / 4;
+constexpr std::int64_t kLongAgoUs = std::numeric_limits<std::int64_t>::min() / 4;
 
 }  // namespace
 
@@ -49,11 +49,11 @@ class EventStages::Blocks {
 
  private:
   struct Pixel {
-    std::int64_t rise_us = kNever;
+    std::int64_t rise_us = kLongAgoUs;
     std::uint8_t on = 1;  // the first rise follows an OFF event
   };
   struct Block {
-    std::int64_t counted_us = kNever;  // last period counted or taken off
+    std::int64_t counted_us = kLongAgoUs;  // last period counted or taken off
     std::int32_t periods = 0;
     bool flickers = false;
   };
@@ -108,7 +108,7 @@ class EventStages::Bursts {
 
  private:
   struct Pixel {
-    std::int64_t last_us = kNever;
+    std::int64_t last_us = kLongAgoUs;
     std::uint8_t on = 0;  // polarity of the last event
     bool first = false;   // it began a burst
   };
