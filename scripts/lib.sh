@@ -45,7 +45,8 @@ python_packages() {
   local venv=$1 key
   key="${*:2} $(sed -n '/^\[dependency-groups\]/,/^\[tool/p' pyproject.toml | sha256sum)"
   [ "$(cat "$venv/pecs-current" 2>/dev/null)" != "$key" ] || { echo "all there"; return; }
-  local install=("$venv/bin/python" -m pip install --quiet --disable-pip-version-check)
+  # Python compiles what is imported; compiling all of it takes longer than installing it.
+  local install=("$venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check)
   "${install[@]}" 'pip>=25.1'  # knows --group
   "${install[@]}" --group "$2"
   [ -z "${3:-}" ] || "${install[@]}" --no-deps --group "$3"
