@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pecs
 import pytest
-from pecs.fit import Flash, Steps, Still, Stimulus, fit, readout, stimulus_page
+from pecs.fit import Flash, Steps, Still, Stimulus, fit, model, readout, stimulus_page
 from pecs.fit.recordings import load_steps, load_still, load_stimulus
 from pecs.fit.statistics import thresholds
 from pecs.fit.stimulus import SECTIONS, timeline
@@ -208,8 +208,9 @@ def test_a_screens_sections_are_found(screen):
         assert value == pytest.approx(screen[0][key], rel=0.15), key
 
 
-def test_a_chip_is_fitted_to_a_screen(screen):
+def test_a_chip_is_fitted_to_a_screen(screen, monkeypatch):
     values, recordings, relative = screen
+    monkeypatch.setattr(model, "FRAMES", 40_000)
     found = fit(recordings, pixels=128, pixel_map=True)
     check_map(found, relative, [])
     for key, within in (("contrast_threshold_on", 0.05), ("contrast_threshold_off", 0.05), ("threshold_mismatch", 0.2)):
