@@ -7,15 +7,14 @@
 #include <functional>
 #include <memory>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <span>
 
 #include "commands.h"
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
-#include "pecs/files.h"
 #include "pecs/input/display.h"
+#include "pecs/input/video_file.h"
 #include "pecs/progress.h"
 #include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/stack.h"
@@ -139,24 +138,13 @@ void run(const PreviewArguments& a, Console& console) {
     result["frames"] = 1;
     write_png(a.output, to_display(picture, scale, encode));
   } else {
-    PartialFile partial(output);
-    // OpenCV derives the container from the extension, so the partial file has the same one. H.264 requires even sizes.
-    const std::filesystem::path unfinished = output.parent_path() / ("." + output.stem().string() + ".partial.mp4");
-    const cv::Rect even(0, 0, picture.cols / 2 * 2, picture.rows / 2 * 2);
-    cv::VideoWriter video;
-    for (const char* codec : {"avc1", "mp4v"}) {
-      if (video.isOpened()) break;
-      video.open(unfinished.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]),
-                 a.fps, even.size());
-    }
-    if (!video.isOpened()) throw bad_output(a.output, "no video encoder could be opened (disk, FFmpeg?)");
+    input::VideoFile video(output, a.fps);
     Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || console.quiet());
     for (std::int64_t i = 0; i < stack.frames(); ++i) {
-      video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode)(even));
+      video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode));
       progress.at(static_cast<std::uint64_t>(i + 1));
     }
-    video.release();
-    partial.commit(unfinished);
+    video.close();
     result["frames"] = stack.frames();
   }
   const Json config = {{"frame", first},

@@ -6,10 +6,9 @@
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "pecs/error.h"
-#include "pecs/files.h"
+#include "pecs/input/video_file.h"
 
 namespace pecs::view {
 namespace {
@@ -130,18 +129,13 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
           ? options.window_us
           : std::max<std::int64_t>(readable_window_us(recording, recording.span_us), std::llround(step_us));
 
-  PartialFile partial(path);
-  // OpenCV derives the container from the extension, so the partial file has the same one.
-  const std::string unfinished =
-      (path.parent_path() / ("." + path.stem().string() + ".partial" + path.extension().string())).string();
-  cv::VideoWriter writer;
-  VideoInfo info;
+  input::VideoFile video(path, options.fps);
   const auto frames = static_cast<int>(std::ceil(static_cast<double>(recording.span_us) / step_us));
   cv::Mat canvas;
-  for (; info.frames < frames; ++info.frames) {
-    const std::int64_t to = std::llround((info.frames + 1) * step_us), from = to - window_us;
+  for (int frame = 0; frame < frames; ++frame) {
+    const std::int64_t to = std::llround((frame + 1) * step_us), from = to - window_us;
     const cv::Mat panel = panel_of(recording, from, to, options.theme, kWidth, kDot);
-    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // H.264 requires even sizes
+    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // nothing is left out
     canvas.setTo(bgr(options.theme.paper));
     panel.copyTo(canvas(cv::Rect(0, kHead, panel.cols, panel.rows)));
     put_text(canvas,
@@ -149,19 +143,10 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
                          with_unit(window_us, recording.span_us), options.slow_motion),
              {8, 8}, 0.45, bgr(options.theme.ink));
     put_legend(canvas, 7, options.theme);
-
-    for (const char* codec : {"avc1", "mp4v"}) {
-      if (writer.isOpened()) break;
-      info.codec = codec;
-      writer.open(unfinished, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]),
-                  options.fps, canvas.size());
-    }
-    if (!writer.isOpened()) throw bad_output(path.string(), "no video encoder could be opened (disk, FFmpeg?)");
-    writer.write(canvas);
+    video.write(canvas);
   }
-  writer.release();
-  partial.commit(unfinished);
-  return info;
+  video.close();
+  return {frames, video.codec()};
 }
 
 }  // namespace pecs::view

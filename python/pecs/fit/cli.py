@@ -127,8 +127,6 @@ def _fit(args: argparse.Namespace) -> None:
         raise UsageError("fit: no recordings, wanted --stimulus, --steps, --disk or --still")
     if args.edges and len(args.steps) != 1:
         raise UsageError(f"fit: --edges: got {len(args.steps)} recordings of --steps, wanted one")
-    if args.pixels < 128 or args.pixels % 128:
-        raise UsageError(f"fit: --pixels: got {args.pixels}, wanted a multiple of 128")
     for file, levels in args.still:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")

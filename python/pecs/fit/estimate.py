@@ -231,10 +231,12 @@ def fit(
     PecsInputError
         A recording does not show what was stated.
     UsageError
-        There is no recording of steps, of a screen or of a disk, more than one of flashes, or a key of `keep` does not
-        exist.
+        There is no recording of steps, of a screen or of a disk, more than one of flashes, a key of `keep` does not
+        exist, or `pixels` is not a multiple of 128.
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
+    if pixels < 128 or pixels % 128:
+        raise UsageError(f"fit: pixels: got {pixels}, wanted a multiple of 128")
     base = Chip(chip)
     if "pixel_map" in base.info:
         raise UsageError(f"fit: {chip}: got a profile with a pixel map, wanted one without: its pixels are others")

@@ -14,7 +14,7 @@
 
 #include "linear.h"
 #include "pecs/error.h"
-#include "pecs/files.h"
+#include "pecs/input/video_file.h"
 #include "pecs/sensor/photocurrent.h"
 
 namespace pecs::input {
@@ -53,11 +53,7 @@ class EventView {
       cv::namedWindow("events", cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL);  // without a toolbar
       return;
     }
-    partial_.emplace(live.video);
-    // FFmpeg detects the container by the extension.
-    unfinished_ = live.video.parent_path() / ("." + live.video.stem().string() + ".partial.mp4");
-    if (!writer_.open(unfinished_.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30, size))
-      throw bad_output(live.video.string(), "OpenCV has no MPEG-4 encoder");
+    video_.emplace(live.video, 30);
   }
 
   // False when the user ends the view.
@@ -71,9 +67,7 @@ class EventView {
   }
   void close() {
     flush();
-    if (shows_) return;
-    writer_.release();
-    partial_->commit(unfinished_);
+    if (video_) video_->close();
   }
 
  private:
@@ -85,7 +79,7 @@ class EventView {
       const double early_us = static_cast<double>(next_us_ - live_.picture_us) - microseconds_since(start_);
       key = cv::waitKey(std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
     } else {
-      writer_.write(picture_);
+      video_->write(picture_);
     }
     picture_.setTo(kPaper);
     return key != 27;
@@ -94,9 +88,7 @@ class EventView {
   static inline const cv::Scalar kPaper{255, 255, 255};
   const LiveOptions& live_;
   cv::Mat picture_;
-  cv::VideoWriter writer_;
-  std::optional<PartialFile> partial_;
-  std::filesystem::path unfinished_;
+  std::optional<VideoFile> video_;
   bool shows_;
   Clock::time_point start_ = Clock::now();
   std::int64_t next_us_ = live_.picture_us;

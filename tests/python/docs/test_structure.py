@@ -16,7 +16,7 @@ ROOMS = {
     "sensor": ("sensor", "common events"),  # knows no lens
     "input": ("sensor/input", "common events sensor"),
     "metrics": ("calibration/metrics", "common events"),
-    "view": ("calibration/view", "common events sensor metrics"),
+    "view": ("calibration/view", "common events sensor input metrics"),
     "calibration": ("calibration", "common events lens sensor metrics view"),
     "capi": ("python/c", "common events lens sensor metrics"),
     "apps": ("apps", "common events lens sensor input metrics view calibration"),

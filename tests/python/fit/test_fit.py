@@ -264,6 +264,7 @@ def test_the_page_stands_alone(tmp_path):
         (["--stimulus", "{steps}"], 4, "events that come with"),
         (["--steps", "{steps}=1,0.1", "--irradiance", "1"], 2, "wanted both"),
         (["--steps", "{steps}=1,0.1", "--region", "0,0,99,99"], 4, "region"),
+        (["--steps", "{steps}=1,0.1", "--pixels", "64"], 2, "pixels: got 64"),
     ],
 )
 def test_a_wrong_command_is_one_line(steps, tmp_path, words, code, said):
