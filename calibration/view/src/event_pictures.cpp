@@ -7,7 +7,6 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "pecs/error.h"
 #include "pecs/input/video_file.h"
 
 namespace pecs::view {

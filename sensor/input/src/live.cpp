@@ -47,13 +47,11 @@ bool display_answers() {
 // ON blue, OFF orange on white (Okabe and Ito, 2008).
 class EventView {
  public:
-  EventView(const LiveOptions& live, cv::Size size, bool shows)
-      : live_(live), picture_(size, CV_8UC3, kPaper), shows_(shows) {
-    if (shows_) {
+  EventView(const LiveOptions& live, cv::Size size, bool shows) : live_(live), picture_(size, CV_8UC3, kPaper) {
+    if (shows)
       cv::namedWindow("events", cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL);  // without a toolbar
-      return;
-    }
-    video_.emplace(live.video, 30);
+    else
+      video_.emplace(live.video, 30);
   }
 
   // False when the user ends the view.
@@ -74,12 +72,12 @@ class EventView {
   bool flush() {
     next_us_ += live_.picture_us;
     int key = -1;
-    if (shows_) {
+    if (video_) {
+      video_->write(picture_);
+    } else {
       cv::imshow("events", picture_);
       const double early_us = static_cast<double>(next_us_ - live_.picture_us) - microseconds_since(start_);
       key = cv::waitKey(std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
-    } else {
-      video_->write(picture_);
     }
     picture_.setTo(kPaper);
     return key != 27;
@@ -88,8 +86,7 @@ class EventView {
   static inline const cv::Scalar kPaper{255, 255, 255};
   const LiveOptions& live_;
   cv::Mat picture_;
-  std::optional<VideoFile> video_;
-  bool shows_;
+  std::optional<VideoFile> video_;  // none: the window
   Clock::time_point start_ = Clock::now();
   std::int64_t next_us_ = live_.picture_us;
 };
