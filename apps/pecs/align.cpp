@@ -17,6 +17,7 @@
 #include "pecs/calibration/timestamp_wrap.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/input/media.h"
 #include "picture_file.h"
 #include "units.h"
 
@@ -162,7 +163,7 @@ Gathered gather(const IntrinsicsArguments& a, const BoardShape& shape, const Con
   };
   for (const auto& input : a.inputs) {
     if (is_picture(input)) {
-      const cv::Mat picture = cv::imread(input, cv::IMREAD_GRAYSCALE);
+      const cv::Mat picture = input::media().read_picture(input, cv::IMREAD_GRAYSCALE);
       if (picture.empty()) throw not_found(input, "not a readable picture");
       one_size(picture.size(), input);
       std::string why;

@@ -2,18 +2,18 @@
 
 #include <fmt/format.h>
 
-#include <opencv2/imgcodecs.hpp>
+#include <opencv2/core/mat.hpp>
 #include <span>
 
 #include "drawing.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/input/media.h"
 
 namespace pecs::app {
 
 void write_png(const std::string& path, const cv::Mat& picture) {
-  std::vector<std::uint8_t> png;
-  cv::imencode(".png", picture, png);
+  const std::vector<std::uint8_t> png = input::media().png_of(picture);
   write_file(path, std::as_bytes(std::span(png)));
 }
 

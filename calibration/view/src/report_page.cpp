@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "pack.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/input/media.h"
 #include "pecs/metrics/time_shift.h"
 #include "pecs/sensor/chip.h"
 #include "pecs/sensor/photocurrent.h"
@@ -73,11 +73,7 @@ std::string text_of(const Json& value) {
   return value.is_null() ? "none" : pecs::text_of(value);
 }
 
-std::string png_source(const cv::Mat& image) {
-  std::vector<std::uint8_t> png;
-  cv::imencode(".png", image, png);
-  return "data:image/png;base64," + base64(png);
-}
+std::string png_source(const cv::Mat& image) { return "data:image/png;base64," + base64(input::media().png_of(image)); }
 
 // Table rows for an object of stack.json, whose values are {"value": …, "unit": …} or plain.
 std::string rows_of(const Json& object) {

@@ -8,12 +8,12 @@
 #include <chrono>
 #include <cstdlib>
 #include <opencv2/core/utils/logger.hpp>
-#include <opencv2/highgui.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "linear.h"
 #include "pecs/error.h"
+#include "pecs/input/media.h"
 #include "pecs/input/video_file.h"
 #include "pecs/sensor/photocurrent.h"
 
@@ -21,6 +21,8 @@ namespace pecs::input {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+constexpr const char* kWindow = "events";
 
 double microseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
@@ -34,7 +36,7 @@ bool display_answers() {
     ::alarm(10);  // seconds
     if (const int null = ::open("/dev/null", O_WRONLY); null >= 0) ::dup2(null, STDERR_FILENO);
     try {
-      cv::namedWindow("events");
+      media().open_window(kWindow);
     } catch (...) {
       ::_exit(1);
     }
@@ -49,7 +51,7 @@ class EventView {
  public:
   EventView(const LiveOptions& live, cv::Size size, bool shows) : live_(live), picture_(size, CV_8UC3, kPaper) {
     if (shows)
-      cv::namedWindow("events", cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL);  // without a toolbar
+      media().open_window(kWindow);
     else
       video_.emplace(live.video, 30);
   }
@@ -75,9 +77,8 @@ class EventView {
     if (video_) {
       video_->write(picture_);
     } else {
-      cv::imshow("events", picture_);
       const double early_us = static_cast<double>(next_us_ - live_.picture_us) - microseconds_since(start_);
-      key = cv::waitKey(std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
+      key = media().show(kWindow, picture_, std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
     }
     picture_.setTo(kPaper);
     return key != 27;
@@ -91,13 +92,13 @@ class EventView {
   std::int64_t next_us_ = live_.picture_us;
 };
 
-cv::VideoCapture open_source(const LiveOptions& live) {
+std::unique_ptr<cv::VideoCapture> open_source(const LiveOptions& live) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // errors are reported below
-  cv::VideoCapture capture;
-  if (live.camera && !capture.open(*live.camera))
+  auto capture = media().video_reader();
+  if (live.camera && !capture->open(*live.camera))
     throw not_found(fmt::format("camera {}", *live.camera), "no such camera");
   if (!live.camera && !std::filesystem::exists(live.file)) throw not_found(live.file.string(), "no such file");
-  if (!live.camera && !capture.open(live.file.string()))
+  if (!live.camera && !capture->open(live.file.string()))
     throw bad_input(live.file.string(), "", "nothing that OpenCV can read", "a video");
   return capture;
 }
@@ -107,12 +108,12 @@ class Live final : public sensor::FrameSource {
  public:
   Live(const LiveOptions& live, const PictureOptions& pictures)
       : live_(live), linear_(pictures), capture_(open_source(live)) {
-    if (!capture_.read(frame_)) throw bad_input(name(), "", "no frame", "a video");
+    if (!capture_->read(frame_)) throw bad_input(name(), "", "no frame", "a video");
     info_.quantity = sensor::Quantity::relative;
     info_.width = frame_.cols;
     info_.height = frame_.rows;
     info_.bands = linear_.bands_of(frame_);
-    rate_hz_ = pictures.times.fps.value_or(capture_.get(cv::CAP_PROP_FPS));
+    rate_hz_ = pictures.times.fps.value_or(capture_->get(cv::CAP_PROP_FPS));
     if (!live.camera && !(rate_hz_ > 0)) throw bad_input(name(), "times", "none", "--fps");
   }
   const sensor::StackInfo& info() const override { return info_; }
@@ -125,7 +126,7 @@ class Live final : public sensor::FrameSource {
 
   std::optional<double> next_us() override {
     const bool enough = frames_ > 0 && live_.seconds && t_us_ >= *live_.seconds * 1e6;
-    if (enough || (frames_ > 0 && !capture_.read(frame_))) return {};
+    if (enough || (frames_ > 0 && !capture_->read(frame_))) return {};
     if (frame_.cols != info_.width || frame_.rows != info_.height)
       throw bad_input(name(), fmt::format("frame {}", frames_), fmt::format("{}x{}", frame_.cols, frame_.rows),
                       fmt::format("{}x{} as the first", info_.width, info_.height));
@@ -144,7 +145,7 @@ class Live final : public sensor::FrameSource {
  private:
   const LiveOptions& live_;
   Linear linear_;
-  cv::VideoCapture capture_;
+  std::unique_ptr<cv::VideoCapture> capture_;
   cv::Mat frame_;
   sensor::StackInfo info_;
   double rate_hz_ = 0, t_us_ = 0;

@@ -13,6 +13,7 @@
 #include "linear.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
+#include "pecs/input/media.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::input {
@@ -72,12 +73,7 @@ class Folder final : public Pictures {
  private:
   cv::Mat frame(std::int64_t index) const override {
     const fs::path& file = files_.at(static_cast<std::size_t>(index));
-    cv::Mat picture;
-    try {
-      picture = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
-    } catch (const cv::Exception&) {
-      picture.release();  // reported below
-    }
+    cv::Mat picture = media().read_picture(file.string(), cv::IMREAD_UNCHANGED);
     if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
     return picture;
   }
@@ -91,13 +87,13 @@ class Video final : public Pictures {
   Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
     open();
     cv::Mat first;
-    if (!capture_.read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
+    if (!capture_->read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     std::int64_t count = 1;  // containers' own counts are often wrong
-    while (capture_.grab()) ++count;
+    while (capture_->grab()) ++count;
     sensor::FrameTimes times = options.times;
     if (!times.fps && !times.file_us)
-      if (const double fps = capture_.get(cv::CAP_PROP_FPS); fps > 0) times.fps = fps;
+      if (const double fps = capture_->get(cv::CAP_PROP_FPS); fps > 0) times.fps = fps;
     info_.times_ns = times.of(count, path.string());
     open();
   }
@@ -106,7 +102,7 @@ class Video final : public Pictures {
  private:
   void open() const {
     setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // PECS reports errors itself
-    capture_.open(path_.string(), cv::CAP_FFMPEG);
+    capture_->open(path_.string(), cv::CAP_FFMPEG);
     next_ = 0;
     early_.clear();
   }
@@ -121,7 +117,7 @@ class Video final : public Pictures {
     if (index < next_) open();
     while (true) {
       cv::Mat picture;
-      if (!capture_.read(picture))
+      if (!capture_->read(picture))
         throw bad_input(path_.string(), fmt::format("frame {}", next_), "the end", "a frame");
       if (next_++ == index) return picture;
       early_[next_ - 1] = picture.clone();
@@ -129,7 +125,7 @@ class Video final : public Pictures {
   }
 
   mutable std::mutex mutex_;
-  mutable cv::VideoCapture capture_;
+  std::unique_ptr<cv::VideoCapture> capture_ = media().video_reader();
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;
 };

@@ -4,6 +4,7 @@
 
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/input/media.h"
 
 namespace pecs::input {
 
@@ -11,7 +12,7 @@ struct VideoFile::State {
   std::filesystem::path path, unfinished;  // OpenCV chooses the container by the extension, so both have the same one
   double fps;
   PartialFile partial;
-  cv::VideoWriter writer;
+  std::unique_ptr<cv::VideoWriter> writer;
   std::string codec;
 };
 
@@ -29,17 +30,16 @@ void VideoFile::write(const cv::Mat& bgr) {
   const cv::Rect even(0, 0, bgr.cols / 2 * 2, bgr.rows / 2 * 2);
   State& s = *state_;
   for (const char* codec : {"avc1", "mp4v"}) {
-    if (s.writer.isOpened()) break;
+    if (s.writer) break;
     s.codec = codec;
-    s.writer.open(s.unfinished.string(), cv::CAP_FFMPEG,
-                  cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), s.fps, even.size());
+    s.writer = media().video_writer(s.unfinished.string(), codec, s.fps, even.width, even.height);
   }
-  if (!s.writer.isOpened()) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
-  s.writer.write(bgr(even));
+  if (!s.writer) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
+  s.writer->write(bgr(even));
 }
 
 void VideoFile::close() {
-  state_->writer.release();
+  state_->writer.reset();
   state_->partial.commit(state_->unfinished);
 }
 

@@ -240,7 +240,7 @@ def cube(folder):
     (support/window_acts.py)."""
     bpy.ops.wm.read_factory_settings()
     thing, scene = bpy.data.objects["Cube"], bpy.context.scene
-    for frame, x in ((1, -2.0), (24, 2.0)):
+    for frame, x in ((1, -0.7), (24, 0.7)):
         thing.location.x = x
         thing.keyframe_insert("location", frame=frame)
     scene.frame_end = 24
