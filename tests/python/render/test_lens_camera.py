@@ -204,7 +204,7 @@ def test_white_furnace_meets_the_quadrature(setting, render):
 def dots_through(render, cam, dots, width, height, near=None):
     """Centroids in pixels (x right, y down, pixel centres at .5) of discs at `dots`, [x, y, distance] in metres, looked
     for by the focal length, or `near` these pixels."""
-    job = {"scene": "dots", "dot_radius": 0.006, "width": width, "height": height, "samples": 64}
+    job = {"scene": "dots", "dot_radius": 0.006, "width": width, "height": height, "samples": 16}
     image = render(osl=cam.osl, dots=[list(dot) for dot in dots], **job)[::-1, :, 1]
     scale = cam.efl_mm / cam.film_width_mm * width
     found = []
