@@ -92,8 +92,12 @@ def test_progress_is_a_line_for_each_twentieth(capsys):
 
 def test_a_child_ends_with_its_parent(tmp_path):
     """The parent is killed; the child gets SIGTERM and writes down that it did."""
-    child = """import signal, sys, time
-signal.signal(signal.SIGTERM, lambda *_: (open(sys.argv[1], "w").write("ended"), sys.exit()))
+    child = """import os, signal, sys, time
+def end(*_):
+    open(sys.argv[1] + "~", "w").write("ended")
+    os.replace(sys.argv[1] + "~", sys.argv[1])
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
 print("ready", flush=True)
 time.sleep(60)"""
     parent = f"""import subprocess, sys, time

@@ -225,7 +225,7 @@ def test_a_chip_is_fitted_to_a_screen(screen, monkeypatch):
 
 
 def test_a_pulsed_screen_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(hidden, "SIDE", 8)
+    monkeypatch.setattr(hidden, "SIDE", 10)
     monkeypatch.setattr(hidden, "STILLS", {0.0: 2.0})
     monkeypatch.setattr(hidden, "SCREEN_STEP_US", 500.0)
     values, light_a = hidden.draw(11)
