@@ -7,9 +7,7 @@
 
 #include <chrono>
 #include <cstdlib>
-#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "linear.h"
 #include "pecs/error.h"
@@ -92,28 +90,25 @@ class EventView {
   std::int64_t next_us_ = live_.picture_us;
 };
 
-std::unique_ptr<cv::VideoCapture> open_source(const LiveOptions& live) {
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // errors are reported below
-  auto capture = media().video_reader();
-  if (live.camera && !capture->open(*live.camera))
-    throw not_found(fmt::format("camera {}", *live.camera), "no such camera");
+VideoFrames open_source(const LiveOptions& live) {
   if (!live.camera && !std::filesystem::exists(live.file)) throw not_found(live.file.string(), "no such file");
-  if (!live.camera && !capture->open(live.file.string()))
-    throw bad_input(live.file.string(), "", "nothing that OpenCV can read", "a video");
-  return capture;
+  VideoFrames frames = live.camera ? media().open_camera(*live.camera) : media().open_video(live.file.string());
+  if (!frames.read && live.camera) throw not_found(fmt::format("camera {}", *live.camera), "no such camera");
+  if (!frames.read) throw bad_input(live.file.string(), "", "nothing that OpenCV can read", "a video");
+  return frames;
 }
 
 // Live frames, with the time of arrival (camera) or the file's frame rate (video).
 class Live final : public sensor::FrameSource {
  public:
   Live(const LiveOptions& live, const PictureOptions& pictures)
-      : live_(live), linear_(pictures), capture_(open_source(live)) {
-    if (!capture_->read(frame_)) throw bad_input(name(), "", "no frame", "a video");
+      : live_(live), linear_(pictures), video_(open_source(live)) {
+    if (!video_.read(frame_)) throw bad_input(name(), "", "no frame", "a video");
     info_.quantity = sensor::Quantity::relative;
     info_.width = frame_.cols;
     info_.height = frame_.rows;
     info_.bands = linear_.bands_of(frame_);
-    rate_hz_ = pictures.times.fps.value_or(capture_->get(cv::CAP_PROP_FPS));
+    rate_hz_ = pictures.times.fps.value_or(video_.fps);
     if (!live.camera && !(rate_hz_ > 0)) throw bad_input(name(), "times", "none", "--fps");
   }
   const sensor::StackInfo& info() const override { return info_; }
@@ -126,7 +121,7 @@ class Live final : public sensor::FrameSource {
 
   std::optional<double> next_us() override {
     const bool enough = frames_ > 0 && live_.seconds && t_us_ >= *live_.seconds * 1e6;
-    if (enough || (frames_ > 0 && !capture_->read(frame_))) return {};
+    if (enough || (frames_ > 0 && !video_.read(frame_))) return {};
     if (frame_.cols != info_.width || frame_.rows != info_.height)
       throw bad_input(name(), fmt::format("frame {}", frames_), fmt::format("{}x{}", frame_.cols, frame_.rows),
                       fmt::format("{}x{} as the first", info_.width, info_.height));
@@ -145,7 +140,7 @@ class Live final : public sensor::FrameSource {
  private:
   const LiveOptions& live_;
   Linear linear_;
-  std::unique_ptr<cv::VideoCapture> capture_;
+  VideoFrames video_;
   cv::Mat frame_;
   sensor::StackInfo info_;
   double rate_hz_ = 0, t_us_ = 0;

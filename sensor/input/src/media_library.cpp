@@ -1,3 +1,6 @@
+#include <cstdlib>
+#include <memory>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -21,13 +24,28 @@ std::vector<std::uint8_t> png_of(const cv::Mat& picture) {
   return png;
 }
 
-std::unique_ptr<cv::VideoCapture> video_reader() { return std::make_unique<cv::VideoCapture>(); }
+VideoFrames frames_of(const std::shared_ptr<cv::VideoCapture>& capture) {
+  if (!capture->isOpened()) return {};
+  return {[capture](cv::Mat& frame) { return capture->read(frame); }, [capture] { return capture->grab(); },
+          capture->get(cv::CAP_PROP_FPS)};
+}
 
-std::unique_ptr<cv::VideoWriter> video_writer(const std::string& path, const std::string& codec, double fps, int width,
-                                              int height) {
+VideoFrames open_video(const std::string& path) {
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // PECS reports errors itself
+  return frames_of(std::make_shared<cv::VideoCapture>(path, cv::CAP_FFMPEG));
+}
+
+VideoFrames open_camera(int number) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  return frames_of(std::make_shared<cv::VideoCapture>(number));
+}
+
+std::function<void(const cv::Mat&)> video_writer(const std::string& path, const std::string& codec, double fps,
+                                                 int width, int height) {
   const int fourcc = cv::VideoWriter::fourcc(codec.at(0), codec.at(1), codec.at(2), codec.at(3));
-  auto writer = std::make_unique<cv::VideoWriter>(path, cv::CAP_FFMPEG, fourcc, fps, cv::Size(width, height));
-  return writer->isOpened() ? std::move(writer) : nullptr;
+  const auto writer = std::make_shared<cv::VideoWriter>(path, cv::CAP_FFMPEG, fourcc, fps, cv::Size(width, height));
+  if (!writer->isOpened()) return {};
+  return [writer](const cv::Mat& frame) { writer->write(frame); };
 }
 
 void open_window(const char* name) { cv::namedWindow(name, cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL); }
@@ -40,6 +58,6 @@ int show(const char* window, const cv::Mat& picture, int wait_ms) {
 }  // namespace
 }  // namespace pecs::input
 
-extern "C" __attribute__((visibility("default")))
-const pecs::input::Media pecs_media{pecs::input::read_picture, pecs::input::png_of,      pecs::input::video_reader,
-                                    pecs::input::video_writer, pecs::input::open_window, pecs::input::show};
+extern "C" __attribute__((visibility("default"))) const pecs::input::Media pecs_media{
+    pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video, pecs::input::open_camera,
+    pecs::input::video_writer, pecs::input::open_window, pecs::input::show};

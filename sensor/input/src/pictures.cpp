@@ -3,12 +3,10 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "linear.h"
 #include "pecs/error.h"
@@ -87,13 +85,12 @@ class Video final : public Pictures {
   Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
     open();
     cv::Mat first;
-    if (!capture_->read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
+    if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     std::int64_t count = 1;  // containers' own counts are often wrong
-    while (capture_->grab()) ++count;
+    while (video_.skip()) ++count;
     sensor::FrameTimes times = options.times;
-    if (!times.fps && !times.file_us)
-      if (const double fps = capture_->get(cv::CAP_PROP_FPS); fps > 0) times.fps = fps;
+    if (!times.fps && !times.file_us && video_.fps > 0) times.fps = video_.fps;
     info_.times_ns = times.of(count, path.string());
     open();
   }
@@ -101,11 +98,11 @@ class Video final : public Pictures {
 
  private:
   void open() const {
-    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // PECS reports errors itself
-    capture_->open(path_.string(), cv::CAP_FFMPEG);
+    video_ = media().open_video(path_.string());
     next_ = 0;
     early_.clear();
   }
+  bool read(cv::Mat& picture) const { return video_.read && video_.read(picture); }
 
   cv::Mat frame(std::int64_t index) const override {
     const std::scoped_lock lock(mutex_);
@@ -117,15 +114,14 @@ class Video final : public Pictures {
     if (index < next_) open();
     while (true) {
       cv::Mat picture;
-      if (!capture_->read(picture))
-        throw bad_input(path_.string(), fmt::format("frame {}", next_), "the end", "a frame");
+      if (!read(picture)) throw bad_input(path_.string(), fmt::format("frame {}", next_), "the end", "a frame");
       if (next_++ == index) return picture;
       early_[next_ - 1] = picture.clone();
     }
   }
 
   mutable std::mutex mutex_;
-  std::unique_ptr<cv::VideoCapture> capture_ = media().video_reader();
+  mutable VideoFrames video_;
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;
 };

@@ -1,6 +1,6 @@
 #include "pecs/input/video_file.h"
 
-#include <opencv2/videoio.hpp>
+#include <opencv2/core.hpp>
 
 #include "pecs/error.h"
 #include "pecs/files.h"
@@ -12,7 +12,7 @@ struct VideoFile::State {
   std::filesystem::path path, unfinished;  // OpenCV chooses the container by the extension, so both have the same one
   double fps;
   PartialFile partial;
-  std::unique_ptr<cv::VideoWriter> writer;
+  std::function<void(const cv::Mat&)> append;
   std::string codec;
 };
 
@@ -30,16 +30,16 @@ void VideoFile::write(const cv::Mat& bgr) {
   const cv::Rect even(0, 0, bgr.cols / 2 * 2, bgr.rows / 2 * 2);
   State& s = *state_;
   for (const char* codec : {"avc1", "mp4v"}) {
-    if (s.writer) break;
+    if (s.append) break;
     s.codec = codec;
-    s.writer = media().video_writer(s.unfinished.string(), codec, s.fps, even.width, even.height);
+    s.append = media().video_writer(s.unfinished.string(), codec, s.fps, even.width, even.height);
   }
-  if (!s.writer) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
-  s.writer->write(bgr(even));
+  if (!s.append) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
+  s.append(bgr(even));
 }
 
 void VideoFile::close() {
-  state_->writer.reset();
+  state_->append = {};
   state_->partial.commit(state_->unfinished);
 }
 

@@ -2,25 +2,30 @@
 // Pictures, videos and windows of OpenCV, in a library that is loaded when the first one is used: Debian's OpenCV needs
 // 200 libraries for them, and loading those takes longer than most commands.
 #include <cstdint>
-#include <memory>
+#include <functional>
 #include <string>
 #include <vector>
 
 namespace cv {
 class Mat;
-class VideoCapture;
-class VideoWriter;
-}  // namespace cv
+}
 
 namespace pecs::input {
+
+struct VideoFrames {
+  std::function<bool(cv::Mat&)> read;  // the next frame; false at the end. Empty: nothing that OpenCV can read.
+  std::function<bool()> skip;
+  double fps = 0;  // 0: unknown
+};
 
 struct Media {
   cv::Mat (*read_picture)(const std::string& path, int imread_flags);  // empty where OpenCV cannot read it
   std::vector<std::uint8_t> (*png_of)(const cv::Mat& picture);
-  std::unique_ptr<cv::VideoCapture> (*video_reader)();
-  // codec: FOURCC; nothing where no such encoder opens.
-  std::unique_ptr<cv::VideoWriter> (*video_writer)(const std::string& path, const std::string& codec, double fps,
-                                                   int width, int height);
+  VideoFrames (*open_video)(const std::string& path);
+  VideoFrames (*open_camera)(int number);
+  // Appends frames; its end closes the file. codec: FOURCC; empty where no such encoder opens.
+  std::function<void(const cv::Mat&)> (*video_writer)(const std::string& path, const std::string& codec, double fps,
+                                                      int width, int height);
   void (*open_window)(const char* name);
   int (*show)(const char* window, const cv::Mat& picture, int wait_ms);  // the key that was pressed, or -1
 };
