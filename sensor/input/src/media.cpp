@@ -20,7 +20,7 @@ const Media& media() {
   }();
   return loaded;
 #else
-  return pecs_media;  // OpenCV is in the program
+  return pecs_media;
 #endif
 }
 
