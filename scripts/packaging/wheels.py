@@ -73,8 +73,11 @@ def licences(files: Files) -> dict[str, Path]:
     names = {name for name in names if not (LIBRARIES / "lib" / name).exists()}
     packages = set(HEADERS)
     for listing in Path("/var/lib/dpkg/info").glob("*.list"):  # `dpkg -S` takes 0.1 s for each
-        if names & {line.rpartition("/")[2] for line in listing.read_text().splitlines()}:
+        if owned := names & {line.rpartition("/")[2] for line in listing.read_text().splitlines()}:
             packages.add(listing.stem.partition(":")[0])
+            names -= owned
+    if names:
+        raise RuntimeError(f"no Debian package has {', '.join(sorted(names))}")
     texts = {name: Path("/usr/share/doc", name, "copyright") for name in packages}
     if "pecs/_lib/bin/pecs" in files:
         texts |= {path.parents[1].name: path for path in LIBRARIES.glob("*-*/debian/copyright")}

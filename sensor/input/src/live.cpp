@@ -29,12 +29,13 @@ double microseconds_since(Clock::time_point start) {
 // True if a window opens. Some toolkits end the program if the display does not answer, so a child process tries.
 bool display_answers() {
   if (!std::getenv("DISPLAY") && !std::getenv("WAYLAND_DISPLAY")) return false;
+  const Media& opencv = media();  // loaded once, for the child as well
   const pid_t child = ::fork();
   if (child == 0) {
     ::alarm(10);  // seconds
     if (const int null = ::open("/dev/null", O_WRONLY); null >= 0) ::dup2(null, STDERR_FILENO);
     try {
-      media().open_window(kWindow);
+      opencv.open_window(kWindow);
     } catch (...) {
       ::_exit(1);
     }

@@ -48,6 +48,7 @@ std::function<void(const cv::Mat&)> video_writer(const std::string& path, const 
   return [writer](const cv::Mat& frame) { writer->write(frame); };
 }
 
+// Without a toolbar.
 void open_window(const char* name) { cv::namedWindow(name, cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL); }
 
 int show(const char* window, const cv::Mat& picture, int wait_ms) {
