@@ -107,7 +107,8 @@ class Surfaces:
     def poses(self) -> Poses:
         """At the stage's current time."""
         found, scene, camera = [], self._stage.source.scene, self._sight.camera()
-        scene.camera = scene.camera or camera  # without one, Blender renders nothing
+        if not scene.camera:  # without one, Blender renders nothing
+            scene.camera = camera
         self._film.inspect(lambda d: found.append(self._poses(d)))
         return found[-1]
 

@@ -23,7 +23,7 @@ from .layer import Layer
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
 BLUR_PX, HALO_PX = 8, 64  # around a part, diffraction uses light of the same instant, and further out of another
-CALL_RAYS = 13000  # of the camera: as slow as another call (street, 2 cores; 3000 and 6000 were slower)
+CALL_RAYS = 6000  # of the camera: as slow as another call (street, 2 cores)
 DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
 
@@ -96,18 +96,15 @@ class Light(Layer):
 
     def refresh(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
         """Renders the current instant into these boxes of a frame that is as `fresh` returns it."""
-        passes = range(len(self._stage.passes))
-        if not self._denoiser:
-            patches = self._rendered(passes, boxes_px)
-        else:
-            half, bands, halves = self._call_samples, len(self._to_film), []
-            for first in (0, half):
-                with cycles.sample_subset(self._stage.source.scene, first, half):
-                    halves.append(self._rendered(passes, boxes_px, denoise.GUIDES))
-            patches = (
+        passes, bands = range(len(self._stage.passes)), len(self._to_film)
+        if self._denoiser:
+            halves = self._rendered(passes, boxes_px, (0, self._call_samples), denoise.GUIDES)
+            patches = [
                 np.concatenate([(a[:bands] + b[:bands]) / 2, (a[:bands] - b[:bands]) / 2, a[bands:], b[bands:]])
                 for a, b in zip(*halves, strict=True)
-            )
+            ]
+        else:
+            (patches,) = self._rendered(passes, boxes_px)
         for box, patch in zip(boxes_px, patches, strict=True):
             frame[at(box)] = patch
         self._light_up(frame)  # also across the borders of boxes
@@ -116,33 +113,41 @@ class Light(Layer):
         """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN elsewhere.
         If light is denoised, from the first half of the samples: enough to find what changed."""
         frame = np.full(self._to_film.shape, np.nan, np.float32)
-        with cycles.sample_subset(self._stage.source.scene, 0, self._call_samples):
-            patches = self._rendered(range(which, which + 1), boxes_px)
+        (patches,) = self._rendered(range(which, which + 1), boxes_px)
         for box, patch in zip(boxes_px, patches, strict=True):
             frame[at(box)] = patch
         self._light_up(frame)
         return frame
 
-    def _rendered(self, passes: range, boxes_px: list[Box], guides: tuple[str, ...] = ()) -> list[np.ndarray]:
-        """[bands + guides, height, width] of each box; guides are means over the passes."""
-        scene, bands, lamps = self._stage.source.scene, len(self._to_film), self._stage.lamps.names
-        channels = bands + denoise.CHANNELS * len(guides)
-        patches = [np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px]
+    def _rendered(
+        self, passes: range, boxes_px: list[Box], firsts: tuple[int, ...] = (0,), guides: tuple[str, ...] = ()
+    ) -> list[list[np.ndarray]]:
+        """[bands + guides, height, width] of each box, for each of the first samples: from it and the following ones,
+        half of all if light is denoised. Guides are means over the passes."""
+        scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
+        found = [[np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px] for _ in firsts]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
-            if self._stage.lens:
+            if scene.camera != one.camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street
                 scene.camera = one.camera
             self._stage.spectral.set_pass(one.channels)
-            for box, patch in zip(boxes_px, patches, strict=True):
-                cycles.set_border(scene, None if box == (0, 0, *self._stage.size) else box)
-                pictures = self._film.passes("Combined", *lamps, *guides)
-                for group, light in enumerate(_apart(pictures, lamps)):
-                    own = slice(*(end + group * len(self.channels) for end in (one.bands.start, one.bands.stop)))
-                    patch[own] = light[: own.stop - own.start] * self._to_film[own][at(box)]
-                for first, name in enumerate(guides):
-                    guide, new = patch[bands + denoise.CHANNELS * first :][: denoise.CHANNELS], pictures[name]
-                    guide[:] = new if count == 1 else guide + (new - guide) / count
+            for first, patches in zip(firsts, found, strict=True):
+                with cycles.sample_subset(scene, first, self._call_samples):
+                    for box, patch in zip(boxes_px, patches, strict=True):
+                        self._render_box(box, patch, one, guides, count)
         cycles.set_border(scene, None)
-        return patches
+        return found
+
+    def _render_box(self, box: Box, patch: np.ndarray, one: lenses.Pass, guides: tuple[str, ...], count: int) -> None:
+        """Renders one pass, the count-th, into its bands of a patch and into the means of guides."""
+        bands, lamps = len(self._to_film), self._stage.lamps.names
+        cycles.set_border(self._stage.source.scene, None if box == (0, 0, *self._stage.size) else box)
+        pictures = self._film.passes("Combined", *lamps, *guides)
+        for group, light in enumerate(_apart(pictures, lamps)):
+            own = slice(*(end + group * len(self.channels) for end in (one.bands.start, one.bands.stop)))
+            patch[own] = light[: own.stop - own.start] * self._to_film[own][at(box)]
+        for index, name in enumerate(guides):
+            guide, new = patch[bands + denoise.CHANNELS * index :][: denoise.CHANNELS], pictures[name]
+            guide[:] = new if count == 1 else guide + (new - guide) / count
 
     def clean(self, frame: np.ndarray) -> np.ndarray | None:
         """Denoised light of a frame or a part of one, before diffraction: [2 * bands, height, width], the light, and
