@@ -8,6 +8,7 @@ import math
 import shutil
 import time
 from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from .._progress import Line
 from . import manifest, recipe, report, rgb, run, writers
 from .card import write_cards
 from .sequence import sequences
-from .work import Busy, pixels
+from .work import RUNS, Busy, pixels
 
 SHOWN_ROWS = 20  # of --plan
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
@@ -229,8 +230,9 @@ def _instants(found: recipe.Recipe, drawn: dict[str, Any], camera: recipe.Camera
 
 
 def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[float, float, float]:
-    """Of a sequence: which share of it exists, the time that this took [s], and its size [GB]. The share of a sequence
-    that is being made is that of the instants and pixels of the cameras whose light is complete."""
+    """Of a sequence: which share of it exists, the time that this took [s] without pauses between runs, and its size
+    [GB]. The share of a sequence that is being made is that of the instants and pixels of the cameras whose light is
+    complete."""
     if folder.is_dir():
         share, until = 1.0, math.inf
     else:
@@ -243,5 +245,9 @@ def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[fl
         parts = {one.name: math.prod(pixels(found, one)[:2]) * _instants(found, drawn, one) for one in stacks}
         share, until = sum(parts[name] for name in rendered) / sum(parts.values()), max(rendered.values())
     files = [one for one in (p.stat() for p in folder.rglob("*") if p.is_file()) if one.st_mtime <= until]
-    seconds = max(one.st_mtime for one in files) - min(one.st_mtime for one in files)
+    times_s, runs = [one.st_mtime for one in files], folder / RUNS
+    begins_s = [float(line) for line in runs.read_text().split()] if runs.exists() else [min(times_s)]
+    seconds = 0.0
+    for begin_s, next_s in pairwise([*begins_s, math.inf]):
+        seconds += max((t_s - begin_s for t_s in times_s if begin_s <= t_s < next_s), default=0)
     return share, seconds, sum(one.st_size for one in files) * 1e-9

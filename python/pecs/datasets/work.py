@@ -10,6 +10,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from .manifest import sequence_folder
 from .recipe import CameraEntry, Recipe
 
 REQUEST = "drawn.json"
+RUNS = "runs.log"  # when each process began to work on the sequence, in seconds since 1970
 
 
 class Busy(PecsOutputError):
@@ -73,6 +75,8 @@ def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., N
                 now = request(recipe, drawn)
                 _compare(work.folder, now, finished=False)
                 write_json(work.folder / REQUEST, now)
+                with (work.folder / RUNS).open("a") as runs:
+                    runs.write(f"{time.time():.3f}\n")
                 yield work
                 work.folder.rename(final)
                 return

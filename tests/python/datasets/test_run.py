@@ -335,21 +335,25 @@ def test_pages_and_exports(made):
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
 
 
-def test_a_sequence_in_work_gives_an_estimate(made, tmp_path):
+def test_a_stopped_sequence_gives_an_estimate(made, tmp_path):
     copy(made, tmp_path)
     assert "once the light of one camera is rendered" in dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
     shutil.copytree(made / "set/sequences/0000", tmp_path / "sequences/0000.partial")
     for done in tmp_path.glob("sequences/0000.partial/*/stack/done"):
         done.unlink()
-    files = [p.stat().st_mtime for p in tmp_path.glob("sequences/**/*") if p.is_file()]
+    # Made from 0 to 100 s, stopped, and continued at 500 s.
+    (tmp_path / "sequences/0000.partial/runs.log").write_text("1e9\n1000000500\n")
+    for file in tmp_path.glob("sequences/**/*"):
+        os.utime(file, (1e9 + 100, 1e9 + 100))
     shares = []
-    for name, seconds in (("left", 1000), ("right", 3000)):
+    for name, until_s in (("left", 1000), ("right", 3000)):
         done = tmp_path / f"sequences/0000.partial/{name}/stack/done"
         done.write_bytes(b"")
-        os.utime(done, (max(files), min(files) + seconds))
+        os.utime(done, (1e9 + until_s, 1e9 + until_s))
         plan = dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
         shares.append(float(re.search("measured on (.+) existing", plan)[1]))
         hours = float(re.search("2 left: (.+) h", plan)[1])
+        seconds = 100 + until_s - 500
         assert hours == pytest.approx((2 - shares[-1]) / shares[-1] * seconds / 3600, abs=0.02), name
     assert shares[1] == pytest.approx(2 * shares[0], rel=0.05) and 0.33 < shares[0] < 0.5
 
