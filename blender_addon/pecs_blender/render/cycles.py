@@ -98,6 +98,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.render.use_motion_blur = False
     scene.render.use_compositing = scene.render.use_sequencer = False
     scene.render.use_border = scene.render.use_multiview = scene.render.use_freestyle = False
+    scene.render.use_crop_to_border = True  # else Blender makes a picture of the whole frame for each part
     scene.render.film_transparent = False
     scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
     scene.render.dither_intensity = 0.0
@@ -130,7 +131,7 @@ def _images(tree: bpy.types.NodeTree):
 def set_border(scene: bpy.types.Scene, box_px: tuple[int, int, int, int] | None) -> None:
     """Renders only this box (left, top, right, bottom), with the same rays."""
     render = scene.render
-    render.use_border, render.use_crop_to_border = box_px is not None, False
+    render.use_border = box_px is not None
     if box_px:
         (left, top, right, bottom), width, height = box_px, render.resolution_x, render.resolution_y
         # Blender multiplies by the size and truncates: half a pixel keeps rounding errors from the result.
