@@ -55,8 +55,9 @@ class Camera:
     fnumber: float
     efl_mm: float
     entrance_pupil_z_mm: float
-    channel_mode: str  # "mean": channels traced at the pass's mean wavelength; "per_channel": one per sample
-    colour_shift_px: float  # how far the bands' pictures lie from that of the mean wavelength
+    channel_mode: str  # "mean": traced at the pass's mean wavelength; "mixed", "per_channel": at one band's per sample
+    colour_shift_px: float  # RMS error of position of a band traced at the mean wavelength
+    mixed_shift_px: float | None  # of the scene's colours with one band per sample for all channels
     acceptance: list[float]  # draws that get through: film centre, half way, corner
     missed_fraction: list[float]
     working_fnumber: list[float]  # per band, of the real axial cone behind the lens
@@ -116,8 +117,9 @@ class CameraOptions(_Setting, total=False):
     """Options of `Lens.camera`.
 
     focus_bands_nm: all bands of the stack, for one focus. film_shift: of the film's centre (+x right, +y up, seen from
-    behind). colour_tolerance_px: largest shift of colour at which the pass is traced at one wavelength. unit_m: metres
-    per unit of the scene (1).
+    behind). colour_tolerance_px: largest shift of colour at which the bands share their rays. band_shares: of the
+    bands in the signal of a sensor that adds them up; share_spreads: how much their running sums vary with the scene's
+    colours. unit_m: metres per unit of the scene (1).
     """
 
     focus_bands_nm: Sequence[float] | None
@@ -129,6 +131,8 @@ class CameraOptions(_Setting, total=False):
     film_tilt_y_deg: float
     pixel_pitch_mm: float | None
     colour_tolerance_px: float | None
+    band_shares: Sequence[float] | None
+    share_spreads: Sequence[float] | None
     unit_m: float | None
 
 
@@ -267,7 +271,13 @@ class Lens(Handle):
         pixel_pitch_mm : float, optional
             Distance of pixel centres [mm]. Default 0.00486.
         colour_tolerance_px : float, optional
-            Largest lateral colour [pixels] at which the pass is traced at one wavelength. Default 0.1.
+            Largest error of position [pixels] with which the bands may share their rays. Default 0.1.
+        band_shares : sequence of float, optional
+            Shares of the bands in the signal of a sensor that adds them up, of sum 1. Rays may then be traced at the
+            wavelength of one band, drawn by its share, for all bands. Default: bands are seen apart.
+        share_spreads : sequence of float, optional
+            RMS over the scene's colours of the difference from `band_shares`, of the sums of the shares up to each
+            border between bands. Required with `band_shares`.
         unit_m : float, optional
             Metres per unit of the scene. Default 1.
 

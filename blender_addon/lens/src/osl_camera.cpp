@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "osl_shader.h"
 #include "pecs/error.h"
@@ -12,11 +13,8 @@
 namespace pecs::lens {
 namespace {
 
-double mean(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double v : values) sum += v;
-  return sum / static_cast<double>(values.size());
-}
+double sum(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+double mean(const std::vector<double>& values) { return sum(values) / static_cast<double>(values.size()); }
 
 // RMS distance on the film [mm] between the images of one scene point at two wavelengths, over the pupil of the film
 // point (r, 0): rays leave it in the same direction and are compared on the focused plane (or in angle, at infinity).
@@ -55,6 +53,13 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
     throw bad_input(lens.file, "bands_nm", fmt::format("{} bands", o.bands_nm.size()), "1 to 3");
   if (o.focus_bands_nm.empty()) o.focus_bands_nm = o.bands_nm;
   o.stop_diameter_mm = std::min(o.stop_diameter_mm, lens.stop_diameter_mm());
+  const std::size_t bands = o.bands_nm.size();
+  const bool has_shares = !o.band_shares.empty();
+  if (has_shares && (o.band_shares.size() != bands || std::abs(sum(o.band_shares) - 1) > 1e-6))
+    throw bad_input(lens.file, "band_shares", fmt::format("{} of sum {:.6g}", o.band_shares.size(), sum(o.band_shares)),
+                    fmt::format("{} of sum 1", bands));
+  if (o.share_spreads.size() != (has_shares ? bands - 1 : 0))
+    throw bad_input(lens.file, "share_spreads", std::to_string(o.share_spreads.size()), "one per border between bands");
   // Largest distance of the film from the axis, and along it: at a corner.
   const FilmAxes axes = film_axes(o.film_tilt_x_deg, o.film_tilt_y_deg);
   double max_r = 0, max_dz = 0;
@@ -70,20 +75,27 @@ Camera make_camera(const Prescription& lens, const CameraOptions& options) {
   if (!std::isfinite(camera.first_order.entrance_pupil_z_mm))
     throw Error(ExitCode::unsupported, lens.file + ": the entrance pupil lies at infinity");
 
-  // One wavelength for the whole pass if the bands' images coincide, otherwise one per sample.
+  // One wavelength for the whole pass if the bands' images coincide, otherwise one per sample. Light of a colour whose
+  // shares differ from `band_shares` is traced in the wrong band, over the borders between.
   const double middle = mean(o.bands_nm);
   const Tracer at_mean(lens, middle, o.stop_diameter_mm);
-  double shift_mm = 0;
   std::vector<Tracer> tracers;
-  for (const double lambda : o.bands_nm) {
-    tracers.emplace_back(lens, lambda, o.stop_diameter_mm);
-    for (const double part : {0.0, 0.5, 0.75, 1.0})
-      shift_mm =
-          std::max(shift_mm, colour_shift_mm(at_mean, tracers.back(), camera.focus, camera.first_order, part * max_r));
+  for (const double lambda : o.bands_nm) tracers.emplace_back(lens, lambda, o.stop_diameter_mm);
+  camera.colour_shift_px = camera.mixed_shift_px = 0;
+  for (const double part : {0.0, 0.5, 0.75, 1.0}) {
+    const auto shift_px = [&](const Tracer& a, const Tracer& b) {
+      return colour_shift_mm(a, b, camera.focus, camera.first_order, part * max_r) / o.pixel_pitch_mm;
+    };
+    for (const Tracer& tracer : tracers)
+      camera.colour_shift_px = std::max(camera.colour_shift_px, shift_px(at_mean, tracer));
+    double mixed_px = 0;
+    for (std::size_t i = 0; i < o.share_spreads.size(); ++i)
+      mixed_px += o.share_spreads[i] * shift_px(tracers[i], tracers[i + 1]);
+    camera.mixed_shift_px = std::max(camera.mixed_shift_px, mixed_px);
   }
-  camera.colour_shift_px = shift_mm / o.pixel_pitch_mm;
   const bool one = camera.colour_shift_px <= o.colour_tolerance_px;
-  camera.channel_mode = one ? ChannelMode::mean : ChannelMode::per_channel;
+  const bool mixed = has_shares && camera.mixed_shift_px <= o.colour_tolerance_px;
+  camera.channel_mode = one ? ChannelMode::mean : mixed ? ChannelMode::mixed : ChannelMode::per_channel;
   if (one) tracers.assign(1, at_mean);
   if (!(camera.focus.film_z_mm - max_dz > lens.rear_z_mm()))
     throw bad_input(lens.file, "film_tilt", fmt::format("a film {:.4g} mm before its centre", max_dz),

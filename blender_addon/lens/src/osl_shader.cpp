@@ -113,6 +113,21 @@ std::string per_wavelength(const std::vector<double>& values) {
   return out;
 }
 
+// Draws the band of a sample: c, and what is left of xi0.
+std::string pick_text(const std::vector<double>& shares) {
+  std::string chosen = "0";
+  std::vector<double> first, per_share;  // of each band: the sum of the shares before it
+  double sum = 0;
+  for (const double share : shares) {
+    if (!first.empty()) chosen += fmt::format(" + (xi0 >= {})", number(sum));
+    first.push_back(sum);
+    per_share.push_back(share > 0 ? 1 / share : 0);
+    sum += share;
+  }
+  return fmt::format("  // each sample traces one band\n  c = {};\n  xi0 = clamp((xi0 - {}) * {}, 0, {});\n", chosen,
+                     per_wavelength(first), per_wavelength(per_share), number(std::nextafter(1.0F, 0.0F)));
+}
+
 // A surface in the shader's frame: Z points from the film to the scene, so curvatures change sign.
 struct Facing {
   const Surface& surface;
@@ -215,14 +230,14 @@ std::string surface_text(const Prescription& lens, std::size_t i, double stop_di
 // does not change it.
 struct TableText {
   std::size_t nodes = 0, dense = 0, layers = 0;  // of the ellipses and the areas; of a tilted film
-  bool per_channel = false;
+  bool per_band = false;
   std::string arrays;
   explicit TableText(const Camera& camera);
   // Expression: a table of `stride` entries at node i + t, between layers k and k + 1 of a tilted film.
   std::string at(const char* name, std::size_t stride) const;
 };
 
-TableText::TableText(const Camera& camera) : per_channel(camera.channel_mode == ChannelMode::per_channel) {
+TableText::TableText(const Camera& camera) : per_band(camera.channel_mode != ChannelMode::mean) {
   for (const PupilTables& channel : camera.tables) {
     layers = std::max(layers, channel.layers.size());
     for (const PupilTable& t : channel.layers) {
@@ -251,7 +266,7 @@ TableText::TableText(const Camera& camera) : per_channel(camera.channel_mode == 
 }
 
 std::string TableText::at(const char* name, std::size_t stride) const {
-  const std::string channel = per_channel ? fmt::format("{} * c + ", stride * layers) : "";
+  const std::string channel = per_band ? fmt::format("{} * c + ", stride * layers) : "";
   const auto in_layer = [&](const std::string& layer) {
     return fmt::format("mix(table_{0}[{1}{2}i], table_{0}[{1}{2}i + 1], t)", name, channel, layer);
   };
@@ -302,21 +317,19 @@ std::string shader_text(const Prescription& lens, const Camera& camera) {
 
   std::vector<double> e0;  // pi a b / E0 from the area table's unit
   for (const PupilTables& t : camera.tables) e0.push_back(t.e0);
-  const std::string throughput = !tables.per_channel
-                                     ? std::string("color(weight)")
-                                     : fmt::format("{} * weight * color(c == 0, c == 1, c == 2)", o.bands_nm.size());
-  const std::string pick =
-      tables.per_channel
-          ? fmt::format("  // each sample traces one band\n  c = min(int({0} * xi0), {1});\n  xi0 = {0} * xi0 - c;\n",
-                        o.bands_nm.size(), o.bands_nm.size() - 1)
-          : "";
+  const bool apart = camera.channel_mode == ChannelMode::per_channel;
+  const std::size_t count = o.bands_nm.size();
+  const std::string throughput =
+      apart ? fmt::format("{} * weight * color(c == 0, c == 1, c == 2)", count) : std::string("color(weight)");
+  const std::vector<double> equal(count, 1 / static_cast<double>(count));
+  const std::string pick = tables.per_band ? pick_text(apart ? equal : o.band_shares) : "";
   const FilmText film = film_text(o, camera.focus.film_z_mm - lens.rear_z_mm(), tables, first.max_dz_mm);
   std::string bands;
   for (const double b : o.bands_nm) bands += (bands.empty() ? "" : ", ") + number(b);
   const double derivative = o.pixel_pitch_mm / camera.first_order.efl_mm;
   return fmt::format(
       kShader, fmt::arg("version", kVersion), fmt::arg("name", lens.name), fmt::arg("sha256", lens.sha256),
-      fmt::arg("bands", bands), fmt::arg("mode", tables.per_channel ? "one per sample" : "traced at their mean"),
+      fmt::arg("bands", bands), fmt::arg("mode", tables.per_band ? "one per sample" : "traced at their mean"),
       fmt::arg("stop", number(camera.first_order.stop_diameter_mm)), fmt::arg("film_z", number(camera.focus.film_z_mm)),
       fmt::arg("focus", o.focus_m ? number(*o.focus_m) + " m" : "infinity"), fmt::arg("shader", camera.shader_name),
       fmt::arg("derivative", number(derivative)), fmt::arg("arrays", tables.arrays), fmt::arg("pick", pick),

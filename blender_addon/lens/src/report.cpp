@@ -158,6 +158,8 @@ CameraOptions camera_options(const Prescription& lens, JsonObject options) {
   o.film_width_mm = options.number_or("film_width_mm", o.film_width_mm, {1e-3, 1e3});
   o.film_height_mm = options.number_or("film_height_mm", o.film_height_mm, {1e-3, 1e3});
   o.colour_tolerance_px = options.number_or("colour_tolerance_px", o.colour_tolerance_px, {0, 1e6});
+  if (options.has("band_shares")) o.band_shares = options.numbers("band_shares", {0, 1});
+  if (options.has("share_spreads")) o.share_spreads = options.numbers("share_spreads", {0, 1});
   o.unit_m = options.number_or("unit_m", o.unit_m, {1e-9, 1e9});
   options.done();
   return o;
@@ -174,6 +176,7 @@ ImageSetting image_setting(const Prescription& lens, JsonObject options) {
 }
 
 Json camera_report(const Prescription& lens, const Camera& camera) {
+  static constexpr const char* kModes[] = {"mean", "mixed", "per_channel"};
   Json missed = Json::array();
   for (const PupilTables& table : camera.tables) missed.push_back(table.missed_fraction);
   // The renderer applies diffraction per band, if the Airy radius exceeds half a pixel.
@@ -200,8 +203,10 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"fnumber", camera.first_order.fnumber},
           {"efl_mm", camera.first_order.efl_mm},
           {"entrance_pupil_z_mm", camera.first_order.entrance_pupil_z_mm},
-          {"channel_mode", camera.channel_mode == ChannelMode::mean ? "mean" : "per_channel"},
+          {"channel_mode", kModes[static_cast<std::size_t>(camera.channel_mode)]},
           {"colour_shift_px", camera.colour_shift_px},
+          {"mixed_shift_px",
+           maybe(camera.options.band_shares.empty() ? std::nullopt : std::optional(camera.mixed_shift_px))},
           {"acceptance", {camera.acceptance_centre, camera.acceptance_half, camera.acceptance_corner}},
           {"missed_fraction", missed},
           {"working_fnumber", working},

@@ -80,14 +80,27 @@ class Colours:
 
 @dataclass(frozen=True)
 class Chosen:
-    """entries: bands as stack.json lists them. edges_nm, rms, largest: of placement "means"; the errors are those of
-    ln(photocurrent)."""
+    """entries: bands as stack.json lists them. Of placement "means": edges_nm; errors of ln(photocurrent); seen [n, k],
+    photocurrent in each band of each surface lit by each lamp, weighted by how often they occur."""
 
     bands: BandSet
     entries: list[dict[str, float]]
     edges_nm: list[float] | None = None
     rms: float | None = None
     largest: float | None = None
+    seen: np.ndarray | None = None
+
+    def shares(self, bands: slice) -> dict[str, list[float]]:
+        """Of these bands in the photocurrent of the scene, and how much they vary with its colours, as options of
+        pecs.Lens.camera."""
+        seen = np.empty((0, 0)) if self.seen is None else self.seen[:, bands]
+        if not seen.any():
+            return {}
+        weights, mean = seen.sum(1), seen.sum(0) / seen.sum()
+        seen, weights = seen[weights > 0], weights[weights > 0]
+        off = np.cumsum(seen / weights[:, None] - mean, axis=1)[:, :-1]
+        spreads = np.sqrt(np.average(off**2, axis=0, weights=weights))
+        return {"band_shares": mean.tolist(), "share_spreads": spreads.tolist()}
 
     @property
     def record(self) -> dict:
@@ -147,7 +160,8 @@ class Problem:
         surfaces = np.array([surface(self.grid_nm) for surface in colours.surfaces]).reshape(-1, cells)
         seen = colours.shares > 0
         self._shares, lamps = colours.shares[seen] / colours.shares[seen].sum(), lamps[seen]
-        self._weights = np.outer(colours.weights, colours.weights).ravel() / colours.weights.sum() ** 2
+        self._occurrence = colours.weights / colours.weights.sum()
+        self._weights = np.outer(self._occurrence, self._occurrence).ravel()
         self._mixture = self._shares @ lamps
         if not (self._mixture * self._response).sum() > 0:
             raise bad_input("bands", "range", f"{low:g} to {high:g} nm, without light", "a range with light")
@@ -159,10 +173,7 @@ class Problem:
     def error(self, cells: np.ndarray) -> tuple[float, float]:
         """RMS and largest error of ln(photocurrent), a common factor removed: each surface lit by each lamp, directly
         and by two bounces on each other surface, which fills its view."""
-        direct = self._sums[1][:, cells]
-        light, lit = np.diff(direct), np.diff(self._sums[2][cells])
-        reflectance = np.diff(self._surface_sums[:, cells])
-        reflectance = np.divide(reflectance, lit, out=np.zeros_like(reflectance), where=lit > 0)
+        light, reflectance = self._rendered(cells)
         twice = (1 + reflectance + reflectance**2).T
         current = np.array([(reflectance * one) @ twice for one in light])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -173,6 +184,18 @@ class Problem:
         errors = np.where(weights > 0, errors, 0)
         errors = np.where(weights > 0, errors - (weights * errors).sum() / total, 0)
         return float(np.sqrt((weights * errors**2).sum() / total)), float(np.abs(errors).max())
+
+    def seen(self, cells: np.ndarray) -> np.ndarray:
+        """Chosen.seen: each pair of a surface and a lamp with its share as weight."""
+        light, reflectance = self._rendered(cells)
+        seen = (light[:, None] * reflectance).reshape(-1, len(cells) - 1)
+        total = seen.sum(1, keepdims=True)
+        return np.outer(self._shares, self._occurrence).reshape(-1, 1) * seen / np.where(total > 0, total, 1)
+
+    def _rendered(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Photocurrent of each lamp's own light, and each surface's reflectance, in each band."""
+        lit = np.diff(self._sums[2][cells])
+        return np.diff(self._sums[1][:, cells]), np.diff(self._surface_sums[:, cells]) / np.where(lit > 0, lit, 1)
 
     def edges(self, count: int, tolerance: float) -> np.ndarray:
         """Three bands: blue, green and red if the error is tolerable, so that pictures of the stack have colours. Else
@@ -210,7 +233,8 @@ class Problem:
             for nm, weight in zip(lambda_nm, weights_nm, strict=True)
         ]
         edges_nm = [float(f"{nm:.7g}") for nm in self._bounds_nm[cells]]
-        return Chosen(BandSet(lambda_nm, self.grid_nm, of_light, of_reflectance), entries, edges_nm, *self.error(cells))
+        band_set = BandSet(lambda_nm, self.grid_nm, of_light, of_reflectance)
+        return Chosen(band_set, entries, edges_nm, *self.error(cells), self.seen(cells))
 
     def _equal(self, count: int) -> np.ndarray:
         """Bands of equal light, each of LEAST_STEPS cells at least."""

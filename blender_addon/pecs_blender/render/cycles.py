@@ -17,6 +17,7 @@ from . import stop
 from .plan import Sampling
 
 SETTINGS = {  # the same for every render, and recorded with it
+    "sampling_pattern": "AUTOMATIC",
     "use_adaptive_sampling": False,  # the number of samples must not depend on the picture
     "use_denoising": False,
     "pixel_filter_type": "BOX",  # a pixel integrates over its own square

@@ -19,7 +19,7 @@ import pecs
 from pecs._errors import UsageError
 
 from . import cycles
-from .bands import BandSet
+from .bands import BandSet, Chosen
 from .options import flag
 from .plan import Sampling, View
 from .source import Source
@@ -66,7 +66,7 @@ class LensCameras:
     passes: tuple[Pass, ...]
     e0: np.ndarray  # film irradiance per radiance and band
     record: dict  # for stack.json
-    rays_per_sample: int  # 3 if each ray carries one band
+    rays_per_sample: int  # 3 if only one band of a pass gets light from a ray
 
 
 def choose(source: Source, view: View) -> Lens | None:
@@ -102,14 +102,15 @@ def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
 
 
 def cameras(
-    lens: Lens, band_set: BandSet, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
+    lens: Lens, chosen: Chosen, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
 ) -> LensCameras:
-    lambda_nm = band_set.lambda_nm
+    band_set, lambda_nm = chosen.bands, chosen.bands.lambda_nm
     made = [
         lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
             focus_bands_nm=lens.focus_bands(lambda_nm),
             colour_tolerance_px=tolerance_px,
+            **chosen.shares(bands),
             **lens.setting,
             **lens.frame,
             **lens.film,
@@ -127,7 +128,7 @@ def cameras(
         passes.append(Pass(bands, band_set.of_pass(bands), thing, blurs))
         e0 += camera.e0[:count]
         working += camera.working_fnumber[:count]
-    per_channel = any(camera.channel_mode == "per_channel" for camera in made)
+    mode = max((camera.channel_mode for camera in made), key=("mean", "mixed", "per_channel").index)
     last = made[-1]
     keys = ["sha256", "focus_m", "stop_diameter_mm", "fnumber", "film_z_mm", *(k for k, v in lens.film.items() if v)]
     record = {
@@ -135,13 +136,14 @@ def cameras(
         "file": Path(last.file).name,
         **{key: getattr(last, key) for key in keys},
         "focus_bands_nm": lens.focus_bands(lambda_nm),
-        "channel_mode": "per_channel" if per_channel else "mean",
+        "channel_mode": mode,
         "colour_shift_px": float(f"{max(camera.colour_shift_px for camera in made):.3g}"),
+        "mixed_shift_px": round(max(camera.mixed_shift_px or 0 for camera in made), 3),
         "diffraction": diffraction,
         "working_fnumber": working,
         "e0": e0,
     }
-    return LensCameras(tuple(passes), np.array(e0), record, 3 if per_channel else 1)
+    return LensCameras(tuple(passes), np.array(e0), record, 3 if mode == "per_channel" else 1)
 
 
 def even_out(

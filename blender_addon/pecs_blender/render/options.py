@@ -241,8 +241,8 @@ class Options:
     focal_mm: float = option(15.02, "focal length of a scene folder's pinhole", above=0, high=1e4, unit="mm")
     colour_tolerance_px: float = option(
         0.1,
-        "if lateral colour within a pass is below this, its bands share rays at their mean wavelength; otherwise each "
-        "ray carries one band, which is noisier",
+        "the bands of a pass share rays if this moves edges by at most so much; otherwise each ray carries one band, "
+        "which takes three times as many rays",
         low=0,
         unit="px",
     )

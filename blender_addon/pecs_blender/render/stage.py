@@ -70,9 +70,10 @@ class Stage:
             camera = self.source.camera(view.focal_mm, view.film_width_mm)
             self.passes = tuple(lens.Pass(one, band_set.of_pass(one), camera) for one in slices)
             return
-        made = lens.cameras(self.lens, band_set, slices, view.colour_tolerance_px, self.source.unit_m, self.scratch)
+        made = lens.cameras(self.lens, self._chosen, slices, view.colour_tolerance_px, self.source.unit_m, self.scratch)
         self.passes, self.rays_per_sample, self.lens_record = made.passes, made.rays_per_sample, made.record
-        self.lens_record["colour_shift_px"] /= self.subpixels
+        for key in ("colour_shift_px", "mixed_shift_px"):
+            self.lens_record[key] /= self.subpixels
         self.unit = self.unit * made.e0
 
     def set_time(self, t_s: float) -> None:

@@ -53,11 +53,11 @@ PECS_API char* pecs_lens_pupil(const pecs_lens* lens, const char* options_json, 
 
 /* The camera for Cycles. options: {"bands_nm": [b0, b1, b2], "focus_m": 1.56 (null = infinity), "focus_bands_nm":
  * [...], "stop_diameter_mm": null | mm, "fnumber": null | N, "film_width_mm": w, "film_height_mm": h, "pixel_pitch_mm":
- * p, "colour_tolerance_px": 0.1, "unit_m": 1 (metres per unit of the scene)}. focus_bands_nm are all bands of the
- * stack, so that every pass has one focus. result: {"osl": source of one shader, "shader_name": .., "e0": [E0 per band:
- * film irradiance in W m^-2 nm^-1 per unit scene radiance in W m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered
- * value * e0 of its channel], "film_z_mm", "focus_m", "stop_diameter_mm", "fnumber", "channel_mode", "lens_name",
- * "sha256", ...: docs/reference/lens.md}. */
+ * p, "colour_tolerance_px": 0.1, "band_shares": [s0, s1, s2], "share_spreads": [r01, r12], "unit_m": 1 (metres per unit
+ * of the scene)}. focus_bands_nm are all bands of the stack, so that every pass has one focus. result: {"osl": source
+ * of one shader, "shader_name": .., "e0": [E0 per band: film irradiance in W m^-2 nm^-1 per unit scene radiance in W
+ * m^-2 sr^-1 nm^-1 on the axis; film irradiance = rendered value * e0 of its channel], "film_z_mm", "focus_m",
+ * "stop_diameter_mm", "fnumber", "channel_mode", "lens_name", "sha256", ...: docs/reference/lens.md}. */
 PECS_API char* pecs_lens_camera(const pecs_lens* lens, const char* options_json, pecs_error* error);
 
 /* The lens in section with its rays, as SVG text. Options as for info ("bands_nm": the rays' wavelengths). */

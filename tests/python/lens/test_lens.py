@@ -131,7 +131,27 @@ def test_a_narrow_pass_is_traced_at_its_mean():
     assert wide.channel_mode == "per_channel" and wide.colour_shift_px > 0.1
 
 
-@pytest.mark.parametrize("options", [{"bands_nm": []}, {"bands_nm": [1, 2, 3, 4]}, {"bands_nm": [550], "fnumber": 0}])
+@pytest.mark.parametrize(("spread", "mode"), [(0.0, "mixed"), (0.05, "mixed"), (0.5, "per_channel")])
+def test_bands_share_rays_if_colours_move_by_less_than_the_tolerance(spread, mode):
+    options = {"bands_nm": [450, 550, 650], "fnumber": 8, "band_shares": [0.2, 0.3, 0.5]}
+    camera = pecs.Lens(LENS).camera(**options, share_spreads=[spread, spread])
+    assert camera.channel_mode == mode and camera.colour_shift_px > 0.1
+    assert (camera.mixed_shift_px <= 0.1) == (mode == "mixed")
+    assert ("throughput = color(weight);" in camera.osl) == (mode == "mixed")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"bands_nm": []},
+        {"bands_nm": [1, 2, 3, 4]},
+        {"bands_nm": [550], "fnumber": 0},
+        {"bands_nm": [450, 550], "band_shares": [1], "share_spreads": [0]},
+        {"bands_nm": [450, 550], "band_shares": [0.5, 0.6], "share_spreads": [0]},
+        {"bands_nm": [450, 550], "band_shares": [0.5, 0.5]},
+        {"bands_nm": [450, 550], "share_spreads": [0]},
+    ],
+)
 def test_camera_refuses_bad_options(options):
     with pytest.raises(pecs.PecsInputError):
         pecs.Lens(LENS).camera(**options)

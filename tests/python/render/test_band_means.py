@@ -48,6 +48,25 @@ def log_rms_percent(chip, chosen, lamp, products):
     return 100 * float(np.std(np.log(got) - np.log(true)))
 
 
+def test_shares_of_bands_are_those_of_the_photocurrent(chip, patches):
+    lamp = spectra.load("d65")
+    chosen = choose(chip, 6, colours(patches, [lamp]))
+    amperes = np.array(chip.amperes_per_unit(chosen.entries))
+    seen = [amperes * chosen.bands.light(lamp) * chosen.bands.reflectance(s) for s in patches]
+    seen = np.array([one / one.sum() for one in seen])[:, 3:]
+    found = chosen.shares(slice(3, 6))
+    assert found["band_shares"] == pytest.approx(seen.mean(0) / seen.mean(0).sum(), rel=1e-3)
+    # By hand: how much of the light up to each border each patch has too much, weighted by its light in these bands.
+    weights = seen.sum(1)
+    off = seen[:, :2].cumsum(1) / weights[:, None] - np.cumsum(found["band_shares"])[:2]
+    assert found["share_spreads"] == pytest.approx(np.sqrt(weights @ off**2 / weights.sum()), rel=1e-3)
+    assert min(found["share_spreads"]) > 0.01
+
+    alone = choose(chip, 3, colours(patches[:1], [lamp])).shares(slice(0, 3))
+    assert alone["share_spreads"] == pytest.approx([0, 0])
+    assert bands.at_points(chip, 3, "gauss", None, None, None).shares(slice(0, 3)) == {}
+
+
 @pytest.mark.parametrize("name", LAMPS)
 def test_direct_light_is_exact_and_two_reflections_are_close(chip, patches, name):
     lamp = spectra.load(name)

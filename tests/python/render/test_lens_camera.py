@@ -160,6 +160,33 @@ def check_ray_by_ray(setting, render, pecs_program):
     assert offset < max(5e-5, 5.5e-7 * cam.efl_mm)
 
 
+def test_bands_that_share_rays_have_the_image_of_their_sum(render):
+    bands, shares = [450.0, 550.0, 650.0], np.array([0.5, 0.2, 0.3])
+    width, height, pitch_mm = 64, 48, 0.004
+    setting = {"fnumber": 4, "focus_m": 1.0, "pixel_pitch_mm": pitch_mm}
+    film = {"film_width_mm": width * pitch_mm, "film_height_mm": height * pitch_mm, "film_shift_x_mm": 2.5}
+    lens = pecs.Lens("cmount_8mm_f2p8")
+    apart = lens.camera(bands_nm=bands, colour_tolerance_px=0, **setting, **film)
+    mixed = lens.camera(
+        bands_nm=bands, colour_tolerance_px=0, band_shares=shares, share_spreads=[0, 0], **setting, **film
+    )
+    mean = lens.camera(bands_nm=bands, colour_tolerance_px=1e3, **setting, **film)
+    assert [one.channel_mode for one in (apart, mixed, mean)] == ["per_channel", "mixed", "mean"]
+    assert mixed.mixed_shift_px == 0 and mixed.colour_shift_px == apart.colour_shift_px > 0.3
+
+    image = {"width": width, "height": height, "film_shift_mm": (2.5, 0.0)}
+    x, y, z = lens.directions([[width / 2, height / 2]], **setting, **image)[0]
+    job = {"scene": "dots", "dots": [[x / z, -y / z, 1.0]], "dot_radius": 0.007, "samples": 1024}
+    sources = [one.osl for one in (apart, mixed, mean)]
+    image, grey, plain = render(osl=sources, width=width, height=height, **job)
+    assert np.ptp(grey, axis=-1).max() == 0
+    truth = image @ shares
+    assert truth.max() > 0.5
+    errors = [np.abs(one[..., 0] - truth).max() for one in (grey, plain)]
+    print("mixed {:.3g}, mean {:.3g}".format(*errors))
+    assert errors[0] < 0.05 < errors[1]
+
+
 def test_furnace_of_a_tilted_film(render, pecs_program):
     cam = camera(TILTED, [549.0, 550.0, 551.0], colour_tolerance_px=1e3)
     assert max(cam.missed_fraction) < 1e-4

@@ -24,10 +24,15 @@ struct CameraOptions {
   double pixel_pitch_mm = 0.00486;
   // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
   double colour_tolerance_px = 0.1;
+  // Of the bands in the signal of a sensor that adds them up, sum 1; empty: bands are seen apart. `share_spreads`: how
+  // much the sums of the shares up to each border between bands vary with the scene's colours (RMS).
+  std::vector<double> band_shares, share_spreads;
   double unit_m = 1;  // of the scene's coordinates
 };
 
-enum class ChannelMode { mean, per_channel };
+// All channels of a sample are traced at the mean wavelength, or at that of one band: drawn by `band_shares` for all
+// channels (their sum is exact for colours that have these shares), or with equal shares for the band's channel alone.
+enum class ChannelMode { mean, mixed, per_channel };
 
 struct Camera {
   CameraOptions options;  // resolved
@@ -36,7 +41,8 @@ struct Camera {
   FirstOrder first_order;     // at the mean of the focus bands
   std::vector<double> e0_sr;  // per band: film irradiance per scene radiance on the axis
   ChannelMode channel_mode;
-  double colour_shift_px;                                        // the measured difference that chose the mode
+  // RMS errors of position that chose the mode: of a band traced at the mean, and of the scene's colours traced mixed.
+  double colour_shift_px, mixed_shift_px;
   std::vector<PupilTables> tables;                               // one, or one per band
   double acceptance_centre, acceptance_half, acceptance_corner;  // exact area / sampled area
 };
