@@ -22,7 +22,7 @@ for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--
 # shellcheck disable=SC2086
 stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
   $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --fps 2800 --frames period \
-  --width 320 --height 180 --time adaptive --colour-tolerance 0.2px \
+  --width 320 --height 180 --time adaptive \
   $settings
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)

@@ -24,7 +24,7 @@ from pecs_lab.scenes import write_stack
 
 ROOT = Path(__file__).resolve().parents[1]
 RENDER = [
-    "--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2", "--colour-tolerance", "1",
+    "--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2",
 ]  # fmt: skip
 RECIPE = """
 duration_s = 0.03

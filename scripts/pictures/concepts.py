@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """The pictures of docs/concepts/ from renders of the lab's disk and docs/studies/.
 
-size="--bands 6 --width 320 --height 180 --colour-tolerance 0.2"
+size="--bands 6 --width 320 --height 180"
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/still $size --frames 1 --samples 32
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/turning $size --fps 2800 --frames period \\
     --time adaptive
