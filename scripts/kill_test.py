@@ -23,9 +23,7 @@ from pecs import program
 from pecs_lab.scenes import write_stack
 
 ROOT = Path(__file__).resolve().parents[1]
-RENDER = [
-    "--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2",
-]  # fmt: skip
+RENDER = ["--bands", "6", "--fps", "1000", "--frames", "150", "--width", "96", "--samples", "2"]
 RECIPE = """
 duration_s = 0.03
 export = ["dsec"]

@@ -165,17 +165,17 @@ def test_bands_that_share_rays_have_the_image_of_their_sum(render):
     width, height, pitch_mm = 64, 48, 0.004
     setting = {"fnumber": 4, "focus_m": 1.0, "pixel_pitch_mm": pitch_mm}
     film = {"film_width_mm": width * pitch_mm, "film_height_mm": height * pitch_mm, "film_shift_x_mm": 2.5}
-    lens = pecs.Lens("cmount_8mm_f2p8")
-    apart = lens.camera(bands_nm=bands, colour_tolerance_px=0, **setting, **film)
-    mixed = lens.camera(
-        bands_nm=bands, colour_tolerance_px=0, band_shares=shares, share_spreads=[0, 0], **setting, **film
-    )
-    mean = lens.camera(bands_nm=bands, colour_tolerance_px=1e3, **setting, **film)
+    through = {"name": "cmount_8mm_f2p8"} | setting | film
+    apart = camera(through, bands, colour_tolerance_px=0)
+    mixed = camera(through, bands, colour_tolerance_px=0, band_shares=shares, share_spreads=[0, 0])
+    mean = camera(through, bands, colour_tolerance_px=1e3)
     assert [one.channel_mode for one in (apart, mixed, mean)] == ["per_channel", "mixed", "mean"]
     assert mixed.mixed_shift_px == 0 and mixed.colour_shift_px == apart.colour_shift_px > 0.3
 
-    image = {"width": width, "height": height, "film_shift_mm": (2.5, 0.0)}
-    x, y, z = lens.directions([[width / 2, height / 2]], **setting, **image)[0]
+    lens = pecs.Lens(through["name"])
+    x, y, z = lens.directions(
+        [[width / 2, height / 2]], width=width, height=height, film_shift_mm=(2.5, 0.0), **setting
+    )[0]
     job = {"scene": "dots", "dots": [[x / z, -y / z, 1.0]], "dot_radius": 0.007, "samples": 1024}
     sources = [one.osl for one in (apart, mixed, mean)]
     image, grey, plain = render(osl=sources, width=width, height=height, **job)

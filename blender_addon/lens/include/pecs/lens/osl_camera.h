@@ -22,7 +22,8 @@ struct CameraOptions {
   // Of the film about its centre: first about its own x axis, then about the lens frame's y axis (right-handed).
   double film_tilt_x_deg = 0, film_tilt_y_deg = 0;
   double pixel_pitch_mm = 0.00486;
-  // A pass is traced at its mean wavelength when no band's image differs from it by more than this [pixels, RMS].
+  // The bands of a pass share their rays if this moves images by at most so much: Camera::colour_shift_px, else
+  // Camera::mixed_shift_px.
   double colour_tolerance_px = 0.1;
   // Of the bands in the signal of a sensor that adds them up, sum 1; empty: bands are seen apart. `share_spreads`: how
   // much the sums of the shares up to each border between bands vary with the scene's colours (RMS).
