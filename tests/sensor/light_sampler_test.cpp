@@ -8,6 +8,7 @@
 #include <cmath>
 #include <vector>
 
+#include "light/feed.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
 
@@ -139,6 +140,28 @@ TEST(LightSampler, ALoopGoesOn) {
   EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
   // A source with a period has all times, but not all exposures: these would be 2.6e9 cells.
   EXPECT_THROW(exposed(light, {0, 1, 1000, kMostSteps}), Error);
+}
+
+TEST(FeedMoving, LoopsAreTheSameHeldOrComputedAgain) {
+  Moving source;
+  source.info_.period_ns = 5'000'000;
+  const Timeline timeline(source, {.warmup_loops = 2, .duration_us = 4000});
+  PhotocurrentReader first(source, kChips[0]), second(source, kChips[1]);
+  std::vector<Plane> planes;
+  std::vector<std::vector<double>> t_us;
+  for (const std::size_t loop_bytes : {kMovingLoopBytes, std::size_t{3 * Moving::kPixels * sizeof(float)}}) {
+    planes.emplace_back(), t_us.emplace_back();
+    const auto take = [&](const LightBatch& batch) {
+      t_us.back().insert(t_us.back().end(), batch.t_us.begin(), batch.t_us.end());
+      for (const auto* part : {&batch.planes, &batch.again})
+        for (const float* plane : *part) planes.back().insert(planes.back().end(), plane, plane + Moving::kPixels);
+      return true;
+    };
+    feed_moving(timeline, first, &second, take, loop_bytes);
+  }
+  EXPECT_GT(t_us[0].size(), 3 * 3 * 12);
+  EXPECT_EQ(t_us[0], t_us[1]);
+  EXPECT_EQ(planes[0], planes[1]);
 }
 
 TEST(LightSampler, WrongTimesAreRefused) {

@@ -59,14 +59,15 @@ struct HeldLoop {
     std::vector<double> instants;
     std::vector<Plane> planes;
   };
-  std::vector<Interval> intervals{};
-  std::size_t bytes = 0;
+  std::size_t most_bytes = 0;
   bool is_on = false;
+  std::size_t bytes = 0;
+  std::vector<Interval> intervals{};
 
   void keep(std::int64_t step, const std::vector<double>& instants, std::span<const float* const> planes,
             std::size_t pixels) {
     bytes += sizeof(float) * pixels * planes.size();
-    if (bytes > kLoopBytes) {
+    if (bytes > most_bytes) {
       *this = {};
       return;
     }
@@ -123,8 +124,8 @@ void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region reg
   }
 }
 
-void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again,
-                 const LightSink& sink) {
+void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink,
+                 std::size_t loop_bytes) {
   const StackInfo& info = light.info();
   const std::int64_t steps = *timeline.steps(), frames = timeline.source().frames();
   const std::size_t pixels = static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height);
@@ -142,7 +143,7 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, Photocurre
     if (of_chips.size() > 1) batch.again.push_back(of_chips[1]);
     batch.t_us.push_back(t);
   };
-  HeldLoop loop{.is_on = timeline.loops()};
+  HeldLoop loop{.most_bytes = loop_bytes, .is_on = timeline.loops()};
   std::shared_ptr<const LightInterval> now, next;
   const auto read = [&](std::int64_t step) {
     next = step + 1 < steps ? reader.interval(timeline.frame(step)) : reader.frame(timeline.frame(step));

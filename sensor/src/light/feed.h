@@ -1,5 +1,6 @@
 #pragma once
 // Photocurrent in the order of time, batch by batch. In the caller's TBB arena.
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <vector>
@@ -24,8 +25,10 @@ void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region reg
 
 // Whole pictures at the source's instants and between them, warped along its motion so often that nothing moves more
 // than half a pixel from plane to plane. The next interval is read while one is worked on, unless it has subpixels: two
-// would hold too much memory. A loop whose planes fit into kLoopBytes is computed once. again: a second reader of the
+// would hold too much memory. A loop whose planes fit into loop_bytes is computed once. again: a second reader of the
 // same source, or none.
-void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink);
+inline constexpr std::size_t kMovingLoopBytes = std::size_t{1} << 30;
+void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink,
+                 std::size_t loop_bytes = kMovingLoopBytes);
 
 }  // namespace pecs::sensor
