@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
 
-from . import cycles
+from . import content, cycles
 from .source import Source
 from .spectra import Spectrum
 
@@ -47,7 +47,12 @@ class BlendScene(Source):
         self.unit_m = self.scene.unit_settings.scale_length
         self.lens = {"lens": "none", "stop_diameter_mm": None, "focus_m": None}
         self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
-        self.record = {"name": path.stem, "scene": self.scene.name, "illuminant": illuminant.name}
+        self.record = {
+            "name": path.stem,
+            "scene": self.scene.name,
+            "content_sha256": content.digest(self.scene),
+            "illuminant": illuminant.name,
+        }
         self._illuminant, self._camera = illuminant, self.scene.camera
         # Blender would replace a lens camera by a marker's camera at every render.
         self._cuts = [(m.frame, m.camera) for m in self.scene.timeline_markers if m.camera and not m.camera.hide_render]

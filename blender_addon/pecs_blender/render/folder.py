@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from pathlib import Path
 
 import bpy
 from pecs._errors import bad_input
+from pecs._files import sha256
 
 from . import build, cycles
 from .bands import points
@@ -30,7 +33,11 @@ class FolderScene(Source):
         self.period_s, self.lamps = self._parts.period_s, self._parts.lamps
         self.size = (1280, 720)
         self.bounces = {"max_bounces": self._parts.bounces, "diffuse_bounces": self._parts.bounces}
-        self.record = {"name": scene_file.name, "parameters": scene_file.parameters}
+        self.record = {
+            "name": scene_file.name,
+            "content_sha256": _code_sha256(scene_file.folder),
+            "parameters": scene_file.parameters,
+        }
         if "rotation_deg" in scene_file.camera:
             self.record["rotation_deg"] = scene_file.camera["rotation_deg"]
 
@@ -83,3 +90,8 @@ class FolderScene(Source):
         lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), lambda nm: norm(points(nm)))
         # Rounded, so that a job continued on another machine computes the same number.
         return float(f"{self._parts.illuminance_lux / lux:.4g}")
+
+
+def _code_sha256(folder: Path) -> str:
+    files = [*sorted(folder.glob("*.py")), folder / "scene.json"]
+    return hashlib.sha256("".join(map(sha256, files)).encode()).hexdigest()

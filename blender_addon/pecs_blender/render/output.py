@@ -37,8 +37,9 @@ class Output:
         try:
             self._writer = pecs.StackWriter(folder, stack)
         except pecs.PecsError as e:
-            hint = "; --overwrite replaces the stack, --new-version writes another beside it"
-            raise PecsError(f"{e}{hint if json_path.is_file() else ''}", e.code) from None
+            hint = "; --overwrite replaces the stack, --new-version writes one with the next free name"
+            edited = " (the scene was edited)" if "content_sha256" in str(e) else ""
+            raise PecsError(f"{e}{edited}{hint if json_path.is_file() else ''}", e.code) from None
         self._lock = self._locked(json_path, only or slice(0, len(stack["times_ns"])))
         self.has_layer, self.write_layer = self._writer.has_layer, self._writer.write_layer
         self.write_between = self._writer.write_between

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import bpy
 from mathutils import Euler, Matrix, Vector
 from pecs._config import Fields, read_json
 from pecs._errors import PecsNotFoundError, bad_input
+from pecs._files import sha256
 
 FILES = ("file", "texture")
 TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
@@ -28,14 +30,18 @@ class Placed:
         for entry in top.tables("objects"):
             self._things.append(_Thing(entry, scene))
         top.done()
-        self.record = [
-            thing | {key: thing[key] and Path(thing[key]).name for key in FILES} for thing in content["objects"]
-        ]
+        self.record = [_recorded(thing) for thing in content["objects"]]
         self.pose(0.0)
 
     def pose(self, t_s: float) -> None:
         for thing in self._things:
             thing.pose(t_s, self._unit_m)
+
+
+def _recorded(thing: dict[str, Any]) -> dict[str, Any]:
+    files = {key: Path(thing[key]) for key in FILES if thing[key]}
+    names = {key: file.name for key, file in files.items()}
+    return thing | names | {f"{key}_sha256": sha256(file) for key, file in files.items()}
 
 
 class _Thing:

@@ -156,11 +156,11 @@ def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
 
 
 def content_sha256(path: Path) -> str:
-    """Of a file, or of all files of a folder with their names."""
+    """Of a file, or of all files of a folder with their names; without what Python compiles."""
     if path.is_file():
         return _file_sha256(path, path.stat().st_mtime_ns)
     digest = hashlib.sha256()
-    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+    for file in sorted(p for p in path.rglob("*") if p.is_file() and p.parent.name != "__pycache__"):
         digest.update(f"{file.relative_to(path)}\0{_file_sha256(file, file.stat().st_mtime_ns)}\0".encode())
     return digest.hexdigest()
 

@@ -97,7 +97,7 @@ def test_versions_of_a_stack(blend, stack, tmp_path):
         return pecs_blender("render", blend, "-o", tmp_path / "s.stack", *SMALL, *words, check=False)
 
     refused = render("--seed", 2)
-    assert refused.returncode == 5 and "--new-version writes another beside it" in refused.stderr
+    assert refused.returncode == 5 and "--new-version writes one with the next free name" in refused.stderr
     for _ in range(2):  # the second time it is there already
         assert render("--seed", 2, "--new-version").stderr.endswith(f"render: into {tmp_path / 's_002.stack'}\n")
     assert "into" not in render("--new-version").stderr
