@@ -75,6 +75,12 @@ class Keyframes:
     grid: Timeline
     keys: list[int]
 
+    @classmethod
+    def at(cls, grid: Timeline, times_ns: list[int]) -> Keyframes:
+        """Raises KeyError for times that are not on the grid."""
+        index = {t: i for i, t in enumerate(grid.times_ns)}
+        return cls(grid, [index[t] for t in times_ns])
+
     @property
     def timeline(self) -> Timeline:
         return Timeline([self.grid.times_ns[k] for k in self.keys], self.grid.period_ns)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 import time
@@ -38,8 +39,9 @@ def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", c
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
         job.set_up(Path(scratch))
-        job.choose_instants()
-        job.choose_samples()
+        if cost_only or exists != "continue" or not job.take_up(folder):
+            job.choose_instants()
+            job.choose_samples()
         if cost_only:
             job.print_cost()
             return folder
@@ -59,13 +61,31 @@ class Render:
         """Makes the scene spectral, measures its light, and builds a camera for each pass."""
         self._stage = Stage(self._source, self._plan, scratch)
 
+    def take_up(self, folder: Path) -> bool:
+        """Takes keyframes and samples from the stack in the folder, if there is one. Output compares the rest of it."""
+        try:
+            stack = json.loads((folder / "stack.json").read_text())
+            samples = stack["render"]["samples"] // self._plan.view.subpixels**2
+            keyframes = adaptive.Keyframes.at(self._plan.instants.grid, stack["times_ns"])
+        except (OSError, ValueError, KeyError, TypeError):  # not a stack of this job
+            return False
+        self._set_instants(keyframes if self._plan.instants.step_px else None)
+        if self._sampling.noise_events:
+            self._sampling = replace(self._sampling, samples=samples)
+        return True
+
     def choose_instants(self) -> None:
-        """Keyframes for adaptive steps, or all instants; `_wanted` are those that this process renders."""
-        asked, self._keyframes = self._plan.instants, None
+        """Keyframes for adaptive steps, or all instants."""
+        asked, keyframes = self._plan.instants, None
         if asked.step_px:
             motion = Line(task="motion", **self._plan.verbosity)
-            self._keyframes = adaptive.choose_keyframes(self._stage, asked, motion)
-        self._instants = self._keyframes.timeline if self._keyframes else asked.grid
+            keyframes = adaptive.choose_keyframes(self._stage, asked, motion)
+        self._set_instants(keyframes)
+
+    def _set_instants(self, keyframes: adaptive.Keyframes | None) -> None:
+        """`_wanted` are those that this process renders."""
+        asked, self._keyframes = self._plan.instants, keyframes
+        self._instants = keyframes.timeline if keyframes else asked.grid
         self._wanted = range(len(self._instants.times_ns))[asked.only or slice(None)]
 
     def choose_samples(self) -> None:

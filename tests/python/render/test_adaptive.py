@@ -1,6 +1,7 @@
 """--time adaptive: keyframes, motion and pictures between them, in the scenes of scripts/bench/motion_scenes.py."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -225,8 +226,10 @@ def test_stopped_jobs_and_shards_give_the_same_stack(blends, tmp_path):
     shutil.copytree(whole, stopped)
     for name in ("frame_000001.exr", "motion_000000.exr", between(whole)[0]):
         (stopped / name).unlink()
-    pecs_blender("render", blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive")
+    told = os.environ | {"PECS_PROGRESS": "json"}
+    done = pecs_blender("render", blends / "shadow.blend", "-o", stopped, *COMMON, "--time", "adaptive", env=told)
     assert files(stopped) == files(whole)
+    assert '"render"' in done.stderr and '"motion"' not in done.stderr  # the keyframes are those of stack.json
     shards = [tmp_path / "first", tmp_path / "second"]
     for shard, part in zip(shards, ("0:1", f"1:{count}"), strict=True):
         pecs_blender("render", blends / "shadow.blend", "-o", shard, *COMMON, "--time", "adaptive", "--only", part)

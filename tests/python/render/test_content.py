@@ -120,6 +120,9 @@ def test_an_edited_scene_is_refused_and_overwritten(blend):
     in_bpy(EDIT, blend, HIDDEN[1])
     assert "exist already" in render()
     in_bpy(EDIT, blend, SHOWN[0])
-    assert "'scene.content_sha256' (the scene was edited); --overwrite" in render(check=False) and frame.read_bytes() == light
+    assert (
+        "'scene.content_sha256' (the scene was edited); --overwrite" in render(check=False)
+        and frame.read_bytes() == light
+    )
     render("--overwrite")
     assert frame.read_bytes() != light
