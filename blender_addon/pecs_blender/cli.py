@@ -81,7 +81,11 @@ def _job_options(command) -> None:
     _scene_options(command)
     exists = command.add_mutually_exclusive_group()
     add = exists.add_argument
-    add("--overwrite", action="store_true", help="remove an existing stack instead of continuing it")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace an existing stack that has other settings or shows another scene",
+    )
     add("--new-version", action="store_true", help="if a different stack exists, write STACK_002, STACK_003, …")
 
 
@@ -339,4 +343,4 @@ def _restart(argv: list[str]) -> NoReturn:
     command = [sys.executable, "-m", "pecs_blender", *argv]
     if bpy.app.binary_path:
         command = [bpy.app.binary_path, *sys.argv[1:]]
-    programs.become([word for word in command if word != "--overwrite"])  # continue what this process has written
+    programs.become(command)

@@ -12,6 +12,7 @@ are there are taken as they are.
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -60,7 +61,8 @@ def render(scene: Scene, folder: Path, scenes: Path, fps: float, *options) -> fl
         return float(seconds_file.read_text())
     path = ROOT / "scenes" / scene.name if scene.arguments else scenes / f"{scene.name}.blend"
     command = [sys.executable, "-m", "pecs_blender", "render", path, "-o", folder, "--bands", 3, *scene.arguments]
-    command += ["--fps", fps, "--frames", round(scene.seconds * fps) + 1, *options, "--overwrite"]
+    command += ["--fps", fps, "--frames", round(scene.seconds * fps) + 1, *options]
+    shutil.rmtree(folder, ignore_errors=True)
     run = measured(command)
     if run.exit:
         sys.exit(run.errors)

@@ -73,16 +73,18 @@ class Output:
 
 def free_folder(folder: Path, stack: dict[str, Any]) -> Path:
     """`folder`, folder_002, …: the first that does not exist or contains this very stack."""
-    this = json.loads(json.dumps(stack))
     for number in itertools.count(1):
         one = folder if number == 1 else folder.with_name(f"{folder.stem}_{number:03}{folder.suffix}")
-        try:
-            if json.loads((one / "stack.json").read_text()) == this:
-                return one
-        except ValueError:  # not a stack of ours
-            continue
-        except OSError:  # free; if not, the writer reports the error
+        if not (one / "stack.json").is_file() or is_stack(one, stack):  # if not free, the writer reports it
             return one
+
+
+def is_stack(folder: Path, stack: dict[str, Any]) -> bool:
+    """Whether the folder contains this very stack."""
+    try:
+        return bool(json.loads((folder / "stack.json").read_text()) == json.loads(json.dumps(stack)))
+    except (OSError, ValueError):  # none of ours
+        return False
 
 
 def _remove_stack(folder: Path) -> None:

@@ -21,7 +21,7 @@ from . import adaptive, cycles, noise, stop
 from .layers import layer_class
 from .layers.layer import Layer
 from .layers.light import Light
-from .output import Output, free_folder
+from .output import Output, free_folder, is_stack
 from .plan import Plan, Sampling
 from .resources import BYTES_PER_VALUE, MemoryGuard, check_disk, peak_mb, readable
 from .source import Source
@@ -33,13 +33,13 @@ UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * adaptive.SHARED + 8  # held in memo
 
 
 def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", cost_only: bool = False) -> Path:
-    """The stack's folder. exists: what to do with a stack that is there: "continue", "overwrite", or "new" (use the
-    next free name). cost_only: prints the cost, and writes nothing."""
+    """The stack's folder. exists: what to do if the folder contains another job's stack: "continue" (an error),
+    "overwrite", or "new" (use the next free name). cost_only: prints the cost, and writes nothing."""
     job = Render(source, plan)
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
         job.set_up(Path(scratch))
-        if cost_only or exists != "continue" or not job.take_up(folder):
+        if cost_only or not job.take_up(folder, exists):
             job.choose_instants()
             job.choose_samples()
         if cost_only:
@@ -61,18 +61,23 @@ class Render:
         """Makes the scene spectral, measures its light, and builds a camera for each pass."""
         self._stage = Stage(self._source, self._plan, scratch)
 
-    def take_up(self, folder: Path) -> bool:
-        """Takes keyframes and samples from the stack in the folder, if there is one. Output compares the rest of it."""
+    def take_up(self, folder: Path, exists: str) -> bool:
+        """Takes keyframes and samples from the stack in the folder, if it is this job's. With "continue", from any one:
+        Output refuses it if it differs."""
         try:
             stack = json.loads((folder / "stack.json").read_text())
             samples = stack["render"]["samples"] // self._plan.view.subpixels**2
             keyframes = adaptive.Keyframes.at(self._plan.instants.grid, stack["times_ns"])
         except (OSError, ValueError, KeyError, TypeError):  # not a stack of this job
             return False
+        asked = self._sampling
         self._set_instants(keyframes if self._plan.instants.step_px else None)
-        if self._sampling.noise_events:
-            self._sampling = replace(self._sampling, samples=samples)
-        return True
+        if asked.noise_events:
+            self._sampling = replace(asked, samples=samples)
+        if exists == "continue" or is_stack(folder, self._stack_json()):
+            return True
+        self._sampling = asked
+        return False
 
     def choose_instants(self) -> None:
         """Keyframes for adaptive steps, or all instants."""
@@ -120,7 +125,8 @@ class Render:
 
     def open(self, folder: Path, exists: str) -> None:
         """Chooses the stack's folder, and checks that the disk has room for the frames that are missing there."""
-        self._stack, self._overwrite = self._stack_json(), exists == "overwrite"
+        self._stack = self._stack_json()
+        self._overwrite = exists == "overwrite" and not is_stack(folder, self._stack)
         self.folder = free_folder(folder, self._stack) if exists == "new" else folder
         check_disk(self.folder, self._needed_bytes(lambda file: self._overwrite or not (self.folder / file).is_file()))
 
@@ -215,7 +221,12 @@ class Render:
             "period_ns": self._instants.period_ns,
             "lens": stage.lens_record,
             "scene": self._source.record,
-            "render": {**plan.recorded, **stage.record(plan), "samples": self._sampling.samples * view.subpixels**2},
+            "render": {
+                **plan.recorded,
+                **stage.record(plan),
+                "samples": self._sampling.samples * view.subpixels**2,
+                **({"instants": len(self._keyframes.grid.times_ns)} if self._keyframes else {}),
+            },
             "versions": {"pecs": pecs.__version__, "blender": bpy.app.version_string},
             **({"layers": layers} if layers else {}),
         }

@@ -315,13 +315,14 @@ class PecsSettings(bpy.types.PropertyGroup):
     )
     last_stack: StringProperty(options={"HIDDEN"})  # folder of the last new version
     exists: EnumProperty(
-        name="If It Exists",
+        name="If It Differs",
         items=[
-            ("continue", "Continue", "Render the missing frames; an error if the settings differ"),
-            ("overwrite", "Overwrite", "Delete the existing stack first"),
-            ("new", "New Version", "If settings differ, write another stack with the suffix _002, _003, …"),
+            ("overwrite", "Overwrite", "Replace the stack"),
+            ("new", "New Version", "Write another stack with the suffix _002, _003, …"),
+            ("continue", "Keep", "Report an error"),
         ],
-        description="Action if the stack exists",
+        description="Action if a stack with other settings, or of the scene before an edit, exists. "
+        "A stack that does not differ is continued",
     )
     whole_range: BoolProperty(
         name="Scene Range", default=True, description="Render from the scene's start frame to its end frame"

@@ -46,7 +46,7 @@ bpy.ops.pecs.stop()
 message, is_error = ended()
 assert message.startswith("Stopped at") and not is_error, message
 bpy.ops.wm.open_mainfile(filepath=blend)
-bpy.context.scene.pecs.frames = 2
+bpy.context.scene.pecs.frames, bpy.context.scene.pecs.exists = 2, "continue"
 bpy.ops.pecs.render()
 message, is_error = ended()
 assert "exists and differs in 'times_ns" in message and is_error, message

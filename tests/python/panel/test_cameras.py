@@ -44,7 +44,6 @@ assert len(one) and len(two) and len(one) != len(two)
 assert event_view.state.view.path.name == "scene_camera.raw"  # that of the scene's camera
 
 # Stopped, the ones that follow do not start, and their copies are removed.
-scene.pecs.exists = "overwrite"
 bpy.ops.pecs.run_cameras()
 made = copies()
 bpy.ops.pecs.stop()
