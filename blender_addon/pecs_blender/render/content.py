@@ -17,7 +17,18 @@ import numpy as np
 from pecs._files import sha256
 
 SCENE = ("camera", "collection", "world", "frame_start", "unit_settings", "gravity", "rigidbody_world", "use_gravity")
-OF_WINDOWS = ("active_", "show_", "select", "hide_select", "hide_viewport", "lock_", "matrix_", "display")
+OF_WINDOWS = (
+    "active_",
+    "open_",
+    "panels",
+    "show_",
+    "select",
+    "hide_select",
+    "hide_viewport",
+    "lock_",
+    "matrix_",
+    "display",
+)
 OF_NODES = {"location", "location_absolute", "width", "height", "hide", "label", "color", "parent", "use_custom_color"}
 LEFT_OUT = {
     *(p.identifier for p in bpy.types.ID.bl_rna.properties if p.identifier != "name"),
@@ -31,7 +42,8 @@ ARRAYS = {  # read as one: of the collection's items
 }
 GEOMETRY = (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)
 OF_GEOMETRY = {"materials", "shape_keys", "animation_data"}  # the rest of it is in its attributes
-RUNTIME = {"cycles"}  # groups that Python registers and renders depend on
+EXTENDED = (bpy.types.ID, bpy.types.Bone, bpy.types.PoseBone)  # to which add-ons add properties
+RUNTIME = {"cycles"}  # those that renders depend on
 
 
 def digest(scene: bpy.types.Scene) -> str:
@@ -77,8 +89,7 @@ class _Walk:
             if _counts(thing, prop):
                 self.add(prop.identifier)
                 self._property(thing, prop.identifier)
-        if isinstance(thing, (bpy.types.ID, bpy.types.NodesModifier)):
-            self._own_properties(thing)
+        self._own_properties(thing)
         if isinstance(thing, GEOMETRY):
             self._geometry(thing)
         if isinstance(thing, bpy.types.Object) and thing.type == "MESH" and thing.vertex_groups:
@@ -117,7 +128,11 @@ class _Walk:
                 self._array(attribute.data, key)
 
     def _own_properties(self, thing: bpy.types.bpy_struct) -> None:
-        for key in sorted(thing.keys()):
+        try:
+            keys = sorted(thing.keys())
+        except TypeError:  # a type that has none
+            return
+        for key in keys:
             if not hasattr(thing[key], "to_dict"):  # of a group of Blender's own: seen above
                 self.add(key)
                 self.value(thing[key])
@@ -136,7 +151,7 @@ def _counts(thing: bpy.types.bpy_struct, prop: bpy.types.Property) -> bool:
         return True
     if name in LEFT_OUT or name.startswith(OF_WINDOWS):
         return False
-    if prop.is_runtime and name not in RUNTIME and not isinstance(thing, bpy.types.PropertyGroup):
+    if prop.is_runtime and name not in RUNTIME and isinstance(thing, EXTENDED):
         return False
     if isinstance(thing, bpy.types.Node) and name in OF_NODES:
         return False
