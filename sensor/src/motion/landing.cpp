@@ -28,14 +28,8 @@ Slopes slopes_of(const Weights& w, const float* at, std::uint16_t flags) {
   return out;
 }
 
-// The surface of a pixel, continued to the pixel's neighbour.
-struct Continued {
-  Slopes slopes;
-  float z;       // of the pixel, at the instant
-  Vec2 in, now;  // the neighbour in the keyframe and at the instant
-};
-
-Continued continued(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy) {
+// The surface of pixel `of`, continued to its neighbour (dx, dy).
+Patch continued(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy) {
   const float* at = from.where(of);
   const Slopes s = slopes_of(w, at, from.flags(of));
   const Point p = Surfaces::at(at);
@@ -43,36 +37,25 @@ Continued continued(const Surfaces& from, const Weights& w, std::int32_t of, int
   const auto ox = static_cast<float>(dx), oy = static_cast<float>(dy);
   const Vec2 in{pixel.x + ox, pixel.y + oy};
   const Vec2 now{in.x + d.x + s.by_x.x * ox + s.by_y.x * oy, in.y + d.y + s.by_x.y * ox + s.by_y.y * oy};
-  return {s, w.depth(p), in, now};
-}
-
-// The point visible at (x, y) on the surface of pixel `of`, relative to that pixel's neighbour (dx, dy).
-VisiblePoint place(const Surfaces& from, const Weights& w, std::int32_t of, int dx, int dy, float x, float y) {
-  const auto [s, z, in, now] = continued(from, w, of, dx, dy);
-  const float rx = x - now.x, ry = y - now.y;
-  float xx = 1 + s.by_x.x, xy = s.by_y.x, yx = s.by_x.y, yy = 1 + s.by_y.y;
-  float det = xx * yy - xy * yx;
-  if (!(det > 0.1f)) xx = yy = det = 1, xy = yx = 0;  // the surface turns away
-  const float u = (yy * rx - xy * ry) / det, v = (xx * ry - yx * rx) / det;
-  return {of + dy * from.width() + dx, in.x + u, in.y + v, z + s.z_by_x * u + s.z_by_y * v};
+  return {of + dy * from.width() + dx, in, now, s.by_x, s.by_y, w.depth(p), s.z_by_x, s.z_by_y};
 }
 
 }  // namespace
 
-VisiblePoint visible_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
-  return place(from, w, index, 0, 0, x, y);
+VisiblePoint Patch::at(float x, float y) const {
+  const float rx = x - now.x, ry = y - now.y;
+  float xx = 1 + by_x.x, xy = by_y.x, yx = by_x.y, yy = 1 + by_y.y;
+  float det = xx * yy - xy * yx;
+  if (!(det > 0.1f)) xx = yy = det = 1, xy = yx = 0;  // the surface turns away
+  const float u = (yy * rx - xy * ry) / det, v = (xx * ry - yx * rx) / det;
+  return {index, in.x + u, in.y + v, z + z_by_x * u + z_by_y * v};
 }
 
-VisiblePoint boundary_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y) {
+Patch patch_of(const Surfaces& from, const Weights& w, std::int32_t index) { return continued(from, w, index, 0, 0); }
+
+Patch boundary_of(const Surfaces& from, const Weights& w, std::int32_t index) {
   const auto [dx, dy] = from.occluder(index);
-  return place(from, w, index + dy * from.width() + dx, -dx, -dy, x, y);
-}
-
-void Landing::clear(Layer& layer) {
-  std::ranges::fill(layer.z, kNothing);
-  std::ranges::fill(layer.u, 0.0f);
-  std::ranges::fill(layer.v, 0.0f);
-  std::ranges::fill(layer.index, kNone);
+  return continued(from, w, index + dy * from.width() + dx, -dx, -dy);
 }
 
 // Results of land_run for a row.
@@ -116,24 +99,29 @@ void Landing::land_boundaries(const Surfaces& from, const Weights& w, const Tile
     for (int x = x0; x < x1; ++x) {
       const std::int32_t index = y * from.width() + x;
       if (!(from.flags(index) & kMixedPixel)) continue;
-      const auto [dx, dy] = from.occluder(index);
-      const Vec2 now = continued(from, w, index + dy * from.width() + dx, -dx, -dy).now;
-      const float column = std::floor(now.x + 0.5f), row = std::floor(now.y + 0.5f);
-      const VisiblePoint seen = boundary_at(from, w, index, column, row);
+      const Patch patch = boundary_of(from, w, index);
+      const float column = std::floor(patch.now.x + 0.5f), row = std::floor(patch.now.y + 0.5f);
       const int cx = static_cast<int>(column) - x0_, cy = static_cast<int>(row) - y0_;
       if (cx < 0 || cx >= kWidth || cy < 0 || cy >= kHeight) continue;
-      if (!has_boundaries) clear(boundaries);
+      if (!has_boundaries) {
+        std::ranges::fill(boundaries.z, kNothing);
+        std::ranges::fill(boundaries.index, kNone);
+      }
       has_boundaries = true;
       const auto k = static_cast<std::size_t>(cy) * kWidth + cx;
-      if (!(seen.z < boundaries.z[k])) continue;
-      boundaries.z[k] = seen.z, boundaries.u[k] = seen.u, boundaries.v[k] = seen.v, boundaries.index[k] = index;
+      const float z = patch.at(column, row).z;
+      if (!(z < boundaries.z[k])) continue;
+      boundaries.z[k] = z, boundaries.index[k] = index, boundaries.patch[k] = patch;
     }
 }
 
 void Landing::land(const Surfaces& from, const Weights& w, const Tile& tile, std::span<const std::int32_t> tiles) {
   x0_ = tile.x0 - 1, y0_ = tile.y0 - 1;
   has_boundaries = false;
-  clear(points);
+  std::ranges::fill(points.z, kNothing);
+  std::ranges::fill(points.u, 0.0f);
+  std::ranges::fill(points.v, 0.0f);
+  std::ranges::fill(points.index, kNone);
   for (const std::int32_t t : tiles) {
     const Tile source = from.tile(t);
     const Vec2 least = from.reach(t).least(w), most = from.reach(t).most(w);

@@ -19,10 +19,17 @@ struct VisiblePoint {
   bool is() const { return index != kNone; }
 };
 
-// The point visible at (x, y) on the surface around pixel `index`, linear around that pixel. boundary_at: on the
-// surface of the pixel's occluder, continued to the pixel.
-VisiblePoint visible_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y);
-VisiblePoint boundary_at(const Surfaces& from, const Weights& w, std::int32_t index, float x, float y);
+// A surface around a pixel of a keyframe at an instant, linear in the keyframe's x and y.
+struct Patch {
+  std::int32_t index;  // of the pixel
+  Vec2 in, now;        // its place in the keyframe and at the instant
+  Vec2 by_x, by_y;     // slopes of the displacement per pixel
+  float z, z_by_x, z_by_y;
+  VisiblePoint at(float x, float y) const;  // the point of the surface that is at (x, y) at the instant
+};
+// Around the pixel, on its own surface, or on that of its occluder.
+Patch patch_of(const Surfaces& from, const Weights& w, std::int32_t index);
+Patch boundary_of(const Surfaces& from, const Weights& w, std::int32_t index);
 
 // The nearest point on each pixel of a tile and of a one-pixel margin around it. Occlusion boundaries (mixed pixels,
 // with the motion of their occluder) land in a layer of their own.
@@ -35,7 +42,12 @@ class Landing {
     std::int32_t index[kSlots + kSpare];
     VisiblePoint seen(std::size_t slot) const { return {index[slot], u[slot], v[slot], z[slot]}; }
   };
-  Layer points, boundaries;
+  Layer points;
+  struct Boundaries {
+    float z[kSlots];
+    std::int32_t index[kSlots];
+    Patch patch[kSlots];
+  } boundaries;
   bool has_boundaries = false;
 
   // tiles: those of the keyframe that may reach this one.
@@ -48,7 +60,6 @@ class Landing {
   struct Run;
   void land_part(const Surfaces& from, const Weights& w, int tile, const Tile& part);
   void land_boundaries(const Surfaces& from, const Weights& w, const Tile& part);
-  void clear(Layer& layer);
 
   int x0_ = 0, y0_ = 0;
   float paths_[3][kBlockPixels + kSpare];  // of a keyframe's tile with its margin: x, y, depth

@@ -17,6 +17,12 @@ bool covers(const Surfaces& from, const VisiblePoint& seen, bool is_boundary) {
   return within(seen.u - point.x, kRight, kLeft) && within(seen.v - point.y, kDown, kUp);
 }
 
+// Whether two pixels of a keyframe are one, or neighbours on one surface.
+bool on_one_surface(const Surfaces& from, std::int32_t a, std::int32_t b) {
+  const int step = b - a, dy = step > 1 ? 1 : step < -1 ? -1 : 0, dx = step - dy * from.width();
+  return step == 0 || (std::abs(dx) <= 1 && from.joined(a, dx, dy));
+}
+
 template <class Visit>
 void around(std::size_t slot, const Visit& visit) {
   for (int dy = -1; dy <= 1; ++dy)
@@ -46,7 +52,8 @@ void View::look(const Weights& w, const Tile& tile, std::span<const std::int32_t
       if (!best.is()) best.z = Landing::kNothing;
       around(slot, [&](std::size_t k) {
         if (k == slot || points.z[k] >= best.z) return;  // nothing there, or farther
-        const VisiblePoint other = visible_at(from, weights, points.index[k], x, y);
+        if (best.is() && on_one_surface(from, best.index, points.index[k])) return;
+        const VisiblePoint other = patch_of(from, weights, points.index[k]).at(x, y);
         if (other.z < best.z && covers(from, other, false)) best = other;
       });
       if (best.is()) found.push_back({slot, best});
@@ -60,8 +67,7 @@ VisiblePoint View::boundary(int column, int row, int x, int y) const {
   VisiblePoint best;
   around(Landing::slot(column, row), [&](std::size_t k) {
     if (landing.boundaries.index[k] == kNone) return;
-    const VisiblePoint seen =
-        boundary_at(from, weights, landing.boundaries.index[k], static_cast<float>(x), static_cast<float>(y));
+    const VisiblePoint seen = landing.boundaries.patch[k].at(static_cast<float>(x), static_cast<float>(y));
     if (seen.z < best.z && covers(from, seen, true)) best = seen;
   });
   return best;
