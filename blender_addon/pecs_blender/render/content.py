@@ -9,6 +9,8 @@ them: all properties that can be written, except what only windows show. Not the
 from __future__ import annotations
 
 import hashlib
+from collections import deque
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,21 +58,31 @@ def digest(scene: bpy.types.Scene) -> str:
     walk.value(scene.animation_data)
     walk.value(scene.view_layers[0].layer_collection)
     walk.add(scene.render.fps, scene.render.fps_base)
-    return walk.hexdigest()
+    return walk.to_the_end()
 
 
 class _Walk:
+    """Structures are numbered as they are met, and read in that order: chains of parents may be long."""
+
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
-        self._seen: dict[tuple[str, int], int] = {}
-        self.hexdigest = self._hash.hexdigest
+        self._numbers: dict[tuple[str, int], int] = {}
+        self._met: deque[bpy.types.bpy_struct] = deque()
+
+    def to_the_end(self) -> str:
+        while self._met:
+            self._read(self._met.popleft())
+        return self._hash.hexdigest()
 
     def add(self, *values: Any) -> None:
         self._hash.update(repr(values).encode())
 
     def value(self, value: Any) -> None:
         if isinstance(value, bpy.types.bpy_struct):
-            self._struct(value)
+            key = type(value).__name__, value.as_pointer()
+            if key not in self._numbers:
+                self._met.append(value)
+            self.add(key[0], self._numbers.setdefault(key, len(self._numbers)))
         elif isinstance(value, float):
             self.add(f"{value:.6g}")
         elif hasattr(value, "__len__") and not isinstance(value, (str, bytes, set)):
@@ -79,16 +91,10 @@ class _Walk:
         else:
             self.add(sorted(value) if isinstance(value, set) else value)
 
-    def _struct(self, thing: bpy.types.bpy_struct) -> None:
-        key = type(thing).__name__, thing.as_pointer()
-        self.add(key[0], self._seen.get(key))
-        if key in self._seen:
-            return
-        self._seen[key] = len(self._seen)
-        for prop in thing.bl_rna.properties:
-            if _counts(thing, prop):
-                self.add(prop.identifier)
-                self._property(thing, prop.identifier)
+    def _read(self, thing: bpy.types.bpy_struct) -> None:
+        for name in _properties(type(thing)):
+            self.add(name)
+            self._property(thing, name)
         self._own_properties(thing)
         if isinstance(thing, GEOMETRY):
             self._geometry(thing)
@@ -111,9 +117,8 @@ class _Walk:
         if not len(items):
             return
         first = getattr(items[0], key)
-        per_item = len(first) if hasattr(first, "__len__") and not isinstance(first, str) else 1
-        number = isinstance(first, (int, str))  # enums are numbers here
-        values = np.empty(per_item * len(items), np.int32 if number else np.float32)
+        is_int = isinstance(first, (int, str))  # enums are numbers here
+        values = np.empty(np.size(first) * len(items), np.int32 if is_int else np.float32)
         items.foreach_get(key, values)
         self.add(key, len(items))
         self._hash.update(values)
@@ -122,7 +127,7 @@ class _Walk:
         if isinstance(data, bpy.types.Mesh):
             self._array(data.polygons, "loop_start")
         for attribute in data.attributes:
-            if not attribute.name.startswith(".select") and len(attribute.data):
+            if not (attribute.name.startswith(".select") or attribute.data_type == "STRING") and len(attribute.data):
                 self.add(attribute.name, attribute.domain)
                 key = next(k for k in ("value", "vector", "color") if hasattr(attribute.data[0], k))
                 self._array(attribute.data, key)
@@ -145,16 +150,21 @@ class _Walk:
             self.add(sha256(file) if file.is_file() else file.name)
 
 
-def _counts(thing: bpy.types.bpy_struct, prop: bpy.types.Property) -> bool:
+@cache
+def _properties(kind: type) -> list[str]:
+    return [prop.identifier for prop in kind.bl_rna.properties if _counts(kind, prop)]
+
+
+def _counts(kind: type, prop: bpy.types.Property) -> bool:
     name = prop.identifier
     if name == "active_render":
         return True
     if name in LEFT_OUT or name.startswith(OF_WINDOWS):
         return False
-    if prop.is_runtime and name not in RUNTIME and isinstance(thing, EXTENDED):
+    if prop.is_runtime and name not in RUNTIME and issubclass(kind, EXTENDED):
         return False
-    if isinstance(thing, bpy.types.Node) and name in OF_NODES:
+    if issubclass(kind, bpy.types.Node) and name in OF_NODES:
         return False
-    if isinstance(thing, GEOMETRY):
+    if issubclass(kind, GEOMETRY):
         return name in OF_GEOMETRY
     return prop.type in ("POINTER", "COLLECTION") or not prop.is_readonly

@@ -29,6 +29,8 @@ picture.image = bpy.data.images.load(folder + "/red.png")
 tree.links.new(picture.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
 modifier = cube.modifiers.new("nodes", "NODES")
 group = modifier.node_group = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
+for kind in ("STRING", "FLOAT4X4", "INT8", "BOOLEAN", "FLOAT_COLOR"):
+    cube.data.attributes.new(kind, kind, "POINT")
 for way in ("INPUT", "OUTPUT"):
     group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
 group.interface.new_socket("Size", in_out="INPUT", socket_type="NodeSocketFloat")
@@ -69,6 +71,9 @@ SHOWN = [  # edits that change the light
     'data.worlds["World"].node_tree.nodes["Background"].inputs["Strength"].default_value = 2',
     "mesh.vertices[0].co.x += 0.01",
     "mesh.polygons[0].use_smooth = True",
+    "mesh.attributes['FLOAT_COLOR'].data[1].color = (1, 0, 0, 1)",
+    "for _ in range(400): new = data.objects.new('link', None); new.parent, cube = cube, new; "
+    "scene.collection.objects.link(new)",
     'mesh.shape_keys.key_blocks["Wide"].data[0].co.z = 3',
     'cube.vertex_groups[0].add([0], 1.0, "REPLACE")',
     'cube.modifiers["bevel"].width = 0.3',
