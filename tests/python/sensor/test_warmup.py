@@ -53,6 +53,17 @@ def test_the_rate_of_a_ramp_is_even_from_the_start(tmp_path):
     assert abs(later[20_000] / later[0] - 1) < 0.03
 
 
+def test_a_slow_ramp_in_dim_light_is_not_silent_at_first(tmp_path):
+    """2 per second at a corner of 10 Hz. If pixels stay as far from their thresholds as noise reaches once per second,
+    the first 30 ms have a fifth of the later rate."""
+    folder = write(tmp_path / "s", frames=202, change=lambda i, v: np.full_like(v, 1e-5 * np.exp(0.002 * i)), size=SIZE)
+    quiet = {"background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
+    found, report = events(folder, tmp_path, overrides=quiet, duration_us=200_000, warmup_us=20_000)
+    assert 9 < report["corner_hz"]["median"] < 11
+    counts = np.histogram(found["t"], 20, (0, 200_000))[0]
+    assert 0.5 < counts[:3].mean() / counts[10:].mean() < 1.1
+
+
 def test_noise_is_even_from_the_start(tmp_path):
     """In still light of a corner of 64 Hz, the rate of the first 5 ms is that of the last 14 ms of 29. For distances
     drawn evenly up to the threshold it is 1.7 times that, for pixels at rest half of it."""

@@ -221,19 +221,25 @@ class PixelBlock {
 
   // Distances of the noise-free output from the reference, at the second frame: uniform over a threshold in the
   // direction that the light moves in, for light that has moved so before; in still light, in that of the leak, or
-  // without a leak between both thresholds. Noise has fired whatever it reaches in a second, and its reset lies as far
-  // on the other side: the margin is where Rice's formula gives one crossing per second (sensor.md, Amplifier), at most
-  // 0.45 of a threshold.
+  // without a leak between both thresholds. Noise has fired whatever it reaches, and its reset lies as far on the other
+  // side: the margin m is where Rice's formula (sensor.md, Amplifier) gives one crossing per second or, in light that
+  // moves faster, so many that one is expected between m and the threshold: m v / std^2 per second at v per second. At
+  // most 0.45 of a threshold.
   void draw_phases() {
     constexpr float kStill = 1e-6f;             // of ln I
     constexpr double kOrnsteinUhlenbeck = 1.6;  // crossings per r exp(-m^2 / 2), m / sqrt(2 pi) at m = 4
     const double a = a_.constants.a_per_us, b = a_.constants.b_per_us;
+    const double per_us = a_.intervals.empty() ? 0 : a_.intervals.front().per_h;  // empty: a warm-up of two frames
     for (std::uint32_t p = 0; p < rows_.count; ++p) {
       const double r = a * rows_.i[1][p], on = rows_.on[p], off = rows_.off[p];
       const double per_s = 1e6 * (b > 0 ? std::sqrt(b * r) / (2 * std::numbers::pi) : kOrnsteinUhlenbeck * r);
       const double std = b > 0 ? a_.noise_std * std::sqrt(b / (b + r)) : a_.noise_std;
-      const double margin = std::min(std * std::sqrt(2 * std::log1p(per_s)), 0.45 * std::min(on, off));
       const float change = rows_.l[2][p] - rows_.l[1][p];
+      const double stds_per_s = 1e6 * std::abs(change) * per_us / std;
+      double stds = std::sqrt(2 * std::log1p(per_s));
+      for (int round = 0; round < 4; ++round)
+        stds = std::sqrt(2 * std::log1p(per_s / std::max(1.0, stds * stds_per_s)));
+      const double margin = std > 0 ? std::min(std * stds, 0.45 * std::min(on, off)) : 0;
       const bool falls = change<-kStill, rises = change> kStill || (!falls && a_.constants.leak_per_us > 0);
       const double low = rises ? -margin : margin - off, high = falls ? margin : on - margin;
       const Random4 random = random4(a_.seed, rows_.first + p, 1, Purpose::noise_start);
