@@ -92,9 +92,9 @@ class _Walk:
             self.add(sorted(value) if isinstance(value, set) else value)
 
     def _read(self, thing: bpy.types.bpy_struct) -> None:
-        for name in _properties(type(thing)):
+        for name, keys in _properties(type(thing)).items():
             self.add(name)
-            self._property(thing, name)
+            self._property(thing, name, keys)
         self._own_properties(thing)
         if isinstance(thing, GEOMETRY):
             self._geometry(thing)
@@ -102,15 +102,14 @@ class _Walk:
             self.add([[(g.group, round(g.weight, 5)) for g in v.groups] for v in thing.data.vertices])
         self._files(thing)
 
-    def _property(self, thing: bpy.types.bpy_struct, name: str) -> None:
-        arrays = next((keys[name] for kind, keys in ARRAYS.items() if isinstance(thing, kind) and name in keys), None)
+    def _property(self, thing: bpy.types.bpy_struct, name: str, keys: tuple[str, ...] | None) -> None:
         try:
             value = getattr(thing, name)
         except (AttributeError, RuntimeError, TypeError, ValueError):  # an enum without a valid value
             return
-        if arrays is None:
+        if keys is None:
             self.value(value)
-        for key in arrays or ():
+        for key in keys or ():
             self._array(value, key)
 
     def _array(self, items: Any, key: str) -> None:
@@ -151,14 +150,14 @@ class _Walk:
 
 
 @cache
-def _properties(kind: type) -> list[str]:
-    return [prop.identifier for prop in kind.bl_rna.properties if _counts(kind, prop)]
+def _properties(kind: type) -> dict[str, tuple[str, ...] | None]:
+    """Names of the properties that count, and the keys in ARRAYS of those that are read as arrays."""
+    arrays = next((keys for one, keys in ARRAYS.items() if issubclass(kind, one)), {})
+    return {p.identifier: arrays.get(p.identifier) for p in kind.bl_rna.properties if _counts(kind, p)}
 
 
 def _counts(kind: type, prop: bpy.types.Property) -> bool:
     name = prop.identifier
-    if name == "active_render":
-        return True
     if name in LEFT_OUT or name.startswith(OF_WINDOWS):
         return False
     if prop.is_runtime and name not in RUNTIME and issubclass(kind, EXTENDED):
