@@ -220,24 +220,6 @@ TEST(Pixel, BackgroundIsPoissonAtItsRates) {
 
 // Photon noise: the reference of a fresh pixel is V + n(0); with thresholds far away nothing happens, with thresholds
 // of one standard deviation of the difference, the fraction of pixels that fire late is known from the process.
-TEST(Pixel, NoiseHasItsStandardDeviationAndRate) {
-  Chip chip = quiet_imx636();
-  chip.noise_std = 0.05;
-  chip.contrast_threshold_on = chip.contrast_threshold_off = 0.01;
-  chip.dark_current_a = 0;
-  // After one interval of exposure X the difference n1 - n0 is Gaussian with variance 2 sigma^2 (1 - e^-X).
-  const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21;
-  for (const double x : {0.001, 0.02, 0.5}) {
-    const double h_us = 1000, light = x / (a_per_us * h_us);
-    const Clip still = make_clip(200, 200, 2, h_us, [&](int, int, double) { return light; });
-    std::map<int, int> fired;
-    for (const Event& e : run(chip, still)) fired[e.y * 200 + e.x] = 1;
-    const double sd = chip.noise_std * std::sqrt(2 * (1 - std::exp(-x)));
-    const double expected = std::erfc(0.01 / sd / std::sqrt(2));  // the noise is linear within an interval
-    EXPECT_NEAR(static_cast<double>(fired.size()) / 40000, expected, 4 * std::sqrt(expected / 40000) + 2e-4) << x;
-  }
-}
-
 TEST(Pixel, ValuesThatAreNoLightAreHeld) {
   Clip clip = make_clip(10, 2, 9, 1000, [](int, int, double) { return 2.0; });
   clip.frames[3][4] = std::numeric_limits<float>::quiet_NaN();

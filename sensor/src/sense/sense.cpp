@@ -21,7 +21,7 @@ namespace pecs::sensor {
 namespace {
 
 constexpr double kMuchRenderNoise = 0.1;  // share of the events; more is a warning
-constexpr double kWarmupStep_us = 35;     // between frames of the warm-up: noise needs steps as long as 1/b (sensor.md)
+constexpr double kWarmupStep_us = 500;    // between planes of the warm-up
 
 // Reports progress to the terminal and to `options.progress`.
 class ProgressReporter {
@@ -86,6 +86,25 @@ double white_fa(const FrameSource& source, const std::vector<double>& amperes) {
   return white;
 }
 
+// The first plane, until the second is known.
+class HeldPlane {
+ public:
+  HeldPlane(const LightBatch& light, std::size_t pixels) : t_us_(light.t_us[0]), steps_(light.steps) {
+    planes_.emplace_back(light.planes[0], light.planes[0] + pixels);
+    if (!light.again.empty()) planes_.emplace_back(light.again[0], light.again[0] + pixels);
+  }
+  LightBatch batch() const {
+    LightBatch batch{{planes_[0].data()}, {t_us_}, steps_, false};
+    if (planes_.size() > 1) batch.again.push_back(planes_[1].data());
+    return batch;
+  }
+
+ private:
+  double t_us_;
+  std::int64_t steps_;
+  std::vector<std::vector<float>> planes_;
+};
+
 // One run, from light to events: the verbs of step() in their order are the pipeline.
 class SenseRun {
  public:
@@ -98,7 +117,8 @@ class SenseRun {
   PixelArray pixels(std::optional<std::uint64_t> noise_seed = {}) const;
   EventSorter sorter() const;
   void run_streaming();
-  void warm_up(const LightBatch& first, const std::function<void(const LightBatch&)>& advance) const;
+  bool warm_up(const LightBatch& first, const LightBatch& second,
+               const std::function<bool(const LightBatch&)>& advance) const;
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
   void note_light(const LightBatch& light, PixelRange range);
@@ -255,37 +275,48 @@ void SenseRun::run_streaming() {
     return sink_.write(events, frames.last);
   };
   const auto step = [&](const LightBatch& light) {
-    if (timeline_.warmup_us() > 0 && clock.frames() == 0) warm_up(light, advance);
     note_light(light, pixels_of(all));
     if (!advance(light)) return false;
     progress.at(light.steps);
     return true;
   };
+  // A batch holds one plane at least, and the warm-up needs the light's direction at the start: two planes.
+  std::optional<HeldPlane> start;
+  const auto step_after_warmup = [&](const LightBatch& light) {
+    if (timeline_.warmup_us() == 0 || clock.frames() > 0) return step(light);
+    if (!start && light.planes.size() == 1 && !light.last) {
+      start.emplace(light, pixels_of(all).size());
+      return true;
+    }
+    const LightBatch first = start ? start->batch() : light;
+    return warm_up(first, start ? light : first, advance) && (!start || step(first)) && step(light);
+  };
   if (moves_)
-    feed_moving(timeline_, light_, again_ ? &again_->light : nullptr, step);
+    feed_moving(timeline_, light_, again_ ? &again_->light : nullptr, step_after_warmup);
   else
-    feed_frames(timeline_, light_, all, step);
+    feed_frames(timeline_, light_, all, step_after_warmup);
 }
 
 // Light before the first frame: it has changed as it does from there to the second plane, by at most kMostChange.
-// Pixels take the direction from the first two planes, so these differ wherever the light will change.
-void SenseRun::warm_up(const LightBatch& first, const std::function<void(const LightBatch&)>& advance) const {
+// Pixels take the direction from the first two planes, so these differ wherever the light will change. second: the
+// batch that holds the second plane: `first`, or the one after it. False: no further batches.
+bool SenseRun::warm_up(const LightBatch& first, const LightBatch& second,
+                       const std::function<bool(const LightBatch&)>& advance) const {
   constexpr float kMostChange = 0.5f, kTouch = 1e-4f;  // of ln I
   constexpr std::size_t kPlanes = 16;                  // of a batch
   const std::size_t pixels = pixels_of({0, source_->info().height}).size();
   const auto length_us = static_cast<double>(timeline_.warmup_us());
   const auto count = static_cast<std::size_t>(std::ceil(length_us / kWarmupStep_us));
-  const std::size_t chips = first.again.empty() ? 1 : 2;
-  const auto light_of = [&](std::size_t chip) -> const std::vector<const float*>& {
-    return chip == 0 ? first.planes : first.again;
+  const std::size_t chips = first.again.empty() ? 1 : 2, at = &second == &first ? 1 : 0;
+  const auto light_of = [](const LightBatch& batch, std::size_t chip) -> const std::vector<const float*>& {
+    return chip == 0 ? batch.planes : batch.again;
   };
   std::vector<std::vector<float>> per_us(chips, std::vector<float>(pixels));
-  for (std::size_t chip = 0; chip < chips; ++chip)
-    if (const auto& light = light_of(chip); light.size() > 1)
-      for (std::size_t i = 0; i < pixels; ++i) {
-        const float change = std::log(light[1][i] / light[0][i]);
-        per_us[chip][i] = std::isfinite(change) ? change / static_cast<float>(first.t_us[1] - first.t_us[0]) : 0;
-      }
+  for (std::size_t chip = 0; chip < chips && at < second.planes.size(); ++chip)
+    for (std::size_t i = 0; i < pixels; ++i) {
+      const float change = std::log(light_of(second, chip)[at][i] / light_of(first, chip)[0][i]);
+      per_us[chip][i] = std::isfinite(change) ? change / static_cast<float>(second.t_us[at] - first.t_us[0]) : 0;
+    }
   std::vector<std::vector<float>> planes(kPlanes * chips, std::vector<float>(pixels));
   for (std::size_t begin = 0; begin < count; begin += kPlanes) {
     LightBatch batch;
@@ -302,11 +333,12 @@ void SenseRun::warm_up(const LightBatch& first, const std::function<void(const L
         const float slope = per_us[chip][i];
         float change = std::clamp(slope * before_us, -kMostChange, kMostChange);
         if (begin + k == 0) change += slope > 0 ? kTouch : slope < 0 ? -kTouch : 0;
-        planes[of][i] = light_of(chip)[0][i] * (change == 0 ? 1 : std::exp(-change));
+        planes[of][i] = light_of(first, chip)[0][i] * (change == 0 ? 1 : std::exp(-change));
       }
     });
-    advance(batch);
+    if (!advance(batch)) return false;
   }
+  return true;
 }
 
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait

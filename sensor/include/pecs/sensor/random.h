@@ -7,7 +7,7 @@
 
 namespace pecs::sensor {
 
-enum class Purpose : std::uint32_t { threshold = 1, noise_start, noise, background, hot, model, readout, bands };
+enum class Purpose : std::uint32_t { threshold = 1, noise_start, noise, background, hot, model, readout, bands, path };
 
 using Random4 = std::array<std::uint32_t, 4>;
 

@@ -8,11 +8,16 @@
 #endif
 
 #include <algorithm>
+#include <bit>
+#include <optional>
 #include <span>
+#include <utility>
 
 #include "models/pecs/math-inl.h"
+#include "models/pecs/random-inl.h"
 // then
 #include "models/pecs/amplifier.h"
+#include "models/pecs/noise.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
@@ -24,7 +29,7 @@ HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + 
 // A block of pixels: rows with one value per pixel, padded to whole vectors. Index of l, i, g: frame at the interval's
 // start, at its end, the one after; index of the other pairs: start, end.
 struct BlockRows {
-  static constexpr std::uint32_t kPixels = 4096;
+  static constexpr std::uint32_t kPixels = 2048;
   std::uint32_t first = 0, count = 0;
   HWY_ALIGN float memory[23][kPixels];
   float* l[3] = {memory[0], memory[1], memory[2]};  // ln I
@@ -34,10 +39,12 @@ struct BlockRows {
   float* w[2] = {memory[11], memory[12]};           // photoreceptor: 1/u
   float* v[2] = {memory[13], memory[14]};           // ln u
   float* u[2] = {memory[15], memory[16]};
-  float* noise[2] = {memory[17], memory[18]};
-  float* y[2] = {memory[19], memory[20]};      // output of the amplifier
-  float* inner[2] = {memory[21], memory[22]};  // noise of the photoreceptor, when an amplifier follows
+  float* y[2] = {memory[17], memory[18]};  // output of the amplifier
+  float* n[2] = {memory[19], memory[20]};  // noise of the photoreceptor
+  float* z[2] = {memory[21], memory[22]};  // noise that the amplifier passes
   HWY_ALIGN float reference[kPixels], blind_us[kPixels], on[kPixels], off[kPixels];
+  // Of an interval: integral of the noise's rate, and its standard deviation; gate: ActivePixels::examine.
+  HWY_ALIGN float relaxation[kPixels], noise_std[kPixels], gate[kPixels];
 };
 
 inline float leak_of(const KernelArguments& a, const IntervalTimes& t) {
@@ -47,23 +54,48 @@ inline float a_h_of(const KernelArguments& a, const IntervalTimes& t) {
   return static_cast<float>(a.constants.a_per_us) * t.h_us;
 }
 
-// A vector of pixels that may fire. Times are s in [0, 1] within the interval, or z within a step of the
-// photoreceptor.
+// A pixel in whose interval few crossings are expected is at work with their probability. Its number in [0, 1), the
+// gate, then also chooses the part of the interval: it must be used once.
+constexpr float kNoGate = 2, kShut = 1, kFree = -1;
+constexpr std::size_t kDepth = 32;  // of parts of a step
+
+// A vector of pixels that may fire. Times are s in [0, 1] within the interval, z in [0, 1] within a step of the
+// photoreceptor, or u in [0, 1] within a part of a step.
 struct ActiveLanes {
-  HWY_ALIGN float live[kLanes], ready[kLanes];  // 1 or 0; ready: for a step
-  HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], n0[kLanes], drift[kLanes],
-      background[kLanes];
+  // 1 or 0. A live pixel is ready for its next step, has a part of a step to split, is in a leaf, or else has a part to
+  // examine.
+  HWY_ALIGN float live[kLanes], ready[kLanes], splits[kLanes], leaf[kLanes];
+  HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], background[kLanes];
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
   HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
   HWY_ALIGN float y[kLanes];                                                  // of the amplifier
   HWY_ALIGN float follows[kLanes], relaxes[kLanes];                           // its motion
   HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the next step
-  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes], z[kLanes];            // of the last step: V with noise and leak
-  HWY_ALIGN float next[kLanes], next_on[kLanes];                              // crossing
-  const std::uint32_t* pixels;
-  std::size_t count;
-  bool any_background;
+  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes];                       // of the last step: V with the leak
+  // Noise: its state at the interval's end (not known where free: the light is too fast for one rate), and where the
+  // step ends; rate: integral over the interval.
+  HWY_ALIGN float n_last[kLanes], z_last[kLanes], free[kLanes], n_step[kLanes], z_step[kLanes];
+  HWY_ALIGN float rate[kLanes], std[kLanes], gate[kLanes];
+  // The part of the step at work, with its noise at both ends, and the parts after it, the nearest last.
+  HWY_ALIGN float from[kLanes], n0[kLanes], z0[kLanes], to[kLanes], n1[kLanes], z1[kLanes];
+  HWY_ALIGN float later_to[kDepth][kLanes], later_n[kDepth][kLanes], later_z[kDepth][kLanes];
+  HWY_ALIGN std::uint32_t later[kLanes];  // their number
+  LaneSequence random;
+  // A crossing by noise that is one if none precedes it: at the end of the part with `candidate_later` later ones.
+  HWY_ALIGN float candidate[kLanes];  // 1: ON, -1: OFF, 0: none
+  HWY_ALIGN std::uint32_t candidate_later[kLanes];
+  HWY_ALIGN float next[kLanes], next_on[kLanes];  // crossing: u
+  HWY_ALIGN std::uint32_t pixels[kLanes];
 };
+// work(lane) for each lane of a mask.
+template <class Work>
+HWY_INLINE void each(M which, const Work& work) {
+  std::uint8_t bits[8] = {};
+  hn::StoreMaskBits(F(), which, bits);
+  std::uint32_t left = bits[0] | static_cast<std::uint32_t>(bits[1]) << 8;
+  for (; left != 0; left &= left - 1) work(static_cast<std::size_t>(std::countr_zero(left)));
+}
+static_assert(kLanes <= 16);
 HWY_INLINE V get(const float* row) { return hn::Load(F(), row); }
 HWY_INLINE void set(float* row, V v) { hn::Store(v, F(), row); }
 HWY_INLINE M holds(const float* row) { return hn::Gt(get(row), hn::Zero(F())); }
@@ -79,7 +111,12 @@ HWY_INLINE void set(float (*rows)[kLanes], const Cubic<V>& c) {
 template <bool kReceptor, bool kAmplifier>
 class ActivePixels {
  public:
-  ActivePixels(const KernelArguments& a, BlockRows& rows) : a_(a), rows_(rows) {}
+  static constexpr float kFewCrossings = 0.25f;  // expected in a part of a step that is not split
+
+  ActivePixels(const KernelArguments& a, BlockRows& rows)
+      : a_(a), rows_(rows), is_noisy_(kAmplifier && a.noise_std > 0) {
+    for (ActiveLanes& g : groups_) g = {};
+  }
 
   // background: of these pixels, by time.
   void begin(std::span<const BackgroundEvent> background) {
@@ -97,9 +134,16 @@ class ActivePixels {
     for (const BackgroundEvent& e : due_) background_s_[e.pixel - rows_.first] = kNone;
   }
 
+  // Shot noise of I and of u are added: in light that rises, I is the larger one.
+  HWY_INLINE V noise_std_of(V relaxation, V exposure) const {
+    return a_.noise_std * sqrt(0.5f + hn::Div(0.5f * exposure, relaxation));
+  }
+
  private:
   static constexpr float kNone = 2;                                // no event: beyond s = 1
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
+  static constexpr float kStraight = 0.01f;  // of the noise: deviation from a straight line that does not count
+  static constexpr float kStraight_us = 2;   // the same, where the path crosses
 
   // Background events of this interval: each pixel's first into background_s_.
   void take_background(const IntervalTimes& t) {
@@ -111,6 +155,7 @@ class ActivePixels {
       const std::uint32_t p = e.pixel - rows_.first;
       if (background_s_[p] < kNone) continue;
       background_s_[p] = in_interval(e, t);
+      rows_.gate[p] = kNoGate;
       if (std::find(jobs_, jobs_ + jobs_count_, p) == jobs_ + jobs_count_) jobs_[jobs_count_++] = p;
     }
   }
@@ -132,75 +177,109 @@ class ActivePixels {
 
   static HWY_INLINE Amplifier<V> amplifier(const IntervalTimes& t) { return {hn::Set(F(), t.amplifier.x)}; }
 
-  // Each stage runs over all groups, so that the work of one group hides the latency of another.
+  // A few groups of pixels, each in the stage that most of its pixels are in. Pixels that have finished the interval
+  // are replaced.
   HWY_NOINLINE void find_events(const IntervalTimes& t) {
+    const F f;
     clock_ = Clock(t);
-    const std::size_t groups = (jobs_count_ + lanes() - 1) / lanes();
-    std::size_t left = 0;
-    for (std::size_t k = 0; k < groups; ++k) {
-      gather(t, groups_[k], k * lanes());
-      at_work_[left++] = &groups_[k];
-    }
-    while (left > 0) {
-      const std::span<ActiveLanes* const> work(at_work_, left);
-      // Most pixels that fired search on within their step.
-      std::size_t ready = 0;
-      for (ActiveLanes* g : work)
-        if (!hn::AllFalse(F(), holds(g->ready))) to_step_[ready++] = g;
-      const std::span<ActiveLanes* const> steps(to_step_, ready);
-      if constexpr (kReceptor) {
-        for (ActiveLanes* g : steps) choose_step(t, *g);
-        for (ActiveLanes* g : steps) take_step(t, *g);
+    next_job_ = 0;
+    for (bool any = true; any;) {
+      any = false;
+      for (ActiveLanes& g : groups_) {
+        M live = holds(g.live);
+        if (next_job_ < jobs_count_ && hn::CountTrue(f, live) <= hn::Lanes(f) * 3 / 4) {
+          gather(t, g, hn::Not(live));
+          live = holds(g.live);
+        }
+        if (hn::AllFalse(f, live)) continue;
+        any = true;
+        const auto count = [&](const float* row) { return hn::CountTrue(f, holds(row)); };
+        const std::size_t steps = count(g.ready), splits = count(g.splits), leaves = count(g.leaf);
+        const std::size_t parts = hn::CountTrue(f, live) - steps - splits - leaves;
+        if (parts >= std::max({steps, splits, leaves}))
+          examine(t, g);
+        else if (splits >= std::max(steps, leaves))
+          split(t, g);
+        else if (steps >= leaves)
+          step(t, g);
+        else
+          solve(t, g);
       }
-      for (ActiveLanes* g : steps) end_step(t, *g);
-      for (ActiveLanes* g : work) find_crossing(*g);
-      left = 0;
-      for (ActiveLanes* g : work)
-        if (fire(t, *g)) at_work_[left++] = g;
     }
-    for (std::size_t k = 0; k < groups; ++k) scatter(t, groups_[k]);
     flush_events();
   }
 
-  void gather(const IntervalTimes& t, ActiveLanes& g, std::size_t job) {
+  // Takes pixels in place of those in `free` lanes.
+  HWY_NOINLINE void gather(const IntervalTimes& t, ActiveLanes& g, M free) {
     const F f;
-    g.pixels = jobs_ + job;
-    g.count = std::min<std::size_t>(lanes(), jobs_count_ - job);
-    for (std::size_t k = g.count; k < lanes(); ++k) jobs_[job + k] = jobs_[job];  // not live
-    const auto index = hn::BitCast(I32(), hn::LoadU(U32(), g.pixels));
+    each(free, [&](std::size_t k) {
+      g.live[k] = g.ready[k] = next_job_ < jobs_count_ ? 1.0f : 0.0f;
+      if (next_job_ < jobs_count_) g.pixels[k] = jobs_[next_job_++];
+    });
+    const M in = hn::And(free, holds(g.live));
+    const auto index = hn::BitCast(I32(), hn::Load(U32(), g.pixels));
     const auto of = [&](const float* row) { return hn::GatherIndex(f, row, index); };
+    const auto take = [&](float* row, V v) { set(row, hn::IfThenElse(in, v, get(row))); };
     const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), h = hn::Set(f, t.h_us);
-    set(g.live, hn::FirstN(f, g.count));
-    set(g.ready, hn::FirstN(f, g.count));
-    set(g.on, of(rows_.on));
-    set(g.off, of(rows_.off));
-    set(g.reference, of(rows_.reference));
-    set(g.blind, hn::Mul(of(rows_.blind_us), hn::Set(f, t.per_h)));
-    const V n0 = of(rows_.noise[0]);
-    set(g.n0, n0);
-    set(g.drift, hn::Add(hn::Sub(of(rows_.noise[1]), n0), hn::Set(f, leak_of(a_, t))));
-    const V background = of(background_s_);
-    set(g.background, background);
-    g.any_background = !hn::AllFalse(f, hn::Lt(background, hn::Set(f, kNone)));
+    take(g.leaf, zero);
+    take(g.splits, zero);
+    take(g.on, of(rows_.on));
+    take(g.off, of(rows_.off));
+    take(g.reference, of(rows_.reference));
+    take(g.blind, hn::Mul(of(rows_.blind_us), hn::Set(f, t.per_h)));
+    take(g.background, of(background_s_));
+    if (is_noisy_) {
+      take(g.n_step, of(rows_.n[0]));
+      take(g.z_step, of(rows_.z[0]));
+      take(g.n_last, of(rows_.n[1]));
+      take(g.z_last, of(rows_.z[1]));
+      take(g.rate, of(rows_.relaxation));
+      take(g.std, of(rows_.noise_std));
+      const V gate = of(rows_.gate);
+      take(g.gate, gate);
+      take(g.free, hn::IfThenElseZero(hn::Lt(gate, zero), one));
+      take(g.candidate, zero);
+      g.random.start(in, start_of(t, g));
+    }
+    const U32 u;
+    hn::Store(hn::IfThenZeroElse(hn::RebindMask(u, in), hn::Load(u, g.later)), u, g.later);
     const Cubic<V> l = hermite(of(rows_.l[0]), of(rows_.l[1]), hn::Mul(of(rows_.m[0]), h), hn::Mul(of(rows_.m[1]), h));
-    set(g.light, l);
-    set(g.q, l);
-    set(g.s, zero);
-    set(g.s0, zero);
-    set(g.s1, one);
-    set(g.z, zero);
+    set(g.light, select(in, l, cubic(g.light)));
+    take(g.s, zero);
     if constexpr (kReceptor) {
       Photoreceptor<V> r{l, kTolerance, hn::Set(f, a_h_of(a_, t)), zero, zero, zero, zero, zero, zero};
       r.bound();
-      set(g.steepest, r.steepest);
-      set(g.steepest_second, r.steepest_second);
-      set(g.w, of(rows_.w[0]));
-      set(g.i, of(rows_.i[0]));
-      set(g.slope, l.c1);
-      set(g.v, of(rows_.v[0]));
+      take(g.steepest, r.steepest);
+      take(g.steepest_second, r.steepest_second);
+      take(g.w, of(rows_.w[0]));
+      take(g.i, of(rows_.i[0]));
+      take(g.slope, l.c1);
+      take(g.v, of(rows_.v[0]));
       set_motion(g, photoreceptor(t, g).motion());
-      if constexpr (kAmplifier) set(g.y, of(rows_.y[0]));
+      if constexpr (kAmplifier) take(g.y, of(rows_.y[0]));
     }
+  }
+  // Ends a pixel's interval.
+  void scatter(const IntervalTimes& t, ActiveLanes& g, std::size_t k) {
+    const std::uint32_t p = g.pixels[k];
+    g.live[k] = 0;
+    rows_.reference[p] = g.reference[k];
+    rows_.blind_us[p] = g.blind[k] > 0 ? std::max((g.blind[k] - 1) * t.h_us, 1e-6f) : 0;
+    if constexpr (kReceptor) {
+      rows_.w[1][p] = g.w[k];
+      rows_.v[1][p] = g.v[k];
+      rows_.u[1][p] = 1 / g.w[k];
+      if constexpr (kAmplifier) rows_.y[1][p] = g.y[k];
+      if (is_noisy_) rows_.n[1][p] = g.n_step[k], rows_.z[1][p] = g.z_step[k];
+    }
+  }
+
+  HWY_NOINLINE void step(const IntervalTimes& t, ActiveLanes& g) {
+    if constexpr (kReceptor) {
+      choose_step(t, g);
+      take_step(t, g);
+    }
+    end_step(t, g);
   }
 
   static HWY_INLINE void set_motion(ActiveLanes& g, const Photoreceptor<V>::Motion& motion) {
@@ -220,13 +299,22 @@ class ActivePixels {
   }
 
   HWY_INLINE void take_step(const IntervalTimes& t, ActiveLanes& g) {
+    const F f;
     Photoreceptor<V> r = photoreceptor(t, g);
-    r.take(holds(g.ready), get(g.ds), get(g.s_next));
+    const M ready = holds(g.ready);
+    const V w0 = r.w, exposure = r.take(ready, get(g.ds), get(g.s_next));
     set(g.w, r.w);
     set(g.i, r.i);
     set(g.slope, r.slope);
+    if (!is_noisy_) return;
+    const M free = hn::And(ready, holds(g.free));
+    if (hn::AllFalse(f, free)) return;
+    // Fast light: rate and strength of the noise are those of the step.
+    const V ds = get(g.ds), one = hn::Set(f, 1.0f), a_h = hn::Mul(ds, hn::Set(f, a_h_of(a_, t)));
+    const V relaxation = relaxation_of(exposure, get(g.v), hn::Neg(ln(r.w)), hn::Div(one, w0), hn::Div(one, r.w), a_h);
+    set(g.rate, hn::IfThenElse(free, hn::Div(relaxation, ds), get(g.rate)));
+    set(g.std, hn::IfThenElse(free, noise_std_of(relaxation, exposure), get(g.std)));
   }
-
   HWY_INLINE void end_step(const IntervalTimes& t, ActiveLanes& g) {
     const F f;
     const M ready = holds(g.ready);
@@ -250,132 +338,357 @@ class ActivePixels {
       }
       set(g.v, v1);
     }
-    const V drift = get(g.drift);
-    v.c0 = hn::Add(v.c0, hn::MulAdd(drift, begin, get(g.n0)));
-    v.c1 = hn::MulAdd(drift, hn::Sub(end, begin), v.c1);
-    const Cubic<V> q = select(ready, v, cubic(g.q));
-    const V s0 = hn::IfThenElse(ready, begin, get(g.s0)), s1 = hn::IfThenElse(ready, end, get(g.s1));
-    V z = hn::IfThenElse(ready, zero, get(g.z));
-    const V blind = get(g.blind);
-    const M blinded = hn::And(ready, hn::Gt(blind, zero)), sleeps = hn::And(blinded, hn::Ge(blind, s1));
-    const M wakes = hn::AndNot(sleeps, blinded);
-    if (!hn::AllFalse(f, wakes)) {
-      z = hn::IfThenElse(wakes, hn::Max(zero, hn::Div(hn::Sub(blind, s0), hn::Sub(s1, s0))), z);
-      set(g.reference, hn::IfThenElse(wakes, q.at(z), get(g.reference)));
-      set(g.blind, hn::IfThenZeroElse(wakes, blind));
-      mark(t, g, wakes, hn::MulAdd(hn::Sub(s1, s0), z, s0));
-    }
-    set(g.q, q);
-    set(g.s0, s0);
-    set(g.s1, s1);
-    set(g.z, z);
-    set(g.ready, sleeps);
+    const V leak = hn::Set(f, leak_of(a_, t));
+    v.c0 = hn::MulAdd(leak, begin, v.c0);
+    v.c1 = hn::MulAdd(leak, hn::Sub(end, begin), v.c1);
+    set(g.q, select(ready, v, cubic(g.q)));
+    set(g.s0, hn::IfThenElse(ready, begin, get(g.s0)));
+    set(g.s1, hn::IfThenElse(ready, end, get(g.s1)));
+    set(g.from, hn::IfThenElse(ready, zero, get(g.from)));
+    set(g.to, hn::IfThenElse(ready, one, get(g.to)));
+    set(g.ready, zero);
+    if (is_noisy_)
+      noise_of_step(t, g, ready, begin, end);
+    else
+      set(g.leaf, hn::Or(ready, holds(g.leaf)));
   }
 
-  HWY_INLINE void find_crossing(ActiveLanes& g) {
-    const V reference = get(g.reference);
-    const Crossing<V> next =
-        first_crossing(cubic(g.q), get(g.z), hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
-    set(g.next, next.at);
-    set(g.next_on, next.on);
-  }
-
-  // Emits the crossings found. False when all lanes have finished the interval.
-  HWY_INLINE bool fire(const IntervalTimes& t, ActiveLanes& g) {
+  // The noise at the end of a step, between that at its start and at the end of the interval.
+  HWY_INLINE void noise_of_step(const IntervalTimes& t, ActiveLanes& g, M ready, V begin, V end) {
     const F f;
-    const V one = hn::Set(f, 1.0f), zero = hn::Zero(f), s0 = get(g.s0), s1 = get(g.s1), ds = hn::Sub(s1, s0);
-    const M seeking = hn::AndNot(holds(g.ready), holds(g.live));
+    const NoiseState<V> start{get(g.n_step), get(g.z_step)};
+    NoiseState<V> at_end{get(g.n_last), get(g.z_last)};
+    const M free = holds(g.free), drawn = hn::And(ready, hn::Or(free, hn::Lt(end, hn::Set(f, 1.0f))));
+    if (!hn::AllFalse(f, drawn)) {
+      const VU random[] = {g.random.next(drawn), g.random.next(drawn)};
+      const V ds = hn::Sub(end, begin), rest = hn::Max(hn::Set(f, 1e-6f), hn::Sub(hn::Set(f, 1.0f), end));
+      const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x);
+      const NoiseState<V> between =
+          draw_between(noise_step(hn::Mul(rate, ds), hn::Mul(b, ds)), noise_step(hn::Mul(rate, rest), hn::Mul(b, rest)),
+                       start, at_end, free, get(g.std), gaussian(random[0]), gaussian(random[1]));
+      at_end = {hn::IfThenElse(drawn, between.n, at_end.n), hn::IfThenElse(drawn, between.z, at_end.z)};
+    }
+    const auto put_ready = [&](float* row, V v) { set(row, hn::IfThenElse(ready, v, get(row))); };
+    put_ready(g.n0, start.n);
+    put_ready(g.z0, start.z);
+    for (float* row : {g.n_step, g.n1}) put_ready(row, at_end.n);
+    for (float* row : {g.z_step, g.z1}) put_ready(row, at_end.z);
+  }
+
+  // Starts of the pixels' random numbers in this interval.
+  HWY_INLINE Four start_of(const IntervalTimes& t, const ActiveLanes& g) const {
+    const U32 u;
+    const auto step = static_cast<std::uint64_t>(t.step);
+    Four out{{hn::Add(hn::Load(u, g.pixels), hn::Set(u, rows_.first)), hn::Set(u, static_cast<std::uint32_t>(step)),
+              hn::Set(u, static_cast<std::uint32_t>(step >> 32)),
+              hn::Set(u, static_cast<std::uint32_t>(Purpose::path))}};
+    philox(out.r, a_.noise_seed);
+    return out;
+  }
+
+  // The part of a step as a cubic in u, without noise.
+  HWY_INLINE Cubic<V> part_of(const ActiveLanes& g) const {
+    const Cubic<V> q = cubic(g.q);
+    const V from = get(g.from), to = get(g.to), length = hn::Sub(to, from);
+    return hermite(q.at(from), q.at(to), hn::Mul(length, q.slope(from)), hn::Mul(length, q.slope(to)));
+  }
+  HWY_INLINE V time_of(const ActiveLanes& g, V z) const {
+    return hn::MulAdd(hn::Sub(get(g.s1), get(g.s0)), z, get(g.s0));
+  }
+
+  // Decides on the parts of the steps at work. Where noise makes no crossing, a part is done. Where it may make a few,
+  // a crossing is drawn by its density. Otherwise the part is split, until the noise within it hardly differs from a
+  // straight line: then its crossings are solved for (leaf).
+  HWY_NOINLINE void examine(const IntervalTimes& t, ActiveLanes& g) {
+    const F f;
+    const U32 u32;
+    const M busy = hn::Or(holds(g.ready), hn::Or(holds(g.splits), holds(g.leaf)));
+    const M seeking = hn::AndNot(busy, holds(g.live));
+    const V zero = hn::Zero(f), from = get(g.from), to = get(g.to), third = hn::Set(f, 1.0f / 3);
+    const V begin = time_of(g, from), end = time_of(g, to), length = hn::Sub(end, begin);
+    const Cubic<V> v = part_of(g);
+    const V v1 = v.at(hn::Set(f, 1.0f)), slope1 = v.slope(hn::Set(f, 1.0f));
+    const V b1 = hn::MulAdd(third, v.c1, v.c0), b2 = hn::NegMulAdd(third, slope1, v1), middle = 3.0f * hn::Sub(b2, b1);
+    const V high = hn::Max(hn::Max(v.c0, v1), hn::Max(b1, b2)), low = hn::Min(hn::Min(v.c0, v1), hn::Min(b1, b2));
+    const V steepest = hn::Max(hn::Max(v.c1, slope1), middle), least = hn::Min(hn::Min(v.c1, slope1), middle);
+
+    const V x = hn::Mul(get(g.rate), length), y = hn::Mul(hn::Set(f, t.amplifier.x), length);
+    const NoiseState<V> noise0{get(g.n0), get(g.z0)}, noise1{get(g.n1), get(g.z1)};
+    const NoiseReach<V> reach = noise_reach(x, y, get(g.std));
+    const auto bounds = reach.bounds(noise0, noise1);
+    const V reference = get(g.reference), level_on = hn::Add(reference, get(g.on));
+    const V level_off = hn::Sub(reference, get(g.off));
+    const V distance =
+        hn::Min(hn::Sub(level_on, hn::Add(high, bounds.above)), hn::Sub(hn::Add(low, bounds.below), level_off));
+    const V most = most_crossings(distance, hn::Max(steepest, hn::Neg(least)), reach), expected = hn::Add(most, most);
+
+    const V at1 = hn::Add(v1, noise1.z), rise = hn::Abs(hn::Sub(at1, hn::Add(v.c0, noise0.z)));
+    const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
+    const V blind = get(g.blind);
+    const M sleeps = hn::And(seeking, hn::Ge(blind, end)), awake = hn::AndNot(sleeps, seeking);
+    const M wakes = hn::And(awake, hn::Gt(blind, begin));
+    const M is_due = hn::Lt(get(g.background), end);
+    const VU later = hn::Load(u32, g.later);
+    const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
+    const M ends_here = hn::And(is_candidate, hn::RebindMask(f, hn::Eq(later, hn::Load(u32, g.candidate_later))));
+    const M must = hn::Or(hn::Or(wakes, is_due), ends_here);
+    const M many = hn::And(awake, hn::Or(must, hn::Ge(expected, hn::Set(f, kFewCrossings))));
+    // Straight: by the noise's scale, or by time where the path crosses.
+    const V h = hn::Mul(length, hn::Set(f, t.h_us));
+    const M fine = hn::Or(hn::Lt(reach.std, hn::Set(f, kStraight * a_.noise_std)),
+                          hn::And(crosses, hn::Lt(hn::Mul(reach.std, h), hn::Mul(hn::Set(f, kStraight_us), rise))));
+    const M full = hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3)));
+    const M leaf = hn::And(many, hn::Or(fine, full));
+    set(g.leaf, hn::Or(leaf, holds(g.leaf)));
+    set(g.splits, hn::Or(hn::AndNot(leaf, many), holds(g.splits)));
+
+    const M may = hn::AndNot(many, hn::And(awake, hn::Gt(expected, hn::Set(f, 1e-10f))));
+    V gate = get(g.gate);
+    const M open = hn::Ge(gate, hn::Set(f, kNoGate)), gated = hn::AndNot(open, hn::Ge(gate, zero));
+    gate = hn::IfThenElse(gated, gate, uniform(g.random.next(hn::AndNot(gated, may))));
+    const M proposes = hn::And(may, hn::Lt(gate, expected));
+    const V left = hn::IfThenElse(proposes, hn::Set(f, kShut), hn::Sub(gate, expected));
+    set(g.gate, hn::IfThenElse(hn::And(gated, may), left, get(g.gate)));
+    M done = hn::Or(sleeps, hn::AndNot(many, awake));
+    if (!hn::AllFalse(f, proposes)) {
+      HWY_ALIGN float of_most[kLanes], is_done[kLanes];
+      set(of_most, most);
+      set(is_done, done);
+      each(proposes, [&](std::size_t k) { is_done[k] = propose(t, g, k, of_most[k]) ? 0.0f : 1.0f; });
+      done = holds(is_done);
+    }
+    next_part(t, g, done);
+  }
+
+  // Splits parts in the middle.
+  HWY_NOINLINE void split(const IntervalTimes& t, ActiveLanes& g) {
+    const U32 u;
+    const M which = holds(g.splits);
+    set(g.splits, hn::Zero(F()));
+    const V from = get(g.from), to = get(g.to), half = hn::Set(F(), 0.5f);
+    const V length = hn::Mul(hn::Mul(half, hn::Sub(to, from)), hn::Sub(get(g.s1), get(g.s0)));
+    const NoiseStep<V> step = noise_step(hn::Mul(get(g.rate), length), hn::Mul(hn::Set(F(), t.amplifier.x), length));
+    const NoiseState<V> noise =
+        draw_between(step, step, {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(F(), 0), get(g.std),
+                     gaussian(g.random.next(which)), gaussian(g.random.next(which)));
+    for (std::size_t k = 0; k < lanes(); ++k) {
+      const std::uint32_t top = g.later[k];
+      g.later_to[top][k] = g.to[k], g.later_n[top][k] = g.n1[k], g.later_z[top][k] = g.z1[k];
+    }
+    const VU later = hn::Load(u, g.later);
+    hn::Store(hn::IfThenElse(hn::RebindMask(u, which), hn::Add(later, hn::Set(u, 1)), later), u, g.later);
+    set(g.to, hn::IfThenElse(which, hn::Mul(half, hn::Add(from, to)), to));
+    set(g.n1, hn::IfThenElse(which, noise.n, get(g.n1)));
+    set(g.z1, hn::IfThenElse(which, noise.z, get(g.z1)));
+  }
+  // Goes on to the parts after those at work.
+  HWY_INLINE void next_part(const IntervalTimes& t, ActiveLanes& g, M done) {
+    const F f;
+    const U32 u;
+    if (hn::AllFalse(f, done)) return;
+    const VU later = hn::Load(u, g.later);
+    const M has = hn::RebindMask(f, hn::Gt(later, hn::Zero(u))), more = hn::And(done, has),
+            over = hn::AndNot(has, done);
+    if (!hn::AllFalse(f, more)) {
+      HWY_ALIGN float to[kLanes], n[kLanes], z[kLanes];
+      for (std::size_t k = 0; k < lanes(); ++k) {
+        const std::uint32_t top = g.later[k] - (g.later[k] > 0);
+        to[k] = g.later_to[top][k], n[k] = g.later_n[top][k], z[k] = g.later_z[top][k];
+      }
+      const auto move = [&](float* start, float* end, const float* next) {
+        const V before = get(end);
+        set(start, hn::IfThenElse(more, before, get(start)));
+        set(end, hn::IfThenElse(more, get(next), before));
+      };
+      move(g.from, g.to, to);
+      move(g.n0, g.n1, n);
+      move(g.z0, g.z1, z);
+      hn::Store(hn::IfThenElse(hn::RebindMask(u, more), hn::Sub(later, hn::Set(u, 1)), later), u, g.later);
+      set(g.gate, hn::IfThenElse(more, hn::Set(f, kNoGate), get(g.gate)));
+    }
+    if (hn::AllFalse(f, over)) return;
+    const M goes_on = hn::And(over, hn::Lt(get(g.s), hn::Set(f, 1.0f)));
+    set(g.ready, hn::Or(goes_on, holds(g.ready)));
+    each(hn::AndNot(goes_on, over), [&](std::size_t k) { scatter(t, g, k); });
+  }
+
+  // Draws a crossing in the part at work, given that one is expected `ons` + `offs` times at most: its time evenly,
+  // accepted by the density there, then the noise at it by its slope. The first part then ends at the crossing. False
+  // if there is none.
+  bool propose(const IntervalTimes& t, ActiveLanes& g, std::size_t k, float most) {
+    // In search for a crossing before a candidate, any is enough.
+    const auto next = [&] { return sensor::uniform(g.random.next(k)); };
+    const bool on = next() < 0.5;
+    const double u = next(), sign = on ? 1 : -1;
+    const float z = g.from[k] + static_cast<float>(u) * (g.to[k] - g.from[k]);
+    const double length = (g.s1[k] - g.s0[k]) * (g.to[k] - g.from[k]);
+    const NoiseCrossing crossing{.x = g.rate[k] * length,
+                                 .y = t.amplifier.x * length,
+                                 .u = u,
+                                 .start = {g.n0[k], g.z0[k]},
+                                 .end = {g.n1[k], g.z1[k]},
+                                 .std_of_n = g.std[k],
+                                 .sign = sign};
+    const Cubic<float> q{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]};
+    const double level = (on ? g.reference[k] + g.on[k] : g.reference[k] - g.off[k]) - q.at(z);
+    const double slope = q.slope(z) * (g.to[k] - g.from[k]);
+    const std::optional<NoiseState<double>> noise = crossing.draw(level, slope, most, next);
+    if (!noise) return false;
+    if (g.candidate[k] != 0) {
+      reject_candidate(g, k);
+      return false;
+    }
+    const std::uint32_t top = g.later[k]++;
+    g.later_to[top][k] = std::exchange(g.to[k], z);
+    g.later_n[top][k] = std::exchange(g.n1[k], static_cast<float>(noise->n));
+    g.later_z[top][k] = std::exchange(g.z1[k], static_cast<float>(noise->z));
+    g.candidate[k] = static_cast<float>(sign);
+    g.candidate_later[k] = g.later[k];
+    g.gate[k] = kNoGate;
+    return true;
+  }
+  // A crossing precedes the candidate: the part that it was drawn for has none. The next part is that after it.
+  static void reject_candidate(ActiveLanes& g, std::size_t k) {
+    g.candidate[k] = 0;
+    const std::uint32_t top = g.later[k] = g.candidate_later[k] - 1;
+    g.to[k] = g.later_to[top][k], g.n1[k] = g.later_n[top][k], g.z1[k] = g.later_z[top][k];
+  }
+
+  // Finds the first crossings in the leaves and emits them. Pixels wake there at the end of their refractory period.
+  HWY_NOINLINE void solve(const IntervalTimes& t, ActiveLanes& g) {
+    const F f;
+    const V one = hn::Set(f, 1.0f), zero = hn::Zero(f);
+    M leaf = holds(g.leaf);
+    set(g.leaf, zero);
+    const V end = time_of(g, get(g.to)), blind = get(g.blind);
+    const M blinded = hn::And(leaf, hn::Gt(blind, zero)), wakes = hn::AndNot(hn::Ge(blind, end), blinded);
+    M done = hn::AndNot(wakes, blinded);
+    if (!hn::AllFalse(f, wakes)) {
+      const V begin = time_of(g, get(g.from)), u = hn::Max(zero, hn::Div(hn::Sub(blind, begin), hn::Sub(end, begin)));
+      set(g.blind, hn::IfThenZeroElse(wakes, blind));
+      restart(t, g, wakes, u);
+    }
+    leaf = hn::AndNot(done, leaf);
+    const Cubic<V> v = with_noise(t, g, part_of(g));
+    const V reference = get(g.reference);
+    const Crossing<V> crossing = first_crossing(v, zero, hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
+    set(g.next, crossing.at);
+    set(g.next_on, crossing.on);
     M by_noise = hn::Lt(one, zero);
-    if (g.any_background) by_noise = background_first(t, g, seeking);
-    const V at_z = get(g.next);
-    const M fires = hn::And(seeking, hn::Le(at_z, one));
-    M ready = hn::Or(holds(g.ready), hn::AndNot(fires, seeking));
+    const M background = hn::And(leaf, hn::Lt(get(g.background), hn::Set(f, kNone)));
+    if (!hn::AllFalse(f, background)) by_noise = background_first(t, g, background);
+    if (is_noisy_ && !hn::AllFalse(f, hn::Gt(hn::Abs(get(g.candidate)), zero))) {
+      const M counts = check_candidates(g, leaf);
+      done = hn::Or(done, hn::AndNot(counts, leaf));
+      leaf = counts;
+    }
+    const V u = get(g.next);
+    const M fires = hn::And(leaf, hn::Le(u, one));
+    done = hn::Or(done, hn::AndNot(fires, leaf));
     if (!hn::AllFalse(f, fires)) {
-      const V s = hn::MulAdd(ds, at_z, s0);
-      emit(t, g, fires, by_noise, s);
+      const V from = get(g.from), s = time_of(g, hn::MulAdd(u, hn::Sub(get(g.to), from), from));
+      emit(t, g, fires, by_noise, s, noise_at(t, g, u));
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
-      const V until = hn::Add(s, refractory);
-      const M rests = hn::Gt(refractory, zero), sleeps = hn::And(fires, hn::And(rests, hn::Ge(until, s1)));
+      const V until = hn::Add(s, refractory), begin = time_of(g, from);
+      const M rests = hn::Gt(refractory, zero), sleeps = hn::And(fires, hn::And(rests, hn::Ge(until, end)));
       const M resets = hn::AndNot(sleeps, fires);
-      const V after = hn::IfThenElse(rests, hn::Div(hn::Sub(until, s0), ds), at_z);
-      const V z = hn::IfThenElse(resets, after, get(g.z));
       set(g.blind, hn::IfThenElse(sleeps, until, get(g.blind)));
-      set(g.reference, hn::IfThenElse(resets, cubic(g.q).at(z), get(g.reference)));
-      set(g.z, z);
-      ready = hn::Or(ready, sleeps);
-      mark(t, g, resets, hn::MulAdd(ds, z, s0));
-    }
-    const M live = hn::AndNot(hn::And(ready, hn::Ge(get(g.s), one)), holds(g.live));
-    set(g.live, live);
-    set(g.ready, hn::And(ready, live));
-    return !hn::AllFalse(f, live);
-  }
-
-  void scatter(const IntervalTimes& t, ActiveLanes& g) {
-    const F f;
-    const V blind = get(g.blind), left = hn::Mul(hn::Sub(blind, hn::Set(f, 1.0f)), hn::Set(f, t.h_us));
-    set(g.blind, hn::IfThenElseZero(hn::Gt(blind, hn::Zero(f)), hn::Max(left, hn::Set(f, 1e-6f))));
-    for (std::size_t k = 0; k < g.count; ++k) {
-      const std::uint32_t p = g.pixels[k];
-      rows_.reference[p] = g.reference[k];
-      rows_.blind_us[p] = g.blind[k];
-      if constexpr (kReceptor) {
-        rows_.w[1][p] = g.w[k];
-        rows_.v[1][p] = g.v[k];
-        rows_.u[1][p] = 1 / g.w[k];
-        if constexpr (kAmplifier) rows_.y[1][p] = g.y[k];
+      done = hn::Or(done, sleeps);
+      if (!hn::AllFalse(f, resets)) {
+        restart(t, g, resets, hn::IfThenElse(rests, hn::Div(hn::Sub(until, begin), hn::Sub(end, begin)), u));
+        set(g.leaf, hn::Or(resets, holds(g.leaf)));
       }
     }
+    next_part(t, g, done);
   }
 
-  template <class Work>  // for each lane of the mask
-  static void each(M which, const Work& work) {
-    HWY_ALIGN float flag[kLanes];
-    hn::Store(hn::IfThenElseZero(which, hn::Set(F(), 1.0f)), F(), flag);
-    for (std::size_t k = 0; k < hn::Lanes(F()); ++k)
-      if (flag[k] != 0) work(k);
+  // The noise in a leaf, a cubic by its values and slopes at the ends: the mean between them.
+  HWY_INLINE Cubic<V> noise_of(const IntervalTimes& t, const ActiveLanes& g) const {
+    const V n0 = get(g.n0), n1 = get(g.n1), z0 = get(g.z0), z1 = get(g.z1), y = leaf_y(t, g);
+    return hermite(z0, z1, hn::Mul(y, hn::Sub(n0, z0)), hn::Mul(y, hn::Sub(n1, z1)));
+  }
+  // In long leaves noise is negligible, and relaxes within them.
+  HWY_INLINE V leaf_y(const IntervalTimes& t, const ActiveLanes& g) const {
+    const V length = hn::Mul(hn::Sub(get(g.s1), get(g.s0)), hn::Sub(get(g.to), get(g.from)));
+    return hn::Min(hn::Set(F(), 3.0f), hn::Mul(hn::Set(F(), t.amplifier.x), length));
+  }
+  HWY_INLINE Cubic<V> with_noise(const IntervalTimes& t, const ActiveLanes& g, Cubic<V> v) const {
+    if (!is_noisy_) return v;
+    const Cubic<V> z = noise_of(t, g);
+    return {hn::Add(v.c0, z.c0), hn::Add(v.c1, z.c1), hn::Add(v.c2, z.c2), hn::Add(v.c3, z.c3)};
+  }
+  HWY_INLINE V noise_at(const IntervalTimes& t, const ActiveLanes& g, V u) const {
+    return is_noisy_ ? noise_of(t, g).at(u) : hn::Zero(F());
+  }
+  // References are the output at u, and the part begins there.
+  HWY_INLINE void restart(const IntervalTimes& t, ActiveLanes& g, M which, V u) {
+    const V output = with_noise(t, g, part_of(g)).at(u), from = get(g.from);
+    const V z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise = noise_at(t, g, u);
+    set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
+    mark(t, g, which, time_of(g, z), noise);
+    if (is_noisy_) {
+      const V n = hn::Add(noise, hn::Div(noise_of(t, g).slope(u), leaf_y(t, g)));
+      set(g.n0, hn::IfThenElse(which, n, get(g.n0)));
+      set(g.z0, hn::IfThenElse(which, noise, get(g.z0)));
+    }
+    set(g.from, hn::IfThenElse(which, z, from));
   }
 
-  // A pixel's noise at s, without the drift of the leak.
-  float noise_at(std::uint32_t p, float s) const {
-    return rows_.noise[0][p] + (rows_.noise[1][p] - rows_.noise[0][p]) * s;
+  // A crossing before a candidate ends the search for it; at the part that ends with it, it is one. Returns the lanes
+  // whose crossings count.
+  M check_candidates(ActiveLanes& g, M leaf) {
+    HWY_ALIGN float counts[kLanes];
+    set(counts, leaf);
+    each(leaf, [&](std::size_t k) {
+      if (g.candidate[k] == 0) return;
+      if (g.later[k] == g.candidate_later[k]) {
+        if (g.next[k] > 1) g.next[k] = 1, g.next_on[k] = g.candidate[k] > 0;
+        g.candidate[k] = 0;
+      } else if (g.next[k] <= 1) {
+        reject_candidate(g, k);
+        counts[k] = 0;
+      }
+    });
+    return holds(counts);
   }
 
-  void mark(const IntervalTimes& t, const ActiveLanes& g, M which, V s) {
+  void mark(const IntervalTimes& t, const ActiveLanes& g, M which, V s, V noise) {
     if (!a_.marks) return;
-    HWY_ALIGN float at_s[kLanes];
-    hn::Store(s, F(), at_s);
+    HWY_ALIGN float at_s[kLanes], of_noise[kLanes];
+    set(at_s, s);
+    set(of_noise, noise);
     each(which, [&](std::size_t k) {
-      const std::uint32_t p = g.pixels[k];
-      a_.marks[rows_.first + p] = {t.t0_us + double{at_s[k]} * t.h_us, noise_at(p, at_s[k]), 0};
+      a_.marks[rows_.first + g.pixels[k]] = {t.t0_us + double{at_s[k]} * t.h_us, of_noise[k], 0};
     });
   }
 
-  Cause cause(const IntervalTimes& t, std::uint32_t p, float s, bool on) const {
+  Cause cause(double t_us, std::uint32_t p, float noise_now, bool on) const {
     const ResetMark& mark = a_.marks[rows_.first + p];
     const double sign = on ? 1 : -1;
-    const double noise = sign * (noise_at(p, s) - mark.noise);
-    const double leaked = sign * a_.constants.leak_per_us * (t.t0_us + double{s} * t.h_us - mark.t_us);
+    const double noise = sign * double{noise_now - mark.noise};
+    const double leaked = sign * a_.constants.leak_per_us * (t_us - mark.t_us);
     const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked - sign * double{mark.phase};
     return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
   }
 
-  HWY_INLINE void emit(const IntervalTimes& t, const ActiveLanes& g, M fires, M by_noise, V s) {
+  HWY_INLINE void emit(const IntervalTimes& t, const ActiveLanes& g, M fires, M by_noise, V s, V noise) {
     const U32 u;
     const Compress compress(fires);
     const VU on = hn::IfThenElseZero(hn::RebindMask(u, holds(g.next_on)), hn::Set(u, 1u << kKeyOnShift));
-    const VU pixels = hn::Add(hn::LoadU(u, g.pixels), hn::Set(u, rows_.first));
+    const VU pixels = hn::Add(hn::Load(u, g.pixels), hn::Set(u, rows_.first));
     compress.store(clock_.us(s), us_ + fired_);
     compress.store(hn::Or(hn::ShiftLeft<kKeyPixelShift>(pixels), on), place_ + fired_);
     if (a_.marks) {
-      HWY_ALIGN float at_s[kLanes], noise[kLanes];
+      HWY_ALIGN float at_s[kLanes], of_noise[kLanes], background[kLanes];
       set(at_s, s);
-      set(noise, by_noise);
+      set(of_noise, noise);
+      set(background, by_noise);
       std::uint32_t* place = place_ + fired_;
       each(fires, [&](std::size_t k) {
         const std::uint32_t p = g.pixels[k];
-        const Cause why = noise[k] > 0 ? background_cause_[p] : cause(t, p, at_s[k], g.next_on[k] > 0);
+        const double t_us = t.t0_us + double{at_s[k]} * t.h_us;
+        const Cause why = background[k] > 0 ? background_cause_[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0);
         *place++ |= static_cast<std::uint32_t>(why);
       });
     }
@@ -399,23 +712,24 @@ class ActivePixels {
         while (e != none && (e->pixel != rows_.first + p || in_interval(*e, t) < s)) ++e;
         return e;
       };
-      const auto time_of = [&](const BackgroundEvent* e) { return e == none ? kNone : in_interval(*e, t); };
-      const float length = g.s1[k] - g.s0[k], now = g.s0[k] + length * g.z[k];
-      const BackgroundEvent* e = after(due_.data(), std::max(g.background[k], now));
-      g.background[k] = time_of(e);
-      const float z = (g.background[k] - g.s0[k]) / length;
-      if (g.background[k] >= g.s1[k] || z >= g.next[k]) return;
-      g.next[k] = std::max(z, 0.0f);
+      const auto time_of_event = [&](const BackgroundEvent* e) { return e == none ? kNone : in_interval(*e, t); };
+      const float ds = g.s1[k] - g.s0[k], begin = g.s0[k] + ds * g.from[k], end = g.s0[k] + ds * g.to[k];
+      const BackgroundEvent* e = after(due_.data(), std::max(g.background[k], begin));
+      g.background[k] = time_of_event(e);
+      const float at = (g.background[k] - begin) / (end - begin);
+      if (g.background[k] >= end || at >= g.next[k]) return;
+      g.next[k] = std::max(at, 0.0f);
       g.next_on[k] = e->on;
       noise[k] = 1;
       background_cause_[p] = e->cause;
-      g.background[k] = time_of(after(e + 1, 0));
+      g.background[k] = time_of_event(after(e + 1, 0));
     });
     return hn::Gt(hn::Load(f, noise), hn::Zero(f));
   }
 
   const KernelArguments& a_;
   BlockRows& rows_;
+  bool is_noisy_;
   std::span<const BackgroundEvent> background_, due_;  // of later intervals; of this interval
   HWY_ALIGN float background_s_[BlockRows::kPixels];
   Cause background_cause_[BlockRows::kPixels];
@@ -425,8 +739,8 @@ class ActivePixels {
   std::size_t fired_ = 0;  // events in us_ and place_
   std::int32_t us_[kRoom + 2 * kLanes];
   std::uint32_t place_[kRoom + 2 * kLanes];
-  ActiveLanes groups_[BlockRows::kPixels / kLanes + 1];
-  ActiveLanes *at_work_[BlockRows::kPixels / kLanes + 1], *to_step_[BlockRows::kPixels / kLanes + 1];
+  std::size_t next_job_ = 0;
+  ActiveLanes groups_[4];
 };
 
 }  // namespace pecs::sensor::HWY_NAMESPACE

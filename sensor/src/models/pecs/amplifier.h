@@ -50,34 +50,6 @@ PECS_INLINE T amplified(T y, T v0, T v1, const WholeSlope<T>& at0, const WholeSl
   return mul_add(number<T>(k.x * k.decay), at0.early, slopes);
 }
 
-// The photoreceptor's noise n is straight from frame to frame, and the comparators see z, what the amplifier makes of
-// it. Weights of n at the start and at the end of an interval in z at its end; e^-x is that of z.
-struct NoiseWeights {
-  float z, n0, n1;
-};
-PECS_INLINE NoiseWeights noise_weights(const AmplifierWeights& k) {
-  return {k.decay, k.v0 - k.d0 - k.d1, k.v1 + k.d0 + k.d1};
-}
-
-// Standard deviation of the innovation of n over an interval, in units of noise_std, such that in constant light the
-// variance of z is b / (b + r) exactly, r: rate of n. correlation: e^-relaxation, relaxation: integral of a u,
-// exposure: integral of a I. Shot noise of I and of u are added: in light that rises, I is the larger one.
-template <class T>
-PECS_INLINE T amplified_innovation(T correlation, T relaxation, T exposure, const AmplifierWeights& k) {
-  const T one = number<T>(1), rho = correlation;
-  const auto [e, a, b] = noise_weights(k);
-  // In units of the variance of n: z's covariance with n is with / apart, and its variance of_z / (apart (1 - e^2)).
-  const T apart = neg_mul_add(number<T>(e), rho, one), with = mul_add(number<T>(a), rho, number<T>(b));
-  const T straight = mul_add(number<T>(2 * a * b), rho, number<T>(a * a + b * b));
-  const T of_z = mul_add(number<T>(2 * e) * mul_add(number<T>(b), rho, number<T>(a)), with, straight * apart);
-  // (1 - e^-2 relaxation) / (2 relaxation) = fresh / part.
-  const auto small = relaxation < 0.05f;
-  const T series = mul_add(relaxation, mul_add(relaxation, number<T>(2.0 / 3), -one), one);
-  const T fresh = select(small, series, (one - rho) * (one + rho)), part = select(small, one, relaxation + relaxation);
-  const T wanted = number<T>(k.x * (1 - e * e)) * apart;
-  return sqrt((relaxation + exposure) * fresh * wanted / ((k.x + relaxation) * part * of_z));
-}
-
 // Within an interval, beside the steps of the photoreceptor.
 template <class T>
 struct Amplifier {

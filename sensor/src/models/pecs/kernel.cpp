@@ -13,7 +13,6 @@
 
 #include "models/pecs/active_pixels-inl.h"
 #include "models/pecs/kernel.h"
-#include "models/pecs/random-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
@@ -25,7 +24,8 @@ class PixelBlock {
  public:
   static constexpr std::uint32_t kPixels = BlockRows::kPixels;
 
-  explicit PixelBlock(const KernelArguments& a) : a_(a), planes_(a), active_(a, rows_) {}
+  explicit PixelBlock(const KernelArguments& a)
+      : a_(a), planes_(a), active_(a, rows_), is_noisy_(kAmplifier && a.noise_std > 0) {}
 
   // background: of these pixels, by time.
   void run(std::uint32_t first, std::uint32_t end, std::span<const BackgroundEvent> background) {
@@ -94,13 +94,11 @@ class PixelBlock {
     }
     if constexpr (kReceptor) {
       take(a_.w, rows_.w[0], 1);
-      take(a_.noise, rows_.noise[0], 0);
-      if constexpr (kAmplifier) {
-        take(a_.y, rows_.y[0], 0);
-        take(a_.inner_noise, rows_.inner[0], 0);
-      }
-    } else {
-      for (float* row : rows_.noise) std::fill_n(row, kPixels, 0.0f);
+      if constexpr (kAmplifier) take(a_.y, rows_.y[0], 0);
+    }
+    if (is_noisy_) {
+      take(a_.n, rows_.n[0], 0);
+      take(a_.z, rows_.z[0], 0);
     }
     for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
       prefetch_state(rows_.first + BlockRows::kPixels + p);
@@ -110,7 +108,6 @@ class PixelBlock {
     }
     std::ranges::fill(still_for_, std::uint8_t{0});
     kept_h_us_ = 0;
-    random_of_ = -1;
   }
   // Prefetches what load() will read for pixels from p on.
   void prefetch_state(std::uint32_t p) const {
@@ -118,10 +115,10 @@ class PixelBlock {
     for (const float* row : {a_.light0, a_.light1, a_.m0, a_.reference, a_.blind_us}) hwy::Prefetch(row + p);
     if (!a_.equal_thresholds)
       for (const float* row : {a_.threshold_on, a_.threshold_off}) hwy::Prefetch(row + p);
-    if constexpr (kReceptor)
-      for (const float* row : {a_.w, a_.noise}) hwy::Prefetch(row + p);
-    if constexpr (kAmplifier)
-      for (const float* row : {a_.y, a_.inner_noise}) hwy::Prefetch(row + p);
+    if constexpr (kReceptor) hwy::Prefetch(a_.w + p);
+    if constexpr (kAmplifier) hwy::Prefetch(a_.y + p);
+    if (is_noisy_)
+      for (const float* row : {a_.n, a_.z}) hwy::Prefetch(row + p);
   }
   void follow_light(int k, std::uint32_t p) {
     const V i = at(rows_.i[k], p);
@@ -158,11 +155,11 @@ class PixelBlock {
     give(rows_.blind_us, a_.blind_us);
     if constexpr (kReceptor) {
       give(rows_.w[0], a_.w);
-      give(rows_.noise[0], a_.noise);
-      if constexpr (kAmplifier) {
-        give(rows_.y[0], a_.y);
-        give(rows_.inner[0], a_.inner_noise);
-      }
+      if constexpr (kAmplifier) give(rows_.y[0], a_.y);
+    }
+    if (is_noisy_) {
+      give(rows_.n[0], a_.n);
+      give(rows_.z[0], a_.z);
     }
   }
 
@@ -195,28 +192,27 @@ class PixelBlock {
       if constexpr (kReceptor) {
         put(at(rows_.g[2], p), rows_.w[0], p);
         follow_w(0, p);
-        V noise = hn::Zero(f);
-        if constexpr (kAmplifier) put(noise, rows_.inner[0], p);
-        if (a_.noise_std > 0) {
-          const Four random = draw(p, 0, Purpose::noise_start);
-          noise = hn::Mul(hn::Set(f, a_.noise_std), gaussian(random[0]));
-          if constexpr (kAmplifier) {
-            // Of the variance, the amplifier passes b / (b + a I), and that is the covariance, too.
-            put(noise, rows_.inner[0], p);
-            const V b = hn::Set(f, static_cast<float>(a_.constants.b_per_us));
-            const V a = hn::Set(f, static_cast<float>(a_.constants.a_per_us));
-            const V passes = hn::Div(b, hn::MulAdd(a, at(rows_.i[2], p), b));
-            const V rest = hn::Mul(hn::Set(f, a_.noise_std), hn::Sqrt(hn::NegMulAdd(passes, passes, passes)));
-            noise = hn::MulAdd(rest, gaussian(random[1]), hn::Mul(passes, noise));
-          }
-        }
-        put(noise, rows_.noise[0], p);
         if constexpr (kAmplifier) put(at(rows_.v[0], p), rows_.y[0], p);
-        put(hn::Add(at(rows_.v[0], p), noise), rows_.reference, p);
+        V output = at(rows_.v[0], p);
+        if (is_noisy_) {
+          // The variance of z is b / (b + a I) of that of n, and so is the covariance.
+          const Four random = draw(p, 0, Purpose::noise_start);
+          const V b = hn::Set(f, static_cast<float>(a_.constants.b_per_us));
+          const V share =
+              hn::Div(b, hn::MulAdd(hn::Set(f, static_cast<float>(a_.constants.a_per_us)), at(rows_.i[2], p), b));
+          const V n = hn::Mul(hn::Set(f, a_.noise_std), gaussian(random[0]));
+          const V rest = hn::Mul(hn::Set(f, a_.noise_std), hn::Sqrt(hn::NegMulAdd(share, share, share)));
+          const V z = hn::MulAdd(rest, gaussian(random[1]), hn::Mul(share, n));
+          put(n, rows_.n[0], p);
+          put(z, rows_.z[0], p);
+          output = hn::Add(output, z);
+        }
+        put(output, rows_.reference, p);
       }
     }
     if (a_.marks)
-      for (std::uint32_t p = 0; p < rows_.count; ++p) a_.marks[rows_.first + p] = {a_.start_us, rows_.noise[0][p], 0};
+      for (std::uint32_t p = 0; p < rows_.count; ++p)
+        a_.marks[rows_.first + p] = {a_.start_us, is_noisy_ ? rows_.z[0][p] : 0.0f, 0.0f};
   }
 
   // Distances of the noise-free output from the reference, at the second frame: uniform over a threshold in the
@@ -242,37 +238,21 @@ class PixelBlock {
       const double margin = std > 0 ? std::min(std * stds, 0.45 * std::min(on, off)) : 0;
       const bool falls = change<-kStill, rises = change> kStill || (!falls && a_.constants.leak_per_us > 0);
       const double low = rises ? -margin : margin - off, high = falls ? margin : on - margin;
-      const Random4 random = random4(a_.seed, rows_.first + p, 1, Purpose::noise_start);
-      const auto phase = static_cast<float>(low + uniform(random[0]) * (high - low));
-      rows_.reference[p] -= phase + rows_.noise[0][p];
+      const Random4 drawn = random4(a_.seed, rows_.first + p, 1, Purpose::noise_start);
+      const auto phase = static_cast<float>(low + sensor::uniform(drawn[0]) * (high - low));
+      rows_.reference[p] -= phase + (is_noisy_ ? rows_.z[0][p] : 0.0f);
       if (a_.marks) a_.marks[rows_.first + p] = {a_.start_us, 0, phase};
     }
   }
 
-  struct Four {
-    VU r[4];
-    VU operator[](std::int64_t k) const { return r[k]; }
-  };
-  // Random numbers of four steps: one call of Philox.
-  Four draw(std::uint32_t p, std::int64_t four, Purpose purpose) const {
+  // Random numbers of a step.
+  Four draw(std::uint32_t p, std::int64_t step, Purpose purpose) const {
     const U32 u;
-    const auto s = static_cast<std::uint64_t>(four);
+    const auto s = static_cast<std::uint64_t>(step);
     Four out{{iota(rows_.first + p), hn::Set(u, static_cast<std::uint32_t>(s)),
               hn::Set(u, static_cast<std::uint32_t>(s >> 32)), hn::Set(u, static_cast<std::uint32_t>(purpose))}};
     philox(out.r, a_.noise_seed);
     return out;
-  }
-  // Gaussian deviates of a step.
-  const float* draws(std::int64_t step) {
-    if (step >> 2 != random_of_) {
-      random_of_ = step >> 2;
-      const auto last = std::min<std::int64_t>(3, a_.intervals.back().step - 4 * random_of_);  // needed in this batch
-      for (std::uint32_t p = 0; p < vectors_end_; p += lanes()) {
-        const Four four = draw(p, random_of_, Purpose::noise);
-        for (std::int64_t k = step & 3; k <= last; ++k) put(gaussian(four[k]), random_[k], p);
-      }
-    }
-    return random_[step & 3];
   }
 
   // Lists moving and quiet vectors. In quiet ones light and photoreceptor are constant, and the results that depend on
@@ -327,16 +307,30 @@ class PixelBlock {
     } else {
       follow_w(1, p);
     }
-    put(r.correlation, rho_, p);
-    if constexpr (kAmplifier) {
-      const V v0 = at(rows_.v[0], p), v1 = at(rows_.v[1], p);
-      amplify(t, p, is_constant);
-      const V relaxation = hn::Max(hn::Zero(f), hn::Sub(r.exposure, hn::Sub(v1, v0)));
-      const V sigma = amplified_innovation(r.correlation, relaxation, r.exposure, t.amplifier);
-      put(hn::Mul(hn::Set(f, a_.noise_std), sigma), sigma_, p);
-    } else {
-      put(innovation_std(a_.noise_std, r.correlation), sigma_, p);
-    }
+    if constexpr (kAmplifier) amplify(t, p, is_constant);
+    if (is_noisy_) prepare_noise(t, p, r.exposure);
+  }
+  // The noise's law over the interval: one rate, as the light changes little (else: list()).
+  HWY_INLINE void prepare_noise(const IntervalTimes& t, std::uint32_t p, V exposure) {
+    const V x = relaxation_of(exposure, at(rows_.v[0], p), at(rows_.v[1], p), at(rows_.u[0], p), at(rows_.u[1], p),
+                              hn::Set(F(), a_h_of(a_, t)));
+    const V std = active_.noise_std_of(x, exposure);
+    put(x, rows_.relaxation, p);
+    put(std, rows_.noise_std, p);
+    const NoiseStep<V> step = noise_step(x, hn::Set(F(), t.amplifier.x));
+    const NoiseSpread<V> factor = factor_of(step.added);
+    const V scale = hn::Mul(std, hn::Sqrt(hn::Add(x, x)));
+    const NoiseReach<V> reach = noise_reach(x, step.y, std);
+    const V kept[] = {step.e,
+                      step.k,
+                      hn::Mul(scale, factor.nn),
+                      hn::Mul(scale, factor.nz),
+                      hn::Mul(scale, factor.zz),
+                      reach.std,
+                      reach.slope_std,
+                      reach.sag,
+                      reach.over};
+    for (std::size_t k = 0; k < kKept; ++k) put(kept[k], kept_[k], p);
   }
   HWY_INLINE void amplify(const IntervalTimes& t, std::uint32_t p, bool is_constant) {
     const F f;
@@ -359,64 +353,59 @@ class PixelBlock {
     const F f;
     if constexpr (kReceptor)
       for (std::size_t k = 0; k < moving_count_; ++k) respond(t, moving_[k]);
-    const float* random = kReceptor && a_.noise_std > 0 ? draws(t.step) : nullptr;
     const float* v0_row = kAmplifier ? rows_.y[0] : kReceptor ? rows_.v[0] : rows_.l[0];
     const float* v1_row = kAmplifier ? rows_.y[1] : kReceptor ? rows_.v[1] : rows_.l[1];
     const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, leak_of(a_, t));
-    const NoiseWeights amplifier = noise_weights(t.amplifier);
     std::size_t jobs = 0, fast_jobs = 0;
     const auto list = [&](M which, std::uint32_t p, std::uint32_t* to, std::size_t& count) {
       const Compress compress(hn::And(which, hn::FirstN(f, std::min(lanes(), rows_.count - p))));
       compress.store(iota(p), to + count);
       count += compress.count();
     };
-    const auto is_blind = [&](std::uint32_t p) { return hn::Gt(at(rows_.blind_us, p), hn::Zero(f)); };
-    const auto crosses = [&](V low, V high, std::uint32_t p) {
-      return hn::Or(hn::Ge(high, at(rows_.on, p)), hn::Le(low, hn::Neg(at(rows_.off, p))));
-    };
-    const auto noise_after = [&](std::uint32_t p, V n0) {
-      V n1 = n0;
-      if (random) {
-        const V inner0 = kAmplifier ? at(rows_.inner[0], p) : n0;
-        n1 = hn::MulAdd(at(sigma_, p), at(random, p), hn::Mul(at(rho_, p), inner0));
-        if constexpr (kAmplifier) {
-          put(n1, rows_.inner[1], p);
-          const V kept = hn::MulAdd(hn::Set(f, amplifier.n0), inner0, hn::Mul(hn::Set(f, amplifier.z), n0));
-          n1 = hn::MulAdd(hn::Set(f, amplifier.n1), n1, kept);
-        }
-      }
-      put(n1, rows_.noise[1], p);
-      return n1;
+    // Pixels that may fire while the output without noise is between low and high, relative to the reference.
+    const auto may_fire = [&](std::uint32_t p, V low, V high, V steepest) {
+      const V to_on = hn::Sub(at(rows_.on, p), high), to_off = hn::Add(low, at(rows_.off, p));
+      const M blind = hn::Gt(at(rows_.blind_us, p), hn::Zero(f));
+      if (!is_noisy_) return hn::Or(blind, hn::Le(hn::Min(to_on, to_off), hn::Zero(f)));
+      return hn::Or(blind, noise_may_cross(t, p, to_on, to_off, steepest, blind));
     };
     for (std::size_t k = 0; k < moving_count_; ++k) {
       const std::uint32_t p = moving_[k];
-      const V n0 = at(rows_.noise[0], p), n1 = noise_after(p, n0), reference = at(rows_.reference, p);
-      const V drift = hn::Add(hn::Sub(n1, n0), leaks);
-      const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), reference);
-      const V d1 = hn::Add(hn::Sub(hn::Add(at(v1_row, p), n0), reference), drift);
-      V high = hn::Max(d0, d1), low = hn::Min(d0, d1);
+      const V reference = at(rows_.reference, p);
+      const V d0 = hn::Sub(at(v0_row, p), reference), d1 = hn::Add(hn::Sub(at(v1_row, p), reference), leaks);
+      V high = hn::Max(d0, d1), low = hn::Min(d0, d1), steepest = hn::Abs(hn::Sub(d1, d0));
       M fast = hn::Lt(high, low);  // none
       if constexpr (kReceptor) {
         const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p);
-        if constexpr (kAmplifier)
-          widen_to_hull(d0, d1, hn::Set(f, t.amplifier.x), hn::Sub(at(rows_.v[0], p), at(rows_.y[0], p)),
-                        hn::Sub(at(rows_.v[1], p), at(rows_.y[1], p)), drift, low, high);
-        else
-          widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), drift, low, high);
+        if constexpr (kAmplifier) {
+          const V b = hn::Set(f, t.amplifier.x);
+          const V off0 = hn::Sub(at(rows_.v[0], p), at(rows_.y[0], p)),
+                  off1 = hn::Sub(at(rows_.v[1], p), at(rows_.y[1], p));
+          widen_to_hull(d0, d1, b, off0, off1, leaks, low, high);
+          steepest = hn::Max(steepest, hn::Mul(b, hn::Max(hn::Abs(off0), hn::Abs(off1))));
+        } else {
+          widen_to_hull(d0, d1, rate, hn::Sub(i0, at(rows_.u[0], p)), hn::Sub(i1, at(rows_.u[1], p)), leaks, low, high);
+        }
         // Fast light needs shorter steps than two.
         const V dl = hn::Sub(at(rows_.l[1], p), at(rows_.l[0], p));
         const V x = hn::Min(hn::Set(f, 1.0f), hn::Mul(hn::Mul(rate, hn::Set(f, 0.5f)), hn::Add(i0, i1)));
         fast = hn::Gt(hn::Mul(hn::Mul(dl, dl), x), hn::Set(f, 0.02f));
+        if (is_noisy_) {  // the error of two half steps
+          const V error = hn::Mul(hn::Set(f, 0.03f), hn::Abs(dl));
+          low = hn::Sub(low, error), high = hn::Add(high, error);
+        }
       }
-      if (!hn::AllFalse(f, fast)) list(fast, p, fast_, fast_jobs);
-      list(hn::AndNot(fast, hn::Or(is_blind(p), crosses(low, high, p))), p, active_.jobs(), jobs);
+      const M fires = may_fire(p, low, high, steepest);
+      if (!hn::AllFalse(f, fast)) {
+        list(fast, p, fast_, fast_jobs);
+        if (is_noisy_) put(hn::IfThenElse(fast, hn::Set(f, kFree), at(rows_.gate, p)), rows_.gate, p);
+      }
+      list(hn::AndNot(fast, fires), p, active_.jobs(), jobs);
     }
     for (std::size_t k = 0; k < quiet_count_; ++k) {
       const std::uint32_t p = quiet_[k];
-      const V n0 = at(rows_.noise[0], p), n1 = noise_after(p, n0);
-      const V d0 = hn::Sub(hn::Add(at(v0_row, p), n0), at(rows_.reference, p));
-      const V d1 = hn::Add(d0, hn::Add(hn::Sub(n1, n0), leaks));
-      list(hn::Or(is_blind(p), crosses(hn::Min(d0, d1), hn::Max(d0, d1), p)), p, active_.jobs(), jobs);
+      const V d0 = hn::Sub(at(v0_row, p), at(rows_.reference, p)), d1 = hn::Add(d0, leaks);
+      list(may_fire(p, hn::Min(d0, d1), hn::Max(d0, d1), leaks), p, active_.jobs(), jobs);
     }
     // Listed last: they need several steps and would stall vectors that need one.
     std::copy_n(fast_, fast_jobs, active_.jobs() + jobs);
@@ -425,20 +414,45 @@ class PixelBlock {
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes())
         put(hn::Sub(at(rows_.reference, p), leaks), rows_.reference, p);
-    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.noise, rows_.y, rows_.inner})
-      std::swap(row[0], row[1]);
+    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.y, rows_.n, rows_.z}) std::swap(row[0], row[1]);
+  }
+
+  // The noise at the interval's end, and the pixels whose output may cross a threshold on the way, with their gates
+  // (ActivePixels::examine): those that few crossings are expected of are drawn.
+  HWY_INLINE M noise_may_cross(const IntervalTimes& t, std::uint32_t p, V to_on, V to_off, V steepest, M blind) {
+    const F f;
+    const auto kept = [&](std::size_t k) { return at(kept_[k], p); };
+    const NoiseState<V> s0{at(rows_.n[0], p), at(rows_.z[0], p)};
+    const Four random = draw(p, t.step, Purpose::noise);
+    const V g0 = gaussian(random[0]), g1 = gaussian(random[1]);
+    const NoiseState<V> s1{
+        hn::MulAdd(kept(2), g0, hn::Mul(kept(0), s0.n)),
+        hn::MulAdd(kept(3), g0,
+                   hn::MulAdd(kept(4), g1, hn::MulAdd(kept(1), s0.n, hn::Mul(hn::Set(f, t.amplifier.decay), s0.z))))};
+    put(s1.n, rows_.n[1], p);
+    put(s1.z, rows_.z[1], p);
+    const NoiseReach<V> reach{kept(5), kept(6), kept(7), kept(8)};
+    const auto bounds = reach.bounds(s0, s1);
+    to_on = hn::Sub(to_on, bounds.above), to_off = hn::Add(to_off, bounds.below);
+    if (hn::AllTrue(f, hn::Gt(hn::Min(to_on, to_off), 7.0f * reach.std))) return hn::FirstN(f, 0);
+    const V expected = 2.0f * most_crossings(hn::Min(to_on, to_off), steepest, reach);
+    const V gate = uniform(random[2]);
+    const M many = hn::Or(blind, hn::Ge(expected, hn::Set(f, active_.kFewCrossings)));
+    put(hn::IfThenElse(many, hn::Set(f, kNoGate), gate), rows_.gate, p);
+    return hn::Or(many, hn::Lt(gate, expected));
   }
 
   const KernelArguments& a_;
   Planes<kPixels> planes_;
   BlockRows rows_;
   ActivePixels<kReceptor, kAmplifier> active_;
+  bool is_noisy_;
   std::uint32_t vectors_end_ = 0;
-  std::int64_t random_of_ = -1;
   float kept_h_us_ = 0;
   std::size_t moving_count_ = 0, quiet_count_ = 0;
-  HWY_ALIGN float rho_[kPixels], sigma_[kPixels], random_[4][kPixels];
-  std::uint8_t still_for_[kPixels];  // of a vector; while > 0, rho_ and sigma_ are valid
+  static constexpr std::size_t kKept = 9;
+  HWY_ALIGN float kept_[kKept][kPixels];  // prepare_noise
+  std::uint8_t still_for_[kPixels];       // of a vector; while > 0, kept_ is valid
   std::uint32_t moving_[kPixels + 1], quiet_[kPixels + 1], fast_[kPixels + kLanes];
 };
 

@@ -15,9 +15,8 @@ struct KernelArguments {
   bool equal_thresholds;
   const float *threshold_on, *threshold_off;
   float *light0, *light1;  // of the last two frames: I [fA] (run_kernel) or ln I (run_threshold_kernel)
-  float *m0, *reference, *blind_us, *w, *noise;
-  float *y,
-      *inner_noise;  // with an amplifier: its output; noise of the photoreceptor (noise: what the comparators see)
+  float *m0, *reference, *blind_us, *w;
+  float *y, *n, *z;  // with an amplifier: its output; noise before and behind it (noise.h)
   std::span<const float* const> planes;
   std::int64_t first_frame;
   double start_us;                           // time of the first known frame

@@ -57,11 +57,10 @@ PECS_INLINE T receptor_step(T w, T g0, T g1, T d0, T d1, T x) {
   return mul_add(c3, j3, mul_add(c2, j2, mul_add(d0, j1, mul_add(j0, g0 - w, w))));
 }
 
-// w after exposure x, with g linear from g0 to g1; also gives e^-x.
+// w after exposure x, with g linear from g0 to g1.
 template <class T>
-PECS_INLINE T linear_step(T w, T g0, T g1, T x, T& e) {
-  const T one = number<T>(1), phi = phi1(x);
-  e = neg_mul_add(x, phi, one);
+PECS_INLINE T linear_step(T w, T g0, T g1, T x) {
+  const T one = number<T>(1), phi = phi1(x), e = neg_mul_add(x, phi, one);
   return mul_add(g1 - g0, one - phi, mul_add(e, w - g0, g0));
 }
 
@@ -118,7 +117,8 @@ struct Photoreceptor {
     return {ds, select(steps <= one, one, s + ds), slope_of_v(now, ds)};
   }
   // Advances w, i and slope to the end of the step where `ready`; the caller advances s.
-  void take(MaskOf<T> ready, T ds, T end) {
+  // Returns the step's exposure, the integral of a I.
+  T take(MaskOf<T> ready, T ds, T end) {
     const T middle = 0.5f * (s + end);
     const T i1 = exp(light.at(end)), im = exp(light.at(middle)), slope1 = light.slope(end);
     const T x = a_h * ds * number<T>(1.0 / 6) * mul_add(number<T>(4), im, i + i1);  // Simpson
@@ -128,6 +128,7 @@ struct Photoreceptor {
     w = select(ready, w1, w);
     i = select(ready, i1, i);
     slope = select(ready, slope1, slope);
+    return x;
   }
 };
 
@@ -138,27 +139,24 @@ struct IntervalLight {
 };
 template <class T>
 struct Response {
-  T w, correlation;  // w at the end; correlation of the noise between start and end
-  T exposure;        // integral of a I
+  T w;         // at the end
+  T exposure;  // integral of a I
 };
 
 // The photoreceptor over an interval, given its light at start, middle and end: two half steps.
 template <class T>
 PECS_INLINE Response<T> two_half_steps(const IntervalLight<T>& light, T w0, float h_us, float a_h) {
-  const T zero = number<T>(0), one = number<T>(1);
+  const T zero = number<T>(0);
   const auto& [l0, l1, m0, m1, i0, i1, g0, g1] = light;
   const T bow = (m0 - m1) * number<T>(h_us) * number<T>(0.125);
   const T lm = mul_add(number<T>(0.5), l0 + l1, bow);
   const T im = i0 * exp(lm - l0);  // in constant light exactly i0
-  const T gm = one / im;
+  const T gm = 1.0f / im;
   const T d = number<T>(a_h / 24), im8 = 8.0f * im, five = number<T>(5);
   const T x0 = max(zero, d * (mul_add(five, i0, im8) - i1));
   const T x1 = max(zero, d * (mul_add(five, i1, im8) - i0));
-  T e0, e1;
-  const T wm = linear_step(w0, g0, gm, x0, e0), w1 = linear_step(wm, gm, g1, x1, e1);
-  // The noise is an Ornstein-Uhlenbeck process of rate a u. Because dV/dt = a (I - u), its exposure is X - (V1 - V0),
-  // so the correlation over the step is e^-X u1/u0.
-  return {w1, min(one, e0 * e1 * (w0 / w1)), x0 + x1};
+  const T wm = linear_step(w0, g0, gm, x0), w1 = linear_step(wm, gm, g1, x1);
+  return {w1, x0 + x1};
 }
 // Constant light i = 1/g: bit-identical to two_half_steps, with the terms that vanish left out.
 template <class T>
@@ -167,12 +165,14 @@ PECS_INLINE Response<T> constant_half_steps(T i, T g, T w0, float a_h) {
   const T x = max(number<T>(0), number<T>(a_h / 24) * (mul_add(number<T>(5), i, i8) - i));
   const T e = neg_mul_add(x, phi1(x), one);
   const T wm = mul_add(e, w0 - g, g), w1 = mul_add(e, wm - g, g);
-  return {w1, min(one, e * e * (w0 / w1)), x + x};
+  return {w1, x + x};
 }
-// Standard deviation of the noise innovation over the step.
+
+// Integral of a u over a time, the relaxation of its noise: dV/dt = a (I - u). exposure: integral of a I; a_h: a times
+// the time. In dim light V's change is lost in its rounding.
 template <class T>
-PECS_INLINE T innovation_std(float noise_std, T correlation) {
-  return noise_std * sqrt((1.0f - correlation) * (1.0f + correlation));
+PECS_INLINE T relaxation_of(T exposure, T v0, T v1, T u0, T u1, T a_h) {
+  return select(exposure < 0.1f, 0.5f * a_h * (u0 + u1), max(exposure - (v1 - v0), 0.01f * exposure));
 }
 
 // Widens the bounds of V to the convex hull of its Bezier points. d0, d1: V at the ends, with the drift of noise and

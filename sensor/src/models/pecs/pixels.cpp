@@ -67,6 +67,9 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
                     fmt::format("a region within the frames' {}x{}", setup.width, setup.height));
   if (chip.corner_hz_per_a == 0 && chip.noise_std > 0)
     throw bad_input("chip " + chip.name, "noise_std", "noise without a photoreceptor", "corner_hz_per_a > 0");
+  if (chip.amplifier_cutoff_hz == 0 && chip.noise_std > 0)  // one pole's noise crosses any level infinitely often
+    throw bad_input("chip " + chip.name, "noise_std", "noise without an amplifier",
+                    "amplifier_cutoff_hz > 0, or noise_std 0");
   if (chip.corner_hz_per_a == 0 && chip.amplifier_cutoff_hz > 0)
     throw bad_input("chip " + chip.name, "amplifier_cutoff_hz", "an amplifier without a photoreceptor",
                     "corner_hz_per_a > 0, or amplifier_cutoff_hz 0");
@@ -81,10 +84,10 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   for (Zeros* row : {&light0_, &light1_, &m0_, &reference_}) *row = Zeros(padded);
   if (setup.causes) marks_.resize(n);
   if (!has_thresholds_only()) blind_us_ = Zeros(padded);
-  if (constants_.a_per_us > 0)
-    for (Zeros* row : {&w_, &noise_}) *row = Zeros(padded);
-  if (constants_.b_per_us > 0)
-    for (Zeros* row : {&y_, &inner_noise_}) *row = Zeros(padded);
+  if (constants_.a_per_us > 0) w_ = Zeros(padded);
+  if (constants_.b_per_us > 0) y_ = Zeros(padded);
+  if (noise_std_ > 0)
+    for (Zeros* row : {&n_, &z_}) *row = Zeros(padded);
 }
 
 void PecsPixels::draw_thresholds(const Chip& chip, std::size_t pixels) {
@@ -168,9 +171,9 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        reference_.data(),
        blind_us_.data(),
        w_.data(),
-       noise_.data(),
        y_.data(),
-       inner_noise_.data(),
+       n_.data(),
+       z_.data(),
        batch.planes,
        batch.first_frame,
        times ? batch.t_us[0] : 0,

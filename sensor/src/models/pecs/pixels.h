@@ -69,8 +69,8 @@ class PecsPixels : public PixelModel {
   Zeros light0_, light1_;               // of the last two frames (kernel.h)
   Zeros m0_;                            // slope of ln I [1/us] at the earlier one
   Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
-  Zeros w_, noise_;                     // photoreceptor and its noise; empty when infinitely fast
-  Zeros y_, inner_noise_;               // amplifier (kernel.h); empty without
+  Zeros w_;                             // photoreceptor; empty when infinitely fast
+  Zeros y_, n_, z_;                     // amplifier and noise (kernel.h); empty without
   std::vector<HotPixel> hot_;           // sorted
   std::shared_ptr<const PixelMap> map_;
   std::uint32_t width_;

@@ -39,6 +39,55 @@ HWY_INLINE void philox(VU c[4], std::uint64_t key) {
   }
 }
 
+struct Four {
+  VU r[4];
+  VU operator[](std::size_t k) const { return r[k]; }
+};
+
+// A sequence for each lane, faster than Philox, which gives its start: Doty-Humphrey's sfc32 (PractRand 0.94).
+struct LaneSequence {
+  HWY_ALIGN std::uint32_t a[kLanes], b[kLanes], c[kLanes], count[kLanes];
+
+  // Where `in`.
+  HWY_INLINE void start(M in, const Four& random) {
+    const auto put = [&](std::uint32_t* row, VU v) { advance(in, row, v); };
+    put(a, random[0]), put(b, random[1]), put(c, random[2]), put(count, hn::Set(U32(), 1));
+  }
+  // The next number, where `which`.
+  HWY_INLINE VU next(M which) {
+    const U32 u;
+    const VU a0 = hn::Load(u, a), b0 = hn::Load(u, b), c0 = hn::Load(u, c), n = hn::Load(u, count);
+    const VU out = hn::Add(hn::Add(a0, b0), n);
+    advance(which, a, hn::Xor(b0, hn::ShiftRight<9>(b0)));
+    advance(which, b, hn::Add(c0, hn::ShiftLeft<3>(c0)));
+    advance(which, c, hn::Add(hn::Or(hn::ShiftLeft<21>(c0), hn::ShiftRight<11>(c0)), out));
+    advance(which, count, hn::Add(n, hn::Set(u, 1)));
+    return out;
+  }
+  std::uint32_t next(std::size_t lane) {
+    const std::uint32_t out = a[lane] + b[lane] + count[lane]++;
+    a[lane] = b[lane] ^ b[lane] >> 9;
+    b[lane] = c[lane] + (c[lane] << 3);
+    c[lane] = std::rotl(c[lane], 21) + out;
+    return out;
+  }
+
+ private:
+  static HWY_INLINE void advance(M which, std::uint32_t* row, VU v) {
+    const U32 u;
+    hn::Store(hn::IfThenElse(hn::RebindMask(u, which), v, hn::Load(u, row)), u, row);
+  }
+};
+
+// random.h: uniform, also for the smallest.
+HWY_INLINE V uniform(VU r) {
+  const F f;
+  const I32 i;
+  const auto half = [&](VU bits) { return hn::ConvertTo(f, hn::BitCast(i, bits)); };
+  const V low = hn::MulAdd(half(hn::And(r, hn::Set(U32(), 0xffffu))), hn::Set(f, 0x1p-32f), hn::Set(f, 0x1p-33f));
+  return hn::MulAdd(half(hn::ShiftRight<16>(r)), hn::Set(f, 0x1p-16f), low);
+}
+
 // random.h: gaussian.
 HWY_INLINE V gaussian(VU r) {
   const F f;
