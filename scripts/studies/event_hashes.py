@@ -20,6 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pecs
+from pecs.motion import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
@@ -145,6 +146,37 @@ def pushed() -> dict[str, str]:
     return table
 
 
+def warmed_up(program: Path, folder: Path) -> dict[str, str]:
+    """Warm-up of light that rises, over threads: frames alone, a motion layer of zeros, above 4.2 million pixels.
+    The hashes of a stack are equal, and so are those of `frames` and `motion`."""
+    table = {}
+    still = np.zeros((len(CHANNELS), HEIGHT, WIDTH), np.float32)
+    still[[name.removeprefix("back_") in ("z", "z_end") for name in CHANNELS]] = 1
+    layer = {"name": "motion", "channels": list(CHANNELS), "unit": "px", "at": "interval", "files": "motion_%06d.exr"}
+    for name, width, height, frames in (
+        ("frames", WIDTH, HEIGHT, 20), ("motion", WIDTH, HEIGHT, 20), ("large", 2100, 2100, 3),
+    ):  # fmt: skip
+        stack = {
+            "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
+            "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * 1_000_000 for i in range(frames)],
+            "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {},
+            "layers": [layer] if name == "motion" else [],
+        }  # fmt: skip
+        with pecs.StackWriter(folder / f"rising_{name}", stack) as writer:
+            for i in range(frames):
+                if name == "motion" and i + 1 < frames:
+                    writer.write_layer("motion", i, still)
+                writer.write_frame(i, np.full((1, height, width), 1e-4 * np.exp(0.02 * i), np.float32))
+        for chip, threads in itertools.product(
+            ("imx636", "ideal") if name != "large" else ("ideal",), ("1", "2", "16")
+        ):
+            command = [program, "sense", f"rising_{name}", "-o", "out.npz", "--threads", threads, "--quiet"]
+            result = subprocess.run([*command, "--chip", chip, "--warmup", "2000"], cwd=folder, capture_output=True)
+            events = None if result.returncode else of_events(pecs.read(folder / "out.npz"))
+            table[f"warm-up {name} {chip} | {threads}"] = events or f"exit {result.returncode}"
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True)
@@ -154,7 +186,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         write_stacks(folder)
-        table = sensed(program, folder) | written(program, folder) | pushed()
+        table = sensed(program, folder) | written(program, folder) | pushed() | warmed_up(program, folder)
     args.output.write_text(json.dumps(table, indent=1) + "\n")
     refused = sum(value.startswith("exit") for value in table.values())
     print(f"{len(table)} cases, {refused} refused, all: {digest(json.dumps(table).encode())}")
