@@ -62,8 +62,8 @@ constexpr std::size_t kDepth = 32;  // of parts of a step
 // A vector of pixels that may fire. Times are s in [0, 1] within the interval, z in [0, 1] within a step of the
 // photoreceptor, or u in [0, 1] within a part of a step.
 struct ActiveLanes {
-  // 1 or 0. A live pixel is ready for its next step, has a part of a step to split, is in a leaf, or else has a part to
-  // examine.
+  // 1 or 0. A live pixel is ready for its next step, in a leaf, or has a part of a step to examine, which is split
+  // before where `splits`.
   HWY_ALIGN float live[kLanes], ready[kLanes], splits[kLanes], leaf[kLanes];
   HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], background[kLanes];
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
@@ -194,12 +194,9 @@ class ActivePixels {
         if (hn::AllFalse(f, live)) continue;
         any = true;
         const auto count = [&](const float* row) { return hn::CountTrue(f, holds(row)); };
-        const std::size_t steps = count(g.ready), splits = count(g.splits), leaves = count(g.leaf);
-        const std::size_t parts = hn::CountTrue(f, live) - steps - splits - leaves;
-        if (parts >= std::max({steps, splits, leaves}))
+        const std::size_t steps = count(g.ready), leaves = count(g.leaf);
+        if (hn::CountTrue(f, live) - steps - leaves >= std::max(steps, leaves))
           examine(t, g);
-        else if (splits >= std::max(steps, leaves))
-          split(t, g);
         else if (steps >= leaves)
           step(t, g);
         else
@@ -402,8 +399,8 @@ class ActivePixels {
   HWY_NOINLINE void examine(const IntervalTimes& t, ActiveLanes& g) {
     const F f;
     const U32 u32;
-    const M busy = hn::Or(holds(g.ready), hn::Or(holds(g.splits), holds(g.leaf)));
-    const M seeking = hn::AndNot(busy, holds(g.live));
+    const M seeking = hn::AndNot(hn::Or(holds(g.ready), holds(g.leaf)), holds(g.live));
+    if (!hn::AllFalse(f, holds(g.splits))) split(t, g);
     const V zero = hn::Zero(f), from = get(g.from), to = get(g.to), third = hn::Set(f, 1.0f / 3);
     const V begin = time_of(g, from), end = time_of(g, to), length = hn::Sub(end, begin);
     const Cubic<V> v = part_of(g);
@@ -418,9 +415,9 @@ class ActivePixels {
     const auto bounds = reach.bounds(noise0, noise1);
     const V reference = get(g.reference), level_on = hn::Add(reference, get(g.on));
     const V level_off = hn::Sub(reference, get(g.off));
-    const V distance =
-        hn::Min(hn::Sub(level_on, hn::Add(high, bounds.above)), hn::Sub(hn::Add(low, bounds.below), level_off));
-    const V most = most_crossings(distance, hn::Max(steepest, hn::Neg(least)), reach), expected = hn::Add(most, most);
+    const V ons = most_crossings(hn::Sub(level_on, hn::Add(high, bounds.above)), steepest, reach);
+    const V offs = most_crossings(hn::Sub(hn::Add(low, bounds.below), level_off), hn::Neg(least), reach);
+    const V expected = hn::Add(ons, offs);
 
     const V at1 = hn::Add(v1, noise1.z), rise = hn::Abs(hn::Sub(at1, hn::Add(v.c0, noise0.z)));
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
@@ -440,7 +437,7 @@ class ActivePixels {
     const M full = hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3)));
     const M leaf = hn::And(many, hn::Or(fine, full));
     set(g.leaf, hn::Or(leaf, holds(g.leaf)));
-    set(g.splits, hn::Or(hn::AndNot(leaf, many), holds(g.splits)));
+    set(g.splits, hn::AndNot(leaf, many));
 
     const M may = hn::AndNot(many, hn::And(awake, hn::Gt(expected, hn::Set(f, 1e-10f))));
     V gate = get(g.gate);
@@ -451,20 +448,20 @@ class ActivePixels {
     set(g.gate, hn::IfThenElse(hn::And(gated, may), left, get(g.gate)));
     M done = hn::Or(sleeps, hn::AndNot(many, awake));
     if (!hn::AllFalse(f, proposes)) {
-      HWY_ALIGN float of_most[kLanes], is_done[kLanes];
-      set(of_most, most);
+      HWY_ALIGN float of_on[kLanes], of_off[kLanes], is_done[kLanes];
+      set(of_on, ons);
+      set(of_off, offs);
       set(is_done, done);
-      each(proposes, [&](std::size_t k) { is_done[k] = propose(t, g, k, of_most[k]) ? 0.0f : 1.0f; });
+      each(proposes, [&](std::size_t k) { is_done[k] = propose(t, g, k, of_on[k], of_off[k]) ? 0.0f : 1.0f; });
       done = holds(is_done);
     }
     next_part(t, g, done);
   }
 
   // Splits parts in the middle.
-  HWY_NOINLINE void split(const IntervalTimes& t, ActiveLanes& g) {
+  HWY_INLINE void split(const IntervalTimes& t, ActiveLanes& g) {
     const U32 u;
     const M which = holds(g.splits);
-    set(g.splits, hn::Zero(F()));
     const V from = get(g.from), to = get(g.to), half = hn::Set(F(), 0.5f);
     const V length = hn::Mul(hn::Mul(half, hn::Sub(to, from)), hn::Sub(get(g.s1), get(g.s0)));
     const NoiseStep<V> step = noise_step(hn::Mul(get(g.rate), length), hn::Mul(hn::Set(F(), t.amplifier.x), length));
@@ -515,11 +512,11 @@ class ActivePixels {
   // Draws a crossing in the part at work, given that one is expected `ons` + `offs` times at most: its time evenly,
   // accepted by the density there, then the noise at it by its slope. The first part then ends at the crossing. False
   // if there is none.
-  bool propose(const IntervalTimes& t, ActiveLanes& g, std::size_t k, float most) {
+  bool propose(const IntervalTimes& t, ActiveLanes& g, std::size_t k, float ons, float offs) {
     // In search for a crossing before a candidate, any is enough.
     const auto next = [&] { return sensor::uniform(g.random.next(k)); };
-    const bool on = next() < 0.5;
-    const double u = next(), sign = on ? 1 : -1;
+    const bool on = next() * (ons + offs) < ons;
+    const double u = next(), most = on ? ons : offs, sign = on ? 1 : -1;
     const float z = g.from[k] + static_cast<float>(u) * (g.to[k] - g.from[k]);
     const double length = (g.s1[k] - g.s0[k]) * (g.to[k] - g.from[k]);
     const NoiseCrossing crossing{.x = g.rate[k] * length,
