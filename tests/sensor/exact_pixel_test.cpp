@@ -133,18 +133,27 @@ struct ReferencePixel {
   }
 };
 
-// ln I as the monotone cubic between frames (Fritsch & Butland): slopes per us at the frames.
+// Slopes of ln I at the frames, per us.
 std::vector<double> slopes(const std::vector<double>& l, const std::vector<double>& t_us) {
   const std::size_t n = l.size();
   const auto h = [&](std::size_t i) { return t_us[i + 1] - t_us[i]; };
   const auto chord = [&](std::size_t i) { return (l[i + 1] - l[i]) / h(i); };
   std::vector<double> m(n, 0.0);
-  for (std::size_t i = 1; i + 1 < n; ++i) {
-    const double s0 = chord(i - 1), s1 = chord(i), h0 = h(i - 1), h1 = h(i);
-    if (s0 * s1 > 0) m[i] = 3 * (h0 + h1) / ((2 * h1 + h0) / s0 + (h1 + 2 * h0) / s1);
-  }
   const double s0 = chord(0), s1 = chord(1), first = ((2 * h(0) + h(1)) * s0 - h(0) * s1) / (h(0) + h(1));
   if (first * s0 > 0) m[0] = s0 * s1 < 0 && std::abs(first) > 3 * std::abs(s0) ? 3 * s0 : first;
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    const double before = chord(i - 1), after = chord(i), share = h(i - 1) / (h(i - 1) + h(i));
+    if (before * after == 0) continue;
+    const double left = 2 * before - m[i - 1], three = (1 - share) * before + share * after;  // slopes of parabolas
+    const double longest = std::max(h(i - 1), h(i)), even = std::min(h(i - 1), h(i)) / longest;
+    const double bends[] = {left - before, three - before};
+    double limit = 0.2 / longest;
+    if (before * after > 0) limit = std::max(limit, 3 * std::min(std::abs(before), std::abs(after)));
+    if (bends[0] * bends[1] > 0)
+      limit = std::max(limit, std::min(2.0, 4 * even * even) * std::min(std::abs(bends[0]), std::abs(bends[1])));
+    m[i] = std::clamp(0.9 * (1 - share) * left + (0.1 + 0.9 * share) * three, -limit, limit);
+    if (before * after > 0 && m[i] * before < 0) m[i] = 0;
+  }
   m[n - 1] = chord(n - 2);
   return m;
 }
@@ -233,7 +242,62 @@ void compare_with_double_precision() {
   }
 }
 
+// Largest excess over the values at both ends of an interval, beyond kFreeOvershoot, relative to the largest change of
+// three neighbouring intervals. values: at frames.
+double worst_overshoot(const std::vector<double>& values, const std::vector<double>& t_us) {
+  double worst = -1, m0 = 0;
+  for (std::size_t i = 1; i + 2 < values.size(); ++i) {
+    const double h0 = t_us[i] - t_us[i - 1], h1 = t_us[i + 1] - t_us[i];
+    const double change0 = values[i] - values[i - 1], change1 = values[i + 1] - values[i];
+    const double m1 = scalar::inner_slope(change0 / h0, change1 / h1, m0, SlopeWeights(h0, h1));
+    const Cubic q = hermite(values[i - 1], values[i], m0 * h0, m1 * h0);
+    const double before = i < 2 ? 0 : values[i - 1] - values[i - 2];
+    const double largest = std::max({std::abs(before), std::abs(change0), std::abs(change1)});
+    for (double s = 0.02; s < 1; s += 0.02) {
+      const double over = std::max(q.at(s) - std::max(q.c0, values[i]), std::min(q.c0, values[i]) - q.at(s));
+      if (largest > 0) worst = std::max(worst, (over - kFreeOvershoot) / largest);
+      if (largest == 0) {
+        EXPECT_EQ(over, 0);
+      }
+    }
+    m0 = m1;
+  }
+  return worst;
+}
+
 }  // namespace
+
+TEST(Slope, OvershootIsBoundedOnAnyFrames) {
+  const auto random = [](std::size_t i, int word) {
+    return random4(3, static_cast<std::uint32_t>(i), 0, Purpose::model)[static_cast<std::size_t>(word)];
+  };
+  for (const double uneven : {0.0, 0.9}) {
+    std::vector<double> t_us{0}, white{0}, walk{0}, steps{0}, noisy{0};
+    for (std::size_t i = 1; i < 20000; ++i) {
+      t_us.push_back(t_us.back() + 1000 * (1 + uneven * (2 * uniform(random(i, 0)) - 1)));
+      white.push_back(gaussian(random(i, 1)));
+      walk.push_back(walk.back() + white.back());
+      steps.push_back(steps.back() + (uniform(random(i, 2)) < 0.1 ? 1.5 * white.back() : 0));
+      noisy.push_back(steps.back() + 0.01 * gaussian(random(i, 3)));
+    }
+    for (const auto* frames : {&white, &walk, &steps, &noisy}) EXPECT_LT(worst_overshoot(*frames, t_us), 0.12);
+  }
+  // A step between still frames: none at all.
+  std::vector<double> t_us, step;
+  for (int i = 0; i < 20; ++i) t_us.push_back(1000 * i), step.push_back(i / 7);
+  EXPECT_LE(worst_overshoot(step, t_us), -kFreeOvershoot);
+}
+
+TEST(Slope, ParabolasAreExactAtAnySpacing) {
+  double t = 0, m = 3;
+  const auto value = [](double at) { return 3 * at - 0.7 * at * at; };
+  for (const double h : {1.0, 0.8, 1.1, 1.3, 0.9, 1.0, 1.2}) {
+    const double end = t + h, h1 = 1.05;
+    m = scalar::inner_slope((value(end) - value(t)) / h, (value(end + h1) - value(end)) / h1, m, SlopeWeights(h, h1));
+    EXPECT_NEAR(m, 3 - 1.4 * end, 1e-5);
+    t = end;
+  }
+}
 
 // On every instruction set that this machine supports (Highway).
 TEST(Pixel, AgainstDoublePrecision) {

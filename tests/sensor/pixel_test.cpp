@@ -45,6 +45,28 @@ TEST(Pixel, EventsStandOneThresholdApartOnALogRamp) {
   for (const Event& e : run(ideal, down)) EXPECT_EQ(e.p, 0);
 }
 
+// The rate of events must not tell where the frames are. With Fritsch & Butland's monotone cubics (slope 0 at each
+// extremum) these numbers are 0.27 and 0.10, with parabolas 0.16 and 0.06; here 0.091 and 0.012.
+TEST(Pixel, RateHasNoLineAtTheFrames) {
+  for (const auto& [frames, most] : {std::pair{5.3, 0.12}, {8.3, 0.025}}) {
+    const double period_us = 1000 * frames;
+    const Clip waves = make_clip(600, 1, 60, 1000, [&](int x, int, double t) {
+      return std::exp(0.7 * std::sin(2 * std::numbers::pi * (t / period_us + 0.381966 * x)));
+    });
+    for (const char* more : {"refractory_period_s=0", "refractory_period_s=1e-9"}) {  // without and with a state
+      double cosine = 0, sine = 0, count = 0;
+      for (const Event& e : run(load_chip("ideal", {more}), waves)) {
+        if (e.t_us < 5000 || e.t_us >= 55000) continue;
+        cosine += std::cos(2 * std::numbers::pi * 1e-3 * static_cast<double>(e.t_us));
+        sine += std::sin(2 * std::numbers::pi * 1e-3 * static_cast<double>(e.t_us));
+        ++count;
+      }
+      ASSERT_GT(count, 30000);
+      EXPECT_LT(2 * std::hypot(cosine, sine) / count, most) << frames << ' ' << more;
+    }
+  }
+}
+
 // More than are solved together, of each pixel.
 TEST(Pixel, ThousandEventsInAnInterval) {
   const Chip chip = load_chip("ideal", {"contrast_threshold_on=0.01", "contrast_threshold_off=0.01"});

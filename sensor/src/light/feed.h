@@ -26,9 +26,9 @@ using LightSink = std::function<bool(const LightBatch&)>;  // false: no further 
 void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region region, const LightSink& sink);
 
 // Whole pictures at the source's instants and between them, warped along its motion so often that nothing moves more
-// than half a pixel from plane to plane. The next interval is read while one is worked on, unless it has subpixels: two
-// would hold too much memory. A loop whose planes fit into loop_bytes is computed once. again: a second reader of the
-// same source, or none.
+// than about half a pixel from plane to plane. The next interval is read while one is worked on, unless it has
+// subpixels: two would hold too much memory. A loop whose planes fit into loop_bytes is computed once. again: a second
+// reader of the same source, or none.
 inline constexpr std::size_t kMovingLoopBytes = std::size_t{1} << 30;
 void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink,
                  std::size_t loop_bytes = kMovingLoopBytes);

@@ -197,8 +197,8 @@ void IntervalReader::add_motion(LightInterval& in) const {
   const double length_us = t_us(in.frame + 1) - t_us(in.frame);
   in.carrier.emplace(source(), in.frame);
   in.carried.emplace(*in.carrier, in.first, in.second);
-  const std::vector<double> even = in.carrier->instants(length_us, info.subpixels);
-  in.instants.insert(in.instants.end(), even.begin(), even.end());
+  const std::vector<double> along = in.carrier->instants(length_us, info.subpixels, in.frame);
+  in.instants.insert(in.instants.end(), along.begin(), along.end());
 
   const std::vector<std::int64_t> times_ns = source().between_ns(in.frame);
   if (times_ns.empty()) return;

@@ -58,8 +58,8 @@ struct LightInterval {
   std::optional<CarriedLight> carried{};        // by the carrier, on each chip
   std::vector<double> pictures{};               // fractions of the pictures rendered between
   std::vector<Residuals> residuals{};           // on each chip, or none
-  // Fractions at which a sensor takes planes: 0, then so many that nothing moves more than half a pixel from one to the
-  // next, and those of the pictures between in place of fractions close to them.
+  // Fractions at which a sensor takes planes: 0, then those along the motion (Carrier::instants),
+  // and those of the pictures between in place of fractions close to them.
   std::vector<double> instants{0.0};
   std::shared_ptr<const Keyframe> owners[2] = {};  // of first and second, unless the caller holds them
 };

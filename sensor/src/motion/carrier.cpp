@@ -8,6 +8,7 @@
 #include "motion/sampling.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
+#include "pecs/sensor/random.h"
 
 namespace pecs::sensor {
 
@@ -125,11 +126,24 @@ double Carrier::longest_path_px() const {
   return std::max(interval_->first.longest_path_px(), interval_->second.longest_path_px());
 }
 
-std::vector<double> Carrier::instants(double length_us, int subpixels) const {
-  constexpr double kStep_px = 0.5;
-  const double parts = std::min(std::max(1.0, length_us), std::ceil(longest_path_px() / (kStep_px * subpixels)));
+std::vector<double> Carrier::instants(double length_us, int subpixels, std::int64_t draw) const {
+  constexpr double kStep_px = 0.4, kVariation = 0.25;
+  const double parts = std::ceil(longest_path_px() / (kStep_px * subpixels));
+  if (2 * parts > length_us) {  // as far apart as that allows
+    std::vector<double> even;
+    const double most = std::min(std::max(1.0, std::floor(length_us)), parts);
+    for (double k = 1; k < most; ++k) even.push_back(k / most);
+    return even;
+  }
   std::vector<double> fractions;
-  for (double k = 1; k < parts; ++k) fractions.push_back(k / parts);
+  double sum = 0;
+  for (std::uint32_t k = 0; k < parts; ++k) {
+    const Random4 random = philox({k, static_cast<std::uint32_t>(draw), static_cast<std::uint32_t>(draw >> 32), 0}, 0);
+    sum += 1 + kVariation * (2 * uniform(random[0]) - 1);
+    fractions.push_back(sum);
+  }
+  for (double& fraction : fractions) fraction /= sum;
+  if (!fractions.empty()) fractions.pop_back();  // the second keyframe
   return fractions;
 }
 

@@ -1,5 +1,4 @@
-// Monotone cubics between frames (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 1984), and where a cubic crosses a
-// level. Templates over a number type (number.h).
+// Cubics between frames, and where a cubic crosses a level. Templates over a number type (number.h).
 #if defined(PECS_CUBIC_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef PECS_CUBIC_H_
 #undef PECS_CUBIC_H_
@@ -12,13 +11,21 @@
 
 PECS_BEGIN_NUMBERS
 
-// Slope at a frame between two intervals, from their slopes: weighted harmonic mean, 0 at an extremum.
+// Slope at a frame between two intervals, from their chords s0 and s1 and the slope m0 at the first one's start:
+// between those of the parabola through both frames before it with m0 and of the parabola through all three frames. As
+// with a spline, the mean speed hardly depends on where in an interval it is taken. Limits as in Huynh's M4 (SIAM J.
+// Numer. Anal. 30, 1993): a cubic goes beyond its frames only where both parabolas bend alike, or by kFreeOvershoot. 0
+// next to still light.
 template <class T>
-PECS_INLINE T inner_slope(T s0, T s1, const IntervalTimes& t) {
+PECS_INLINE T inner_slope(T s0, T s1, T m0, const SlopeWeights& w) {
+  const T before = s0 - m0, around = number<T>(w.share) * (s1 - s0);  // half of the curvatures, times this interval
+  const T slope = mul_add(number<T>(w.blend), around - before, s0 + before);
   const T product = s0 * s1;
-  const T below = mul_add(number<T>(t.weight_this), s1, number<T>(t.weight_next) * s0);
-  const T slope = number<T>(t.weight_sum) * product / below;
-  return select_or_zero(product > 0.0f, slope);
+  const T monotone = select_or_zero(product > 0.0f, 3.0f * min(abs(s0), abs(s1)));
+  const T smooth = select_or_zero(before * around > 0.0f, number<T>(w.bend) * min(abs(before), abs(around)));
+  const T limit = max(max(monotone, smooth), number<T>(w.free_slope));
+  const T limited = max(min(slope, limit), -limit);
+  return select_or_zero(product < 0.0f || (product > 0.0f && limited * s0 > 0.0f), limited);
 }
 
 // Slope at the first or last frame: the parabola's, kept monotone. s0, h0: the interval that ends here.

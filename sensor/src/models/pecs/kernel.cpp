@@ -49,7 +49,7 @@ class PixelBlock {
           const V l0 = at(rows_.l[0], p), l1 = at(rows_.l[1], p), l2 = at(rows_.l[2], p);
           const V s0 = per(l0, l1, t.per_h), s1 = per(l1, l2, t.per_next);
           if (frame == 2) put(end_slope(s0, s1, t.h_us, 1 / t.per_next), rows_.m[0], p);
-          put(inner_slope(s0, s1, t), rows_.m[1], p);
+          put(inner_slope(s0, s1, at(rows_.m[0], p), t.slope), rows_.m[1], p);
         }
         step(t);
       }

@@ -95,12 +95,6 @@ HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
 }
 
-// Writes the first `lanes` of v and leaves the memory beyond them unchanged.
-HWY_INLINE void store_lanes(V v, std::uint32_t lanes, float* to) {
-  const F f;
-  hn::StoreU(lanes == hn::Lanes(f) ? v : hn::IfThenElse(hn::FirstN(f, lanes), v, hn::LoadU(f, to)), f, to);
-}
-
 constexpr std::size_t kLanes = hn::MaxLanes(F());
 
 // One bit for each vector of a block.

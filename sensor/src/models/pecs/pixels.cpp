@@ -41,9 +41,7 @@ IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std
           static_cast<float>(h0),
           static_cast<float>(1 / h0),
           static_cast<float>(1 / h1),
-          static_cast<float>(2 * h1 + h0),  // Fritsch & Butland's weights, of 1/s0 and 1/s1
-          static_cast<float>(h1 + 2 * h0),
-          static_cast<float>(3 * (h0 + h1)),
+          {h0, h1},
           step,
           b_per_us > 0 ? scalar::amplifier_weights(b_per_us * h0) : AmplifierWeights{}};
 }

@@ -2,8 +2,8 @@
 // The pixel model `pecs` (docs/reference/sensor.md): photocurrent planes in, event keys out. Every pixel has its own
 // thresholds and state; any thread may advance a range of pixels.
 //
-// The interval that starts at frame k is processed when frame k + 2 is known, because its monotone cubic (Fritsch &
-// Butland, SIAM J. Sci. Stat. Comput. 5, 1984) needs the slope at frame k + 1.
+// The interval that starts at frame k is processed when frame k + 2 is known, because its cubic (cubic.h) needs the
+// slope at frame k + 1.
 #include <cstdint>
 #include <optional>
 #include <span>

@@ -130,26 +130,32 @@ class ThresholdBlock {
     for (; i < static_cast<int>(a_.planes.size()); ++i) {
       take_light(i);
       if (a_.first_frame + i < 2) continue;
-      const IntervalTimes& t = a_.intervals[interval];
-      find_events(t, t.step == 0 ? kFirst : interval, i, 1,
-                  [&](auto pixels, V l1, V s0) { return inner_slope(s0, per(l1, at(row(i), pixels), t.per_next), t); });
-      ++interval;
+      const IntervalTimes& t = a_.intervals[interval++];
+      find_slopes(t, i);
+      find_events(t, i, 1);
     }
-    if (interval > 0) keep_slopes(a_.intervals[interval - 1], i);
     if (a_.last && interval < a_.intervals.size()) {
       // No frame follows: the chord is the slope at the end.
       const IntervalTimes& t = a_.intervals[interval];
-      find_events(t, t.step == 0 ? kChord : interval, i, 0, [](auto, V, V s0) { return s0; });
+      for (std::size_t w = 0; w < planes_.words(); ++w)
+        each_vector(planes_.changed(w), w, [&](std::uint32_t p) {
+          const V s0 = chord(i - 2, p, t.per_h);
+          if (t.step == 0) hn::StoreU(s0, F(), slope(i - 2) + p);
+          hn::StoreU(s0, F(), slope(i - 1) + p);
+        });
+      find_events(t, i, 0);
     }
     store(i);
   }
 
  private:
-  static constexpr std::size_t kWidth = kPixels + kMaxLanes, kFirst = ~std::size_t{0}, kChord = kFirst - 1;
+  static constexpr std::size_t kWidth = kPixels + kMaxLanes;
 
   void load() {
     for (const int i : {-4, -3, -2}) std::copy_n(a_.light0 + first_, count_, row(i));
     std::copy_n(a_.light1 + first_, count_, row(-1));
+    std::copy_n(a_.m0 + first_, count_, slope(-2));
+    std::fill_n(slope(-1), kWidth, 0.0f);
     moved_.set(count_, [&](std::uint32_t p) { return differs(row(-2), row(-1), p); });
     any_moved_ = moved_.any();
   }
@@ -157,6 +163,7 @@ class ThresholdBlock {
     if (!any_moved_) return;
     std::copy_n(row(i - 2), count_, a_.light0 + first_);
     std::copy_n(row(i - 1), count_, a_.light1 + first_);
+    std::copy_n(slope(i - 2), count_, a_.m0 + first_);
   }
   static HWY_INLINE bool differs(const float* a, const float* b, std::uint32_t p) {
     return !hn::AllTrue(F(), hn::Eq(hn::LoadU(F(), a + p), hn::LoadU(F(), b + p)));
@@ -187,27 +194,29 @@ class ThresholdBlock {
     if (frame == 0) std::copy_n(row(i), count_, a_.reference + first_);
   }
 
-  // Slopes at the last frame but one, for the next batch.
-  void keep_slopes(const IntervalTimes& t, int i) {
+  // Slopes at plane i - 1. They are 0 but where the light changes before and after it.
+  void find_slopes(const IntervalTimes& t, int i) {
     const F f;
-    if (!any_moved_) {
-      std::fill_n(a_.m0 + first_, count_, 0.0f);
-      return;
-    }
-    const auto lanes = static_cast<std::uint32_t>(hn::Lanes(f));
-    for (std::uint32_t p = 0; p < count_; p += lanes) {
-      const V l0 = hn::LoadU(f, row(i - 2) + p);
-      const V s0 = per(hn::LoadU(f, row(i - 3) + p), l0, t.per_h);
-      const V s1 = per(l0, hn::LoadU(f, row(i - 1) + p), t.per_next);
-      store_lanes(inner_slope(s0, s1, t), std::min(lanes, count_ - p), a_.m0 + first_ + p);
+    for (std::size_t w = 0; w < planes_.words(); ++w) {
+      const std::uint64_t before = planes_.changed(w, 1), both = planes_.changed(w) & before;
+      // The row holds the slopes at plane i - 3.
+      each_vector(planes_.changed(w, 2) & ~both, w,
+                  [&](std::uint32_t p) { hn::StoreU(hn::Zero(f), f, slope(i - 1) + p); });
+      if (t.step == 0)
+        each_vector(before, w, [&](std::uint32_t p) {
+          const V s1 = chord(i - 1, p, t.per_next);
+          hn::StoreU(end_slope(chord(i - 2, p, t.per_h), s1, t.h_us, 1 / t.per_next), f, slope(i - 2) + p);
+        });
+      each_vector(both, w, [&](std::uint32_t p) {
+        const V s0 = chord(i - 2, p, t.per_h), s1 = chord(i - 1, p, t.per_next);
+        hn::StoreU(inner_slope(s0, s1, hn::LoadU(f, slope(i - 2) + p), t.slope), f, slope(i - 1) + p);
+      });
     }
   }
 
   // Events of the interval between planes i - 2 and i - 1. Its light changes where the bits of the plane `planes_ago`
   // before the newest are set.
-  template <class SlopeAtEnd>
-  HWY_INLINE void find_events(const IntervalTimes& t, std::size_t interval, int i, std::size_t planes_ago,
-                              const SlopeAtEnd& slope_at_end) {
+  HWY_INLINE void find_events(const IntervalTimes& t, int i, std::size_t planes_ago) {
     // Lists instead of branches, which would be mispredicted: changed light may or may not make events. Lists of
     // pixels, not vectors: an edge changes few lanes of a vector.
     crossings_.begin(t);
@@ -221,27 +230,20 @@ class ThresholdBlock {
     while (active > 0 && active_[active - 1] >= count_) --active;  // lanes beyond the block
     const std::size_t lanes = hn::Lanes(F());
     std::fill_n(active_ + active, lanes, active > 0 ? active_[0] : 0);
-    for (std::size_t k = 0; k < active; k += lanes)
-      step(t, interval, std::span(active_ + k, std::min(lanes, active - k)), i, slope_at_end);
+    for (std::size_t k = 0; k < active; k += lanes) step(t, std::span(active_ + k, std::min(lanes, active - k)), i);
     crossings_.solve();
   }
 
-  static HWY_INLINE V per(V from, V to, float per_us) { return hn::Mul(hn::Sub(to, from), hn::Set(F(), per_us)); }
-  float* row(int i) { return l_[static_cast<unsigned>(i) & 3]; }  // ln I at plane i, as far as three back
+  // Slope of the chord from plane i to the next one.
+  HWY_INLINE V chord(int i, std::uint32_t p, float per_us) {
+    return hn::Mul(hn::Sub(hn::LoadU(F(), row(i + 1) + p), hn::LoadU(F(), row(i) + p)), hn::Set(F(), per_us));
+  }
+  float* row(int i) { return l_[static_cast<unsigned>(i) & 3]; }    // ln I at plane i, as far as three back
+  float* slope(int i) { return m_[static_cast<unsigned>(i) & 1]; }  // at plane i, as far as one back
   static HWY_INLINE V ln_current(const KernelArguments& a, V value, V before) {
     V current;
     const M lit = current_of(a, value, current);
     return hn::IfThenElse(lit, ln(current), before);
-  }
-
-  // Slope at the start of an interval, computed for pixels with events only.
-  template <class Pixels>
-  V slope_at_start(const IntervalTimes& t, std::size_t interval, Pixels pixels, int i, V l0, V l1, V s0) {
-    if (interval == kChord) return s0;
-    if (interval == kFirst) return end_slope(s0, per(l1, at(row(i), pixels), t.per_next), t.h_us, 1 / t.per_next);
-    if (interval == 0) return at(a_.m0 + first_, pixels);
-    const IntervalTimes& before = a_.intervals[interval - 1];
-    return inner_slope(per(at(row(i - 3), pixels), l0, before.per_h), s0, before);
   }
 
   HWY_INLINE V threshold(const float* of_pixels, std::uint32_t p) const {
@@ -256,9 +258,7 @@ class ThresholdBlock {
   static HWY_INLINE V at(const float* row, hn::Vec<I32> pixels) { return hn::GatherIndex(F(), row, pixels); }
 
   // The interval between planes i - 2 and i - 1 for at most one vector of pixels; `active` is padded to a vector.
-  template <class SlopeAtEnd>
-  HWY_INLINE void step(const IntervalTimes& t, std::size_t interval, std::span<const std::uint32_t> active, int i,
-                       const SlopeAtEnd& slope_at_end) {
+  HWY_INLINE void step(const IntervalTimes& t, std::span<const std::uint32_t> active, int i) {
     const F f;
     const U32 u;
     const VU numbers = hn::LoadU(u, active.data());
@@ -270,16 +270,16 @@ class ThresholdBlock {
     const V on = threshold_of(a_.threshold_on), off = hn::Neg(threshold_of(a_.threshold_off));
     const V moved = hn::Sub(l1, reference);
     const M rising = hn::Ge(moved, on);
-    // The k-th event is where the monotone cubic has moved by k thresholds. Measured from l0, with OFF mirrored to
+    // The k-th event is where the cubic has moved by k thresholds. Measured from l0, with OFF mirrored to
     // rise.
-    const V l0 = at(row(i - 2), pixels), s0 = per(l0, l1, t.per_h);
+    const V l0 = at(row(i - 2), pixels);
     const V threshold = hn::IfThenElse(rising, on, off);
     const V count = hn::IfThenElseZero(hn::FirstN(f, active.size()), hn::Floor(hn::Div(moved, threshold)));
     const V h = hn::Set(f, t.h_us), up = hn::CopySign(hn::Set(f, 1.0f), threshold), up_h = hn::Mul(up, h);
     const V two = hn::Set(f, 2.0f), three = hn::Set(f, 3.0f);
     const V rise = hn::Mul(up, hn::Sub(l1, l0));
-    const V c1 = hn::Mul(up_h, slope_at_start(t, interval, pixels, i, l0, l1, s0));
-    const V end = hn::Mul(up_h, slope_at_end(pixels, l1, s0));
+    const V c1 = hn::Mul(up_h, at(slope(i - 2), pixels));
+    const V end = hn::Mul(up_h, at(slope(i - 1), pixels));
     const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, c1, end));
     const V c3 = hn::NegMulAdd(two, rise, hn::Add(c1, end));
     const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
@@ -298,7 +298,7 @@ class ThresholdBlock {
   VectorBits<kPixels> moved_;  // at the start of a batch: where the last frame differs from the previous one
   bool any_moved_ = false;     // since then
   std::uint32_t active_[kPixels + 2 * kLanes];
-  float l_[4][kWidth] = {};
+  float l_[4][kWidth] = {}, m_[2][kWidth] = {};
 };
 
 void RunThresholdKernel(const KernelArguments& a) {
