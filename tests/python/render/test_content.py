@@ -162,7 +162,7 @@ from pecs_blender.render import content
 from pecs_blender.render.interface_only import INTERFACE
 
 def things():
-    "One of each type that the scene has; anew, since a change may free others."
+    "One of each type that the scene has, read again: a change may free others."
     bpy.ops.wm.open_mainfile(filepath=sys.argv[1] + "/scene.blend")
     walk = content.Walk(bpy.context.scene)
     walk.value(bpy.context.scene)

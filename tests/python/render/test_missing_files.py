@@ -41,7 +41,9 @@ def texture(tree, path, source):
 scene, cube, tree = new()
 bpy.ops.object.select_all(action="DESELECT")
 cube.select_set(True)
-cube.keyframe_insert("location", frame=1)
+for frame in (1, 3):
+    cube.location.x = frame
+    cube.keyframe_insert("location", frame=frame)
 bpy.ops.wm.alembic_export(filepath=folder + "/cache.abc", start=1, end=3, selected=True)
 bpy.data.objects.remove(cube)
 bpy.ops.wm.alembic_import(filepath=folder + "/cache.abc")
@@ -181,10 +183,8 @@ def test_every_missing_file_is_named(blends):
     done = in_bpy(CHECK, blends, json.dumps(names))
     found = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
     for name, file in MISSING.items():
-        assert len(found["no_" + name]) == 1 and f"{blends}/{file}: no such file" in found["no_" + name][0], (
-            name,
-            found,
-        )
+        first, *more = found["no_" + name]
+        assert f"{blends}/{file}: no such file" in first and len(more) == (name == "vdb_offset"), (name, found)
     assert [found[name] for name in THERE] == [[]] * len(THERE)
 
 
