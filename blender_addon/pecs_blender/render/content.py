@@ -41,6 +41,7 @@ ARRAYS = {  # read as one: of the collection's items, those of these that they h
 }
 GEOMETRY = (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)  # its attributes are read as arrays
 EXTENDED = (bpy.types.ID, bpy.types.Bone, bpy.types.PoseBone, bpy.types.ViewLayer)  # to which add-ons add properties
+PATHS = ("FILE_PATH", "DIR_PATH")  # of these the files count, wherever they are (outside_files.py)
 RENDERER = "cycles"  # begins the names of those that renders depend on
 
 
@@ -180,6 +181,8 @@ def counts(kind: type, prop: bpy.types.Property) -> bool:
     """Whether a property of a type counts for the digest."""
     name = prop.identifier
     if name == "rna_type" or prop.is_runtime and issubclass(kind, EXTENDED) and not name.startswith(RENDERER):
+        return False
+    if prop.type == "STRING" and prop.subtype in PATHS:
         return False
     struct = kind.bl_rna
     while struct:

@@ -40,6 +40,11 @@ child.parent = cube
 scene = bpy.context.scene
 scene.collection.objects.link(child)
 cube.modifiers.new("remesh", "REMESH").show_render = False
+cache, smoke = cube.modifiers.new("cache", "MESH_CACHE"), bpy.data.volumes.new("smoke")
+for thing, one in ((cache, "moves.mdd"), (smoke, "smoke.vdb")):
+    open(f"{folder}/{one}", "w").close()
+    thing.filepath = "//" + one
+scene.collection.objects.link(bpy.data.objects.new("smoke", smoke))
 cube.modifiers.new("subdivided", "SUBSURF")
 cube.constraints.new("LOCKED_TRACK").target = bpy.data.objects["Light"]
 cube.data.uv_layers.new(name="second")
@@ -133,6 +138,8 @@ SHOWN = [  # edits that change the light
     "scene.view_layers[0].material_override = data.materials['other']",
     "scene.view_layers[0].world_override = data.worlds['other']",
     "scene.view_layers[0].use_sky = False",
+    "(folder / 'moves.mdd').write_text('1')",
+    "(folder / 'smoke.vdb').write_text('1')",
     "(folder / 'red.png').write_bytes((folder / 'green.png').read_bytes())",
 ]
 HIDDEN = [  # what a user does to a file without changing its light
