@@ -100,12 +100,12 @@ def _cache(cache: bpy.types.CacheFile, scene: bpy.types.Scene) -> list[str]:
 
 def _modifier_inputs(modifier: bpy.types.NodesModifier, _scene: bpy.types.Scene) -> list[str]:
     items = modifier.node_group.interface.items_tree if modifier.node_group else ()
-    named = [item for item in items if isinstance(item, bpy.types.NodeTreeInterfaceSocketStringFilePath)]
+    named = [item for item in items if item.bl_rna.identifier == "NodeTreeInterfaceSocketStringFilePath"]
     return [modifier[item.identifier] for item in named if isinstance(modifier.get(item.identifier), str)]
 
 
 def _node_inputs(node: bpy.types.Node, _scene: bpy.types.Scene) -> list[str]:
-    free = (one for one in node.inputs if isinstance(one, bpy.types.NodeSocketStringFilePath) and not one.is_linked)
+    free = (one for one in node.inputs if one.bl_rna.identifier == "NodeSocketStringFilePath" and not one.is_linked)
     return [] if node.mute else [one.default_value for one in free]
 
 
@@ -123,7 +123,7 @@ def _domain(modifier: bpy.types.FluidModifier, _scene: bpy.types.Scene) -> list[
 
 
 _READ: dict[type, Callable[[Any, bpy.types.Scene], list[str]]] = {
-    bpy.types.Library: _own(lambda library: not library.packed_file),
+    bpy.types.Library: _own(lambda library: not getattr(library, "packed_file", None)),
     bpy.types.Image: _image,
     bpy.types.Volume: _volume,
     bpy.types.CacheFile: _cache,
