@@ -8,8 +8,9 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import pecs
 from pecs import _arguments
@@ -24,6 +25,10 @@ from .render.resources import Restart
 from .render.scene_file import load_scene
 from .render.shards import merge
 from .render.spectra import spectrum
+
+if TYPE_CHECKING:  # they import bpy
+    from .render.plan import Plan
+    from .render.source import Source
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
@@ -138,8 +143,8 @@ def _reconstruct_options(command) -> None:
     add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
 
 
-def _render(args: dict) -> Path:
-    """The stack's folder."""
+def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> Path:
+    """The stack's folder. check: of what follows the render, before it begins."""
     options = _options(args)
     if options.lux and args["scene"] and args["scene"].suffix != ".blend":
         raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
@@ -148,7 +153,10 @@ def _render(args: dict) -> Path:
     from .render.render import render
 
     exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
-    folder = render(source, args["output"], resolve(options, source), exists, args["plan"])
+    plan = resolve(options, source)
+    if check:
+        check(source, plan)
+    folder = render(source, args["output"], plan, exists, args["plan"])
     if folder != args["output"]:
         report(f"render: into {folder}", folder=str(folder))
     return folder
@@ -160,12 +168,25 @@ def _run(args: dict) -> None:
         name = "--no-light" if args["no_light"] else "--only"
         message = f"{name} cannot be combined with run, which needs the whole stack; use render, then sense"
         raise UsageError(message)
-    pecs = programs.pecs()  # before hours of rendering
-    folder = _render({**args, "output": stack or events.with_suffix(".stack"), "plan": False})
+    program, stack = [programs.pecs(), "sense"], stack or events.with_suffix(".stack")
     words = ["--chip", args["chip"], "--threads", str(args["threads"]), *sense]
     if not {"--quiet", "--verbose"} & set(sense):
         words += [f"--{name}" for name in ("quiet", "verbose") if args[name]]
-    programs.become([pecs, "sense", str(folder), "-o", str(events), *words])
+
+    def check(source: Source, plan: Plan) -> None:
+        from .render.rehearsal import rehearse
+
+        rehearse(program, events, stack, words, source, plan)
+
+    folder = _render({**args, **_chip_size(args), "output": stack, "plan": False}, check)
+    programs.become([*program, str(folder), "-o", str(events), *words])
+
+
+def _chip_size(args: dict) -> dict[str, int]:
+    """Of a chip that has one, unless a size is given."""
+    chip = pecs.Chip(args["chip"])
+    given = args["width"] or args["height"] or not (chip.width and chip.height)
+    return {} if given else {"width": chip.width, "height": chip.height}
 
 
 def _options(args: dict) -> Options:
@@ -178,7 +199,7 @@ def _source(args: dict, illuminant: str):
         import bpy
     except ImportError as e:
         raise UsageError(f"bpy: {e}; pip install bpy, or run inside Blender") from None
-    from .render.blend import BlendScene
+    from .render.blend import BlendScene, check
     from .render.folder import FolderScene
     from .render.placed import Placed
 
@@ -192,7 +213,9 @@ def _source(args: dict, illuminant: str):
     else:
         lamp = spectrum(illuminant, path.absolute().parent)
         source = BlendScene(path, args["scene_name"], lamp, args["allow_scripts"])
-    source.placed = Placed(args["place"], source.scene, source.unit_m) if args["place"] else None
+    if args["place"]:
+        source.placed = Placed(args["place"], source.scene, source.unit_m)
+        check(args["place"], source.scene, args["allow_scripts"])
     return source
 
 
@@ -254,8 +277,8 @@ COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
         _run,
         _run_options,
         "render a scene and simulate its events",
-        "Renders a .blend file or a scene folder like `render`, and passes the stack to `pecs sense`. To continue a "
-        "stopped job, run it again.",
+        "Renders a .blend file or a scene folder like `render`, and passes the stack to `pecs sense`. Without --width "
+        "and --height, the picture has the size of the chip, if it has one. To continue a stopped job, run it again.",
         "pecs run FILE.blend -o events.raw --frames all --width 346 --chip davis346",
         "pecs run FILE.blend -o events.raw --lux 500lx --sense --seed 2 --no-noise",
     ),

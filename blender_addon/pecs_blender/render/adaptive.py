@@ -48,7 +48,7 @@ PLAN_SCALE = 0.25  # size of the pictures on which motion is measured for choosi
 SHARED = 2  # keyframes on each side whose samples are shared
 
 # Rendering only what changed since the anchor
-ANCHOR_EVERY = 64  # keyframes
+ANCHOR_EVERY = 64  # keyframes; at a cut, too
 MAX_CHANGED = 0.7  # of the picture; beyond it the whole picture is rendered
 
 # Motion as written: its files are a third as large as without rounding
@@ -104,7 +104,9 @@ class Keyframes:
 def choose_keyframes(stage: Stage, instants: Instants, progress: Line) -> Keyframes:
     scale = PLAN_SCALE / stage.subpixels
     paths = keyframes.Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
-    return Keyframes(instants.grid, keyframes.choose(instants.grid, paths, instants.step_px, progress))
+    cameras = [stage.source.camera_at(t * 1e-9) for t in instants.grid.bounds_ns]
+    cuts = [i for i in range(1, len(cameras)) if cameras[i] != cameras[i - 1]]
+    return Keyframes(instants.grid, keyframes.choose(instants.grid, cuts, paths, instants.step_px, progress))
 
 
 def _rounded(motion: np.ndarray) -> np.ndarray:
@@ -143,6 +145,11 @@ class Adaptive:
         self._changes = ChangedParts(stage, light, hits, self._judge)
         self._grid_s = [t * 1e-9 for t in keyframes.grid.bounds_ns]
         self._between = Between(stage, light, self._judge, self._grid_s, output)
+        self._cameras = [stage.source.camera_at(keyframes.time_s(i)) for i in range(len(keyframes.keys))]
+        self._anchors: list[int] = []
+        for i, camera in enumerate(self._cameras):
+            begins = i % ANCHOR_EVERY == 0 or camera != self._cameras[i - 1]
+            self._anchors.append(i if begins else self._anchors[-1])
         self._own: dict[int, Picture] = {}  # before samples are shared
         self._shared: dict[int, Picture] = {}
         hits.keep = 2 * SHARED + 2
@@ -188,13 +195,13 @@ class Adaptive:
         count, periodic = len(self._keyframes.keys), self._keyframes.grid.period_ns
         near = range(index - SHARED, index + SHARED + 1)
         near = [i % count if periodic else i for i in near]
-        near = list(dict.fromkeys(i for i in near if 0 <= i < count))
+        near = list(dict.fromkeys(i for i in near if 0 <= i < count and self._cameras[i] == self._cameras[index]))
         at_ends = {*range(SHARED), *range(count - SHARED, count)} if periodic else set()
         self._own = {i: own for i, own in self._own.items() if i in near or i in at_ends}
         time_s = self._keyframes.time_s
         for i in near:
             if i not in self._own:
-                self._own[i] = self._changes.render(i, time_s(i), time_s(i - i % ANCHOR_EVERY))
+                self._own[i] = self._changes.render(i, time_s(i), time_s(self._anchors[i]))
         if len(near) == 1:
             return self._own[index]
         hits = {i: self._hits.at(time_s(i)) for i in near}
@@ -235,7 +242,7 @@ class ChangedParts:
         self._anchor: tuple[float, np.ndarray, np.ndarray | None, Picture, SurfaceHits] | None = None
 
     def render(self, index: int, t_s: float, anchor_s: float) -> Picture:
-        """Keyframe `index`. anchor_s: time of keyframe index - index % ANCHOR_EVERY."""
+        """Keyframe `index`. anchor_s: time of its anchor."""
         if self._anchor is None or self._anchor[0] != anchor_s:
             hits = self._hits.at(anchor_s)
             self._stage.set_time(anchor_s)

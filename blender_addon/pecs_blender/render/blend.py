@@ -10,9 +10,11 @@ import bpy
 from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
 
 from . import content, cycles
+from .outside_files import missing_files
 from .source import Source
 from .spectra import Spectrum
 
+MOST_NAMES = 5  # in a note
 FOLDER_KEY = "pecs_folder"  # custom property of the scene in a temporary copy: folder of the original
 
 
@@ -32,10 +34,8 @@ class BlendScene(Source):
         if bpy.context.window:
             bpy.context.window.scene = self.scene
         self.folder = Path(self.scene.get(FOLDER_KEY, path.absolute().parent))
-        for driver in () if allow_scripts else python_drivers():
-            raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
-        for missing in missing_files():
-            raise PecsNotFoundError(f"{path}: {missing}")
+        self.scene.pop(FOLDER_KEY, None)  # not part of the scene
+        check(path, self.scene, allow_scripts)
         if not self.scene.camera:
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
         if self.scene.frame_end < self.scene.frame_start:
@@ -53,41 +53,48 @@ class BlendScene(Source):
             "content_sha256": content.digest(self.scene),
             "illuminant": illuminant.name,
         }
-        self._illuminant, self._camera = illuminant, self.scene.camera
-        # Blender would replace a lens camera by a marker's camera at every render.
-        self._cuts = [(m.frame, m.camera) for m in self.scene.timeline_markers if m.camera and not m.camera.hide_render]
-        self._cuts.sort(key=lambda cut: cut[0])
-        self.scene.timeline_markers.clear()
+        self._illuminant, self.own_camera = illuminant, self.scene.camera
+        self._cuts = _cuts(self.scene)
+        fstop = self.camera_at(0.0).data.dof.aperture_fstop  # content.digest has moved the scene there
+        self.fnumber = float(f"{fstop:.6g}") if 0.1 <= fstop <= 1e4 else None
+        self.notes = tuple(notes(self.scene))
+        self.scene.timeline_markers.clear()  # Blender would replace a lens camera by a marker's camera at every render
         for layer in self.scene.view_layers:
             layer.use = layer == self.scene.view_layers[0]
 
-    def set_time(self, t_s: float) -> None:
+    def _frame(self, t_s: float) -> float:
         """t = 0 is the scene's first frame."""
-        frame = round(self.scene.frame_start + t_s * self._fps, 6)
-        if self._cuts:  # the last marker's camera; before the first marker, its camera
-            self._camera = [self._cuts[0], *(cut for cut in self._cuts if cut[0] <= frame)][-1][1]
-        self.scene.camera = self._camera
+        return round(self.scene.frame_start + t_s * self._fps, 6)
+
+    def camera_at(self, t_s: float) -> bpy.types.Object:
+        """The last marker's camera; before the first marker, its camera. As Blender does, in remapped time."""
+        render, frame = self.scene.render, self._frame(t_s)
+        frame = round(frame * render.frame_map_old / render.frame_map_new, 6)
+        passed = [camera for at, camera in self._cuts if at <= frame]
+        return [self.own_camera, *(camera for _, camera in self._cuts[:1]), *passed][-1]
+
+    def set_time(self, t_s: float) -> None:
+        frame = self._frame(t_s)
+        self.scene.camera = self.own_camera = self.camera_at(t_s)
         if self.path:
-            self._camera.matrix_world = self.on_path(t_s)
+            self.own_camera.matrix_world = self.on_path(t_s)
         if self.placed:
             self.placed.pose(t_s)
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
-        if not self.fnumber:  # t = 0 comes first
-            fstop = self._camera.data.dof.aperture_fstop
-            self.fnumber = float(f"{fstop:.6g}") if 0.1 <= fstop <= 1e4 else None
+        self.own_camera = self.scene.camera  # scripts may switch it
 
     def follow(self, path) -> None:
         super().follow(path)
-        for camera in {self._camera, *(camera for _, camera in self._cuts)}:  # nothing else may move them
+        for camera in {self.own_camera, *(camera for _, camera in self._cuts)}:  # nothing else may move them
             camera.animation_data_clear()
             camera.constraints.clear()
             camera.parent = None
 
-    def camera(self, focal_mm: float, film_width_mm: float):
-        return self._camera  # unchanged, with its depth of field
+    def make_camera(self, focal_mm: float, film_width_mm: float) -> None:
+        pass  # the file's own, unchanged, with its depth of field
 
     def place(self, cameras) -> None:
-        location, rotation, _ = self._camera.matrix_world.decompose()
+        location, rotation, _ = self.own_camera.matrix_world.decompose()
         for camera in cameras:
             camera.rotation_mode = "QUATERNION"
             camera.location, camera.rotation_quaternion = location, rotation
@@ -98,6 +105,41 @@ class BlendScene(Source):
         return self._illuminant.luminous() / self._illuminant.power()
 
 
+def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
+    """What came from this file: no scripts that must not run, no files that are missing."""
+    for driver in () if allow_scripts else python_drivers():
+        raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
+    for missing in missing_files(scene):
+        raise PecsNotFoundError(f"{path}: {missing}")
+
+
+def notes(scene: bpy.types.Scene) -> Iterator[str]:
+    """On what a render leaves out of the scene."""
+    first, *others = scene.view_layers
+    elsewhere = {thing.name for layer in others if layer.use for thing in layer.objects} - {*first.objects.keys()}
+    if elsewhere:
+        yield f"only view layer {first.name!r} is rendered, without {_list(sorted(elsewhere))} of other view layers"
+    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
+        aspect = f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}"
+        yield f"pixels are square; the file's pixel aspect of {aspect} is ignored"
+    stops = {round(camera.data.dof.aperture_fstop, 4) for _, camera in _cuts(scene)}
+    if len(stops) > 1:
+        named = ", ".join(f"f/{stop:g}" for stop in sorted(stops))
+        yield f"the markers' cameras have {named}; the stack has one f-number: the first frame's, or --fnumber"
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(map(repr, names[:MOST_NAMES])) + (
+        f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    )
+
+
+def _cuts(scene: bpy.types.Scene) -> list[tuple[int, bpy.types.Object]]:
+    """Frames of the markers that switch the camera, in their order."""
+    cuts = [(m.frame, m.camera) for m in scene.timeline_markers if m.camera and not m.camera.hide_render]
+    return sorted(cuts, key=lambda cut: cut[0])
+
+
 def python_drivers() -> Iterator[str]:
     """Drivers beyond Blender's simple expressions."""
     for block in _all_ids():
@@ -106,16 +148,6 @@ def python_drivers() -> Iterator[str]:
                 driver = curve.driver
                 if driver.type == "SCRIPTED" and not driver.is_simple_expression:
                     yield f"{block.name}: {curve.data_path}: Python driver {driver.expression!r}"
-
-
-def missing_files() -> Iterator[str]:
-    for library in bpy.data.libraries:
-        if not Path(bpy.path.abspath(library.filepath)).is_file():
-            yield f"library {library.filepath}: no such file"
-    for image in bpy.data.images:
-        if image.source in ("FILE", "SEQUENCE", "MOVIE") and image.users and not image.packed_file:
-            if image.filepath and not Path(bpy.path.abspath(image.filepath, library=image.library)).is_file():
-                yield f"image {image.name!r}: {image.filepath}: no such file"
 
 
 def _all_ids():

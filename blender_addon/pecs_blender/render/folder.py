@@ -26,7 +26,7 @@ METER_SAMPLES = 1 << 16
 class FolderScene(Source):
     def __init__(self, scene_file: SceneFile):
         self.scene = cycles.empty_scene()
-        self._file, self._t_s, self._pinhole = scene_file, 0.0, None
+        self._file, self._t_s = scene_file, 0.0
         self._parts = scene_file.build()
         self.folder = scene_file.folder
         self.lens = scene_file.camera
@@ -46,13 +46,12 @@ class FolderScene(Source):
         self._t_s = t_s
         if self.placed:
             self.placed.pose(t_s)
-        if self.path and self._pinhole:
-            self.place([self._pinhole])
+        if self.path and self.own_camera:
+            self.place([self.own_camera])
 
-    def camera(self, focal_mm: float, film_width_mm: float):
-        self._pinhole = self.scene.camera = cycles.pinhole_camera("pinhole", focal_mm, film_width_mm)
-        self.place([self._pinhole])
-        return self._pinhole
+    def make_camera(self, focal_mm: float, film_width_mm: float) -> None:
+        self.own_camera = self.scene.camera = cycles.pinhole_camera("pinhole", focal_mm, film_width_mm)
+        self.place([self.own_camera])
 
     def place(self, cameras) -> None:
         for camera in cameras:

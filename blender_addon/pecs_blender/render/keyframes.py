@@ -41,7 +41,10 @@ class Paths:
 
     def _one_way(self, times_s: list[float]) -> np.ndarray:
         seen = self._hits_at(times_s[0])
-        at = [self._surfaces.place(seen, self._pose(t))[:2] for t in times_s]
+        poses = [self._pose(t) for t in times_s]
+        if any(one.view.camera != seen.poses.view.camera for one in poses):
+            return np.full(3, np.inf)
+        at = [self._surfaces.place(seen, one)[:2] for one in poses]
         height, width = at[0].shape[1:]
         limits = np.array([width, height])[:, None, None]
         inside = np.any([np.all((p >= 0) & (p <= limits), axis=0) for p in at[1:]], axis=0)
@@ -86,15 +89,16 @@ def _turned(moved: np.ndarray, instance: np.ndarray) -> float:
     return most
 
 
-def choose(plan: Timeline, motion: Paths, step_px: float, progress: Line) -> list[int]:
+def choose(plan: Timeline, cuts: list[int], motion: Paths, step_px: float, progress: Line) -> list[int]:
     """Indices of the keyframes. They include the first and the last instant; with a period, the last interval ends at
-    its end."""
+    its end. cuts: indices at which another camera begins, each a keyframe, like the one before it."""
     grid_s = [t * 1e-9 for t in plan.bounds_ns]
     last = len(grid_s) - 1
     keys, guess = [0], 1
     while keys[-1] < last:
         start = keys[-1]
-        ends_s = grid_s[start : start + LONGEST + 1]
+        cut = next((cut for cut in cuts if cut > start), last + 1)
+        ends_s = grid_s[start : min(start + LONGEST, max(start + 1, cut - 1)) + 1]
         guess = _longest(guess, motion, ends_s, step_px)
         keys.append(start + guess)
         progress("", keys[-1], last)

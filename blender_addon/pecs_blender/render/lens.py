@@ -53,11 +53,12 @@ class Lens:
 
 @dataclass(frozen=True)
 class Pass:
-    """One RGB render of up to three bands with one camera. blurs: diffraction of each band's picture."""
+    """One RGB render of up to three bands. camera: of a lens; None: the scene's own (Stage.camera_of). blurs: of each
+    band's picture, by diffraction."""
 
     bands: slice
     channels: BandSet  # of red, green and blue; a pass of fewer bands repeats its last
-    camera: bpy.types.Object
+    camera: bpy.types.Object | None
     blurs: tuple = ()  # none without diffraction
 
 

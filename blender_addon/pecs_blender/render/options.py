@@ -175,9 +175,11 @@ class Options:
         metavar="FILE",
         recorded=False,
     )
-    width: int | None = option(None, "width in pixels; by default the scene's", low=1, high=8192, recorded=False)
+    width: int | None = option(
+        None, "width in pixels; by default the scene's, with `pecs run` the chip's", low=1, high=8192, recorded=False
+    )
     height: int | None = option(
-        None, "height in pixels; by default from the scene's aspect ratio", low=1, high=8192, recorded=False
+        None, "height in pixels; with a width alone, from the scene's aspect ratio", low=1, high=8192, recorded=False
     )
     film_width_mm: float | None = option(
         None, "width of a lens camera's film; by default the chip's", low=0.01, high=1000, unit="mm"

@@ -51,7 +51,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
         source.follow(plan.view.path)
     source.set_time(0.0)
     scale = source.radiance_per_unit(spectral) * plan.bands.light_scale
-    source.scene.camera = source.camera(plan.view.focal_mm, plan.view.film_width_mm)
+    source.make_camera(plan.view.focal_mm, plan.view.film_width_mm)
     lux, luminance = _photometry(source.scene, spectral)
     found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
@@ -84,16 +84,13 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
     """What multiplies all light so that the median surface in view is lit with `lux`. All is then as before."""
-    scene, saved = source.scene, source.scene.camera
-    render, (width, height) = scene.render, _size(source)
+    scene, (width, height) = source.scene, _size(source)
     changes = (
-        (render, {"resolution_x": width, "resolution_y": height}),
+        (scene.render, {"resolution_x": width, "resolution_y": height}),
         (scene.cycles, {"samples": SAMPLES, "use_denoising": False}),
     )
     with cycles.changed(changes):
-        scene.camera = source.camera(0.0, 0.0)
         found = _photometry(scene, spectral)[0]
-        scene.camera = saved
     if not len(found) or not (median := float(np.median(found))) > 0:
         raise PecsInputError(f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
     # Rounded, so that a job continued on another machine finds the same number.

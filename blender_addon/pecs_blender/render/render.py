@@ -59,6 +59,8 @@ class Render:
 
     def set_up(self, scratch: Path) -> None:
         """Makes the scene spectral, measures its light, and builds a camera for each pass."""
+        for note in self._source.notes if not self._plan.verbosity["quiet"] else ():
+            print(f"render: {note}", file=sys.stderr)
         self._stage = Stage(self._source, self._plan, scratch)
 
     def take_up(self, folder: Path, exists: str) -> bool:
@@ -247,7 +249,7 @@ class Render:
         stage, scene, film = self._stage, self._source.scene, cycles.Film(self._source.scene)
         width, height = stage.size
         stage.set_time(self._instants.times_ns[0] * 1e-9)
-        scene.camera = stage.passes[0].camera
+        scene.camera = stage.camera_of(stage.passes[0])
         scene.cycles.samples *= stage.rays_per_sample
         stage.spectral.set_pass(stage.passes[0].channels)
         strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)

@@ -33,16 +33,17 @@ NEAR_FIELD = 0.98  # of the lens's field; the slope from here to the edge extrap
 
 @dataclass(frozen=True)
 class View:
-    """A camera at one instant. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for cameras that are neither
-    perspective nor orthographic. lens: whether the rays are a lens's."""
+    """A camera at one instant. camera: the scene's own. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for
+    cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's."""
 
+    camera: bpy.types.Object
     camera_from_world: np.ndarray
     clip_from_camera: np.ndarray | None
     lens: bool
 
     def same(self, other: View) -> bool:
         """Whether both are bit-identical; an unknown projection never is."""
-        if not np.array_equal(self.camera_from_world, other.camera_from_world):
+        if self.camera != other.camera or not np.array_equal(self.camera_from_world, other.camera_from_world):
             return False
         if self.lens or other.lens:
             return self.lens and other.lens
@@ -69,7 +70,7 @@ class Sight:
             cycles.save_picture(both.astype(np.float32), path, stage.source.scene)
             self._camera = cycles.osl_camera(name, CHIEF_RAYS.format(path=path), stage.scratch)
         else:
-            self._camera = bpy.data.objects.new(name, stage.source.scene.camera.data)
+            self._camera = bpy.data.objects.new(name, stage.source.own_camera.data)
             stage.source.scene.collection.objects.link(self._camera)
             bpy.context.view_layer.update()  # a scene folder's camera may just have been made
 
@@ -79,7 +80,7 @@ class Sight:
         if self._stage.lens:
             source.place([self._camera])
         else:
-            own = source.scene.camera
+            own = source.own_camera
             sharp = self._sharp_copy(own.data)
             if self._camera.data != sharp:  # assigning the same data would re-evaluate the scene
                 self._camera.data = sharp
@@ -107,7 +108,7 @@ class Sight:
         if not lens and camera.data.type in ("PERSP", "ORTHO"):
             aspect = dict(zip(("scale_x", "scale_y"), 1 / self._per_pixel, strict=True))
             clip = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, **aspect), float) @ FLIP
-        return View(FLIP @ np.linalg.inv(world), clip, lens)
+        return View(self._stage.source.own_camera, FLIP @ np.linalg.inv(world), clip, lens)
 
     def points(self, view: View, positions: np.ndarray) -> np.ndarray:
         """Points in camera axes [3, height, width] on the rays of the pixels' centres, at the depths of positions

@@ -20,8 +20,10 @@ FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Ble
 class Source(ABC):
     """scene: the Blender scene to render. unit_m: metres per unit of its coordinates. lens: `lens` (a name or "none"),
     `stop_diameter_mm`, `focus_m`. size: pixels. bounces: Cycles settings. record: for stack.json. folder: of files with
-    relative paths. path: replaces the camera's own motion. placed: objects of other files. fnumber: of the scene's own
-    camera at t = 0. lamps: not animated, but set_time changes their strength."""
+    relative paths. path: replaces the camera's own motion. own_camera: the scene's camera since the last set_time;
+    `scene.camera` may be one that renders a part of a frame. placed: objects of other files. fnumber: of own_camera at
+    t = 0. lamps: not animated, but set_time changes their strength. notes: on what a render leaves out of
+    the scene."""
 
     scene: bpy.types.Scene
     folder: Path
@@ -33,9 +35,11 @@ class Source(ABC):
     unit_m: float = 1.0
     duration_s: float | None = None  # of `--frames all`
     path: CameraPath | None = None
+    own_camera: bpy.types.Object | None = None
     placed: Placed | None = None
     fnumber: float | None = None
     lamps: tuple[bpy.types.Light, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def follow(self, path: CameraPath) -> None:
         """Moves the camera along a path, from the next set_time on."""
@@ -51,13 +55,17 @@ class Source(ABC):
     def set_time(self, t_s: float) -> None:
         """Moves everything to an instant."""
 
+    def camera_at(self, t_s: float) -> bpy.types.Object | None:
+        """The scene's camera at a time."""
+        return self.own_camera
+
     @abstractmethod
-    def camera(self, focal_mm: float, film_width_mm: float) -> bpy.types.Object:
-        """The camera of renders without a lens."""
+    def make_camera(self, focal_mm: float, film_width_mm: float) -> None:
+        """Makes own_camera, if the scene has none yet."""
 
     @abstractmethod
     def place(self, cameras: list[bpy.types.Object]) -> None:
-        """Moves lens cameras to the scene's camera."""
+        """Moves lens cameras to own_camera."""
 
     @abstractmethod
     def radiance_per_unit(self, spectral) -> float:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import bpy
 import numpy as np
 
 from . import cycles, lens
@@ -33,6 +34,7 @@ class Stage:
     def __init__(self, source: Source, plan: Plan, scratch: Path):
         self.source, self.scratch = source, scratch
         self.size, self.subpixels, self.moving_px = plan.view.size, plan.view.subpixels, plan.view.moving_px
+        self.lens = lens.choose(source, plan.view)
         self._set_up_cycles(plan.sampling)
         self._choose_bands(plan.bands)
         apart = plan.instants.step_px and plan.light
@@ -65,10 +67,10 @@ class Stage:
         band_set = self._chosen.bands
         self.unit = self.spectral.emitters.norm(band_set) * self.radiance_per_unit
         slices = passes(len(self.bands), per_pass)
-        self.lens, self.lens_record, self.rays_per_sample = lens.choose(self.source, view), None, 1
+        self.lens_record, self.rays_per_sample = None, 1
         if not self.lens:
-            camera = self.source.camera(view.focal_mm, view.film_width_mm)
-            self.passes = tuple(lens.Pass(one, band_set.of_pass(one), camera) for one in slices)
+            self.source.make_camera(view.focal_mm, view.film_width_mm)
+            self.passes = tuple(lens.Pass(one, band_set.of_pass(one), None) for one in slices)
             return
         made = lens.cameras(self.lens, self._chosen, slices, view.colour_tolerance_px, self.source.unit_m, self.scratch)
         self.passes, self.rays_per_sample, self.lens_record = made.passes, made.rays_per_sample, made.record
@@ -84,6 +86,10 @@ class Stage:
         self.factors = self.lamps.factors(t_s)
         if self.lens:
             self.source.place([one.camera for one in self.passes])
+
+    def camera_of(self, one: lens.Pass) -> bpy.types.Object:
+        """That renders a pass now."""
+        return one.camera or self.source.own_camera
 
     def print_bands(self) -> None:
         """Their number, and the estimated error."""

@@ -7,7 +7,7 @@ mesh that deforms (mesh_points.py). A second scene would be slower: Blender keep
 
 Unknown (NaN): the motion of instances that the other instant lacks or whose Random is not unique, of meshes whose
 topology changes, of deforming hair, curves and points, and of everything if a panoramic camera moves. Lamps are
-ignored."""
+ignored. Nothing moves across a cut from one camera to another."""
 
 from __future__ import annotations
 
@@ -114,7 +114,9 @@ class Surfaces:
 
     def place(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
         """[3, h, w] float64: film x, y [px of this picture; pixel centres at .5] and depth z [m] of the seen points at
-        the poses' instant; NaN if unknown. Exactly the pixel's centre where nothing moves."""
+        the poses' instant; NaN if unknown, so after a cut. Exactly the pixel's centre where nothing moves."""
+        if seen.poses.view.camera != poses.view.camera:
+            return np.full((3, *seen.instance.shape), np.nan)
         before, view, instance = seen.poses, poses.view, seen.instance.ravel()
         out = np.full((3, instance.size), np.nan)
         centres, points = self.centres().reshape(2, -1), seen.points.reshape(3, -1)
@@ -146,7 +148,7 @@ class Surfaces:
         if before.same(view):
             return True
         rays = self._sight.rays(before)
-        return rays is not None and not rays[1].any()
+        return before.camera == view.camera and rays is not None and not rays[1].any()
 
     def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
         """Directions [3, n] in camera axes of sky pixels [n], which turn with the camera. 0 where the sky stays; where

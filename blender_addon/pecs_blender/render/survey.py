@@ -101,7 +101,7 @@ class _Eye:
         self._shapes: dict[int, tuple[Geometry, Shape]] = {}  # by address of a Geometry, which stays alive here
         cycles.configure(source.scene, 8, 8, cycles.Sampling(1, 0, source.bounces))
         source.set_time(0.0)
-        source.scene.camera = source.camera(50.0, 36.0)  # without one, Blender renders nothing
+        source.make_camera(50.0, 36.0)  # without one, Blender renders nothing
         self._film = cycles.Film(source.scene)
 
     def instances(self, things: Things, t_s: float) -> list[Instance]:

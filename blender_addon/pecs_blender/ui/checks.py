@@ -42,8 +42,14 @@ def sensor_problems(scene) -> list[Problem]:
     if not _chip(scene):
         return list(_chip_problems(scene))
     known = settings.parameters(scene.pecs)
-    wrong = [settings.override_error(one, known) for one in scene.pecs.sensor.overrides]
-    return [*(Problem(text) for text in wrong if text), *_folder_problems(paths.events(scene).parent)]
+    wrong = [text for one in scene.pecs.sensor.overrides if (text := settings.override_error(one, known))]
+    wrong = wrong or [text for text in [settings.sensor_error(scene)] if text]
+    return [*map(Problem, wrong), *_folder_problems(paths.events(scene).parent)]
+
+
+def run_problems(scene) -> list[Problem]:
+    """Problems of a render and of the simulation after it."""
+    return list(dict.fromkeys([*problems(scene), *sensor_problems(scene)]))
 
 
 def _scene_problems(scene) -> Iterator[Problem]:

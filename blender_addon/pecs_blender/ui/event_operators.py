@@ -54,7 +54,13 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
         return BackgroundJob("Simulate Events", command, events, show_events)
 
 
-class PECS_OT_run(operators.Renders, bpy.types.Operator):
+class _Runs(operators.Renders):
+    """Renders and simulates."""
+
+    problems = staticmethod(checks.run_problems)
+
+
+class PECS_OT_run(_Runs, bpy.types.Operator):
     """Render the EXR stack, then simulate its events. A stopped render resumes"""
 
     bl_label = "Render and Simulate"
@@ -74,20 +80,26 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
         operators.remember_stack(name, job.folder if job.folder != events else stack)
         return show_events(job)
 
-    words = ["--stack", str(stack), *operators.frame_words(scene), *settings.exists_words(scene)]
+    width, height = map(str, settings.size(scene))  # by default it would be the chip's
+    words = ["--stack", str(stack), "--width", width, "--height", height]
+    words += [*operators.frame_words(scene), *settings.exists_words(scene)]
     command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
     return Next(command, lambda: BackgroundJob(label, command, events, done, continues=True, tasks=operators.TASKS))
 
 
-class PECS_OT_run_cameras(operators.Renders, bpy.types.Operator):
+class PECS_OT_run_cameras(_Runs, bpy.types.Operator):
     """Render and simulate all cameras of the scene, one after the other. Their names are in those of the files"""
 
     bl_label = "Run All Cameras"
 
     def act(self, context) -> None:
         scene = context.scene
+        self.check_files(scene)
         chosen, runs = scene.camera, []
+        markers = [(marker, marker.camera) for marker in scene.timeline_markers if marker.camera]
         try:
+            for marker, _ in markers:  # it would switch the camera
+                marker.camera = None
             for one in (thing for thing in scene.objects if thing.type == "CAMERA"):
                 scene.camera = one
                 stack, events = (
@@ -97,6 +109,8 @@ class PECS_OT_run_cameras(operators.Renders, bpy.types.Operator):
                 runs.append(_run_of(scene, stack, events, self.bl_label, is_shown=one == chosen))
         finally:
             scene.camera = chosen
+            for marker, camera in markers:
+                marker.camera = camera
         background.start(runs[0].make(), runs[1:])
 
 

@@ -101,6 +101,20 @@ def chip(name: str) -> pecs.Chip:
     return _chip(*version("chip", name))
 
 
+def sensor_error(name: str, size: tuple[int, int], options: dict[str, Any], mask: int) -> str:
+    """What pecs.Sensor with a chip and these options reports; empty if it can be made. mask: time of its mask file."""
+    return _sensor_error(*version("chip", name), size, json.dumps(options), mask)
+
+
+@lru_cache(maxsize=64)
+def _sensor_error(path: str, _version: int, size: tuple[int, int], options: str, _mask: int) -> str:
+    try:
+        with pecs.Sensor(*size, path, **json.loads(options)):
+            return ""
+    except RuntimeError as e:
+        return str(e)
+
+
 def lens_info(name: str, **setting: float | int | None) -> dict[str, Any]:
     """As pecs.Lens.info; raises pecs.PecsError."""
     return _lens_info(*version("lens", name), tuple(sorted(setting.items())))

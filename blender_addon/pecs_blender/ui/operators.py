@@ -16,7 +16,7 @@ from ..render.blend import FOLDER_KEY
 from ..render.colour import linear_rgb
 from ..render.cycles import fill
 from ..render.resources import readable
-from . import background, checks, paths, settings
+from . import background, checks, paths, scene_checks, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say
 from .preferences import ROOT
@@ -46,11 +46,23 @@ class InBackground(Action):
 
 
 class Renders(InBackground):
+    problems = staticmethod(checks.problems)
+
     @classmethod
     def why_not(cls, context) -> str:
         if busy := super().why_not(context):
             return busy
-        return next((one.text for one in checks.problems(context.scene) if one.is_error), "")
+        return next((one.text for one in cls.problems(context.scene) if one.is_error), "")
+
+    @staticmethod
+    def check_files(scene) -> None:
+        """Missing files, and scripts that must not run: too slow for every redraw."""
+        for one in scene_checks.files(scene):
+            raise RuntimeError(one.text)
+
+    def act(self, context) -> None:
+        self.check_files(context.scene)
+        super().act(context)
 
 
 def copy_of_file(scene) -> Path:
@@ -71,16 +83,18 @@ def copy_of_file(scene) -> Path:
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """Command line of a render command of cli.py."""
-    command = program(verb, str(copy_of_file(scene)))
+    command = program(verb, str(copy_of_file(scene)), allow_scripts=scene.pecs.allow_scripts)
     return [*command, *(["-o", str(output)] if output else []), *settings.render_arguments(scene), *words]
 
 
-def program(verb: str, *blend: str) -> list[str]:
-    """Command line that runs cli.py in another process."""
+def program(verb: str, *blend: str, allow_scripts: bool = False) -> list[str]:
+    """Command line that runs cli.py in another process. allow_scripts: of the .blend, which Blender opens before
+    cli.py does, by the preferences unless it is told."""
     if not bpy.app.binary_path:
         return [sys.executable, "-m", "pecs_blender", verb, *blend]  # bpy as a module
     ours = ["--addons", ROOT]  # works before the preferences are saved
-    return [bpy.app.binary_path, "--background", *blend, *ours, "--command", "pecs", verb]
+    scripts = "--enable-autoexec" if allow_scripts else "--disable-autoexec"  # before the file
+    return [bpy.app.binary_path, "--background", scripts, *blend, *ours, "--command", "pecs", verb]
 
 
 def frame_words(scene) -> list[str]:

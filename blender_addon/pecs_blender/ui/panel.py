@@ -53,7 +53,7 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
         row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)
         if state.offer_exists:
             layout.prop(context.scene.pecs, "exists")
-        for one in checks.problems(context.scene):
+        for one in checks.run_problems(context.scene):
             problem(layout, one)
 
 

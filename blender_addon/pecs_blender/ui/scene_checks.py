@@ -11,8 +11,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..render.blend import missing_files, python_drivers
+from ..render.blend import notes, python_drivers
 from ..render.options import SAMPLES
+from ..render.outside_files import missing_files
 from ..render.spectral import beyond_reach
 from . import settings
 from .background import state
@@ -29,15 +30,28 @@ SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "VOLUME")
 
 def check(scene, view_layer) -> list[Problem]:
     """All checks; restores the current frame. Takes 0.5 s or more."""
-    parts = _files(scene), _lamps(scene), _nodes(), _noise(scene), _clip(scene, view_layer), _motion(scene, view_layer)
+    parts = (
+        files(scene),
+        _left_out(scene),
+        _lamps(scene),
+        _nodes(),
+        _noise(scene),
+        _clip(scene, view_layer),
+        _motion(scene, view_layer),
+    )
     return [one for part in parts for one in part]
 
 
-def _files(scene) -> Iterator[Problem]:
-    if missing := list(missing_files()):
+def files(scene) -> Iterator[Problem]:
+    if missing := list(missing_files(scene)):
         yield Problem(_list(say("Missing files"), missing), fix="file.find_missing_files")
     if not scene.pecs.allow_scripts and (drivers := list(python_drivers())):
         yield Problem(_list(say("Python scripts to run"), drivers), fix="pecs.allow_scripts")
+
+
+def _left_out(scene) -> Iterator[Problem]:
+    for note in notes(scene):
+        yield Problem(note, is_error=False)
 
 
 def _lamps(scene) -> Iterator[Problem]:
@@ -128,7 +142,10 @@ def _motion_px(scene, view_layer, from_s: float, to_s: float) -> float:
                 # An instance has another matrix; its points do not move.
                 rigid = (matrix.translation - thing.matrix_world.translation).length < 1e-6
                 points.append((x, y, thing.original if rigid else None, matrix.inverted() @ at if rigid else at.copy()))
+    before = scene.camera
     clip_from_world, longest = _set_time(scene, to_s, width, height), 0.0
+    if scene.camera != before:  # by a marker: a cut is no motion
+        return 0.0
     for x, y, thing, at in points:
         now = clip_from_world @ (thing.matrix_world @ at if thing else at).to_4d()
         if now.w > 0:

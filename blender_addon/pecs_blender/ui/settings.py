@@ -27,7 +27,7 @@ from ..render.options import DEFAULTS, RULES, SAMPLES, Options
 from ..render.plan import film_width_mm_of
 from ..render.resources import BYTES_PER_VALUE
 from ..render.timeline import passes
-from . import library
+from . import disk, library
 from .interface import CONTEXT, say
 from .preferences import preferences
 
@@ -116,8 +116,8 @@ def _property(name: str):
     own_text = more.get("description")
     text = own_text or rule.help[0].upper() + rule.help[1:]
     more = {key: value for key, value in more.items() if key not in ("default", "description")}
-    if name == "fnumber":
-        more["update"] = _limit_aperture
+    if name in _UPDATES:
+        more["update"] = _UPDATES[name]
     if rule.choices:
         items = [
             (str(c), str(c).capitalize() if str(c).islower() else str(c), _DESCRIPTIONS.get(c, ""))
@@ -144,6 +144,21 @@ def _limit_aperture(self, _context) -> None:
         return
     if 0 < self.fnumber < widest:
         self.fnumber = 0
+
+
+def _fit_to_chip(self, _context) -> None:
+    """A picture that is larger than the chip gets the chip's size."""
+    scene = self.id_data
+    try:
+        chip = library.chip(self.chip)
+    except RuntimeError:  # checks.py reports it
+        return
+    width, height = size(scene)
+    if chip.width and chip.height and (width > chip.width or height > chip.height):
+        set_size(scene.render, chip.width, chip.height)
+
+
+_UPDATES = {"fnumber": _limit_aperture, "chip": _fit_to_chip}
 
 
 def lenses(self, context, text: str) -> list:
@@ -492,6 +507,24 @@ def override_error(override, known: dict[str, dict]) -> str:
         valid = False
     text = "{name}: got {value!r}, wanted a number in [{low:g}, {high:g}]"
     return "" if valid else say(text, name=override.name, value=override.value, low=low, high=high)
+
+
+def sensor_error(scene: bpy.types.Scene) -> str:
+    """What a sensor with these settings reports; empty if it can be made. The overrides are valid."""
+    sensor, known = scene.pecs.sensor, parameters(scene.pecs)
+    values = {of: {o.name: float(o.value) for o in sensor.overrides if known[o.name]["of"] == of} for of in _PARTS}
+    options = {name: values[of] for of, name in _PARTS.items()}
+    options |= {"preset": sensor.preset} if sensor.preset else {"model": sensor.model, "readout": sensor.readout}
+    options["biases"] = {name: getattr(sensor, name) for name in ("diff_on", "diff_off") if getattr(sensor, name)}
+    band = [plain(sensor.afk_low_hz), plain(sensor.afk_high_hz)]
+    options |= {"afk_hz" if sensor.afk == "stop" else "afk_pass_hz": band} if sensor.afk != "none" else {}
+    mask = bpy.path.abspath(sensor.mask)
+    options |= {"mask": mask} if mask else {}
+    picture = size(scene) if mask else (8, 8)  # as small as possible: only a mask depends on it
+    return library.sensor_error(scene.pecs.chip, picture, options, disk.modified_ns(mask) if mask else 0)
+
+
+_PARTS = {"chip": "overrides", "model": "parameters"}
 
 
 def sensor_arguments(scene: bpy.types.Scene) -> list[str]:

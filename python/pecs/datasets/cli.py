@@ -50,6 +50,7 @@ def _parser() -> Parser:
     what.add_argument("--check", action="store_true", help="compare all files with their checksums")
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write an existing set in another layout: {', '.join(writers.WRITERS)}")
+    add("--allow-scripts", action="store_true", help="run the Python of the recipe's .blend files")
     add("--threads", type=int, default=0, help="0: all cores; does not change the result")
     return parser
 
@@ -68,6 +69,8 @@ def _run(args: argparse.Namespace) -> None:
         if not 1 <= args.sequences <= recipe.MOST_SEQUENCES:
             raise UsageError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}")
         found = dataclasses.replace(found, sequences=args.sequences)
+    if args.allow_scripts:
+        found = dataclasses.replace(found, render=found.render | {"allow_scripts": True})
     wanted = _wanted(args.only, found.sequences)
     if args.plan:
         _plan(found, wanted, args.output)

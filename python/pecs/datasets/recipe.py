@@ -26,7 +26,7 @@ SPLITS = ("train", "val", "test")
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
 RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
     *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "subpixels"),
-    *("samples", "noise_events", "no_denoise", "light_tree", "device", "colour_tolerance_px", "allow_scripts"),
+    *("samples", "noise_events", "no_denoise", "light_tree", "device", "colour_tolerance_px"),
 )
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 
@@ -298,6 +298,8 @@ def _trajectory(table: Table) -> dict[str, Any]:
 
 def _options(table: Table) -> dict[str, Any]:
     for key in table.keys():
+        if key == "allow_scripts":
+            raise table.fail(key, "a permission in a file", "the option --allow-scripts of `pecs dataset`")
         if key not in RENDER_KEYS:
             raise table.fail(key, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
     return {key: table.any(key) for key in table.keys()}

@@ -71,6 +71,7 @@ def _move(work: Work) -> None:
         blender(
             *("survey", scene.path, *_parameters(work), "-o", survey.name),
             *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / end_s),
+            *words({"allow_scripts": recipe.render.get("allow_scripts", False)}),
             folder=work.folder,
             log="survey.log",
         )

@@ -81,6 +81,18 @@ def test_rules_cover_their_ranges(load):
     assert {d["parameters"]["wall_reflectance"] for d in draws} == {0.1, 0.2}
 
 
+@pytest.mark.parametrize("table", ["render", "scene.options", "rig.camera.options"])
+@pytest.mark.parametrize("value", ["true", "false"])
+def test_a_recipe_cannot_allow_scripts(tmp_path, table, value):
+    """Data give no permission; `pecs dataset --allow-scripts` does."""
+    text = RECIPE.replace("ROOT", str(ROOT))
+    own = f"[{table}]\nallow_scripts = {value}\n"
+    place = {"scene.options": "[scene.trajectory]", "rig.camera.options": "[rig.camera.set]"}.get(table)
+    (tmp_path / "r.toml").write_text(text.replace(place, own + place, 1) if place else text + own)
+    with pytest.raises(pecs.PecsInputError, match="allow_scripts: got a permission in a file, wanted the option"):
+        recipe.load(tmp_path / "r.toml")
+
+
 @pytest.mark.parametrize("count", [4, 8, 100])
 def test_splits_are_even_for_any_number(load, count):
     splits = [load().draw(i)["split"] for i in range(count)]

@@ -12,7 +12,6 @@ from support import growing_pecs_blender, make_blends, pecs_blender
 pecs = pytest.importorskip("pecs")
 
 from support.views import (  # noqa: E402
-    FLIP,
     HEIGHT,
     TOLERANCE_PX,
     WIDTH,
@@ -123,12 +122,7 @@ def test_markers_change_the_camera(blends):
     for light, same in (("frame_000000.exr", False), ("frame_000001.exr", True), ("frame_000002.exr", True)):
         assert ((changes / light).read_bytes() == (stays / light).read_bytes()) == same
 
-    def camera(t):
-        other = shift(0.5, 0, 0.2) @ turn(2, np.radians(5)) @ turn(0, np.radians(88))
-        return np.diag([1, -1, -1, 1]) @ np.linalg.inv(other) if t >= 1 else FLIP
-
-    for way, times in zip(motion(changes), ((0, 1), (1, 0)), strict=True):
-        check_way(way, LensCamera(changes), {(2, 9): still}, times, camera)
+    assert np.isnan(motion(changes)[:, :8]).all()  # a cut is no motion
     assert (motion(changes, 1)[:, :8] == 0).all()
 
 

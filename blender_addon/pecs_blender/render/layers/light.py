@@ -7,6 +7,7 @@ n_k there (emitters.py). Absolute radiance = rendered * n_k * s, with s of the s
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -28,6 +29,7 @@ DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
 
 class Light(Layer):
+    _is_lit = False
     name, unit, at = "light", "as stack.json's quantity", "instant"
 
     def __init__(self, stage: Stage, sampling: Sampling):
@@ -84,6 +86,10 @@ class Light(Layer):
         bands, guides = len(self._to_film), denoise.CHANNELS * len(denoise.GUIDES)
         frame = np.empty((2 * (bands + guides) if self._denoiser else bands, *self._stage.size[::-1]), np.float32)
         self.refresh(frame, [(0, 0, *self._stage.size)])
+        if not self._is_lit:
+            self._is_lit = True  # once
+            if not self.bands_of(frame).any():
+                print("render: the first picture is black: no light reaches the camera", file=sys.stderr)
         return frame
 
     def refresh_tiles(self, frame: np.ndarray, tiles: np.ndarray, around: bool = False) -> list[Box]:
@@ -127,8 +133,9 @@ class Light(Layer):
         scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
         found = [[np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px] for _ in firsts]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
-            if scene.camera != one.camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street
-                scene.camera = one.camera
+            camera = self._stage.camera_of(one)
+            if scene.camera != camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street
+                scene.camera = camera
             self._stage.spectral.set_pass(one.channels)
             for first, patches in zip(firsts, found, strict=True):
                 with cycles.sample_subset(scene, first, self._call_samples):
