@@ -375,6 +375,8 @@ class PixelBlock {
       const V d0 = hn::Sub(at(v0_row, p), reference), d1 = hn::Add(hn::Sub(at(v1_row, p), reference), leaks);
       V high = hn::Max(d0, d1), low = hn::Min(d0, d1), steepest = hn::Abs(hn::Sub(d1, d0));
       M fast = hn::Lt(high, low);  // none
+      if constexpr (!kReceptor)
+        widen_to_hull(d0, d1, hn::Set(f, t.h_us), at(rows_.m[0], p), at(rows_.m[1], p), leaks, low, high);
       if constexpr (kReceptor) {
         const V i0 = at(rows_.i[0], p), i1 = at(rows_.i[1], p);
         if constexpr (kAmplifier) {
