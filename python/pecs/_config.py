@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from ._errors import PecsInputError, bad_input, shown
 from ._files import read_text
+from ._text import MOST_BYTES, is_file_name, is_plain
 
 if TYPE_CHECKING:
     from typing import Concatenate, ParamSpec
@@ -141,12 +142,22 @@ class Fields:
             raise self.wrong(key, wanted)
         return value
 
-    def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
+    def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = (), *, lines: bool = False) -> str:
+        """Text without control characters; `lines`: it may have several lines."""
         wanted = f"one of {', '.join(choices)}" if choices else "text"
         value: str = self._typed(key, default, (str,), wanted)
         if choices and value not in choices:
             raise self.wrong(key, wanted)
+        if not is_plain(value, lines):
+            raise self.wrong(key, "text without control characters")
         return value
+
+    def file_name(self, key: str) -> str:
+        """A name that becomes part of a path."""
+        name = self.text(key)
+        if not is_file_name(name):
+            raise self.wrong(key, f"a name of a file, of at most {MOST_BYTES} bytes")
+        return name
 
     def flag(self, key: str, default: bool | None = None) -> bool:
         value: bool = self._typed(key, default, (bool,), "true or false")
@@ -192,7 +203,9 @@ class Fields:
     def texts(self, key: str, default: list[str] | None = None, choices: tuple[str, ...] = ()) -> list[str]:
         """A list of texts, each one of `choices` if there are any."""
         wanted = f"a list of {', '.join(choices) or 'texts'}"
-        return self._each(key, default, wanted, lambda v: isinstance(v, str) and (not choices or v in choices))
+        return self._each(
+            key, default, wanted, lambda v: isinstance(v, str) and (v in choices if choices else is_plain(v))
+        )
 
     def array(self, key: str, *shape: int) -> NDArray[np.float64]:
         """Finite numbers; -1 in `shape` is any length."""

@@ -233,7 +233,7 @@ def load(path: Path) -> Recipe:
         keep={key: keep.flag(key, True) for key in ("light", "truth")},
         export=tuple(export),
         limits=_limits(limits),
-        about={k: about.text(k) for k in about.keys()},
+        about={k: about.text(k, lines=True) for k in about.keys()},
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
     for table in (splits, about, truth, keep, limits, *([imu] if imu else []), top):

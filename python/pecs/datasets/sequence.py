@@ -64,10 +64,11 @@ class Camera:
     """
 
     def __init__(self, folder: Path, entry: Fields):
-        self.name = entry.text("name")
+        self.name = entry.file_name("name")
         self.kind = entry.text("kind", choices=("events", "rgb"))
         self.folder = folder / self.name
-        self.pixels_of = entry.optional(entry.text, "pixels_of") or self.name  # the camera with the path and the truth
+        # the camera with the path and the truth
+        self.pixels_of = entry.optional(entry.file_name, "pixels_of") or self.name
         self._pixels = folder / self.pixels_of
         self.width, self.height = entry.integer("width", low=1), entry.integer("height", low=1)
         self.pixel_pitch_m = entry.number("pixel_pitch_um", low=1e-3) * 1e-6
@@ -330,13 +331,13 @@ class Sequence:
         fields = Fields(self.info, path)
         if fields.integer("format") != FORMAT:
             raise fields.wrong("format", f"{FORMAT}")
-        self.name, self.split = fields.text("name"), fields.text("split")
+        self.name, self.split = fields.file_name("name"), fields.file_name("split")
         self.duration_us = fields.integer("duration_us", low=1)
         self.cameras: dict[str, Camera] = {}
         for entry in fields.tables("cameras"):
             camera = Camera(self.folder, entry)
-            if camera.name in self.cameras or not camera.name or Path(camera.name).name != camera.name:
-                raise entry.wrong("name", "a folder's name that no other camera has")
+            if camera.name.casefold() in {name.casefold() for name in self.cameras}:  # folders of every disk differ
+                raise entry.wrong("name", "a name that no other camera has")
             self.cameras[camera.name] = camera
         for camera in self.cameras.values():
             self._check_partner(path, camera)

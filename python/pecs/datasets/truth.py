@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
+from .._text import is_plain
 from ..motion import CHANNELS, displacement_weights, velocity_weights
 from ..stack import StackReader
 from ._bilinear import bilinear, on_surface
@@ -350,7 +351,7 @@ class Truth:
             raise top.wrong("format", "1")
         classes = {}
         for key, name in top.table("classes").content.items():
-            if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str):
+            if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str) or not is_plain(name):
                 raise top.wrong("classes", "names by positive ids")
             classes[int(key)] = name
         known = {}

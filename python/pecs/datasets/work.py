@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib.metadata
 import json
@@ -20,7 +19,7 @@ from typing import Any
 
 from .._config import read_json
 from .._errors import PecsOutputError
-from .._files import sha256, write_json
+from .._files import lock_file, sha256, write_json
 from .._library import version
 from ..chip import Chip
 from .manifest import sequence_folder
@@ -86,12 +85,9 @@ def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., N
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Holds FOLDER's lock file. The file stays: a process that has opened a removed file would lock nothing."""
-    with (folder.parent / f".{folder.name}.lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise Busy(f"{folder}: another process is making this sequence") from None
+    """Holds FOLDER's lock file."""
+    busy = Busy(f"{folder}: another process is making this sequence")
+    with lock_file(folder.parent / f".{folder.name}.lock", folder, busy):
         yield
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from .._arguments import Parser, Quantity
 from .._command import answer
 from .._errors import UsageError, existing
-from .._files import read_text, write_json
+from .._files import check_outputs, read_text, write_json
 from .._progress import Line
 from ..chip import Chip
+from .profile import pixel_map_path
 
 ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
@@ -130,6 +131,9 @@ def _fit(args: argparse.Namespace) -> None:
     for file, levels in args.still:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
+    inputs = [*(file for file, *_ in (*args.steps, *args.still, *args.disk)), *args.stimulus, args.flash, args.edges]
+    pixel_map = pixel_map_path(args.output) if args.pixel_map else None
+    check_outputs([*inputs, Path(args.chip)], [args.output, pixel_map, args.report, args.numbers])
     edges = _edges_us(args.edges) if args.edges else None
     recordings: list[Steps | Still | Stimulus | Disk | Flash] = [
         Stimulus(existing(f, "a recording")) for f in args.stimulus

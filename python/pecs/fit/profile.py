@@ -30,6 +30,10 @@ def read(chip: str) -> dict[str, Any]:
     return profile
 
 
+def pixel_map_path(profile: Path) -> Path:
+    return profile.with_name(f"{profile.stem}_pixels.json")
+
+
 def write_pixel_map(found: PixelMap, path: Path, source: str) -> None:
     """Raises PecsOutputError."""
     out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": found.region}
@@ -49,7 +53,7 @@ def write(found: Fitted, path: Path) -> None:
     for key in ("trade_names", "pixel_map"):
         profile.pop(key, None)
     if found.pixel_map:
-        file = path.with_name(f"{path.stem}_pixels.json")
+        file = pixel_map_path(path)
         write_pixel_map(found.pixel_map, file, f"measured by pecs fit from {files}")
         profile["pixel_map"] = file.name
     for key, of in found.values.items():

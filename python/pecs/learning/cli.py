@@ -9,6 +9,7 @@ from pathlib import Path
 from .._arguments import Parser, Quantity
 from .._command import answer
 from .._errors import PecsNotFoundError, optional_module
+from .._files import check_outputs
 from .._progress import Line
 from .reconstruct import METHODS
 
@@ -125,6 +126,7 @@ def _train(args: argparse.Namespace) -> None:
         args.decay_steps,
         seed=args.seed,
     )
+    check_outputs([args.set], [args.output])
     found = sequences(args.set, args.split)
     if not found:
         raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError, UsageError, bad_input, existing, optional_module
+from .._files import check_outputs
 from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
@@ -135,11 +136,12 @@ def reconstruct(
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
     source, output = Path(source), Path(output)
+    chosen = _weights(method, weights)
+    check_outputs([source, chosen], [output])
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
-        chosen = _weights(method, weights)
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
             raise bad_input(chosen or source, "network", make.kind, f"{method}, as --method says")

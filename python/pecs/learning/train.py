@@ -6,7 +6,8 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .._errors import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, UsageError
-from .._files import write_json, write_text, write_whole
+from .._files import lock_file, write_json, write_text, write_whole
 from .._library import version
 from .clips import Augmentation, ClipConfig, Clips, Recording
 from .losses import ms_ssim, temporal
@@ -116,7 +117,19 @@ def train(
         wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.kind}"
         raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
-    _claim(run, config)
+    with _claimed(run, config):
+        return _train(sources, run, config, lpips, workers, device, progress)
+
+
+def _train(
+    sources: list[Recording],
+    run: Path,
+    config: TrainConfig,
+    lpips: Lpips | None,
+    workers: int,
+    device: str,
+    progress: Callable[[int, float], None] | None,
+) -> Any:
     torch.manual_seed(config.seed)
     net = network(config.network).to(device)
     optimiser = torch.optim.Adam(net.parameters(), config.learning_rate)
@@ -159,6 +172,18 @@ def _check_device(name: str) -> None:
     except Exception as e:  # PyTorch raises many types
         why = str(e).splitlines()[0]
         raise UsageError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}") from None
+
+
+@contextmanager
+def _claimed(run: Path, config: TrainConfig) -> Iterator[None]:
+    """The folder, for this process alone; config.json is written. Raises PecsOutputError for a run of another one."""
+    try:
+        run.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise PecsOutputError(f"{run}: cannot be written: {e.strerror}") from None
+    with lock_file(run / ".lock", run, PecsOutputError(f"{run}: another process is training in it")):
+        _claim(run, config)
+        yield
 
 
 def _claim(run: Path, config: TrainConfig) -> None:
