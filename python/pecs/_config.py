@@ -80,6 +80,10 @@ def read_toml(path: Path, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
         found: dict[str, Any] = tomllib.loads(read_text(path, max_bytes, "TOML"))
     except tomllib.TOMLDecodeError as e:
         raise PecsInputError(f"{path}: {e}, wanted valid TOML") from None
+    except RecursionError:
+        raise bad_input(path, "", "too many levels", "fewer levels") from None
+    except ValueError as e:  # whole numbers of more than 4300 digits, and dates
+        raise PecsInputError(f"{path}: {e}, wanted valid TOML") from None
     return found
 
 
@@ -213,8 +217,11 @@ class Fields:
 
         wanted = f"{' x '.join('n' if s < 0 else str(s) for s in shape)} finite numbers"
         try:
-            out = np.array(self.any(key, wanted), np.float64)
-        except (TypeError, ValueError):
+            given = np.array(self.any(key, wanted))
+            if given.dtype.kind not in "iuf" and given.size:
+                raise ValueError
+            out = given.astype(np.float64)
+        except (TypeError, ValueError, OverflowError):
             raise self.wrong(key, wanted) from None
         fits = out.ndim == len(shape) and all(s in (-1, n) for s, n in zip(shape, out.shape, strict=True))
         if not fits or not np.isfinite(out).all():

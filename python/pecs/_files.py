@@ -239,8 +239,8 @@ def write_json(path: Path, value: Any) -> None:
 @contextmanager
 def whole_folder(path: Path, replace: bool = False) -> Iterator[Path]:
     """An empty folder for this process alone, X.partial, which gets its name when the block ends without an exception;
-    otherwise it stays, and the next run of PECS empties it. A folder X.partial that PECS did not make is an error, and so is
-    an output that exists, unless `replace`: then it goes when the new one is whole. Raises PecsOutputError."""
+    otherwise it stays, and the next run of PECS empties it. A folder X.partial that PECS did not make is an error, and
+    so is an output that exists, unless `replace`: then it goes when the new one is whole. Raises PecsOutputError."""
     partial = partial_path(path)
 
     def check() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from .._text import html
 from . import preview
 from .checks import check, recorded_rates
 from .files import png_bytes, read_picture
+from .manifest import sealed
 from .report_pictures import flow_picture
 from .sequence import Camera, Sequence
 from .writers._pictures import depth_picture, event_picture
@@ -76,7 +76,7 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
     cards = []
     for row in manifest["sequences"]:
         sequence = Sequence(folder / "sequences" / row["name"])
-        checks = json.loads((sequence.folder / "checks.json").read_text())
+        checks = sealed(sequence.folder, "checks.json")
         rates = [c["events"]["rate_hz"] for c in checks["cameras"].values() if "events" in c]
         seen = [c.truth for c in sequence.cameras.values() if c.has_truth and "objects" in c.truth.layers]
         objects = [o for truth in seen for o in truth.objects]

@@ -16,14 +16,14 @@ import numpy as np
 from .. import _poses as poses
 from .._arguments import words
 from .._errors import bad_input
-from .._files import write_json, write_text, write_whole
+from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
 from ..lens import Lens
 from . import imu as imus
 from . import pictures, placing, report, rgb, rig, trajectories
 from .blender import blender
-from .files import npy_bytes
+from .files import MAX_BYTES, npy_bytes
 from .manifest import seal
 from .paths import GRAVITY_M_S2
 from .recipe import CameraEntry, Recipe
@@ -330,7 +330,7 @@ def _sense(work: Work, entry: CameraEntry) -> None:
             duration_us=work.duration_us,
         )
         record = folder / "events.h5.run.json"
-        write_text(record, record.read_text().replace(f"{work.folder}/", ""))
+        write_text(record, read_text(record, MAX_BYTES).replace(f"{work.folder}/", ""))
     pictures.label_events(work, entry, folder)
 
 

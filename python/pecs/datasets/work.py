@@ -17,11 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .._config import read_json
 from .._errors import PecsOutputError
 from .._files import lock_file, sha256, write_json
 from .._library import version
 from ..chip import Chip
+from .files import read_object
 from .manifest import sequence_folder
 from .recipe import CameraEntry, Recipe
 
@@ -184,7 +184,7 @@ def _compare(folder: Path, now: dict[str, Any], finished: bool) -> None:
     older version."""
     if not (folder / REQUEST).exists():
         return
-    before = read_json(folder / REQUEST)
+    before = read_object(folder / REQUEST, "what a sequence is made from")
     for key in now:
         if before.get(key) != now[key] and not (finished and key == "versions"):
             what = _difference(before.get(key), now[key])

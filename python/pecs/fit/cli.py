@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arguments import Parser, Quantity
+from .._arguments import SEED, Parser, Quantity, Whole
 from .._command import answer
 from .._errors import UsageError, existing
 from .._files import check_outputs, read_text, write_json
@@ -53,7 +53,7 @@ def _disk(text: str) -> tuple[Any, ...]:
 
 def _region(text: str) -> tuple[int, ...]:
     parts = text.split(",")
-    if len(parts) != 4 or not all(p.isdecimal() for p in parts):
+    if len(parts) != 4 or not all(p.isascii() and p.isdecimal() and len(p) < 7 for p in parts):
         raise argparse.ArgumentTypeError(f"got {text!r}, wanted X,Y,W,H")
     return tuple(map(int, parts))
 
@@ -88,8 +88,8 @@ def _parser() -> Parser:
     about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json, in the folder of the profile"
     parser.add_argument("--pixel-map", action="store_true", help=about)
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
-    parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)
-    parser.add_argument("--seed", type=int, default=1, help="of the simulation")
+    parser.add_argument("--pixels", type=Whole(128, 1 << 20), default=1024, metavar="N", help=about)
+    parser.add_argument("--seed", type=SEED, default=1, help="of the simulation")
     return parser
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._config import read_json
 from .._errors import bad_input
-from .._files import read_text, write_json
+from .._files import write_json
 from .._library import data_dir
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def _rounded(value: float, digits: int = 4) -> float:
 def read(chip: str) -> dict[str, Any]:
     """A profile, by name or path."""
     file = Path(chip) if chip.endswith(".json") else data_dir("sensor/chips") / f"{chip}.json"
-    profile: dict[str, Any] = json.loads(read_text(file, MAX_BYTES, "JSON"))
+    profile: dict[str, Any] = read_json(file, MAX_BYTES)
     if not isinstance(profile, dict) or "values" not in profile:
         raise bad_input(file, "values", "none", "a chip profile")
     return profile
