@@ -109,7 +109,7 @@ def _croissant(recipe: Recipe, manifest: dict[str, Any], output: Path) -> dict[s
 
 def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -> str:
     """Of the sequences that were made, by their own records."""
-    shares = ", ".join(f"{n} {split}" for split, n in _counts(sequence.split for sequence in made).items())
+    shares = ", ".join(f"{n} {markdown(split)}" for split, n in _counts(sequence.split for sequence in made).items())
     scenes = "\n".join(f"- {markdown(name)}: {count}" for name, count in _counts(s.info["scene"] for s in made).items())
     cameras = {
         f"- {markdown(c.name)}: {c.kind}, {c.width} x {c.height}, "

@@ -20,7 +20,7 @@ from .._command import answer
 from .._errors import UsageError, bad_input
 from .._files import existing_folder
 from .._progress import Line
-from . import manifest, recipe, report, rgb, run, writers
+from . import manifest, recipe, recipe_check, report, rgb, run, writers
 from .card import write_cards
 from .files import read_numbers
 from .sequence import sequences
@@ -52,6 +52,11 @@ def _parser() -> Parser:
     what.add_argument("--check", action="store_true", help="compare all files with their checksums")
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write an existing set in another layout: {', '.join(writers.WRITERS)}")
+    add(
+        "--allow-scripts",
+        action="store_true",
+        help="run the Python of .blend files and of scene folders that are not of PECS",
+    )
     add("--threads", type=THREADS, default=0, help="0: all cores; does not change the result")
     return parser
 
@@ -65,10 +70,12 @@ def _run(args: argparse.Namespace) -> None:
     if args.export:
         _export(args.recipe, args.export, args.output, line)
         return
-    found = recipe.load(args.recipe)
+    found = dataclasses.replace(recipe.load(args.recipe), allow_scripts=args.allow_scripts)
     if args.sequences is not None:
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
+    if not args.check:
+        recipe_check.check(found)
     if args.plan:
         _plan(found, wanted, args.output)
     elif args.check:
