@@ -35,8 +35,7 @@ def sense(
         report["results"]["events"], report["config"]["chip"]["values"]
 
     Warns of values that are not finite or negative, of events that the readout lost, and of a duration beyond the end
-    of
-    the stack.
+    of the stack.
 
     Parameters
     ----------

@@ -161,9 +161,8 @@ class Chip(Handle):
         Returns
         -------
         float32 array
-            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that
-            is not
-            finite gives NaN.
+            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that is
+            not finite gives NaN.
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:

@@ -132,8 +132,7 @@ class EventReader(Handle):
     @property
     def info(self) -> dict[str, Any]:
         """`format`, `width`, `height` [pixels] and `camera` of the file. If the file does not state its size, width and
-        height
-        are 0 until all events are read.
+        height are 0 until all events are read.
         """
         info: dict[str, Any] = take_json(self._call(_info))
         return info

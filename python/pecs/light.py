@@ -28,8 +28,7 @@ _Chip = str | PathLike[str] | Chip
 class Light(Handle):
     """The photocurrent of a stack at any time, as `pecs sense` gives it to the pixels.
 
-    Light between frames is warped along the stack's motion; without motion it is interpolated at the pixel. Memory:
-    the
+    Light between frames is warped along the stack's motion; without motion it is interpolated at the pixel. Memory: the
     frames of two intervals. Increasing times are the fastest.
 
         with pecs.Light("stack", ["red.json", "green.json", "blue.json"]) as light:

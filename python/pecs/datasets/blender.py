@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +51,11 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
         with path.open("ab") as out:
             streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
             with subprocess.Popen(command, env=environment, cwd=folder, **streams) as process:
-                code = _watched(process, partial(_output, path, begin), tell)
+                code = _watched(process, path, begin, tell)
         if -code not in CRASHES:
             break
     if code:
-        lines = _output(path, begin).strip().splitlines() or ["no output"]
+        lines = _from(path, begin).decode(errors="replace").strip().splitlines() or ["no output"]
         said = lines[-1] if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
         raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
 
@@ -87,14 +86,16 @@ def scene_folders() -> list[Path]:
     return [CHECKOUT / "scenes", *(package / "scenes" for package in packages)]
 
 
-def _watched(process: subprocess.Popen[bytes], output: Callable[[], str], tell: Callable[[str], None]) -> int:
-    """The exit code. Once a second, and at the end, `tell` gets the last step of the output."""
+def _watched(process: subprocess.Popen[bytes], log: Path, at: int, tell: Callable[[str], None]) -> int:
+    """The exit code. Once a second, and at the end, `tell` gets the last step of what the log has from byte `at` on."""
     code = None
     try:
         while code is None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = process.wait(1)
-            if steps := STEP.findall(output()):
+            whole = _from(log, at).rpartition(b"\n")[0]  # a line that is being written is read later
+            at += len(whole)
+            if steps := STEP.findall(whole.decode(errors="replace") + "\n"):
                 tell(steps[-1])
     except BaseException:  # stopped; finished frames are kept
         process.terminate()
@@ -102,6 +103,8 @@ def _watched(process: subprocess.Popen[bytes], output: Callable[[], str], tell: 
     return code
 
 
-def _output(log: Path, begin: int) -> str:
+def _from(log: Path, begin: int) -> bytes:
     """What a log contains from a byte on."""
-    return log.read_bytes()[begin:].decode(errors="replace")
+    with log.open("rb") as file:
+        file.seek(begin)
+        return file.read()

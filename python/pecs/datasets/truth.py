@@ -133,9 +133,8 @@ class Truth:
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
         """Optical flow of the surface points at the pixels' centres.
 
-        Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the
-        point at an
-        instant on the way.
+        Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the point
+        at an instant on the way.
 
         Parameters
         ----------
@@ -208,8 +207,7 @@ class Truth:
 
     def shows(self, i: int, at: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points are visible at an instant: inside the image, and a pixel within 3/4 pixel in x and y has their
-        depth or
-        more.
+        depth or more.
 
         Parameters
         ----------
@@ -303,7 +301,7 @@ class Truth:
         Returns
         -------
         float32 array
-            [12, H, W].
+            [20, H, W].
         """
         return self.layer("motion", i)
 
@@ -405,10 +403,8 @@ class Truth:
         -------
         structured array
             `BOX_DTYPE`, one row per object, in pixels. `x0` to `y1`: the visible part; `amodal_x0` to `amodal_y1`: all
-            of it,
-            also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
-            `truncated`:
-            share of its amodal box outside.
+            of it, also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
+            `truncated`: share of its amodal box outside.
         """
         entries = self._instant(i)
         out = np.zeros(len(entries), BOX_DTYPE)

@@ -103,7 +103,7 @@ def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
         "limits": recipe.limits,
         "render": recipe.render | ({"allow_scripts": True} if recipe.allow_scripts else {}),
         "truth": recipe.truth,
-        "files": {name: content_sha256(path) for name, path in _files(recipe, drawn).items()},
+        "files": _sums(_files(recipe, drawn)),
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
     }
     found: dict[str, Any] = portable(json.loads(json.dumps(decides, default=_finite, allow_nan=False)))
@@ -149,6 +149,14 @@ def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
     names += [name for c in recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
     found = {name: path for name in names if (path := beside(recipe, name))}
     return found | {f"scene {scene.name}": scene.path}
+
+
+def _sums(files: dict[str, Path]) -> dict[str, Any]:
+    """SHA-256 by portable name; a list, by the full names' order, of files that have one portable name."""
+    sums: dict[str, list[str]] = {}
+    for name, path in sorted(files.items()):
+        sums.setdefault(portable(name), []).append(content_sha256(path))
+    return {name: found if len(found) > 1 else found[0] for name, found in sums.items()}
 
 
 def content_sha256(path: Path) -> str:

@@ -30,6 +30,7 @@ EXAMPLES = (
     "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
 )
 MAX_BYTES = 1 << 26
+LARGE_MISFIT = 5.0
 
 
 def _levels(text: str) -> tuple[Path, tuple[float, ...]]:
@@ -104,6 +105,8 @@ def _photocurrent_a(args: argparse.Namespace) -> float | None:
         return args.photocurrent  # type: ignore[no-any-return]
     if not 0 < args.irradiance < 1e6:
         raise UsageError(f"fit: --irradiance: got {args.irradiance:g}, wanted W/m2 above 0")
+    if not 1 <= args.wavelength <= 1e5:
+        raise UsageError(f"fit: --wavelength: got {args.wavelength:g} nm, wanted 1 to 1e5 nm")
     band = [{"lambda_nm": args.wavelength, "weight_nm": 1.0}]
     return Chip(args.chip).amperes_per_unit(band)[0] * args.irradiance  # type: ignore[no-any-return]
 
@@ -156,6 +159,9 @@ def _fit(args: argparse.Namespace) -> None:
         progress=lambda n: line(f"fit: {n} simulations", n),
     )
     line.end()
+    if found.misfit > LARGE_MISFIT:
+        why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
+        line.note(f"pecs: fit: {why} (levels, edges, region?)")
     found.write(args.output)
     if args.report:
         report.write(found, args.report)

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pecs
 import pytest
+from pecs._poses import read_tum
 from pecs.datasets import Sequence, sequences
 from support import small_sequence as small
 
@@ -231,3 +232,22 @@ def test_what_other_files_say_wrong(broken):
     fails(left.events, "events.h5: no such file", pecs.PecsNotFoundError)
     fails(lambda: rgb.truth, "truth/stack.json: no such file", pecs.PecsNotFoundError)
     fails(lambda: Sequence(broken / "nowhere"), "wanted a sequence", pecs.PecsNotFoundError)
+
+
+def test_a_window_costs_what_it_contains(sequence, monkeypatch):
+    """Labels are checked once, and a camera path is read once, however many windows and times follow."""
+    camera, counts = Sequence(sequence.folder).cameras["left"], {"max": 0, "read": 0}
+
+    def count(what, function):
+        def counted(*args, **options):
+            counts[what] += 1
+            return function(*args, **options)
+
+        return counted
+
+    monkeypatch.setattr(np.memmap, "max", count("max", np.ndarray.max), raising=False)
+    monkeypatch.setattr("pecs.datasets.sequence.read_tum", count("read", read_tum))
+    for _ in range(5):
+        causes, poses = camera.causes(), camera.poses()[1]
+        poses[:] = 0  # a copy
+    assert len(causes) == len(camera.events()) and counts == {"max": 1, "read": 1} and camera.poses()[1].any()
