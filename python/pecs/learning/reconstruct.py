@@ -89,11 +89,12 @@ class Network:
     def __init__(self, path: Path, width: int, height: int, threads: int = 0):
         model = _network_bytes(path)
         runtime = optional_module("onnxruntime", "onnxruntime", "a network", "learning")
+        runtime.set_default_logger_severity(4)  # its errors are exceptions, too
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
         # Spinning threads slow down other processes.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 4  # its errors are exceptions, too
+        options.log_severity_level = 4
         try:
             self._session = runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         except Exception as e:  # ONNX Runtime raises many types
@@ -163,7 +164,8 @@ def _network_bytes(path: Path) -> bytes:
 
 
 def _first_line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)
+    line = next(iter(str(error).splitlines()), type(error).__name__)
+    return line if len(line) < 200 else line[:197] + "..."
 
 
 def reconstruct(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -64,7 +65,10 @@ class VideoWriter:
     def _video(self) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
         if self.path.suffix.lower() != ".mp4":
             raise PecsOutputError(f"{self.path}: got {self.path.suffix}, wanted .mp4, or a folder for PNG")
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # errors are one line, and it is ours
         cv2 = optional_module("cv2", "opencv-python-headless", "writing video", "learning")
+        if hasattr(cv2, "setLogLevel"):
+            cv2.setLogLevel(0)
         # OpenCV chooses the format by the extension, and opens a file by its name; .NAME.partial.mp4 is ours as well.
         with PartialFile(self.path) as output, ExitStack() as held:
             unfinished = output.path.with_name(f".{output.path.stem}.partial.mp4")
@@ -72,7 +76,10 @@ class VideoWriter:
             video = cv2.VideoWriter(str(unfinished), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, self._size)
             try:
                 if not video.isOpened():
-                    raise PecsOutputError(f"{self.path}: cannot be written: no video encoder could be opened")
+                    what = f"{self._size[0]} x {self._size[1]} pixels at {self._fps:g} pictures per second"
+                    raise PecsOutputError(
+                        f"{self.path}: cannot be written: no video encoder could be opened for {what}"
+                    )
                 yield lambda picture: video.write(np.repeat(picture[..., None], 3, axis=2))
                 video.release()
                 self._check(cv2, unfinished)
