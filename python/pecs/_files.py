@@ -102,7 +102,7 @@ def _same(a: Path, b: Path) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def _refused(path: Path, why: object) -> PecsOutputError:
+def _refused(path: object, why: object) -> PecsOutputError:
     return PecsOutputError(f"{path}: cannot be written: {why}")
 
 
@@ -114,7 +114,7 @@ def _writing(path: Path) -> Iterator[None]:
     except PecsError:
         raise
     except OSError as e:
-        raise _refused(Path(e.filename or path), e.strerror or e) from None
+        raise _refused(e.filename or path, e.strerror or e) from None
 
 
 def _file_behind(path: Path) -> Path:

@@ -218,6 +218,9 @@ def _resume(run: Path, net: Any, optimiser: Any, device: str) -> int:
     found = _load(run / CHECKPOINT, device, net)
     try:
         optimiser.load_state_dict(optimiser.state_dict() | {"state": found["optimiser"]})
+        for weights, state in optimiser.state.items():
+            if float(state["step"]) < 0 or {state[k].shape for k in ("exp_avg", "exp_avg_sq")} != {weights.shape}:
+                raise ValueError("averages of other weights")
     except Exception as e:  # of many kinds
         raise bad_input(run / CHECKPOINT, "optimiser", _why(e), "that of this network") from None
     step: int = found["step"]

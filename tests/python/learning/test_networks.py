@@ -480,14 +480,13 @@ def test_a_damaged_run_is_one_line(run, name, content):
 
 def test_a_damaged_checkpoint_is_one_line(run):
     net = network(SHORT.network)
-    optimiser = torch.optim.Adam(net.parameters())
-    for key, value in (("step", None), ("step", "x"), ("step", -1), ("optimiser", [1]), ("optimiser", {0: {"x": 1}})):
+    optimiser, other = torch.optim.Adam(net.parameters()), torch.ones(1)
+    averages = {"step": torch.tensor(1.0), "exp_avg": other, "exp_avg_sq": other}
+    states = [("optimiser", {0: {"x": 1}}), ("optimiser", {0: averages}), ("optimiser", {99: averages})]
+    for key, value in (("step", None), ("step", "x"), ("step", -1), ("optimiser", [1]), *states):
         content = {"network": net.state_dict(), "optimiser": {}, "step": 1} | {key: value}
         torch.save(content, run / "checkpoint.pt")
-        if isinstance(value, dict):
-            wrong("checkpoint.pt", _resume, run, net, torch.optim.Adam([torch.nn.Parameter(torch.ones(1))]), "cpu")
-        else:
-            wrong("checkpoint.pt", _resume, run, net, optimiser, "cpu")
+        wrong("checkpoint.pt", _resume, run, net, optimiser, "cpu")
 
 
 def external(model):
