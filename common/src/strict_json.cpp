@@ -200,7 +200,10 @@ bool JsonObject::boolean_or(const std::string& key, bool fallback) {
 std::string JsonObject::text(const std::string& key) {
   const Json& value = required(key);
   if (!value.is_string()) fail(key, excerpt(value), "text");
-  return value.get<std::string>();
+  std::string text = value.get<std::string>();
+  // Names enter shaders, pages, records and terminals.
+  if (printable(text) != text) fail(key, excerpt(value), "text without control characters");
+  return text;
 }
 
 std::string JsonObject::text_or(const std::string& key, const std::string& fallback) {

@@ -54,6 +54,25 @@ class Quantity:
         return value
 
 
+@dataclass(frozen=True)
+class Whole:
+    """A type for `add_argument`: a whole number from `low` to `high`."""
+
+    low: int
+    high: int = 1 << 53
+
+    def __call__(self, text: str) -> int:
+        value = int(text) if re.fullmatch(r"[+-]?[0-9]{1,18}", text) else None
+        if value is None or not self.low <= value <= self.high:
+            wanted = f"{self.low} to {self.high}" if self.high < 1 << 53 else f"{self.low} on"
+            raise argparse.ArgumentTypeError(f"got {text}, wanted a whole number from {wanted}")
+        return value
+
+
+THREADS = Whole(0, 1024)
+SEED = Whole(0)
+
+
 def flag(key: str) -> str:
     """The option of a key: --NAME without the unit, which values may carry."""
     bare, _, unit = key.rpartition("_")
@@ -87,6 +106,8 @@ class _Help(argparse.RawDescriptionHelpFormatter):
     def _get_default_metavar_for_optional(self, action: argparse.Action) -> str:
         if isinstance(action.type, Quantity):
             return f"{action.type.kind}[{action.type.unit}]"
+        if isinstance(action.type, Whole):
+            return "N"
         return {int: "N", float: "NUMBER"}.get(action.type, action.dest.upper())  # type: ignore[arg-type]
 
     def _format_action_invocation(self, action: argparse.Action) -> str:

@@ -30,6 +30,9 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
     except PecsError as e:
         print(f"pecs: {one_line(str(e))}", file=sys.stderr)
         return e.code
+    except MemoryError as e:
+        print(f"pecs: not enough memory: {one_line(str(e)) or 'the system gave none'}", file=sys.stderr)
+        return ExitCode.NO_MEMORY
     except OSError as e:
         print(f"pecs: {one_line(str(e.filename or 'standard output'))}: {e.strerror}", file=sys.stderr)
         return ExitCode.BAD_OUTPUT

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from ._errors import PecsInputError, bad_input, shown
 from ._files import read_text
+from ._text import MOST_BYTES, is_file_name, is_plain
 
 if TYPE_CHECKING:
     from typing import Concatenate, ParamSpec
@@ -78,6 +79,10 @@ def read_toml(path: Path, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
     try:
         found: dict[str, Any] = tomllib.loads(read_text(path, max_bytes, "TOML"))
     except tomllib.TOMLDecodeError as e:
+        raise PecsInputError(f"{path}: {e}, wanted valid TOML") from None
+    except RecursionError:
+        raise bad_input(path, "", "too many levels", "fewer levels") from None
+    except ValueError as e:  # whole numbers of more than 4300 digits, and dates
         raise PecsInputError(f"{path}: {e}, wanted valid TOML") from None
     return found
 
@@ -141,12 +146,22 @@ class Fields:
             raise self.wrong(key, wanted)
         return value
 
-    def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
+    def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = (), *, lines: bool = False) -> str:
+        """Text without control characters; `lines`: it may have several lines."""
         wanted = f"one of {', '.join(choices)}" if choices else "text"
         value: str = self._typed(key, default, (str,), wanted)
         if choices and value not in choices:
             raise self.wrong(key, wanted)
+        if not is_plain(value, lines):
+            raise self.wrong(key, "text without control characters")
         return value
+
+    def file_name(self, key: str) -> str:
+        """A name that becomes part of a path."""
+        name = self.text(key)
+        if not is_file_name(name):
+            raise self.wrong(key, f"a name of a file, of at most {MOST_BYTES} bytes")
+        return name
 
     def flag(self, key: str, default: bool | None = None) -> bool:
         value: bool = self._typed(key, default, (bool,), "true or false")
@@ -192,7 +207,9 @@ class Fields:
     def texts(self, key: str, default: list[str] | None = None, choices: tuple[str, ...] = ()) -> list[str]:
         """A list of texts, each one of `choices` if there are any."""
         wanted = f"a list of {', '.join(choices) or 'texts'}"
-        return self._each(key, default, wanted, lambda v: isinstance(v, str) and (not choices or v in choices))
+        return self._each(
+            key, default, wanted, lambda v: isinstance(v, str) and (v in choices if choices else is_plain(v))
+        )
 
     def array(self, key: str, *shape: int) -> NDArray[np.float64]:
         """Finite numbers; -1 in `shape` is any length."""
@@ -200,8 +217,11 @@ class Fields:
 
         wanted = f"{' x '.join('n' if s < 0 else str(s) for s in shape)} finite numbers"
         try:
-            out = np.array(self.any(key, wanted), np.float64)
-        except (TypeError, ValueError):
+            given = np.array(self.any(key, wanted))
+            if given.dtype.kind not in "iuf" and given.size:
+                raise ValueError
+            out = given.astype(np.float64)
+        except (TypeError, ValueError, OverflowError):
             raise self.wrong(key, wanted) from None
         fits = out.ndim == len(shape) and all(s in (-1, n) for s, n in zip(shape, out.shape, strict=True))
         if not fits or not np.isfinite(out).all():

@@ -1,16 +1,37 @@
-"""Whole files: read as text of a bounded size, written under a temporary name and renamed when complete."""
+"""Files: inputs of a bounded size, and outputs by the rules of docs/reference/exit_codes.md (common/src/files.cpp keeps
+them for the program).
+
+Every file and folder that a Python command writes comes from here: `whole` and `write_*` for files, `PartialFile` for
+a file that another library writes, `whole_folder` for a folder, `check_outputs` before a command begins.
+"""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import shutil
+import stat
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from ._errors import PecsNotFoundError, PecsOutputError, bad_input
+from ._errors import PecsError, PecsNotFoundError, PecsOutputError, UsageError, bad_input
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+FRAME_ENDINGS = (".json", ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
+MARK = ".pecs_partial"  # in a folder that is being written: it is ours, and its lock is held
+_LOCK = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)  # struct flock
+
+
+# Inputs
 
 
 def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
@@ -41,23 +62,165 @@ def sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
+# Outputs
+
+
+def partial_path(path: Path) -> Path:
+    return path.with_name(path.name + ".partial")
+
+
+def is_stream(path: Path) -> bool:
+    """A pipe or a device, which is written directly."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
+def check_outputs(inputs: Sequence[Path | None], outputs: Sequence[Path | None]) -> None:
+    """Raises UsageError for an output that is an input, that would replace a frame of an input folder, or that another
+    output names."""
+    named = [path for path in outputs if path is not None and not is_stream(path)]
+    for i, output in enumerate(named):
+        got, wanted = "", "another file"
+        for path in (path for path in inputs if path is not None):
+            if _same(output, path) or _same(partial_path(output), path):
+                got = "the input itself"
+            elif output.exists() and _same(output.parent, path) and output.suffix.lower() in FRAME_ENDINGS:
+                got = "a file of the input folder"
+        if any(_same(output, other) for other in named[:i]):
+            got, wanted = "two outputs", "one file each"
+        if got:
+            raise UsageError(f"{output}: output: got {got}, wanted {wanted}")
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Also for paths that do not exist yet."""
+    with suppress(OSError):
+        return a.samefile(b)
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
+def _refused(path: object, why: object) -> PecsOutputError:
+    return PecsOutputError(f"{path}: cannot be written: {why}")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Errors of the system become PecsOutputError."""
+    try:
+        yield
+    except PecsError:
+        raise
+    except OSError as e:
+        raise _refused(e.filename or path, e.strerror or e) from None
+
+
+def _file_behind(path: Path) -> Path:
+    """Resolves links. Raises PecsOutputError for an existing path that is not a file."""
+    if not path.name:
+        raise _refused(path, "the path names no file")
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        if path.is_symlink():
+            raise _refused(path, "dangling symbolic link") from None
+        return path
+    if stat.S_ISDIR(mode):
+        raise _refused(path, "it is a directory")
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
+        raise _refused(path, "it is a block device or a socket")
+    if not stat.S_ISREG(mode):
+        raise _refused(path, "it is a pipe or a device; this format needs a seekable file")
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
+    """Opens a file without following a link, and locks it; its content stays. Raises `busy` if another process holds
+    the lock, and PecsOutputError about `path`."""
+    while True:
+        try:
+            # O_NONBLOCK: opening a pipe does not block.
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+            fd = os.open(name, flags, 0o666)
+        except OSError as e:
+            is_link = e.errno == errno.ELOOP and name.is_symlink()
+            raise (_refused(path, f"{name} is a symbolic link") if is_link else e) from None
+        try:
+            opened = os.fstat(fd)
+            if not stat.S_ISREG(opened.st_mode):
+                raise _refused(path, f"{name} is not a regular file")
+            try:
+                # A lock of the open file description: another descriptor of this process does not release it.
+                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _LOCK)
+            except OSError as e:
+                if e.errno in (errno.EAGAIN, errno.EACCES):
+                    raise busy or _refused(path, "another process is writing it") from None
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.lstat(name), opened):
+                    return fd
+        except BaseException:
+            os.close(fd)
+            raise
+        os.close(fd)  # another process renamed or removed it between open and lock
+
+
+class PartialFile:
+    """The locked and empty `.partial` of an output; a `with` block closes it, and removes what was not committed."""
+
+    def __init__(self, path: Path):
+        with _writing(path):
+            self.path = _file_behind(path)
+            self.partial = partial_path(self.path)
+            self.descriptor = _locked(self.partial, path)
+            os.ftruncate(self.descriptor, 0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, t: TracebackType | None) -> None:
+        self.close()
+
+    def commit(self, written: Path | None = None) -> None:
+        """Gives the output its name: the .partial, or a file that another library wrote."""
+        with _writing(self.path):
+            if written is None:
+                os.fsync(self.descriptor)
+                self.partial.rename(self.path)
+                return
+            fd = os.open(written, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                os.fsync(fd)
+                written.rename(self.path)
+            finally:
+                os.close(fd)
+
+    def close(self) -> None:
+        """Releases it; may be called again."""
+        if self.descriptor < 0:
+            return
+        with suppress(OSError):  # the lock is still held, so the file of this name is ours
+            if os.path.samestat(os.lstat(self.partial), os.fstat(self.descriptor)):
+                self.partial.unlink()
+        os.close(self.descriptor)
+        self.descriptor = -1
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[BinaryIO]:
-    """Opens a file for writing. It gets its name when the block ends without an exception and all data are on disk;
-    otherwise the temporary file is removed. Creates the folder. Raises PecsOutputError."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with partial.open("wb") as file:
+    """Opens a file for writing. It gets its name when the block ends without an exception and all data are on disk. A
+    pipe or a device is written directly. Creates the folder. Raises PecsOutputError."""
+    with _writing(path):
+        if is_stream(path):
+            with os.fdopen(os.open(path, os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC), "wb") as file:
                 yield file
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as e:
-        raise PecsOutputError(f"{e.filename or path}: cannot be written: {e.strerror or e}") from None
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with PartialFile(path) as output:
+            with os.fdopen(os.dup(output.descriptor), "wb") as file:
+                yield file
+            output.commit()
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -71,3 +234,55 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=1) + "\n")
+
+
+@contextmanager
+def whole_folder(path: Path, replace: bool = False) -> Iterator[Path]:
+    """An empty folder for this process alone, X.partial, which gets its name when the block ends without an exception;
+    otherwise it stays, and the next run of PECS empties it. A folder X.partial that PECS did not make is an error, and
+    so is an output that exists, unless `replace`: then it goes when the new one is whole. Raises PecsOutputError."""
+    partial = partial_path(path)
+
+    def check() -> None:
+        if os.path.lexists(path) and not replace:
+            raise PecsOutputError(f"{path}: exists")
+
+    with _writing(path):
+        check()
+        fd = _own_folder(partial, path)
+        try:
+            check()  # another process may have finished it before the lock was taken
+            for entry in partial.iterdir():
+                if entry.name != MARK:
+                    shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+            yield partial
+            if replace and os.path.lexists(path):
+                shutil.rmtree(path)
+            partial.rename(path)
+            (path / MARK).unlink()
+        finally:
+            os.close(fd)
+
+
+def _own_folder(partial: Path, path: Path) -> int:
+    """Makes the folder, or takes an earlier one of PECS; the locked descriptor of its mark."""
+    while True:
+        with suppress(FileExistsError):
+            partial.mkdir(parents=True)
+        with suppress(FileNotFoundError):  # another process has finished it and it has its name
+            ours = not partial.is_symlink() and ((partial / MARK).is_file() or not any(partial.iterdir()))
+            if not ours:
+                raise _refused(path, f"{partial} exists and is not of PECS; remove or rename it")
+            return _locked(partial / MARK, path)
+
+
+@contextmanager
+def lock_file(name: Path, path: Path, busy: PecsOutputError | None = None) -> Iterator[None]:
+    """Holds a lock file for the output `path`. It stays: a process that has opened a removed file would lock nothing.
+    Raises `busy`, and PecsOutputError about `path`."""
+    with _writing(path):
+        fd = _locked(name, path, busy)
+    try:
+        yield
+    finally:
+        os.close(fd)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import json
+import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._errors import KINDS, PecsError, UsageError
+from ._errors import KINDS, PecsError, UsageError, bad_input
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -122,6 +123,23 @@ def take_json(text: int) -> Any:
     return json.loads(take_text(text))
 
 
+def options_bytes(options: Any) -> bytes:
+    """JSON of options for the library. Raises PecsInputError, with the key, for a number that is not finite."""
+
+    def check(value: Any, place: str) -> None:
+        if isinstance(value, Mapping):
+            for key, part in value.items():
+                check(part, f"{place}.{key}" if place else str(key))
+        elif isinstance(value, (list, tuple)):
+            for part in value:
+                check(part, place)
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise bad_input(place, "", repr(value), "a finite number")
+
+    check(options, "")
+    return json.dumps(options).encode()
+
+
 def data_dir(room: str) -> Path:
     """The folder of the data files that ship with PECS.
 
@@ -144,7 +162,7 @@ def json_function(name: str, *argtypes: Any) -> Callable[..., Any]:
 
     def call(*args: Any) -> Any:
         *front, options = args
-        return take_json(f(*front, json.dumps(options).encode()))
+        return take_json(f(*front, options_bytes(options)))
 
     return call
 
@@ -173,6 +191,10 @@ class Handle:
 
     def __del__(self) -> None:
         self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Neither copied nor pickled: two owners would free one handle."""
+        raise TypeError(f"cannot copy or pickle {type(self).__name__}")
 
     def close(self) -> None:
         """Frees it; may be called again."""

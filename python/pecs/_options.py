@@ -8,7 +8,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from .chip import Chip, chip_options
+from .chip import Chip, chip_options, numbers_by_name
 
 
 class PixelOptions(TypedDict, total=False):
@@ -75,7 +75,7 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
     for key in ("afk_hz", "afk_pass_hz", "afk_counts", "roi"):
         if out.get(key) is not None:
             out[key] = np.asarray(out[key]).tolist()
-    out["param"] = {key: float(value) for key, value in (out.pop("parameters", None) or {}).items()}
-    out["bias"] = {key: float(value) for key, value in (out.pop("biases", None) or {}).items()}
+    for key, name in (("parameters", "param"), ("biases", "bias")):
+        out[name] = numbers_by_name(key, out.pop(key, None))
     out["no_noise"] = not out.pop("noise", True)
     return chip_options(chip, out.pop("overrides", None)) | out

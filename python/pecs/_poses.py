@@ -176,7 +176,7 @@ def _nanoseconds(path: Path) -> NDArray[np.int64]:
     times = []
     for number, line in _lines(path):
         word = line.split(",")[0].strip()
-        if not word.isdigit():
+        if not (word.isascii() and word.isdecimal() and int(word[:20]) < 1 << 63):
             raise bad_input(path, f"line {number}: time", shown(word), "whole nanoseconds")
         times.append(int(word))
     return np.array(times, np.int64)

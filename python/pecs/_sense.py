@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import warnings
 from collections.abc import Callable
 from os import PathLike
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._c_types import POINTER, TEXT
 from ._errors import PecsError
-from ._library import function, path_bytes, take_json
+from ._library import function, options_bytes, path_bytes, take_json
 from ._options import SenseOptions, library_options
 from .chip import Chip
 
@@ -36,8 +35,7 @@ def sense(
         report["results"]["events"], report["config"]["chip"]["values"]
 
     Warns of values that are not finite or negative, of events that the readout lost, and of a duration beyond the end
-    of
-    the stack.
+    of the stack.
 
     Parameters
     ----------
@@ -111,7 +109,7 @@ def sense(
 
     paths, given = (path_bytes(stack), path_bytes(output)), library_options(chip, options, SenseOptions)
     try:
-        report: dict[str, Any] = take_json(_sense(*paths, json.dumps(given).encode(), watch, None))
+        report: dict[str, Any] = take_json(_sense(*paths, options_bytes(given), watch, None))
     except PecsError:
         if raised:
             raise raised[0] from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._c_types import FLOATS, INT64, POINTER, TEXT
-from ._library import Handle, function, json_function, path_bytes, take_json
+from ._errors import bad_input
+from ._library import Handle, function, json_function, options_bytes, path_bytes, take_json
 from .stack import StackReader
 
 if TYPE_CHECKING:
@@ -92,8 +93,8 @@ class Chip(Handle):
 
     def __init__(self, name: str | PathLike[str] = "imx636", *, overrides: Mapping[str, float] | None = None):
         self.name = fspath(name)
-        self.overrides = {key: float(value) for key, value in (overrides or {}).items()}
-        super().__init__(_open(path_bytes(self.name), json.dumps(self.overrides).encode()))
+        self.overrides = numbers_by_name("overrides", overrides)
+        super().__init__(_open(path_bytes(self.name), options_bytes(self.overrides)))
         self.info: dict[str, Any] = take_json(self._call(_info))
 
     def __getattr__(self, key: str) -> Any:
@@ -160,14 +161,13 @@ class Chip(Handle):
         Returns
         -------
         float32 array
-            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that
-            is not
-            finite gives NaN.
+            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that is
+            not finite gives NaN.
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:
                 return self.photocurrent(reader, frames, **scale)
-        options = json.dumps(scale).encode()
+        options = options_bytes(scale)
         wanted = range(stack.info["frames"]) if frames is None else np.atleast_1d(np.asarray(frames, np.int64))
         out = np.empty((len(wanted), stack.info["height"], stack.info["width"]), np.float32)
         for plane, frame in zip(out, wanted, strict=True):
@@ -176,11 +176,24 @@ class Chip(Handle):
         return out[0] if isinstance(frames, (int, np.integer)) else out
 
 
+def numbers_by_name(key: str, values: Any) -> dict[str, float]:
+    """An option that maps names to numbers. Raises PecsInputError."""
+    if values is None:
+        return {}
+    try:
+        found = {name: float(value) for name, value in values.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise bad_input(key, "", values, "numbers by name, such as {'diff_on': 35}") from None
+    if wrong := next((name for name, value in found.items() if not math.isfinite(value)), None):
+        raise bad_input(f"{key}.{wrong}", "", repr(found[wrong]), "a finite number")
+    return found
+
+
 def chip_options(chip: str | PathLike[str] | Chip, overrides: Mapping[str, float] | None = None) -> dict[str, Any]:
     """The chip as the library's options name it."""
     own = chip.overrides if isinstance(chip, Chip) else {}
     name = chip.name if isinstance(chip, Chip) else fspath(chip)
-    return {"chip": name, "set": own | {key: float(value) for key, value in (overrides or {}).items()}}
+    return {"chip": name, "set": own | numbers_by_name("overrides", overrides)}
 
 
 def bands(

@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import INT, INT64, POINTER, TEXT
-from ._library import Handle, function, path_bytes, take_json
+from ._library import Handle, function, options_bytes, path_bytes, take_json
 
 EVENT_DTYPE = np.dtype(
     {"names": ["t", "x", "y", "p"], "formats": ["<i8", "<u2", "<u2", "u1"], "offsets": [0, 8, 10, 12], "itemsize": 16}
@@ -133,8 +132,7 @@ class EventReader(Handle):
     @property
     def info(self) -> dict[str, Any]:
         """`format`, `width`, `height` [pixels] and `camera` of the file. If the file does not state its size, width and
-        height
-        are 0 until all events are read.
+        height are 0 until all events are read.
         """
         info: dict[str, Any] = take_json(self._call(_info))
         return info
@@ -215,7 +213,7 @@ class EventWriter(Handle):
         self, path: str | PathLike[str], width: int = 0, height: int = 0, format: str | None = None, camera: str = ""
     ):
         options = {"width": width, "height": height, "camera": camera, "format": format}
-        super().__init__(_create(path_bytes(path), json.dumps(options).encode()))
+        super().__init__(_create(path_bytes(path), options_bytes(options)))
 
     def write(self, events: NDArray[Any]) -> None:
         """Append events.

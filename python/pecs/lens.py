@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLE, DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
-from ._library import Handle, function, json_function, path_bytes, take_text
+from ._library import Handle, function, json_function, options_bytes, path_bytes, take_text
 
 if TYPE_CHECKING:
     from typing_extensions import Required, Unpack
@@ -160,7 +159,7 @@ def _image_json(options: Mapping[str, Any]) -> bytes:
         name, _, unit = key.rpartition("_")
         x, y = out.pop(key, (0, 0))
         out |= {f"{name}_x_{unit}": float(x), f"{name}_y_{unit}": float(y)}
-    return json.dumps(out).encode()
+    return options_bytes(out)
 
 
 class Lens(Handle):
@@ -249,7 +248,7 @@ class Lens(Handle):
         str
             SVG.
         """
-        return take_text(self._call(_draw, json.dumps(_plain(options)).encode()))
+        return take_text(self._call(_draw, options_bytes(_plain(options))))
 
     def camera(self, *, bands_nm: Sequence[float], **options: Unpack[CameraOptions]) -> Camera:
         """The OSL camera of one pass.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLE, DOUBLES, FLOATS, INT64, POINTER, TEXT
-from ._library import Handle, function, path_bytes, take_json
+from ._library import Handle, function, options_bytes, path_bytes, take_json
 from .chip import Chip, ScaleOptions, chip_options
 
 if TYPE_CHECKING:
@@ -29,8 +28,7 @@ _Chip = str | PathLike[str] | Chip
 class Light(Handle):
     """The photocurrent of a stack at any time, as `pecs sense` gives it to the pixels.
 
-    Light between frames is warped along the stack's motion; without motion it is interpolated at the pixel. Memory:
-    the
+    Light between frames is warped along the stack's motion; without motion it is interpolated at the pixel. Memory: the
     frames of two intervals. Increasing times are the fastest.
 
         with pecs.Light("stack", ["red.json", "green.json", "blue.json"]) as light:
@@ -85,7 +83,7 @@ class Light(Handle):
         several = [chips] if isinstance(chips, (str, PathLike, Chip)) else list(chips)
         options = {"chips": [chip_options(chip) for chip in several], "fps": fps, "motion": motion, **scale}
         options |= {"threads": threads}
-        super().__init__(_open(path_bytes(stack), json.dumps(options).encode()))
+        super().__init__(_open(path_bytes(stack), options_bytes(options)))
         info: dict[str, Any] = take_json(self._call(_info))
         self.shape: tuple[int, int, int] = (info["chips"], info["height"], info["width"])
         self.end_us: float | None = info["end_us"]

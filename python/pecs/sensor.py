@@ -15,7 +15,6 @@ everything else as linear light; `encoding` ("linear", "srgb") overrides.
 from __future__ import annotations
 
 import ctypes
-import json
 import warnings
 from collections.abc import Callable, Mapping
 from os import PathLike
@@ -25,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
-from ._library import Handle, function, take_json
+from ._library import Handle, function, options_bytes, take_json
 from ._options import SensorOptions, library_options
 from .chip import Chip
 from .events import EVENT_DTYPE, Events
@@ -70,8 +69,8 @@ def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
     if frames.dtype.kind == "u":
         top = np.iinfo(frames.dtype).max
         table = np.arange(top + 1) / top
-        linear: NDArray[np.float32] = (_from_srgb(table) if srgb else table).astype(np.float32)[frames]
-        return linear
+        # The order of an index decides that of the result; the library takes rows.
+        return (_from_srgb(table) if srgb else table).astype(np.float32)[np.ascontiguousarray(frames)]
     return np.ascontiguousarray(_from_srgb(frames) if srgb else frames, np.float32)
 
 
@@ -169,7 +168,7 @@ class Sensor(Handle):
         self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
         self._warns = True
         given = {"width": width, "height": height, "photocurrent_a": 1e-12}
-        super().__init__(_open(json.dumps(given | library_options(chip, options, SensorOptions)).encode()))
+        super().__init__(_open(options_bytes(given | library_options(chip, options, SensorOptions))))
 
     def push(
         self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
@@ -305,7 +304,7 @@ def simulate(
     frames, times = _as_array(frames), np.asarray(t_us, np.float64)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
-    step = max(1, _CHUNK_BYTES // (4 * frames[0].size))
+    step = max(1, _CHUNK_BYTES // (4 * max(frames[0].size, 1)))
     with Sensor(frames.shape[2], frames.shape[1], chip, **options) as sensor:
         sensor._warns = False
         parts = []

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLES, INT64, POINTER, TEXT
-from ._library import function, path_bytes, take_json
+from ._library import function, options_bytes, path_bytes, take_json
 
 _spectrum = function("pecs_spectrum", POINTER, TEXT)
 _glass = function("pecs_glass_index", INT64, TEXT, DOUBLES, INT64, DOUBLES, INT64)
@@ -79,5 +78,5 @@ def glass(glass: str | tuple[float, float], lambda_nm: ArrayLike) -> NDArray[np.
     options = {"name": glass} if isinstance(glass, str) else {"nd": float(glass[0]), "vd": float(glass[1])}
     at = np.ascontiguousarray(lambda_nm, np.float64)
     index = np.empty_like(at)
-    _glass(json.dumps(options).encode(), at, at.size, index, index.size)
+    _glass(options_bytes(options), at, at.size, index, index.size)
     return index.reshape(np.shape(lambda_nm))

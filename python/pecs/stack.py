@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from os import PathLike
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._c_types import DOUBLE, FLOATS, INT, INT64, POINTER, TEXT
-from ._library import Handle, function, path_bytes, take_json
+from ._library import Handle, function, options_bytes, path_bytes, take_json
 
 LIGHT = "light"  # the layer of the bands
 
@@ -50,7 +49,7 @@ class StackWriter(Handle):
     _free = staticmethod(_writer_close)
 
     def __init__(self, folder: str | PathLike[str], stack: dict[str, Any]):
-        super().__init__(_create(path_bytes(folder), json.dumps(stack).encode()))
+        super().__init__(_create(path_bytes(folder), options_bytes(stack)))
         self.shape = _shape(stack)
         self._written = self.shape[0] + bool(stack.get("noise")), *self.shape[1:]
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}

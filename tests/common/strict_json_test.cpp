@@ -47,6 +47,16 @@ TEST(StrictJson, IntegersDoNotOverflow) {
   EXPECT_NE(error_of(R"({"a": 1.5})", [](auto& o) { o.integer("a", 0, 10); }), "");
 }
 
+// Names go into shaders, pages and terminals: a line feed in one would end a comment.
+TEST(StrictJson, TextHasNoControlCharacters) {
+  for (const char* escape : {"\\n", "\\u0000", "\\u001b", "\\u007f", "\\u0085", "\\r"})
+    EXPECT_NE(error_of(std::string(R"({"name": "a)") + escape + R"(b"})", [](auto& o) { o.text("name"); })
+                  .find("f.json: name: got \"a"),
+              std::string::npos)
+        << escape;
+  EXPECT_EQ(error_of(R"({"name": "Büro 15 mm — f/2.8"})", [](auto& o) { o.text("name"); }), "");
+}
+
 TEST(StrictJson, RejectsAmbiguousContent) {
   const auto line = [](const std::string& text) { return error_of(text, [](auto&) {}); };
   EXPECT_EQ(line(R"({"a": 1, "b": {"c": [1, {"d": 1, "d": 2}]}})"),

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "pecs/error.h"
 #include "pecs/lens/image_map.h"
 #include "pecs/version.h"
 
@@ -328,7 +329,7 @@ std::string shader_text(const Prescription& lens, const Camera& camera) {
   for (const double b : o.bands_nm) bands += (bands.empty() ? "" : ", ") + number(b);
   const double derivative = o.pixel_pitch_mm / camera.first_order.efl_mm;
   return fmt::format(
-      kShader, fmt::arg("version", kVersion), fmt::arg("name", lens.name), fmt::arg("sha256", lens.sha256),
+      kShader, fmt::arg("version", kVersion), fmt::arg("name", printable(lens.name)), fmt::arg("sha256", lens.sha256),
       fmt::arg("bands", bands), fmt::arg("mode", tables.per_band ? "one per sample" : "traced at their mean"),
       fmt::arg("stop", number(camera.first_order.stop_diameter_mm)), fmt::arg("film_z", number(camera.focus.film_z_mm)),
       fmt::arg("focus", o.focus_m ? number(*o.focus_m) + " m" : "infinity"), fmt::arg("shader", camera.shader_name),

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pecs/text.h"
+
 namespace pecs::view {
 namespace {
 
@@ -40,7 +42,7 @@ std::string line_plot(const std::vector<Series>& series, const std::string& x_la
   const auto py = [&](double y) { return kHeight - kBottom - y / y_high * (kHeight - kTop - kBottom); };
 
   std::string svg = fmt::format("<svg class=\"plot\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{} over {}\">",
-                                kWidth, kHeight, y_label, x_label);
+                                kWidth, kHeight, html_escaped(y_label), html_escaped(x_label));
   for (const double t : ticks(0, y_high, 5))
     svg += fmt::format(
         "<path class=\"grid\" d=\"M{:.1f} {:.1f}H{:.1f}\"/><text class=\"end\" x=\"{}\" y=\"{:.1f}\">{}</text>", kLeft,
@@ -50,9 +52,9 @@ std::string line_plot(const std::vector<Series>& series, const std::string& x_la
         "<path class=\"grid\" d=\"M{:.1f} {:.1f}v5\"/><text class=\"middle\" x=\"{:.1f}\" y=\"{}\">{}</text>", px(t),
         py(0), px(t), kHeight - kBottom + 18, number(t));
   svg += fmt::format("<text class=\"middle label\" x=\"{}\" y=\"{}\">{}</text>", (kLeft + kWidth - kRight) / 2,
-                     kHeight - 8, x_label);
+                     kHeight - 8, html_escaped(x_label));
   svg += fmt::format("<text class=\"middle label\" transform=\"translate(14 {}) rotate(-90)\">{}</text>",
-                     (kTop + kHeight - kBottom) / 2, y_label);
+                     (kTop + kHeight - kBottom) / 2, html_escaped(y_label));
 
   double at = kLeft;
   for (const Series& s : series) {
@@ -62,7 +64,7 @@ std::string line_plot(const std::vector<Series>& series, const std::string& x_la
                       : fmt::format("{}{:.2f} {:.2f}", i ? 'L' : 'M', px(s.x[i]), py(s.y[i]));
     svg += fmt::format("<path class=\"curve {}\" d=\"{}\"/>", s.style, path);
     svg += fmt::format("<path class=\"curve {}\" d=\"M{:.1f} 14h22\"/><text x=\"{:.1f}\" y=\"18\">{}</text>", s.style,
-                       at, at + 28, s.name);
+                       at, at + 28, html_escaped(s.name));
     at += 46 + 7.0 * static_cast<double>(s.name.size());
   }
   return svg + "</svg>";

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,20 @@ from .._errors import PecsError
 CHECKOUT = Path(__file__).resolve().parents[3]
 # Blender 4.5 crashed in one of thousands of renders, in the update of its dependency graph.
 CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
+FAULT = 64
+READ = f"""import json, sys
+from pecs._errors import PecsError
+from pecs_blender import cli
+for words in json.load(sys.stdin):
+    try:
+        args = vars(cli._parser().parse_args(words))
+        cli._options(args)
+        if args["scene"].suffix != ".blend":
+            cli.load_scene(args["scene"], args["set"])
+    except PecsError as e:
+        print(e)
+        sys.exit({FAULT})
+"""
 STEP = re.compile(r"^render: (\d+/\d+, \d+ s left)$", re.MULTILINE)
 
 
@@ -28,13 +42,7 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
     the renderer's line and exit code. The renderer ends with this process, which frees the folder's lock. A renderer
     that crashes is started once more, and continues. If this Python has no bpy, PECS_BLENDER_PYTHON names one that has
     bpy and pecs_blender. tell: gets the renderer's progress, such as "3/17, 200 s left"."""
-    python = os.environ.get("PECS_BLENDER_PYTHON", sys.executable)
-    paths = [Path(p).absolute() for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
-    if not importlib.util.find_spec("pecs_blender") and (CHECKOUT / "blender_addon").is_dir():
-        paths = [CHECKOUT / "blender_addon", CHECKOUT / "python", *paths]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
-    if "PECS_LIBRARY" in environment:
-        environment["PECS_LIBRARY"] = str(Path(environment["PECS_LIBRARY"]).absolute())
+    python, environment = _python()
     path = folder / log
     path.parent.mkdir(parents=True, exist_ok=True)
     command = mortal([python, "-m", "pecs_blender", *map(str, words)])
@@ -43,23 +51,51 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
         with path.open("ab") as out:
             streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
             with subprocess.Popen(command, env=environment, cwd=folder, **streams) as process:
-                code = _watched(process, partial(_output, path, begin), tell)
+                code = _watched(process, path, begin, tell)
         if -code not in CRASHES:
             break
     if code:
-        lines = _output(path, begin).strip().splitlines() or ["no output"]
+        lines = _from(path, begin).decode(errors="replace").strip().splitlines() or ["no output"]
         said = lines[-1] if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
         raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
 
 
-def _watched(process: subprocess.Popen[bytes], output: Callable[[], str], tell: Callable[[str], None]) -> int:
-    """The exit code. Once a second, and at the end, `tell` gets the last step of the output."""
+def _python() -> tuple[str, dict[str, str]]:
+    """The Python that has bpy and pecs_blender, and its environment in any folder."""
+    python = os.environ.get("PECS_BLENDER_PYTHON", sys.executable)
+    paths = [Path(p).absolute() for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
+    if not importlib.util.find_spec("pecs_blender") and (CHECKOUT / "blender_addon").is_dir():
+        paths = [CHECKOUT / "blender_addon", CHECKOUT / "python", *paths]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
+    if "PECS_LIBRARY" in environment:
+        environment["PECS_LIBRARY"] = str(Path(environment["PECS_LIBRARY"]).absolute())
+    return python, environment
+
+
+def fault_of(jobs: list[list[str]]) -> str:
+    """What is wrong with the options of renders; "" if nothing is, or if there is no pecs_blender to read them."""
+    python, environment = _python()
+    done = subprocess.run([python, "-c", READ], input=json.dumps(jobs), capture_output=True, text=True, env=environment)
+    return done.stdout.strip() if done.returncode == FAULT else ""
+
+
+def scene_folders() -> list[Path]:
+    """Folders of the scenes that come with PECS."""
+    found = importlib.util.find_spec("pecs_blender")
+    packages = [Path(place).resolve() for place in (found.submodule_search_locations or [])] if found else []
+    return [CHECKOUT / "scenes", *(package / "scenes" for package in packages)]
+
+
+def _watched(process: subprocess.Popen[bytes], log: Path, at: int, tell: Callable[[str], None]) -> int:
+    """The exit code. Once a second, and at the end, `tell` gets the last step of what the log has from byte `at` on."""
     code = None
     try:
         while code is None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = process.wait(1)
-            if steps := STEP.findall(output()):
+            whole = _from(log, at).rpartition(b"\n")[0]  # a line that is being written is read later
+            at += len(whole)
+            if steps := STEP.findall(whole.decode(errors="replace") + "\n"):
                 tell(steps[-1])
     except BaseException:  # stopped; finished frames are kept
         process.terminate()
@@ -67,6 +103,8 @@ def _watched(process: subprocess.Popen[bytes], output: Callable[[], str], tell: 
     return code
 
 
-def _output(log: Path, begin: int) -> str:
+def _from(log: Path, begin: int) -> bytes:
     """What a log contains from a byte on."""
-    return log.read_bytes()[begin:].decode(errors="replace")
+    with log.open("rb") as file:
+        file.seek(begin)
+        return file.read()

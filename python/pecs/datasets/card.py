@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._files import sha256, write_json, write_text
+from .._text import markdown
 from .recipe import Recipe
 from .sequence import Sequence, sequences
 
@@ -108,10 +109,11 @@ def _croissant(recipe: Recipe, manifest: dict[str, Any], output: Path) -> dict[s
 
 def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -> str:
     """Of the sequences that were made, by their own records."""
-    shares = ", ".join(f"{n} {split}" for split, n in _counts(sequence.split for sequence in made).items())
-    scenes = "\n".join(f"- `{name}`: {count}" for name, count in _counts(s.info["scene"] for s in made).items())
+    shares = ", ".join(f"{n} {markdown(split)}" for split, n in _counts(sequence.split for sequence in made).items())
+    scenes = "\n".join(f"- {markdown(name)}: {count}" for name, count in _counts(s.info["scene"] for s in made).items())
     cameras = {
-        f"- `{c.name}`: {c.kind}, {c.width} x {c.height}, {c.info['chip'] or 'RGB film'}, lens {c.info['lens']}": None
+        f"- {markdown(c.name)}: {c.kind}, {c.width} x {c.height}, "
+        f"{markdown(c.info['chip'] or 'RGB film')}, lens {markdown(c.info['lens'])}": None
         for sequence in made
         for c in sequence.cameras.values()
     }
@@ -120,10 +122,14 @@ def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -
     spacing = {round(float(truth.times_us[1] - truth.times_us[0])) for truth in truths if len(truth) > 1}
     rates = ", ".join(f"{1e6 / us:g}" for us in sorted(spacing)) or "no"
     parts = sorted({s.info["imu"]["part"] for s in made if s.info["imu"]}) or ["none"]
-    about = "\n".join(f"- {key}: {value}" for key, value in recipe.about.items())
+    about = "\n".join(f"- {markdown(key)}: {markdown(value)}" for key, value in recipe.about.items())
     seconds = sum(sequence.duration_us for sequence in made) * 1e-6
-    outside = [f"- {row['name']}: {line}" for row in manifest["sequences"] for line in row["outside_limits"]]
-    return f"""# {recipe.name}
+    outside = [
+        f"- {markdown(row['name'])}: {markdown(line)}"
+        for row in manifest["sequences"]
+        for line in row["outside_limits"]
+    ]
+    return f"""# {markdown(recipe.name)}
 
 {about}
 
@@ -138,8 +144,8 @@ PECS {manifest["versions"]["pecs"]} from the recipe in dataset.json (SHA-256 {re
 {chr(10).join(cameras)}
 
 ## Ground truth
-At {rates} Hz: {", ".join(layers)}; per event: cause, and object at its own time.
-Poses and IMU ({", ".join(parts)}). Pages report.html say how well the parts agree.
+At {rates} Hz: {", ".join(map(markdown, layers))}; per event: cause, and object at its own time.
+Poses and IMU ({", ".join(map(markdown, parts))}). Pages report.html say how well the parts agree.
 
 ## Outside the recipe's limits
 {chr(10).join(outside) or "None."}

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arguments import Parser
+from .._arguments import THREADS, Parser, Whole
 from .._command import answer
 from .._errors import UsageError, bad_input
 from .._files import existing_folder
 from .._progress import Line
-from . import manifest, recipe, report, rgb, run, writers
+from . import manifest, recipe, recipe_check, report, rgb, run, writers
 from .card import write_cards
+from .files import read_numbers
 from .sequence import sequences
 from .work import RUNS, Busy, pixels
 
@@ -43,15 +44,20 @@ def _parser() -> Parser:
     add = parser.add_argument
     add("recipe", type=Path, help="RECIPE.toml; with --export also the folder of a set")
     add("-o", "--output", type=Path, required=True, help="folder of the set, or of what --export writes")
-    add("--sequences", type=int, help="how many, instead of the recipe's; the first ones stay the same")
+    about = "how many, instead of the recipe's; the first ones stay the same"
+    add("--sequences", type=Whole(1, recipe.MOST_SEQUENCES), help=about)
     add("--only", help="N or A:B: these sequences, without the set's own files")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--plan", action="store_true", help="print sequences, time and size; make nothing")
     what.add_argument("--check", action="store_true", help="compare all files with their checksums")
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write an existing set in another layout: {', '.join(writers.WRITERS)}")
-    add("--allow-scripts", action="store_true", help="run the Python of the recipe's .blend files")
-    add("--threads", type=int, default=0, help="0: all cores; does not change the result")
+    add(
+        "--allow-scripts",
+        action="store_true",
+        help="run the Python of .blend files and of scene folders that are not of PECS",
+    )
+    add("--threads", type=THREADS, default=0, help="0: all cores; does not change the result")
     return parser
 
 
@@ -64,14 +70,12 @@ def _run(args: argparse.Namespace) -> None:
     if args.export:
         _export(args.recipe, args.export, args.output, line)
         return
-    found = recipe.load(args.recipe)
+    found = dataclasses.replace(recipe.load(args.recipe), allow_scripts=args.allow_scripts)
     if args.sequences is not None:
-        if not 1 <= args.sequences <= recipe.MOST_SEQUENCES:
-            raise UsageError(f"--sequences: got {args.sequences}, wanted 1 to {recipe.MOST_SEQUENCES}")
         found = dataclasses.replace(found, sequences=args.sequences)
-    if args.allow_scripts:
-        found = dataclasses.replace(found, render=found.render | {"allow_scripts": True})
     wanted = _wanted(args.only, found.sequences)
+    if not args.check:
+        recipe_check.check(found)
     if args.plan:
         _plan(found, wanted, args.output)
     elif args.check:
@@ -167,10 +171,10 @@ def _check(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
 
 
 def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:
-    found = {}
+    found, sums = {}, manifest.sums(output)
     for index in wanted:
         folder = manifest.sequence_folder(output, index)
-        lines = manifest.faults(folder) if folder.is_dir() else [f"{folder}: no such sequence"]
+        lines = manifest.faults(folder, sums.get(folder.name)) if folder.is_dir() else [f"{folder}: no such sequence"]
         if lines:
             found[index] = lines
     return found
@@ -249,7 +253,7 @@ def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[fl
         share, until = sum(parts[name] for name in rendered) / sum(parts.values()), max(rendered.values())
     files = [one for one in (p.stat() for p in folder.rglob("*") if p.is_file()) if one.st_mtime <= until]
     times_s, runs = [one.st_mtime for one in files], folder / RUNS
-    begins_s = [float(line) for line in runs.read_text().split()] if runs.exists() else [min(times_s)]
+    begins_s = read_numbers(runs, "times of runs") if runs.exists() else [min(times_s)]
     seconds = 0.0
     for begin_s, next_s in pairwise([*begins_s, math.inf]):
         seconds += max((t_s - begin_s for t_s in times_s if begin_s <= t_s < next_s), default=0)

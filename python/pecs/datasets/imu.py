@@ -17,7 +17,6 @@ Scale errors, cross-axis sensitivity, temperature and the part's own low-pass ar
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._config import Fields
+from .._config import Fields, read_json
 from .._errors import PecsInputError
 from .paths import GRAVITY_M_S2, Trajectory
 
@@ -192,7 +191,7 @@ class Imu:
             raise PecsInputError(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
         if name not in parts():
             raise PecsInputError(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")
-        part = None if name == "ideal" else json.loads((PARTS / f"{name}.json").read_text())
+        part = None if name == "ideal" else read_json(PARTS / f"{name}.json")
         fields = Fields({"turn_on": turn_on, "rate_hz": rate_hz}, "imu")
         fields.number("turn_on", low=0, high=10)
         rate = fields.number("rate_hz", part["rate_hz"] if part else 1000.0, low=1, high=1e6)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .._files import sha256, write_json
+from .._config import Fields
+from .._errors import PecsError, bad_input, existing, shown
+from .._files import read_text, sha256, write_json
 from .._library import version
+from .._text import is_plain
+from .files import MAX_BYTES, read_object
 from .recipe import Recipe
 
-OWN = "files.json"
+OWN, SET = "files.json", "dataset.json"
 ABSOLUTE = re.compile(r'"(/[^"\n]*)"')  # a path of this machine in a recipe
 NOT_SUMMED = ".log"  # with times of day
 
@@ -32,13 +35,46 @@ def seal(folder: Path) -> None:
     write_json(folder / OWN, {str(p.relative_to(folder)): [p.stat().st_size, sha256(p)] for p in _files(folder)})
 
 
-def faults(folder: Path) -> list[str]:
-    """Lost or changed files since seal(), one line each."""
+def _listed(folder: Path) -> dict[str, tuple[int, str]]:
+    """files.json: size and SHA-256 by path. Raises PecsInputError."""
+    fields = Fields(read_object(folder / OWN, "the checksums of a sequence"), folder / OWN)
+    listed = {}
+    for name, entry in fields.content.items():
+        path = PurePosixPath(name)
+        match entry:
+            case [int(size), str(digest)] if not path.is_absolute() and ".." not in path.parts and is_plain(name):
+                listed[name] = size, digest
+            case _:
+                raise fields.fail(shown(name), entry, "[bytes, SHA-256] of a file in the folder")
+    return listed
+
+
+def sealed(folder: Path, name: str) -> dict[str, Any]:
+    """The top of a JSON file of a sequence, as seal() found it. Raises PecsInputError for a changed one."""
+    if _listed(folder).get(name, (0, ""))[1] != sha256(existing(folder / name, "a file of a sequence")):
+        raise bad_input(folder / name, "", "other content", f"that of {OWN} (--check lists changed files)")
+    return read_object(folder / name, "a file of a sequence")
+
+
+def sums(output: Path) -> dict[str, str]:
+    """SHA-256 of each sequence's files.json by dataset.json; none before the set is complete. Raises
+    PecsInputError."""
+    path = output / SET
+    if not path.exists():
+        return {}
+    rows = Fields(read_object(path, "the sequences of a set"), path).tables("sequences")
+    return {row.text("name"): row.text("sha256") for row in rows}
+
+
+def faults(folder: Path, digest: str | None = None) -> list[str]:
+    """Lost, changed and added files since seal(), one line each. digest: of files.json, by `sums`."""
     try:
-        listed: dict[str, tuple[int, str]] = json.loads((folder / OWN).read_text())
-    except (OSError, ValueError) as e:
-        return [f"{folder / OWN}: {e}"]
-    found = []
+        listed = _listed(folder)
+    except PecsError as e:
+        return [str(e)]
+    if digest and sha256(folder / OWN) != digest:
+        return [f"{folder / OWN}: got other content, wanted SHA-256 {digest[:12]}… of {SET}"]
+    found = [f"{path}: not listed in {OWN}" for path in _files(folder) if str(path.relative_to(folder)) not in listed]
     for name, (size, digest) in listed.items():
         path = folder / name
         if not path.is_file():
@@ -59,18 +95,17 @@ def write(recipe: Recipe, output: Path) -> dict[str, Any]:
     rows = []
     for index in range(recipe.sequences):
         folder = sequence_folder(output, index)
-        info = json.loads((folder / "sequence.json").read_text())
-        checks = json.loads((folder / "checks.json").read_text())
+        info, checks = sealed(folder, "sequence.json"), sealed(folder, "checks.json")
         row = {key: info[key] for key in ("name", "split", "scene")} | {"sha256": sha256(folder / OWN)}
         rows.append(row | {"outside_limits": checks["outside_limits"]})
     manifest = {
         "format": 1,
         "name": recipe.name,
-        "recipe": ABSOLUTE.sub(lambda path: f'"{Path(path[1]).name}"', recipe.path.read_text()),
+        "recipe": ABSOLUTE.sub(lambda path: f'"{Path(path[1]).name}"', read_text(recipe.path, MAX_BYTES)),
         "recipe_sha256": recipe.sha256,
         "about": recipe.about,
         "versions": {"pecs": version()},
         "sequences": rows,
     }
-    write_json(output / "dataset.json", manifest)
+    write_json(output / SET, manifest)
     return manifest

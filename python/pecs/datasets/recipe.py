@@ -16,6 +16,7 @@ import numpy as np
 
 from .._config import read_toml
 from .._options import STAGE_KEYS
+from .._text import MOST_BYTES, is_file_name
 from ..chip import presets
 from . import placing
 from .checks import LIMITS
@@ -124,6 +125,7 @@ class Recipe:
     limits: dict[str, float] = field(default_factory=dict)
     about: dict[str, str] = field(default_factory=dict)
     sha256: str = ""
+    allow_scripts: bool = False  # by the caller, never by the recipe
 
     def rng(self, index: int, name: str) -> np.random.Generator:
         return generator(self.seed, index, name)
@@ -181,7 +183,8 @@ class Recipe:
 
     def render_options(self, scene: SceneEntry, camera: CameraEntry) -> dict[str, Any]:
         """Of the light."""
-        return self.render | scene.options | camera.options
+        scripts = {"allow_scripts": True} if self.allow_scripts else {}
+        return self.render | scene.options | camera.options | scripts
 
     def truth_frames(self, duration_s: float) -> int:
         return math.floor(duration_s * self.truth["fps"] + 1e-9) + 1
@@ -233,7 +236,7 @@ def load(path: Path) -> Recipe:
         keep={key: keep.flag(key, True) for key in ("light", "truth")},
         export=tuple(export),
         limits=_limits(limits),
-        about={k: about.text(k) for k in about.keys()},
+        about={k: about.text(k, lines=True) for k in about.keys()},
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
     for table in (splits, about, truth, keep, limits, *([imu] if imu else []), top):
@@ -252,10 +255,10 @@ def _limits(table: Table) -> dict[str, float]:
 
 def _unique(top: Table, place: str, names: list[str]) -> None:
     for name in names:
-        if names.count(name) > 1:
+        if sum(name.casefold() == other.casefold() for other in names) > 1:
             raise top.fail(place, f"the name {name!r} twice", "names of their own")
-        if not name or not all(c.isalnum() or c in "_-" for c in name):
-            raise top.fail(place, f"the name {name!r}", "letters, digits, _ and -")
+        if not all(c.isalnum() or c in "_-" for c in name) or not is_file_name(name):
+            raise top.fail(place, f"the name {name!r}", f"letters, digits, _ and -, at most {MOST_BYTES} bytes")
 
 
 def _scene(table: Table, beside: Path, common: dict[str, Any]) -> SceneEntry:
@@ -299,7 +302,7 @@ def _trajectory(table: Table) -> dict[str, Any]:
 def _options(table: Table) -> dict[str, Any]:
     for key in table.keys():
         if key == "allow_scripts":
-            raise table.fail(key, "a permission in a file", "the option --allow-scripts of `pecs dataset`")
+            raise table.fail(key, "a permission in the recipe", "the flag --allow-scripts of pecs dataset")
         if key not in RENDER_KEYS:
             raise table.fail(key, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
     return {key: table.any(key) for key in table.keys()}

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import base64
-import html
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import optional_module
 from .._files import write_json, write_text, write_whole
+from .._text import html
 from . import preview
 from .checks import check, recorded_rates
 from .files import png_bytes, read_picture
+from .manifest import sealed
 from .report_pictures import flow_picture
 from .sequence import Camera, Sequence
 from .writers._pictures import depth_picture, event_picture
@@ -38,15 +39,15 @@ def write(sequence: Sequence) -> dict[str, Any]:
     """report.html and checks.json of a sequence; the checks' numbers."""
     checks = check(sequence)
     write_json(sequence.folder / "checks.json", checks)
-    parts = [f"<h1>Sequence {sequence.name}</h1>", _facts(sequence)]
-    parts += [f"<p><b>Outside the limits:</b> {_text(line)}</p>" for line in checks["outside_limits"]]
+    parts = [f"<h1>Sequence {html(sequence.name)}</h1>", _facts(sequence)]
+    parts += [f"<p><b>Outside the limits:</b> {html(line)}</p>" for line in checks["outside_limits"]]
     columns = preview.strip(sequence)
     if columns:
         strip = np.concatenate(list(columns.values()), 1)
         write_whole(sequence.folder / "preview.png", png_bytes(strip, 9))
         parts += [_moving("preview.png", strip.shape), f"<p>{', '.join(columns).capitalize()}</p>"]
     for camera in sequence.cameras.values():
-        parts.append(f"<h2>{_text(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
+        parts.append(f"<h2>{html(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
         parts += [_figure(picture, caption) for caption, picture in _pictures(sequence, camera)]
         parts.append(_numbers(checks["cameras"][camera.name]))
         rate = checks["cameras"][camera.name].get("events", {}).get("rate_over_time_hz")
@@ -57,7 +58,7 @@ def write(sequence: Sequence) -> dict[str, Any]:
             others = ", ".join(f"{name} ({hz / 1e6:.3g} million)" for name, hz in recorded.items())
             parts.append(
                 "<p>Events per second over the sequence (red), and at the mean rates per pixel of recorded sets: "
-                f"{_text(others)}, green and blue</p>{_curve([rate, *([hz] * len(rate) for hz in recorded.values())])}"
+                f"{html(others)}, green and blue</p>{_curve([rate, *([hz] * len(rate) for hz in recorded.values())])}"
             )
     if checks["stereo"]:
         parts += ["<h2>Stereo: depth of both cameras</h2>", _numbers(checks["stereo"])]
@@ -75,21 +76,21 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
     cards = []
     for row in manifest["sequences"]:
         sequence = Sequence(folder / "sequences" / row["name"])
-        checks = json.loads((sequence.folder / "checks.json").read_text())
+        checks = sealed(sequence.folder, "checks.json")
         rates = [c["events"]["rate_hz"] for c in checks["cameras"].values() if "events" in c]
         seen = [c.truth for c in sequence.cameras.values() if c.has_truth and "objects" in c.truth.layers]
         objects = [o for truth in seen for o in truth.objects]
         classes = sorted({o["class"] for o in objects if o["class"]})
         cards.append(
-            f'<div class="card" data-split="{row["split"]}" data-scene="{_text(row["scene"])}">'
-            f'<a href="sequences/{row["name"]}/report.html">{_card_picture(sequence)}</a>'
-            f"<br><b>{row['name']}</b> {row['split']}, {_text(row['scene'])}, "
+            f'<div class="card" data-split="{html(row["split"])}" data-scene="{html(row["scene"])}">'
+            f'<a href="{html(quote("sequences/" + row["name"]))}/report.html">{_card_picture(sequence)}</a>'
+            f"<br><b>{html(row['name'])}</b> {html(row['split'])}, {html(row['scene'])}, "
             f"{sequence.duration_us / 1e6:g} s, {sum(rates) / 1e6:.2f} Mevents/s"
-            f"<br>{_quality(checks)}<br>{_text(', '.join(classes))}</div>"
+            f"<br>{_quality(checks)}<br>{html(', '.join(classes))}</div>"
         )
     picks = "".join(
         f'<label>{what} <select data-what="{what}"><option value="">all</option>'
-        + "".join(f"<option>{_text(v)}</option>" for v in sorted({row[what] for row in manifest["sequences"]}))
+        + "".join(f"<option>{html(v)}</option>" for v in sorted({row[what] for row in manifest["sequences"]}))
         + "</select></label> "
         for what in ("split", "scene")
     )
@@ -99,19 +100,19 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
         "c.dataset[q.dataset.what]===q.value)?'':'none'));</script>"
     )
     recorded = "; ".join(
-        f"<a href='{_text(one['source'])}'>{_text(name)}</a> {one['rate_per_pixel_hz']:.3g} ({_text(one['what'])})"
+        f"<a href='{html(one['source'])}'>{html(name)}</a> {one['rate_per_pixel_hz']:.3g} ({html(one['what'])})"
         for name, one in recorded_rates().items()
     )
-    about = "".join(f"<li>{_text(k)}: {_text(v)}</li>" for k, v in manifest["about"].items())
+    about = "".join(f"<li>{html(k)}: {html(v)}</li>" for k, v in manifest["about"].items())
     parts = [
-        f"<h1>{_text(manifest['name'])}</h1>",
+        f"<h1>{html(manifest['name'])}</h1>",
         f"<p>{len(cards)} sequences. <a href='dataset.json'>dataset.json</a> has the check sums, "
         "<a href='croissant.json'>croissant.json</a> the description for machines.</p>",
         f"<ul>{about}</ul>",
         f"<p>Recorded sets, events/s per pixel: {recorded}</p><p>{picks}</p>",
         *cards,
         script,
-        f"<h2>Recipe</h2><pre>{_text(manifest['recipe'])}</pre>",
+        f"<h2>Recipe</h2><pre>{html(manifest['recipe'])}</pre>",
     ]
     _page(folder / "index.html", manifest["name"], parts)
 
@@ -121,13 +122,13 @@ def _card_picture(sequence: Sequence) -> str:
     path = sequence.folder / "preview.png"
     if not path.exists():
         return _img(_events_picture(sequence, next(iter(sequence.cameras.values()))), 346)
-    return _moving(f"sequences/{sequence.folder.name}/preview.png", read_picture(path).shape)
+    return _moving(quote(f"sequences/{sequence.folder.name}/preview.png"), read_picture(path).shape)
 
 
 def _moving(path: str, shape: tuple[int, ...]) -> str:
     """The rows of a preview.png one after the other, half a second each."""
     size = f"width:{shape[1]}px;height:{shape[0] // preview.ROWS}px"
-    return f'<div class="moving" style="{size};background-image:url({path});--end:-{shape[0]}px"></div>'
+    return f'<div class="moving" style="{size};background-image:url({html(path)});--end:-{shape[0]}px"></div>'
 
 
 def _quality(checks: dict[str, Any]) -> str:
@@ -144,16 +145,12 @@ def _quality(checks: dict[str, Any]) -> str:
         words += [f"{name}: {', '.join(shares)}"] if shares else []
     words.append(f"speed up to {checks['motion']['speed_most_m_s']:.2f} m/s")
     words += [f"outside the limits: {line}" for line in checks["outside_limits"]]
-    return "<br>".join(_text(word.replace("_", " ")) for word in words)
+    return "<br>".join(html(word.replace("_", " ")) for word in words)
 
 
 def _page(path: Path, title: str, parts: list[str]) -> None:
-    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{_text(title)}</title><style>{STYLE}</style>"
+    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{html(title)}</title><style>{STYLE}</style>"
     write_text(path, head + "\n".join(parts) + "</html>\n")
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
 
 
 def _facts(sequence: Sequence) -> str:
@@ -176,7 +173,7 @@ def _numbers(groups: dict[str, Any]) -> str:
 
 
 def _table(rows: Iterable[tuple[Any, ...]]) -> str:
-    cells = ("".join(f"<td>{_text(_short(value))}</td>" for value in row) for row in rows)
+    cells = ("".join(f"<td>{html(_short(value))}</td>" for value in row) for row in rows)
     return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
@@ -276,7 +273,7 @@ def _boxes_picture(camera: Camera, i: int) -> NDArray[np.uint8]:
 
 def _figure(picture: NDArray[np.uint8], caption: str) -> str:
     width = min(SHOWN, max(346, picture.shape[1]))
-    return f"<figure>{_img(picture, width)}<figcaption>{_text(caption)}</figcaption></figure>"
+    return f"<figure>{_img(picture, width)}<figcaption>{html(caption)}</figcaption></figure>"
 
 
 def _img(picture: NDArray[np.uint8], width: int) -> str:

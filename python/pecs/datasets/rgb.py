@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._config import read_json
 from .._files import write_text
 from .._library import data_dir
 from ..spectra import spectrum
@@ -42,7 +43,7 @@ def filters() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def write_chip(path: Path, channel: int | None, width: int, height: int, pitch_um: float, peak_qe: float) -> Path:
     """A chip profile with the response of one filter, or (None) with their sum, by which the renderer chooses bands."""
-    profile = json.loads((data_dir("sensor/chips") / "ideal.json").read_text())
+    profile = read_json(data_dir("sensor/chips") / "ideal.json")
     lambda_nm, qe = filters()
     values = qe.sum(1) / qe.sum(1).max() if channel is None else qe[:, channel]
     wanted = {"width": width, "height": height, "pixel_pitch_m": pitch_um * 1e-6, "fill_factor": 1, "peak_qe": peak_qe}
@@ -57,7 +58,7 @@ def write_chip(path: Path, channel: int | None, width: int, height: int, pitch_u
         "value": values.tolist(),
     }
     text = json.dumps(profile, indent=1)
-    if not path.exists() or path.read_text() != text:
+    if not path.exists() or path.read_bytes() != text.encode():
         write_text(path, text)
     return path
 

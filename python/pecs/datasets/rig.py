@@ -5,7 +5,6 @@ K and everything made for OpenCV take pixel (0, 0)'s centre as (0, 0); pecs take
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from .._errors import optional_module
 from ..lens import Lens
+from .files import read_object
 
 Array = NDArray[np.float64]
 
@@ -44,8 +44,7 @@ class Optics:
 
 
 def stack_json(stack: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((stack / "stack.json").read_text())
-    return found
+    return read_object(stack / "stack.json", "a stack")
 
 
 def optics(stack: dict[str, Any], lens_path: str) -> Optics:

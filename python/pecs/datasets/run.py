@@ -15,15 +15,13 @@ import numpy as np
 
 from .. import _poses as poses
 from .._arguments import words
-from .._errors import bad_input
-from .._files import write_json, write_text, write_whole
+from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
-from ..lens import Lens
 from . import imu as imus
-from . import pictures, placing, report, rgb, rig, trajectories
+from . import pictures, placing, recipe_check, report, rgb, rig, trajectories
 from .blender import blender
-from .files import npy_bytes
+from .files import MAX_BYTES, npy_bytes
 from .manifest import seal
 from .paths import GRAVITY_M_S2
 from .recipe import CameraEntry, Recipe
@@ -44,7 +42,8 @@ def make(recipe: Recipe, index: int, output: Path, threads: int, say: Callable[.
             return
         owners = [entry for entry in recipe.cameras if not entry.pixels_of]
         for entry in owners:
-            _see_corners(work, entry)
+            values = work.drawn["cameras"][entry.name]
+            recipe_check.see_corners(recipe, entry, values["fnumber"], values["focus_m"])
         _move(work)
         for entry in sorted((c for c in recipe.cameras if c.has_light), key=lambda c: bool(c.pixels_of)):
             _render(work, entry, threads)
@@ -70,19 +69,14 @@ def _move(work: Work) -> None:
         end_s = work.drawn["duration_s"]
         blender(
             *("survey", scene.path, *_parameters(work), "-o", survey.name),
+            *(["--allow-scripts"] if recipe.allow_scripts else []),
             *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / end_s),
-            *words({"allow_scripts": recipe.render.get("allow_scripts", False)}),
             folder=work.folder,
             log="survey.log",
         )
-    parameters = dict(work.drawn["trajectory"])
-    kind, rate = parameters.pop("kind"), max(PATH_HZ, float(recipe.render["fps"]))
-    seconds = work.drawn["duration_s"]
+    kind, parameters = recipe_check.trajectory(recipe, work.drawn["trajectory"])
+    rate, seconds = max(PATH_HZ, float(recipe.render["fps"])), work.drawn["duration_s"]
     parameters["duration_s"] = seconds + 3 / rate  # the last frames may be later
-    if "file" in parameters:
-        parameters["file"] = str(recipe.path.parent / parameters["file"])
-    if "speed_m_per_s" in recipe.limits:
-        parameters.setdefault("max_speed_m_per_s", recipe.limits["speed_m_per_s"])
     path = trajectories.plan(kind, parameters, _surfaces(survey), recipe.rng(work.index, "trajectory"))
     t_s = np.arange(math.ceil(seconds * rate) + 3) / rate
     for entry in recipe.cameras:
@@ -209,22 +203,6 @@ def _copied(work: Work, entry: CameraEntry, name: str, to: str) -> str:
     return f"{entry.name}/{to}"
 
 
-def _see_corners(work: Work, entry: CameraEntry) -> None:
-    """Rejects a lens that does not cover the film, before rendering."""
-    width, height, pitch_um = pixels(work.recipe, entry)
-    corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
-    drawn = work.drawn["cameras"][entry.name]
-    setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_um * 1e-3}
-    with Lens(entry.lens) as lens:
-        _covered(work, entry, lens.directions(corners, width=width, height=height, **setting))
-
-
-def _covered(work: Work, entry: CameraEntry, directions: rig.Array) -> None:
-    if lost := int(np.isnan(directions).any(-1).sum()):
-        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}, which does not illuminate {lost} pixels"
-        raise bad_input(work.recipe.path, place, got, "a lens that covers the film")
-
-
 # Calibration
 
 
@@ -297,7 +275,7 @@ class _View:
 
 def _view(work: Work, entry: CameraEntry) -> _View:
     optics = rig.optics(stack := rig.stack_json(work.stack(entry)), entry.lens)
-    _covered(work, entry, optics.directions)
+    recipe_check.covered(work.recipe, entry, optics.directions)
     placed = rig.rig_from_camera(entry.position_m, entry.rotation_deg)
     return _View(stack, optics, rig.pinhole(optics.directions), placed)
 
@@ -331,7 +309,7 @@ def _sense(work: Work, entry: CameraEntry) -> None:
             duration_us=work.duration_us,
         )
         record = folder / "events.h5.run.json"
-        write_text(record, record.read_text().replace(f"{work.folder}/", ""))
+        write_text(record, read_text(record, MAX_BYTES).replace(f"{work.folder}/", ""))
     pictures.label_events(work, entry, folder)
 
 

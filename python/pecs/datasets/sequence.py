@@ -64,10 +64,12 @@ class Camera:
     """
 
     def __init__(self, folder: Path, entry: Fields):
-        self.name = entry.text("name")
+        self._within: set[tuple[Path, int]] = set()  # files, as last changed, whose values were checked
+        self.name = entry.file_name("name")
         self.kind = entry.text("kind", choices=("events", "rgb"))
         self.folder = folder / self.name
-        self.pixels_of = entry.optional(entry.text, "pixels_of") or self.name  # the camera with the path and the truth
+        # the camera with the path and the truth
+        self.pixels_of = entry.optional(entry.file_name, "pixels_of") or self.name
         self._pixels = folder / self.pixels_of
         self.width, self.height = entry.integer("width", low=1), entry.integer("height", low=1)
         self.pixel_pitch_m = entry.number("pixel_pitch_um", low=1e-3) * 1e-6
@@ -161,8 +163,11 @@ class Camera:
     def _per_event(self, values: NDArray[Any], limit: int | None = None) -> NDArray[Any]:
         if len(values) != self._event_count:
             raise bad_input(Path(values.filename), "length", len(values), f"{self._event_count}, one for each event")
-        if limit and len(values) and values.max() >= limit:
-            raise bad_input(Path(values.filename), "greatest value", int(values.max()), f"less than {limit}")
+        path = Path(values.filename)
+        if limit and (content := (path, path.stat().st_mtime_ns)) not in self._within:
+            if len(values) and values.max() >= limit:
+                raise bad_input(path, "greatest value", int(values.max()), f"less than {limit}")
+            self._within.add(content)  # checked once: a window of events costs what it contains
         return values
 
     def rectify_map(self) -> NDArray[np.float32]:
@@ -184,6 +189,11 @@ class Camera:
         (float64 array, float64 array)
             Times [n] in us, and world_from_camera [n, 4, 4].
         """
+        times_us, poses = self._poses
+        return times_us.copy(), poses.copy()
+
+    @cached_property
+    def _poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return read_poses(self._pixels / "camera_path.txt")
 
     def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
@@ -233,8 +243,7 @@ class Camera:
             positions, seen = camera.tracks([[120.5, 80]], 0, np.arange(0, 100_001, 1000))
 
         Points follow the poses of their objects and of the camera. Poses of objects are interpolated between instants
-        of the
-        truth; a point is visible there if it is at the instants before and after.
+        of the truth; a point is visible there if it is at the instants before and after.
 
         Parameters
         ----------
@@ -249,9 +258,8 @@ class Camera:
         -------
         (float64 array, bool array)
             Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
-            objects
-            that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes to the
-            pixel.
+            objects that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes
+            to the pixel.
         """
         return follow(self, points_px, at_us, times_us)
 
@@ -330,13 +338,13 @@ class Sequence:
         fields = Fields(self.info, path)
         if fields.integer("format") != FORMAT:
             raise fields.wrong("format", f"{FORMAT}")
-        self.name, self.split = fields.text("name"), fields.text("split")
+        self.name, self.split = fields.file_name("name"), fields.file_name("split")
         self.duration_us = fields.integer("duration_us", low=1)
         self.cameras: dict[str, Camera] = {}
         for entry in fields.tables("cameras"):
             camera = Camera(self.folder, entry)
-            if camera.name in self.cameras or not camera.name or Path(camera.name).name != camera.name:
-                raise entry.wrong("name", "a folder's name that no other camera has")
+            if camera.name.casefold() in {name.casefold() for name in self.cameras}:  # folders of every disk differ
+                raise entry.wrong("name", "a name that no other camera has")
             self.cameras[camera.name] = camera
         for camera in self.cameras.values():
             self._check_partner(path, camera)

@@ -20,6 +20,11 @@ class Value:
     low: float = -math.inf
     high: float = math.inf
 
+    @property
+    def ends(self) -> tuple[Any, ...]:
+        """Values that no drawn one is outside of, or all of a choice."""
+        return (self.low, self.high) if self.kind == "normal" else self.of
+
     def draw(self, rng: np.random.Generator) -> Any:
         if self.kind == "fixed":
             return self.of[0]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
+from .._text import is_plain
 from ..motion import CHANNELS, displacement_weights, velocity_weights
 from ..stack import StackReader
 from ._bilinear import bilinear, on_surface
@@ -132,9 +133,8 @@ class Truth:
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
         """Optical flow of the surface points at the pixels' centres.
 
-        Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the
-        point at an
-        instant on the way.
+        Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the point
+        at an instant on the way.
 
         Parameters
         ----------
@@ -207,8 +207,7 @@ class Truth:
 
     def shows(self, i: int, at: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points are visible at an instant: inside the image, and a pixel within 3/4 pixel in x and y has their
-        depth or
-        more.
+        depth or more.
 
         Parameters
         ----------
@@ -302,7 +301,7 @@ class Truth:
         Returns
         -------
         float32 array
-            [12, H, W].
+            [20, H, W].
         """
         return self.layer("motion", i)
 
@@ -350,7 +349,7 @@ class Truth:
             raise top.wrong("format", "1")
         classes = {}
         for key, name in top.table("classes").content.items():
-            if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str):
+            if not key.isdecimal() or not 0 < int(key) < _LARGEST_ID or not isinstance(name, str) or not is_plain(name):
                 raise top.wrong("classes", "names by positive ids")
             classes[int(key)] = name
         known = {}
@@ -404,10 +403,8 @@ class Truth:
         -------
         structured array
             `BOX_DTYPE`, one row per object, in pixels. `x0` to `y1`: the visible part; `amodal_x0` to `amodal_y1`: all
-            of it,
-            also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
-            `truncated`:
-            share of its amodal box outside.
+            of it, also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
+            `truncated`: share of its amodal box outside.
         """
         entries = self._instant(i)
         out = np.zeros(len(entries), BOX_DTYPE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib.metadata
 import json
@@ -18,11 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .._config import read_json
 from .._errors import PecsOutputError
-from .._files import sha256, write_json
+from .._files import lock_file, sha256, write_json
 from .._library import version
 from ..chip import Chip
+from .files import read_object
 from .manifest import sequence_folder
 from .recipe import CameraEntry, Recipe
 
@@ -86,12 +85,9 @@ def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., N
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Holds FOLDER's lock file. The file stays: a process that has opened a removed file would lock nothing."""
-    with (folder.parent / f".{folder.name}.lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise Busy(f"{folder}: another process is making this sequence") from None
+    """Holds FOLDER's lock file."""
+    busy = Busy(f"{folder}: another process is making this sequence")
+    with lock_file(folder.parent / f".{folder.name}.lock", folder, busy):
         yield
 
 
@@ -105,9 +101,9 @@ def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
         "cameras": recipe.cameras,
         "imu": recipe.imu,
         "limits": recipe.limits,
-        "render": recipe.render,
+        "render": recipe.render | ({"allow_scripts": True} if recipe.allow_scripts else {}),
         "truth": recipe.truth,
-        "files": {name: content_sha256(path) for name, path in _files(recipe, drawn).items()},
+        "files": _sums(_files(recipe, drawn)),
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
     }
     found: dict[str, Any] = portable(json.loads(json.dumps(decides, default=_finite, allow_nan=False)))
@@ -155,6 +151,14 @@ def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
     return found | {f"scene {scene.name}": scene.path}
 
 
+def _sums(files: dict[str, Path]) -> dict[str, Any]:
+    """SHA-256 by portable name; a list, by the full names' order, of files that have one portable name."""
+    sums: dict[str, list[str]] = {}
+    for name, path in sorted(files.items()):
+        sums.setdefault(portable(name), []).append(content_sha256(path))
+    return {name: found if len(found) > 1 else found[0] for name, found in sums.items()}
+
+
 def content_sha256(path: Path) -> str:
     """Of a file, or of all files of a folder with their names; without what Python compiles."""
     if path.is_file():
@@ -188,7 +192,7 @@ def _compare(folder: Path, now: dict[str, Any], finished: bool) -> None:
     older version."""
     if not (folder / REQUEST).exists():
         return
-    before = read_json(folder / REQUEST)
+    before = read_object(folder / REQUEST, "what a sequence is made from")
     for key in now:
         if before.get(key) != now[key] and not (finished and key == "versions"):
             what = _difference(before.get(key), now[key])

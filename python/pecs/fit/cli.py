@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from .._arguments import Parser, Quantity
+from .._arguments import SEED, Parser, Quantity, Whole
 from .._command import answer
 from .._errors import UsageError, existing
-from .._files import read_text, write_json
+from .._files import check_outputs, read_text, write_json
 from .._progress import Line
 from ..chip import Chip
+from .profile import pixel_map_path
 
 ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
@@ -29,6 +30,7 @@ EXAMPLES = (
     "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
 )
 MAX_BYTES = 1 << 26
+LARGE_MISFIT = 5.0
 
 
 def _levels(text: str) -> tuple[Path, tuple[float, ...]]:
@@ -52,7 +54,7 @@ def _disk(text: str) -> tuple[Any, ...]:
 
 def _region(text: str) -> tuple[int, ...]:
     parts = text.split(",")
-    if len(parts) != 4 or not all(p.isdecimal() for p in parts):
+    if len(parts) != 4 or not all(p.isascii() and p.isdecimal() and len(p) < 7 for p in parts):
         raise argparse.ArgumentTypeError(f"got {text!r}, wanted X,Y,W,H")
     return tuple(map(int, parts))
 
@@ -87,8 +89,8 @@ def _parser() -> Parser:
     about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json, in the folder of the profile"
     parser.add_argument("--pixel-map", action="store_true", help=about)
     about = "simulated pixels, a multiple of 128; more narrow the intervals and take longer"
-    parser.add_argument("--pixels", type=int, default=1024, metavar="N", help=about)
-    parser.add_argument("--seed", type=int, default=1, help="of the simulation")
+    parser.add_argument("--pixels", type=Whole(128, 1 << 20), default=1024, metavar="N", help=about)
+    parser.add_argument("--seed", type=SEED, default=1, help="of the simulation")
     return parser
 
 
@@ -103,6 +105,8 @@ def _photocurrent_a(args: argparse.Namespace) -> float | None:
         return args.photocurrent  # type: ignore[no-any-return]
     if not 0 < args.irradiance < 1e6:
         raise UsageError(f"fit: --irradiance: got {args.irradiance:g}, wanted W/m2 above 0")
+    if not 1 <= args.wavelength <= 1e5:
+        raise UsageError(f"fit: --wavelength: got {args.wavelength:g} nm, wanted 1 to 1e5 nm")
     band = [{"lambda_nm": args.wavelength, "weight_nm": 1.0}]
     return Chip(args.chip).amperes_per_unit(band)[0] * args.irradiance  # type: ignore[no-any-return]
 
@@ -130,6 +134,9 @@ def _fit(args: argparse.Namespace) -> None:
     for file, levels in args.still:
         if len(levels) != 1:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
+    inputs = [*(file for file, *_ in (*args.steps, *args.still, *args.disk)), *args.stimulus, args.flash, args.edges]
+    pixel_map = pixel_map_path(args.output) if args.pixel_map else None
+    check_outputs([*inputs, Path(args.chip)], [args.output, pixel_map, args.report, args.numbers])
     edges = _edges_us(args.edges) if args.edges else None
     recordings: list[Steps | Still | Stimulus | Disk | Flash] = [
         Stimulus(existing(f, "a recording")) for f in args.stimulus
@@ -152,6 +159,9 @@ def _fit(args: argparse.Namespace) -> None:
         progress=lambda n: line(f"fit: {n} simulations", n),
     )
     line.end()
+    if found.misfit > LARGE_MISFIT:
+        why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
+        line.note(f"pecs: fit: {why} (levels, edges, region?)")
     found.write(args.output)
     if args.report:
         report.write(found, args.report)

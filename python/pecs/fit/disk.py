@@ -6,7 +6,6 @@ the delays behind ON and OFF edges and by the share of ON events."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._config import parse_json
 from .._errors import PecsError, PecsInputError
 from .._program import program
 from ..events import Events, read
@@ -122,7 +122,7 @@ def _detect(file: str | Path) -> dict[str, Any]:
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.startswith("pecs: ")] or [f"pecs: {file}: no disk"]
         raise PecsError(lines[-1].removeprefix("pecs: "), done.returncode)
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = parse_json(done.stdout, "pecs align disk")
     if not found.get("rim"):
         raise PecsInputError(f"{file}: got a disk without rim, wanted one whose rim is in view")
     period_deg = 720 / found["sectors"]

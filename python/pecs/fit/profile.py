@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._config import read_json
 from .._errors import bad_input
-from .._files import read_text, write_json
+from .._files import write_json
 from .._library import data_dir
 
 if TYPE_CHECKING:
@@ -24,10 +24,14 @@ def _rounded(value: float, digits: int = 4) -> float:
 def read(chip: str) -> dict[str, Any]:
     """A profile, by name or path."""
     file = Path(chip) if chip.endswith(".json") else data_dir("sensor/chips") / f"{chip}.json"
-    profile: dict[str, Any] = json.loads(read_text(file, MAX_BYTES, "JSON"))
+    profile: dict[str, Any] = read_json(file, MAX_BYTES)
     if not isinstance(profile, dict) or "values" not in profile:
         raise bad_input(file, "values", "none", "a chip profile")
     return profile
+
+
+def pixel_map_path(profile: Path) -> Path:
+    return profile.with_name(f"{profile.stem}_pixels.json")
 
 
 def write_pixel_map(found: PixelMap, path: Path, source: str) -> None:
@@ -49,7 +53,7 @@ def write(found: Fitted, path: Path) -> None:
     for key in ("trade_names", "pixel_map"):
         profile.pop(key, None)
     if found.pixel_map:
-        file = path.with_name(f"{path.stem}_pixels.json")
+        file = pixel_map_path(path)
         write_pixel_map(found.pixel_map, file, f"measured by pecs fit from {files}")
         profile["pixel_map"] = file.name
     for key, of in found.values.items():

@@ -19,6 +19,7 @@ SKIPPED = 0.1  # share at the start of a recording in still light: cameras need 
 BIN_US = 500.0  # of the rates in which switches are found
 SCREEN_BIN_US = 2000.0  # the same for a screen, which takes a refresh to change
 FLASHED_US = 6e4  # behind an edge of a flash: its events
+MOST_LEVELS, MOST_RATIO = 64, 1e7  # 140 dB: more than any pixel's range
 MIN_CYCLES = 4  # complete ones, of which the first is not used
 MOST_NOISE_HZ = 20.0  # per pixel in still light
 SAME_US, TOGETHER = 2000.0, 3.0  # largest variance / mean of numbers of events in such times; pairs of a pixel: 2
@@ -310,9 +311,12 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
     """Raises PecsInputError for switches that are not those of the levels."""
     levels = tuple(map(float, of.levels))
     if len(levels) < 2 or not all(np.isfinite(v) and v > 0 for v in levels):
-        raise _refuse(of.file, f"levels {','.join(map(str, levels))}", "at least two levels above 0")
+        raise _refuse(of.file, f"levels {_listed(levels)}", "at least two levels above 0")
+    if len(levels) > MOST_LEVELS or max(levels) > MOST_RATIO * min(levels):
+        wanted = f"at most {MOST_LEVELS} levels, none above {MOST_RATIO:g} times another"
+        raise _refuse(of.file, f"{len(levels)} levels {_listed(levels)}", wanted)
     if any(a == b for a, b in zip(levels, (*levels[1:], levels[0]), strict=True)):
-        raise _refuse(of.file, f"levels {','.join(map(str, levels))}", "levels that differ from their neighbours")
+        raise _refuse(of.file, f"levels {_listed(levels)}", "levels that differ from their neighbours")
     _, events, place = _load(of.file, region)
     pixels = place[2] * place[3]
     t_us, on = events["t"].astype(float), events["p"] == 1
@@ -413,7 +417,7 @@ def _check_alike(file: str | Path, levels: tuple[float, ...], sizes: Sequence[ND
 
 
 def _listed(levels: tuple[float, ...]) -> str:
-    return ",".join(f"{level:g}" for level in levels)
+    return ",".join(f"{level:g}" for level in levels[:8]) + ",…" * (len(levels) > 8)
 
 
 def _check_directions(file: str | Path, of: Switches) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

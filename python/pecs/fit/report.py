@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import struct
 import zlib
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_text
+from .._text import html
 from . import disk, statistics
 from .disk import Turning
 from .estimate import Fitted, Value
@@ -38,8 +38,8 @@ Floats = NDArray[np.float64]
 def write(found: Fitted, path: Path) -> None:
     """Raises PecsOutputError."""
     parts = [
-        f"<h1>{_text(path.stem)}: a chip profile fitted to recordings</h1>",
-        f"<p>Starting profile: {_text(found.chip)}. Recordings: {_text(', '.join(Path(f).name for f in found.files))}."
+        f"<h1>{html(path.stem)}: a chip profile fitted to recordings</h1>",
+        f"<p>Starting profile: {html(found.chip)}. Recordings: {html(', '.join(Path(f).name for f in found.files))}."
         f" Between recording and model, the root mean square of all differences is {found.misfit:.2f} times the noise "
         "of both (1: they agree).</p>",
         "<h2>Values</h2>",
@@ -52,7 +52,7 @@ def write(found: Fitted, path: Path) -> None:
         _correlations(found),
     ]
     for data, simulated in zip(found.data, found.simulated, strict=True):
-        parts.append(f"<h2>{_text(data.name)}</h2>")
+        parts.append(f"<h2>{html(data.name)}</h2>")
         if isinstance(data, Switches):
             parts += _switches(data, simulated)
         if isinstance(data, Turning):
@@ -62,10 +62,6 @@ def write(found: Fitted, path: Path) -> None:
         parts += _pixels(found.pixel_map)
     head = "<!doctype html><html lang='en'><meta charset='utf-8'><title>pecs fit</title>"
     write_text(path, f"{head}<style>{STYLE}</style>" + "\n".join(parts) + "</html>\n")
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]], kinds: Sequence[str] = ()) -> str:
@@ -81,9 +77,9 @@ def _values(found: Fitted) -> str:
     rows, kinds = [], []
     for key, value in sorted(of.items(), key=lambda item: not item[1].fitted):
         low, high = value.interval
-        interval = f"{low:.4g} to {high:.4g}" if value.fitted else f"kept: {_text(value.why)}"
+        interval = f"{low:.4g} to {high:.4g}" if value.fitted else f"kept: {html(value.why)}"
         start = f"{value.start:.4g}" if value.start else ""
-        rows.append([_text(key), f"{value.value:.4g}", interval, start])
+        rows.append([html(key), f"{value.value:.4g}", interval, start])
         kinds.append("" if value.fitted else "kept")
     return _table(["value", "", "95 % interval", "starting profile"], rows, kinds)
 
@@ -93,26 +89,26 @@ def _constraints(found: Fitted) -> str:
     names = [d.name for d in found.data]
     rows = []
     for key, value in fitted.items():
-        row = [_text(key)]
+        row = [html(key)]
         for name in names:
             factor = (value.without or {})[name]
             kind = " class='strong'" if factor > 2 else ""
             row.append(f"<td{kind}>{'only this one' if factor > 20 else f'{factor:.1f}'}</td>")
         rows.append(row)
-    return _table(["value", *map(_text, names)], rows)
+    return _table(["value", *map(html, names)], rows)
 
 
 def _correlations(found: Fitted) -> str:
     keys = [k for k in found.correlations if k not in found.values or found.values[k].fitted]
     rows = []
     for a in keys:
-        row = [_text(a)]
+        row = [html(a)]
         for b in keys:
             value = found.correlations[a][b]
             kind = " class='strong'" if a != b and abs(value) > 0.8 else ""
             row.append(f"<td{kind}>{value:.2f}</td>")
         rows.append(row)
-    return _table(["", *map(_text, keys)], rows)
+    return _table(["", *map(html, keys)], rows)
 
 
 def _statistics(found: Fitted, name: str) -> str:
@@ -121,7 +117,7 @@ def _statistics(found: Fitted, name: str) -> str:
         if c.recording == name:
             off = (c.simulated - c.measured) / c.deviation
             kind = " class='strong'" if abs(off) > LARGE else ""
-            cells = [_text(c.switch), _text(c.name), f"{c.measured:.4g}", f"{c.simulated:.4g}"]
+            cells = [html(c.switch), html(c.name), f"{c.measured:.4g}", f"{c.simulated:.4g}"]
             rows.append([*cells, f"<td{kind}>{off:+.1f}</td>"])
     return _table(["switch", "statistic", "recording", "model", "difference / noise"], rows)
 
@@ -215,4 +211,4 @@ def _curves(x: Sequence[float] | Floats, lines: Sequence[Any], caption: str) -> 
         f"<text x='{EDGE}' y='16'>{top:.3g}</text>"
     )
     svg = f"<svg width='{WIDTH}' height='{HEIGHT}'>{''.join(drawn)}{labels}</svg>"
-    return f"<figure>{svg}<figcaption>{_text(caption)}</figcaption></figure>"
+    return f"<figure>{svg}<figcaption>{html(caption)}</figcaption></figure>"

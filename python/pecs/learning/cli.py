@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from pathlib import Path
 
-from .._arguments import Parser, Quantity
+from .._arguments import SEED, THREADS, Parser, Quantity, Whole
 from .._command import answer
 from .._errors import PecsNotFoundError, optional_module
+from .._files import check_outputs
 from .._progress import Line
+from .limits import WHOLE
 from .reconstruct import METHODS
 
 NETWORK = "network.onnx"
+MOST_PX = 8192
 RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by a filter",
     "pecs reconstruct recording.raw -o video.mp4 --method firenet        # by the network that ships",
@@ -24,26 +28,28 @@ TRAIN = ("pecs train out/set -o out/run --steps 2000    # writes out/run/network
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
-        raise argparse.ArgumentTypeError(f"got {text!r}, wanted WxH")
-    return int(width), int(height)
+    side = Whole(1, MOST_PX)
+    try:
+        return side(width), side(height)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted WxH, each from 1 to {MOST_PX}") from None
 
 
-def _positive(text: str, kind: type = float, wanted: str = "a number above 0") -> float:
-    value: float = kind(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted {wanted}")
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1e-12 <= value <= 1e3:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number from 1e-12 to 1000")
     return value
-
-
-def _count(text: str) -> int:
-    return int(_positive(text, int, "a whole number above 0"))
 
 
 def _parser() -> Parser:
     parser = Parser(prog="pecs", description="Video from events.", examples=[*RECONSTRUCT, *TRAIN])
     commands = parser.add_commands()
     rate = Quantity("Hz", above=0, below=1e9)
+    whole = {key: Whole(*ends) for key, ends in WHOLE.items()}
 
     about = "video from an event file, by a filter or a network"
     one = commands.add_parser("reconstruct", help=about, description=about, examples=RECONSTRUCT)
@@ -56,7 +62,7 @@ def _parser() -> Parser:
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
     one.add_argument("--cutoff", type=rate, default=1.0, help="cutoff frequency of the filter")
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
-    one.add_argument("--threads", type=int, default=0, help="0: all cores")
+    one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
 
     about = "a network that makes video of events, trained on a data set (needs PyTorch)"
@@ -65,17 +71,19 @@ def _parser() -> Parser:
     one.add_argument("-o", "--output", type=Path, required=True, help="folder of the run; an existing run continues")
     one.add_argument("--split", default="train", help="split of the sequences")
     one.add_argument("--network", choices=("firenet", "e2vid"), default="firenet", help="architecture")
-    one.add_argument("--channels", type=_count, help="width of the first layer (default: firenet 16, e2vid 32)")
-    one.add_argument("--steps", type=_count, default=500, help="steps of training")
-    one.add_argument("--batch", type=_count, default=4, help="clips per step")
-    one.add_argument("--windows", type=_count, default=10, help="windows of a clip")
-    one.add_argument("--crop", type=_count, default=64, help="width and height of a clip, in pixels")
+    about = "width of the first layer (default: firenet 16, e2vid 32)"
+    one.add_argument("--channels", type=whole["channels"], help=about)
+    one.add_argument("--steps", type=whole["steps"], default=500, help="steps of training")
+    one.add_argument("--batch", type=whole["batch"], default=4, help="clips per step")
+    one.add_argument("--windows", type=whole["windows"], default=10, help="windows of a clip")
+    one.add_argument("--crop", type=whole["crop"], default=64, help="width and height of a clip, in pixels")
     one.add_argument("--learning-rate", type=_positive, default=1e-3, help="learning rate of Adam")
-    one.add_argument("--decay-steps", type=int, default=0, help="last steps with a falling learning rate")
+    about = "last steps with a falling learning rate"
+    one.add_argument("--decay-steps", type=whole["decay_steps"], default=0, help=about)
     about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and MS-SSIM"
     one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
-    one.add_argument("--seed", type=int, default=1, help="seed of clips and first weights")
-    one.add_argument("--workers", type=int, default=0, help="processes that read clips; 0: this one")
+    one.add_argument("--seed", type=SEED, default=1, help="seed of clips and first weights")
+    one.add_argument("--workers", type=Whole(0, 256), default=0, help="processes that read clips; 0: this one")
     one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
     one.set_defaults(run=_train)
     return parser
@@ -125,6 +133,7 @@ def _train(args: argparse.Namespace) -> None:
         args.decay_steps,
         seed=args.seed,
     )
+    check_outputs([args.set], [args.output])
     found = sequences(args.set, args.split)
     if not found:
         raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}")

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import PecsInputError, bad_input, existing
-from ..datasets.files import read_picture
+from .._errors import PecsInputError, bad_input
+from ..datasets.files import load, read_numbers, read_picture
 from ..datasets.writers._files import grey
 from ..events import EVENT_DTYPE
 from .reconstruct import Window
@@ -61,11 +61,7 @@ def read_footage(folder: str | PathLike[str]) -> Footage:
 
 def _evreal(folder: Path) -> Footage:
     def column(name: str, what: str) -> NDArray[Any]:
-        path = existing(folder / f"{name}.npy", what)
-        try:
-            return np.asarray(np.load(path, mmap_mode="r"))
-        except ValueError as e:
-            raise bad_input(path, "file", str(e), "an array") from None
+        return np.asarray(load(folder / f"{name}.npy", what))
 
     seconds, places = column("events_ts", "times of events"), column("events_xy", "places of events")
     signs, pictures = column("events_p", "polarities"), column("images", "pictures")
@@ -82,18 +78,14 @@ def _evreal(folder: Path) -> Footage:
 
 def _hs_ergb(folder: Path) -> Footage:
     images = folder / "images_corrected"
-    listed = existing(images / "timestamp.txt", "times of pictures").read_text().split()
-    try:
-        times_us = np.array(listed, np.float64)
-    except ValueError as e:
-        raise bad_input(images / "timestamp.txt", "time", str(e), "a number of microseconds a line") from None
+    times_us = np.array(read_numbers(images / "timestamp.txt", "times of pictures in us, a line each"))
     paths = sorted(images.glob("*.png"))
     if len(paths) < len(times_us):
         raise bad_input(images, "pictures", len(paths), f"{len(times_us)}, as timestamp.txt has")
     pictures = np.stack([grey(read_picture(path)) for path in paths[: len(times_us)]])
     columns: list[list[NDArray[Any]]] = []
     for path in sorted((folder / "events_aligned").glob("*.npz")):
-        with np.load(path) as file:
+        with load(path, "events") as file:
             names = [next((k for k in keys if k in file), "") for keys in HS_ERGB_KEYS]
             if "" in names:
                 raise bad_input(path, "arrays", sorted(file), "x, y, t or timestamp, p or polarity")

@@ -6,9 +6,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from .limits import SSIM_WINDOW
+
 WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # per scale (Wang, Simoncelli, Bovik 2003)
 C1, C2 = 0.01**2, 0.03**2
-WINDOW, SIGMA = 11, 1.5  # pixels (Wang et al. 2004)
+WINDOW, SIGMA = SSIM_WINDOW, 1.5  # pixels (Wang et al. 2004)
 OCCLUDED = 50.0  # alpha of the temporal loss: decay of its weight with the change of the picture (Rebecq et al. 2019)
 
 

@@ -7,7 +7,6 @@ Its weights do not ship: the file is what `torch.save(lpips.LPIPS(net="alex").st
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,6 +14,7 @@ from torch.nn import functional as F
 
 from .._errors import bad_input, existing, optional_module
 from .._files import sha256
+from .tensors import load_tensors
 
 SMALLEST = 1e-10  # features of a smaller norm count as 0
 LEAST_PX = {"alex": 31, "vgg": 16}  # side of the smallest picture
@@ -30,8 +30,8 @@ class Lpips:
         package = optional_module("lpips", "lpips", "LPIPS", "lpips")
         self.sha256 = sha256(existing(path, "weights of LPIPS"))
         wanted = "a state dict of lpips.LPIPS, as torch.save writes it"
+        values = load_tensors(path, wanted)
         try:
-            values: Any = torch.load(path, map_location="cpu", weights_only=True)
             self.kind = "vgg" if "net.slice1.2.weight" in values else "alex"
             self._net = package.LPIPS(net=self.kind, pretrained=False, pnet_rand=True, verbose=False)
             self._net.load_state_dict(values)

@@ -6,21 +6,12 @@ before the first window; state i has the size of the picture over 2**state_level
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
-KINDS = ("firenet", "e2vid")
-
-
-@dataclass(frozen=True)
-class NetworkConfig:
-    kind: str = "firenet"
-    bins: int = 5
-    channels: int = 16  # channels of FireNet's layers, or of E2VID's first layer
-    levels: int = 0  # number of E2VID's encoders, each of which halves the resolution; 0 for FireNet
+from .limits import NetworkConfig
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Conv2d:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from os import PathLike
@@ -12,14 +12,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import PecsInputError, UsageError, bad_input, existing, optional_module
+from .._config import Fields, parse_json
+from .._errors import PecsInputError, PecsNotFoundError, UsageError, bad_input, existing, optional_module
+from .._files import check_outputs
 from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
+from .limits import WHOLE, NetworkConfig
 from .video import Range, VideoWriter
 
 NETWORK_FORMAT = "1"
-STATE = "state"  # prefix of the names of a network's states
+STATE = "state"  # prefix of the names of a network's states: state_NUMBER_LEVEL
+_STATE_NAME = re.compile(rf"{STATE}_[0-9]{{1,3}}_([0-9])")
+MOST_CHANNELS = WHOLE["channels"][1] << 10  # of a state
+MOST_WINDOWS = 1_000_000  # pictures of a video
+MOST_BYTES = 1 << 30  # of a network
 METHODS = ("filter", "firenet", "e2vid")
 WEIGHTS = Path(__file__).with_name("firenet.onnx")  # the network that PECS includes; firenet.json records its training
 
@@ -34,13 +41,17 @@ class Window:
 
 
 def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
-    """Consecutive windows, empty ones too, from the first event to the window of the last event."""
+    """Consecutive windows, empty ones too, from the first event to the window of the last event. Raises PecsInputError
+    for more than `MOST_WINDOWS`."""
     kept: list[NDArray[np.void]] = []
     begin_us, number = None, 0
     for block in reader:
         events = np.asarray(block)
         if begin_us is None:
             begin_us = float(events["t"][0])
+        if (count := (float(events["t"][-1]) - begin_us) / length_us) > MOST_WINDOWS:
+            got = f"{count:.4g} windows of {length_us:g} us to the event at {events['t'][-1]} us"
+            raise bad_input("times", "", got, f"at most {MOST_WINDOWS} (--fps, or a part of the recording)")
         while events["t"][-1] >= (end_us := begin_us + (number + 1) * length_us):
             cut = int(np.searchsorted(events["t"], end_us))
             yield Window(end_us - length_us, end_us, np.concatenate([*kept, events[:cut]]))
@@ -76,42 +87,85 @@ class Network:
     [1, 1, H, W] and the next states."""
 
     def __init__(self, path: Path, width: int, height: int, threads: int = 0):
-        existing(path, "a network (.onnx)")
+        model = _network_bytes(path)
         runtime = optional_module("onnxruntime", "onnxruntime", "a network", "learning")
+        runtime.set_default_logger_severity(4)  # its errors are exceptions, too
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
         # Spinning threads slow down other processes.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 4
         try:
-            self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            self._session = runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         except Exception as e:  # ONNX Runtime raises many types
-            raise PecsInputError(f"{path}: {str(e).splitlines()[0]}, wanted a network in ONNX") from None
+            raise PecsInputError(f"{path}: {_first_line(e)}, wanted a network in ONNX") from None
         said = self._session.get_modelmeta().custom_metadata_map
         if said.get("pecs_network") != NETWORK_FORMAT:
             raise bad_input(
                 path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`"
             )
-        self.record: dict[str, Any] = json.loads(said["record"])
-        config = self.record["network"]
-        self.kind = str(config["kind"])
-        self._bins, self._size = int(config["bins"]), (height, width)
-        step = 2 ** int(config["levels"])
+        record = Fields(parse_json(said.get("record", ""), f"{path}: record"), path, "record")
+        config = NetworkConfig.of(record.table("network"))
+        self._path, self.record, self.kind = path, record.content, config.kind
+        self._bins, self._size = config.bins, (height, width)
+        step = 2**config.levels
         self._pad = -height % step, -width % step
-        self._states: dict[str, NDArray[np.float32]] = {}
-        for entry in self._session.get_inputs():
-            if entry.name.startswith(STATE):
-                level = int(entry.name.rsplit("_", 1)[1])
-                size = (n + more >> level for n, more in zip(self._size, self._pad, strict=True))
-                self._states[entry.name] = np.zeros([1, entry.shape[1], *size], np.float32)
+        self._states = self._first_states(config.levels)
+
+    def _first_states(self, levels: int) -> dict[str, NDArray[np.float32]]:
+        """Zeros. Raises PecsInputError for inputs that no network of `pecs train` has."""
+        found: dict[str, NDArray[np.float32]] = {}
+        inputs = self._session.get_inputs()
+        for entry in inputs[1:]:
+            name = _STATE_NAME.fullmatch(entry.name)
+            channels = entry.shape[1] if len(entry.shape) == 4 else None
+            if name and int(name[1]) <= levels and isinstance(channels, int) and 0 < channels <= MOST_CHANNELS:
+                size = (n + more >> int(name[1]) for n, more in zip(self._size, self._pad, strict=True))
+                found[entry.name] = np.zeros([1, channels, *size], np.float32)
+        names = [entry.name for entry in inputs]
+        if names != ["events", *found] or len(self._session.get_outputs()) != len(names):
+            raise bad_input(self._path, "inputs", names, f"events, and states such as {STATE}_0_1")
+        return found
 
     def __call__(self, window: Window) -> NDArray[np.float64]:
         height, width = self._size
         ends = {"begin_us": window.begin_us, "end_us": window.end_us}
         grid = voxel_grid(window.events, width, height, self._bins, **ends, normalise=True)
         grid = np.pad(grid, ((0, 0), *((0, n) for n in self._pad)))
-        picture, *states = self._session.run(None, {"events": grid[None], **self._states})
+        try:
+            picture, *states = self._session.run(None, {"events": grid[None], **self._states})
+        except Exception as e:  # ONNX Runtime raises many types
+            raise PecsInputError(f"{self._path}: {_first_line(e)}, wanted a network that runs") from None
+        shapes = [(1, 1, *grid.shape[1:]), *(state.shape for state in self._states.values())]
+        for answer, shape in zip((picture, *states), shapes, strict=True):
+            if getattr(answer, "shape", None) != shape or answer.dtype != np.float32:
+                got = f"{getattr(answer, 'dtype', type(answer).__name__)} {list(getattr(answer, 'shape', []))}"
+                raise bad_input(self._path, "answer", got, f"float32 {list(shape)}")
+            if not np.isfinite(answer).all():
+                value = answer[~np.isfinite(answer)][0]
+                raise bad_input(self._path, "answer", str(value), "finite numbers")
         self._states = dict(zip(self._states, states, strict=True))
         return np.clip(picture[0, 0, :height, :width].astype(np.float64), 0, 1)
+
+
+def _network_bytes(path: Path) -> bytes:
+    """The model, loaded from memory, so that what is checked is what runs. Raises PecsInputError for one that names
+    other files: weights that lie outside of it have a key "location", and ORT's own format has them, too."""
+    try:
+        with existing(path, "a network (.onnx)").open("rb") as file:
+            model = file.read(MOST_BYTES + 1)
+    except OSError as e:
+        raise PecsNotFoundError(f"{path}: {e.strerror}") from None
+    if len(model) > MOST_BYTES:
+        raise bad_input(path, "", f"more than {MOST_BYTES} bytes", "a network of `pecs train`")
+    if b"location" in model or model[4:8] == b"ORTM":
+        raise bad_input(path, "", "weights in another file", "an ONNX file that contains its weights")
+    return model
+
+
+def _first_line(error: Exception) -> str:
+    line = next(iter(str(error).splitlines()), type(error).__name__)
+    return line if len(line) < 200 else line[:197] + "..."
 
 
 def reconstruct(
@@ -135,11 +189,12 @@ def reconstruct(
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
     source, output = Path(source), Path(output)
+    chosen = _weights(method, weights)
+    check_outputs([source, chosen], [output])
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
-        chosen = _weights(method, weights)
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
             raise bad_input(chosen or source, "network", make.kind, f"{method}, as --method says")

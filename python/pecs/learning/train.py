@@ -6,7 +6,8 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,19 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .._errors import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError, UsageError
-from .._files import write_json, write_text, write_whole
+from .._config import Fields, read_json
+from .._errors import PecsError, PecsInputError, PecsOutputError, UsageError, bad_input, existing
+from .._files import lock_file, read_text, write_json, write_text, write_whole
 from .._library import version
 from .clips import Augmentation, ClipConfig, Clips, Recording
+from .limits import NetworkConfig, record
 from .losses import ms_ssim, temporal
 from .lpips import Lpips
-from .networks import NetworkConfig, network, start_states
+from .networks import network, start_states
+from .tensors import load_tensors
 
 CONFIG, CHECKPOINT, LOG = "config.json", "checkpoint.pt", "log.csv"
+MOST_LOG = 1 << 30  # bytes
 
 
 @dataclass(frozen=True)
@@ -44,13 +49,16 @@ class TrainConfig:
         return self.learning_rate * min(1.0, (self.steps - step) / (self.decay_steps + 1))
 
     @staticmethod
-    def of(values: dict[str, Any]) -> TrainConfig:
-        """Reads config.json."""
-        values = dict(values)
-        clips = dict(values.pop("clips"))
-        how = clips.pop("augmentation")
-        clips["augmentation"] = Augmentation(**how) if how else None
-        return TrainConfig(network=NetworkConfig(**values.pop("network")), clips=ClipConfig(**clips), **values)
+    def of(fields: Fields) -> TrainConfig:
+        """Reads config.json, or the options as JSON has them."""
+        clips = fields.table("clips")
+        how = clips.optional(clips.table, "augmentation")
+        augmentation = how and record(Augmentation, how)
+        clip = record(ClipConfig, clips, augmentation=augmentation)
+        network = NetworkConfig.of(fields.table("network"))
+        if clip.crop % 2**network.levels:
+            raise clips.wrong("crop", f"a multiple of {2**network.levels}, for {network.levels} levels")
+        return record(TrainConfig, fields, network=network, clips=clip)
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,19 @@ def train(
         wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.kind}"
         raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
-    _claim(run, config)
+    with _claimed(run, config):
+        return _train(sources, run, config, lpips, workers, device, progress)
+
+
+def _train(
+    sources: list[Recording],
+    run: Path,
+    config: TrainConfig,
+    lpips: Lpips | None,
+    workers: int,
+    device: str,
+    progress: Callable[[int, float], None] | None,
+) -> Any:
     torch.manual_seed(config.seed)
     net = network(config.network).to(device)
     optimiser = torch.optim.Adam(net.parameters(), config.learning_rate)
@@ -161,10 +181,23 @@ def _check_device(name: str) -> None:
         raise UsageError(f"--device: got {name!r}, wanted cpu, or cuda where PyTorch has a GPU: {why}") from None
 
 
+@contextmanager
+def _claimed(run: Path, config: TrainConfig) -> Iterator[None]:
+    """The folder, for this process alone; config.json is written. Raises PecsOutputError for a run of another one."""
+    try:
+        run.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise PecsOutputError(f"{run}: cannot be written: {e.strerror}") from None
+    with lock_file(run / ".lock", run, PecsOutputError(f"{run}: another process is training in it")):
+        _claim(run, config)
+        yield
+
+
 def _claim(run: Path, config: TrainConfig) -> None:
     wanted = json.loads(json.dumps(asdict(config)))
+    TrainConfig.of(Fields(wanted, "train"))
     if (run / CONFIG).exists():
-        there = asdict(TrainConfig.of(json.loads((run / CONFIG).read_text())["config"]))
+        there = asdict(TrainConfig.of(_config(run).table("config")))
         for key in wanted:
             if there[key] != wanted[key]:
                 got = f"{key}: got {there[key]!r}, wanted {wanted[key]!r}"
@@ -173,45 +206,58 @@ def _claim(run: Path, config: TrainConfig) -> None:
     write_json(run / CONFIG, {"config": wanted, "versions": {"pecs": version(), "torch": torch.__version__}})
 
 
+def _config(run: Path) -> Fields:
+    """config.json of a run."""
+    path = run / CONFIG
+    return Fields(read_json(existing(path, "a folder of training")), path)
+
+
 def _resume(run: Path, net: Any, optimiser: Any, device: str) -> int:
     if not (run / CHECKPOINT).exists():
         return 0
     found = _load(run / CHECKPOINT, device, net)
-    optimiser.load_state_dict(found["optimiser"])
+    try:
+        optimiser.load_state_dict(optimiser.state_dict() | {"state": found["optimiser"]})
+        for weights, state in optimiser.state.items():
+            if float(state["step"]) < 0 or {state[k].shape for k in ("exp_avg", "exp_avg_sq")} != {weights.shape}:
+                raise ValueError("averages of other weights")
+    except Exception as e:  # of many kinds
+        raise bad_input(run / CHECKPOINT, "optimiser", _why(e), "that of this network") from None
     step: int = found["step"]
     return step
 
 
 def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
     """Contents of a checkpoint; loads its weights into the network."""
+    found = load_tensors(existing(path, "a checkpoint of training"), "a checkpoint of training", device)
     try:
-        found: dict[str, Any] = torch.load(path, map_location=device)
         net.load_state_dict(found["network"])
-    except FileNotFoundError:
-        raise PecsNotFoundError(f"{path}: no such file, wanted a checkpoint of training") from None
+        if type(step := found["step"]) is not int or step < 0 or not isinstance(found["optimiser"], dict):
+            raise ValueError(f"step {step!r}")
     except Exception as e:  # of many kinds
-        why = " ".join(str(e).split())
-        kind = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
-        raise PecsInputError(f"{path}: {why if len(why) < 160 else why[:157] + '...'}, wanted {kind}") from None
+        wanted = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
+        raise PecsInputError(f"{path}: {_why(e)}, wanted {wanted}") from None
     return found
+
+
+def _why(error: Exception) -> str:
+    why = " ".join(str(error).split()) or type(error).__name__
+    return why if len(why) < 160 else why[:157] + "..."
 
 
 def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
     content = io.BytesIO()
-    torch.save({"network": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, content)
+    # Tensors and whole numbers: PyTorch 1.13 loads no other numbers without running code.
+    torch.save({"network": net.state_dict(), "optimiser": optimiser.state_dict()["state"], "step": step}, content)
     write_whole(run / CHECKPOINT, content.getvalue())
 
 
 def trained(run: Path) -> tuple[Any, dict[str, Any]]:
     """The trained network of a folder, and its record."""
-    try:
-        record = json.loads((run / CONFIG).read_text())
-    except OSError:
-        raise PecsNotFoundError(f"{run / CONFIG}: no such file, wanted a folder of training") from None
-    config = TrainConfig.of(record["config"])
-    net = network(config.network)
+    top = _config(run)
+    net = network(TrainConfig.of(top.table("config")).network)
     found = _load(run / CHECKPOINT, "cpu", net)
-    return net.eval(), record | {"step": found["step"]}
+    return net.eval(), top.content | {"step": found["step"]}
 
 
 class _Log:
@@ -221,8 +267,10 @@ class _Log:
         self._path, self._rows = run / LOG, []
         self._columns: tuple[str, ...] = ()
         if step and self._path.exists():
-            with self._path.open(newline="") as file:
-                self._rows = [row for row in list(csv.reader(file))[1:] if int(row[0]) <= step]
+            rows = list(csv.reader(read_text(self._path, MOST_LOG).splitlines()))
+            if any(not row or not row[0].isdecimal() or len(row) != len(rows[0]) for row in rows[1:]):
+                raise bad_input(self._path, "", "a row without its step and losses", "the log of this run")
+            self._rows = [row for row in rows[1:] if int(row[0]) <= step]
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError:

@@ -137,6 +137,22 @@ def test_the_chip_is_the_run_records(pecs_program, root, inputs):
     assert curves[0].count("L") == 2 and curves[1].count("L") > 2
 
 
+def test_a_chips_name_is_text(pecs_program, root, inputs):
+    """Of a foreign profile: escaped in the page, and without control characters."""
+    profile = json.loads((root / "sensor/chips/imx636.json").read_text())
+    name = "<script>alert(2)</script>"
+    (inputs / "own.json").write_text(json.dumps(profile | {"name": name}))
+    sense = ("sense", "stack", "-o", "own.raw", "--chip", "own.json")
+    assert pecs_program(*sense, cwd=inputs).returncode == 0
+    pecs_program("report", "--sim", "own.raw", "--stack", "stack", "-o", "report.html", cwd=inputs)
+    page = (inputs / "report.html").read_text()
+    assert name not in page and "relative quantum efficiency, &lt;script&gt;alert(2)" in page
+    (inputs / "own.json").write_text(json.dumps(profile | {"name": "a\nb"}))
+    result = pecs_program(*sense, cwd=inputs)
+    assert result.returncode == 4 and "own.json: name: got " in result.stderr, result.stderr
+    assert "wanted text without control characters" in result.stderr and result.stderr.count("\n") == 1
+
+
 def test_a_recording_is_loaded_once(inputs, root):
     """Peak memory grows by less than three copies of the events."""
     count = 3_000_000

@@ -296,7 +296,7 @@ def test_croissant_and_datasheet(made):
     text = (made / "set/datasheet.md").read_text()
     assert (
         "2 simulated sequences of 0.04 s" in text
-        and "`left`: events, 48 x 36, davis346" in text
+        and "- left: events, 48 x 36, davis346" in text
         and "At 100 Hz" in text
     )
 

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pecs
 import pytest
+from pecs._poses import read_tum
 from pecs.datasets import Sequence, sequences
 from support import small_sequence as small
 
@@ -169,7 +170,13 @@ def camera(i, **values):
         (lambda info: info.update(format=2), "format: got 2, wanted 1"),
         (lambda info: info.pop("cameras"), "cameras: got nothing, wanted a list"),
         (lambda info: info.update(duration_us=0), "duration_us: got 0, wanted a whole number >= 1"),
-        (camera(1, name="left"), 'cameras[1].name: got "left", wanted a folder\'s name that no other camera has'),
+        (camera(1, name="left"), 'cameras[1].name: got "left", wanted a name that no other camera has'),
+        (camera(1, name="LEFT"), 'cameras[1].name: got "LEFT", wanted a name that no other camera has'),
+        (camera(0, name="a\nb"), 'cameras[0].name: got "a\\nb", wanted text without control characters'),
+        (lambda info: info.update(name="../../x"), 'name: got "../../x", wanted a name of a file'),
+        (lambda info: info.update(split="/tmp/x"), 'split: got "/tmp/x", wanted a name of a file'),
+        (lambda info: info.update(name=".."), 'name: got "..", wanted a name of a file'),
+        (lambda info: info.update(split="a\0b"), "split: got "),
         (camera(0, name="../left"), 'cameras[0].name: got "../left"'),
         (camera(0, kind="lidar"), 'cameras[0].kind: got "lidar", wanted one of events, rgb'),
         (camera(0, width=True), "cameras[0].width: got true"),
@@ -225,3 +232,22 @@ def test_what_other_files_say_wrong(broken):
     fails(left.events, "events.h5: no such file", pecs.PecsNotFoundError)
     fails(lambda: rgb.truth, "truth/stack.json: no such file", pecs.PecsNotFoundError)
     fails(lambda: Sequence(broken / "nowhere"), "wanted a sequence", pecs.PecsNotFoundError)
+
+
+def test_a_window_costs_what_it_contains(sequence, monkeypatch):
+    """Labels are checked once, and a camera path is read once, however many windows and times follow."""
+    camera, counts = Sequence(sequence.folder).cameras["left"], {"max": 0, "read": 0}
+
+    def count(what, function):
+        def counted(*args, **options):
+            counts[what] += 1
+            return function(*args, **options)
+
+        return counted
+
+    monkeypatch.setattr(np.memmap, "max", count("max", np.ndarray.max), raising=False)
+    monkeypatch.setattr("pecs.datasets.sequence.read_tum", count("read", read_tum))
+    for _ in range(5):
+        causes, poses = camera.causes(), camera.poses()[1]
+        poses[:] = 0  # a copy
+    assert len(causes) == len(camera.events()) and counts == {"max": 1, "read": 1} and camera.poses()[1].any()

@@ -41,7 +41,7 @@ fnumber = [4, 8]
 contrast_threshold_on = 0.2
 """
 FILES = ("lamp.csv", "thing.blend", "wood.png", "path.txt")
-STEPS = ("_see_corners", "_move", "_render", "_describe", "_sense", "_report", "_drop")
+STEPS = ("_move", "_render", "_describe", "_sense", "_report", "_drop")
 
 
 @pytest.fixture
@@ -54,6 +54,7 @@ def set_(tmp_path, monkeypatch):
     (tmp_path / "r.toml").write_text(RECIPE)
     for step in STEPS:
         monkeypatch.setattr(run, step, lambda *_: None)
+    monkeypatch.setattr(run.recipe_check, "see_corners", lambda *_: None)
     return tmp_path
 
 
@@ -147,3 +148,18 @@ def test_a_renderer_that_crashes_is_started_once_more(tmp_path, monkeypatch, cra
         with pytest.raises(pecs.PecsError, match=r"the renderer was ended by SIGSEGV \(.*a\.log\)"):
             blender("--help", folder=tmp_path, log="a.log")
     assert count.read_text() == "start\nstart\n"
+
+
+def test_two_files_of_one_name_in_two_folders(tmp_path):
+    """Each counts, and so does which is which."""
+    paths = [tmp_path / folder / "lamp.csv" for folder in "ab"]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text(path.parent.name)
+    files = {str(path): path for path in paths}
+    before = work._sums(files)
+    assert list(before) == ["lamp.csv"] and len(before["lamp.csv"]) == 2
+    for path, text in zip(paths, "ba", strict=True):
+        path.write_text(text)
+        assert work._sums(files) != before
+    assert work._sums({"lamp.csv": paths[0]}) == {"lamp.csv": work.content_sha256(paths[0])}

@@ -84,6 +84,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         ((path, "-o", tmp_path / "no/x.mp4"), 5, "cannot be written"),
         ((path, "-o", tmp_path / "there"), 5, "exists"),
         ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
+        ((path, "-o", tmp_path / "x.mp4", "--playback-fps", 1e-9), 5, "no video encoder could be opened for 96 x 72"),
         ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),

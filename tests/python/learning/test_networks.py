@@ -6,6 +6,7 @@ import json
 import math
 import os
 import warnings
+from functools import partial
 from unittest import mock
 
 import cv2
@@ -18,6 +19,7 @@ import lpips
 import onnx
 import torch
 from pecs import PecsError, PecsOutputError
+from pecs._files import write_json
 from pecs.datasets.sequence import sequences
 from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
 from pecs.learning.export import export
@@ -25,7 +27,7 @@ from pecs.learning.losses import C1, C2, ms_ssim, temporal, warped
 from pecs.learning.lpips import Lpips
 from pecs.learning.networks import NetworkConfig, network, start_states
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
-from pecs.learning.train import TrainConfig, train, trained
+from pecs.learning.train import TrainConfig, _Log, _resume, _save, train, trained
 from pecs.representations import voxel_grid
 from pecs_lab.disk import Disk, edges
 from pecs_lab.drawn_disk import Drawn, Turning, sensed
@@ -192,8 +194,9 @@ def test_nan_keeps_the_checkpoint(trainable, tmp_path):
     there = torch.load(tmp_path / "nan/checkpoint.pt")
     assert there["step"] == 2 and all(torch.isfinite(v).all() for v in there["network"].values())
     train(found, tmp_path / "nan", SHORT)  # goes on from there
-    wild = dataclasses.replace(SHORT, learning_rate=math.inf, save_every=1)
-    wrong("step 1: weight head.weight: got", train, found, tmp_path / "wild", wild)
+    wild = dataclasses.replace(SHORT, save_every=1)
+    with mock.patch.object(TrainConfig, "rate", lambda self, step: math.inf):
+        wrong("step 1: weight head.weight: got", train, found, tmp_path / "wild", wild)
     assert not (tmp_path / "wild/checkpoint.pt").exists()
 
 
@@ -381,7 +384,7 @@ def test_a_checkpoint_of_another_network(trainable, tmp_path):
     content = (tmp_path / "wider/checkpoint.pt").read_bytes()
     for there in (content, b"no checkpoint"):
         (run / "checkpoint.pt").write_bytes(there)
-        words = "wanted a checkpoint of the firenet that config.json says"
+        words = "wanted a checkpoint of "
         wrong(words, train, found, run, dataclasses.replace(SHORT, steps=1))
         wrong(words, export, run, tmp_path / "swapped.onnx")
         assert (run / "checkpoint.pt").read_bytes() == there
@@ -423,3 +426,137 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     other = ("train", trainable, "-o", tmp_path / "r5", "--lpips-weights", tmp_path / "no.pth")
     assert "no.pth: no such file or folder, wanted weights of LPIPS" in run(*other, code=3)
     assert "smaller" in run("train", trainable, "-o", tmp_path / "r3", "--crop", 80, code=4)
+
+
+class Mark:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = str(path)
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A folder of training after its last step, without the training."""
+    net = network(SHORT.network)
+    (tmp_path / "run").mkdir()
+    _save(tmp_path / "run", net, torch.optim.Adam(net.parameters()), 4)
+    write_json(tmp_path / "run/config.json", {"config": dataclasses.asdict(SHORT), "versions": {}})
+    return tmp_path / "run"
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_the_code_of_a_checkpoint_does_not_run(run, legacy, tmp_path):
+    content = {"network": Mark(tmp_path / "ran"), "optimiser": {}, "step": 1}
+    torch.save(content, run / "checkpoint.pt", _use_new_zipfile_serialization=not legacy)
+    wrong("checkpoint.pt: file: got", trained, run)
+    torch.save(content, tmp_path / "lpips.pth", _use_new_zipfile_serialization=not legacy)
+    wrong("lpips.pth: file: got", Lpips, tmp_path / "lpips.pth")
+    assert not (tmp_path / "ran").exists()
+
+
+def edited(**values):
+    config = dataclasses.asdict(SHORT)
+    for key, value in values.items():
+        (config if key in config else config["clips"] if key in config["clips"] else config["network"])[key] = value
+    return json.dumps({"config": config}).encode()
+
+
+DAMAGED = {
+    "config.json": (b"", b"[]", b"null", b"[" * 100_000, b"\xff", b"{}", b'{"config": {"x": 1}}', edited(crop=1))
+    + (edited(channels=10**6), edited(seed=10**20), edited(kind="x"), edited(levels=2.5), edited(learning_rate="x")),
+    "log.csv": (b"\xff", b"step,loss\nx,1\n", b"step,loss\n1\n"),
+}
+
+
+@pytest.mark.parametrize(("name", "content"), [(name, content) for name, all_ in DAMAGED.items() for content in all_])
+def test_a_damaged_run_is_one_line(run, name, content):
+    (run / name).write_bytes(content)
+    wrong(name, trained if name == "config.json" else partial(_Log, run), *([run] if name == "config.json" else [4]))
+
+
+def test_a_damaged_checkpoint_is_one_line(run):
+    net = network(SHORT.network)
+    optimiser, other = torch.optim.Adam(net.parameters()), torch.ones(1)
+    averages = {"step": torch.tensor(1.0), "exp_avg": other, "exp_avg_sq": other}
+    states = [("optimiser", {0: {"x": 1}}), ("optimiser", {0: averages}), ("optimiser", {99: averages})]
+    for key, value in (("step", None), ("step", "x"), ("step", -1), ("optimiser", [1]), *states):
+        content = {"network": net.state_dict(), "optimiser": {}, "step": 1} | {key: value}
+        torch.save(content, run / "checkpoint.pt")
+        wrong("checkpoint.pt", _resume, run, net, optimiser, "cpu")
+
+
+def external(model):
+    """A model whose answer is the beginning of a file of the system."""
+    tensor = onnx.TensorProto(name="o", data_type=onnx.TensorProto.FLOAT, dims=[1, 1, 1, 5], data_location=1)
+    for key, value in (("location", "/etc/passwd"), ("offset", "0"), ("length", "20")):
+        tensor.external_data.add(key=key, value=value)
+    model.graph.initializer.append(tensor)
+
+
+def answering(value, shape=(), kind=onnx.TensorProto.FLOAT):
+    """The answer is a constant of a shape, or the first bin times a number."""
+
+    def change(model):
+        graph = model.graph
+        states = [(i.name, o.name) for i, o in zip(graph.input[1:], graph.output[1:], strict=True)]
+        del graph.node[:]
+        if shape:
+            graph.initializer.append(onnx.helper.make_tensor("own", kind, shape, [value] * math.prod(shape)))
+            graph.node.append(onnx.helper.make_node("Identity", ["own"], ["picture"]))
+            graph.output[0].type.CopyFrom(onnx.helper.make_tensor_type_proto(kind, None))
+        else:
+            one = [("zero", [0]), ("one", [1])]
+            for name, at in one:
+                graph.initializer.append(onnx.helper.make_tensor(name, onnx.TensorProto.INT64, [1], at))
+            graph.initializer.append(onnx.helper.make_tensor("factor", onnx.TensorProto.FLOAT, [], [value]))
+            graph.node.append(onnx.helper.make_node("Slice", ["events", "zero", "one", "one"], ["bin"]))
+            graph.node.append(onnx.helper.make_node("Mul", ["bin", "factor"], ["picture"]))
+        graph.node.extend(onnx.helper.make_node("Identity", [a], [b]) for a, b in states)
+
+    return change
+
+
+def recorded(text=None, **values):
+    """Another record."""
+
+    def change(model):
+        props = {p.key: p.value for p in model.metadata_props}
+        record = json.loads(props["record"])
+        record["network"].update(values)
+        onnx.helper.set_model_props(model, props | {"record": json.dumps(record) if text is None else text})
+
+    return change
+
+
+def renamed(model):
+    model.graph.input[0].name = "x"
+    for node in model.graph.node:
+        node.input[:] = ["x" if name == "events" else name for name in node.input]
+
+
+NETWORKS = [
+    (external, "weights in another file"),
+    (answering(math.nan), "answer: got nan, wanted finite numbers"),
+    (answering(0.5, (1, 1, 2, 2)), "answer: got float32 [1, 1, 2, 2], wanted float32 [1, 1, 24, 32]"),
+    (answering(b"x", (1, 1, 24, 32), onnx.TensorProto.STRING), "answer: got"),
+    (renamed, "inputs: got"),
+    *((recorded(text), "record") for text in ("hello", "[]", "[" * 100_000, "{}")),
+    *((recorded(levels=value), "record.network.levels: got") for value in (40, 10**6, -1, "x")),
+    *((recorded(bins=value), "record.network.bins: got") for value in (0, -3, 10**9)),
+    (recorded(kind="<script>"), "record.network.kind: got"),
+]
+
+
+@pytest.mark.parametrize(("change", "words"), NETWORKS)
+def test_a_wrong_network_is_one_line(run, change, words, tmp_path, capfd):
+    export(run, tmp_path / "n.onnx")
+    model = onnx.load(tmp_path / "n.onnx", load_external_data=False)
+    change(model)
+    (tmp_path / "n.onnx").write_bytes(model.SerializeToString())
+    events = np.zeros(4, [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+    wrong(words, lambda: Network(tmp_path / "n.onnx", 32, 24)(Window(0.0, 1.0, events)))
+    assert "onnxruntime" not in capfd.readouterr().err

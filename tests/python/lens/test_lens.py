@@ -218,3 +218,15 @@ def test_directions_refuse_bad_settings(more):
 def test_directions_refuse_bad_arrays():
     with pytest.raises(ValueError, match="wanted"):
         pecs.Lens(LENS).directions([[1, 2, 3]], **PICTURE)
+
+
+@pytest.mark.parametrize(
+    "name", ["a\n#define camera_shader_random_sample() vector(0.999, 0.5, 0)\n//", "a\x1b[31m", "a\0"]
+)
+def test_a_name_cannot_end_its_comment_in_the_shader(pecs_program, root, name, tmp_path):
+    """A lens of others: its name goes into the OSL camera and into pages."""
+    lens = json.loads((root / "lens_data/lenses/cmount_8mm_f2p8.json").read_text())
+    (tmp_path / "lens.json").write_text(json.dumps(lens | {"name": name}))
+    result = pecs_program("lens", "info", tmp_path / "lens.json")
+    assert result.returncode == 4 and "lens.json: name: got " in result.stderr, result.stderr
+    assert "text without control characters" in result.stderr and result.stderr.count("\n") == 1

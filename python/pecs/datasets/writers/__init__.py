@@ -15,14 +15,13 @@ To add a format:
 from __future__ import annotations
 
 import importlib
-import shutil
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from ..._errors import PecsInputError as PecsInputError
-from ..._errors import PecsOutputError, UsageError
-from ..._files import write_json
+from ..._errors import UsageError
+from ..._files import whole_folder, write_json
 from ..sequence import Sequence
 
 # Name -> what it is, in a few words.
@@ -58,25 +57,11 @@ def write(
     if not sequences:
         raise UsageError(f"{name}: there are no sequences to write")
     names = [s.name for s in sequences]
-    if len(set(names)) != len(names):
-        raise UsageError(f"{name}: sequences: got a name twice in {', '.join(names)}")
-    folder = Path(folder)
-    if folder.exists() and not replace:
-        raise PecsOutputError(f"{folder}: exists")
-    partial = folder.with_name(folder.name + ".partial")
+    files = [*names, *(f"{s.name}_{camera}" for s in sequences for camera in s.cameras)]
+    if len({file.casefold() for file in files}) != len(files):
+        raise UsageError(f"{name}: sequences: got a name twice in {', '.join(names)}, or with those of cameras")
     writer = importlib.import_module(f".{name}", __name__)
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+    with whole_folder(Path(folder), replace) as partial:
         report: dict[str, Any] = {"format": name, **writer.write(sequences, partial, **options).as_dict()}
         write_json(partial / REPORT, report)
-        if folder.exists():
-            shutil.rmtree(folder)
-        partial.rename(folder)
-    except PermissionError as e:
-        raise PecsOutputError(f"{e.filename or folder}: permission denied") from None
-    except OSError as e:
-        if hasattr(e, "code"):  # one of ours
-            raise
-        raise PecsOutputError(f"{folder}: {e}") from None
     return report

@@ -97,7 +97,8 @@ def save_events(path: Path, events: EventFile, dtype: str, value: Callable[[NDAr
 
 def write_png(path: Path, picture: NDArray[Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(png_bytes(picture))
+    with path.open("xb") as file:  # two names of a foreign set may give one
+        file.write(png_bytes(picture))
 
 
 def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
