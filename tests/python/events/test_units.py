@@ -106,8 +106,6 @@ def test_times_of_frames(tmp_path, pecs_program, unit, step):
         assert done.returncode == 4 and "--time-unit" in done.stderr and len(done.stderr.splitlines()) == 1
         with pytest.raises(pecs.PecsInputError, match="time_unit"):
             pecs.simulate(FRAMES, times, "ideal")
-        with pytest.raises(pecs.PecsInputError, match="time_unit"):
-            pecs.sense(folder, tmp_path / "n.npz", chip="ideal", times_us=tmp_path / "t.txt")
     assert pecs_program(*args, "--time-unit", unit).returncode == 0
     wanted = pecs.simulate(FRAMES, 1000.0 * np.arange(20), "ideal")
     assert len(wanted) > 50
