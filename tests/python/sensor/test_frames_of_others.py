@@ -204,7 +204,7 @@ def test_a_time_in_another_unit_does_not_poison_what_follows():
     with pecs.Sensor(5, 4, "ideal") as sensor:
         out = [sensor.push(frame * 2**i, 1e3 * i) for i in range(3)]
         for far in (1.2e9, 3e9):
-            with pytest.raises(pecs.PecsInputError, match="at most 1e[+]09 us after the frame before"):
+            with pytest.raises(pecs.PecsInputError, match="at most 1000000000 us after the frame before"):
                 sensor.push(frame, far)
         out += [sensor.push(frame * 8, 3e3), sensor.finish()]
     assert_same(np.concatenate(out), good)
