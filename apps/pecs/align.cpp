@@ -18,6 +18,7 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/input/media.h"
+#include "pecs/text.h"
 #include "picture_file.h"
 #include "units.h"
 
@@ -143,7 +144,7 @@ struct IntrinsicsArguments {
 
 bool is_picture(const std::string& path) {
   static const std::set<std::string> extensions = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"};
-  return extensions.contains(std::filesystem::path(path).extension().string());
+  return extensions.contains(lower(std::filesystem::path(path).extension().string()));
 }
 
 // Views of a board in recordings and pictures of one camera.

@@ -10,6 +10,7 @@
 #include "pecs/events/summary.h"
 #include "pecs/progress.h"
 #include "pecs/sensor/dropped_file.h"
+#include "read_arguments.h"
 #include "stage_arguments.h"
 #include "units.h"
 
@@ -19,7 +20,7 @@ namespace {
 struct ConvertArguments {
   std::string in, out;
   std::optional<std::string> format, input_format;
-  std::vector<int> size;
+  events::ReadOptions read;
   events::Selection selection;
   sensor::StageOptions stages;
   std::optional<std::filesystem::path> dropped;
@@ -56,12 +57,9 @@ class Stages {
 
 // Some files state no size: then all events are read to measure it.
 events::StreamInfo input_info(const ConvertArguments& o, const events::Codec& codec) {
-  auto reader = codec.open_reader(o.in);
+  auto reader = events::open_reader(codec, o.in, o.read);
   events::StreamInfo info = reader->info();
-  if (!o.size.empty()) {
-    info.width = o.size[0];
-    info.height = o.size[1];
-  } else if (info.width == 0) {
+  if (info.width == 0) {
     std::vector<events::Event> block(1 << 16);
     while (reader->read(block) > 0) {
     }
@@ -77,7 +75,7 @@ void convert(const ConvertArguments& o, Console& console) {
   const events::Codec& to = events::codec_for_output(o.out, o.format);
   events::Selector selector(o.selection);
   const events::StreamInfo whole = input_info(o, from), info = selector.info(whole);
-  const auto reader = from.open_reader(o.in);
+  const auto reader = events::open_reader(from, o.in, o.read);
   const auto writer = to.open_writer(o.out, info);
 
   Stages stages(o, whole);
@@ -93,7 +91,8 @@ void convert(const ConvertArguments& o, Console& console) {
     selector.apply(block);
     written.add(block);
     if (written.time_reversals > 0)
-      throw events::non_monotonic_timestamps(o.in, from, [&](const events::Event& e) { return selector.keeps(e); });
+      throw events::non_monotonic_timestamps(o.in, from, o.read,
+                                             [&](const events::Event& e) { return selector.keeps(e); });
     writer->write(block);
     progress.at(read.events);
   }
@@ -104,6 +103,9 @@ void convert(const ConvertArguments& o, Console& console) {
   results["width"] = info.width;
   results["height"] = info.height;
   results["format"] = to.name;
+  using Late = events::ReadOptions::Late;
+  const bool sorts = o.read.late == Late::sort;
+  if (o.read.late != Late::keep) results[sorts ? "late_events_sorted" : "late_events_dropped"] = reader->late();
   if (const Json counts = stages.close(); !counts.is_null()) results["dropped_by_stage"] = counts;
   const events::Selection& s = o.selection;
   console.record(o.out, {.command = "convert",
@@ -112,6 +114,8 @@ void convert(const ConvertArguments& o, Console& console) {
                                     {"t_start_us", optional_json(s.t_start_us)},
                                     {"t_end_us", optional_json(s.t_end_us)},
                                     {"stages", sensor::stages_to_json(o.stages)},
+                                    {"time_unit", o.read.time_unit ? Json(name_of(*o.read.time_unit)) : Json()},
+                                    {"late", o.read.late == Late::keep ? Json() : Json(sorts ? "sort" : "drop")},
                                     {"rezero", s.rezero},
                                     {"decimate", s.decimate}},
                          .inputs = {o.in},
@@ -119,8 +123,11 @@ void convert(const ConvertArguments& o, Console& console) {
   if (o.json)
     fmt::print("{}\n", text_of(results));
   else
-    fmt::print("{}: {} of {} events, {}x{} pixels, {}\n", o.out, written.events, read.events, info.width, info.height,
-               to.name);
+    fmt::print("{}: {} of {} events, {}x{} pixels, {}{}\n", o.out, written.events, read.events, info.width, info.height,
+               to.name,
+               o.read.late == Late::keep
+                   ? ""
+                   : fmt::format(", {} late ones {}", reader->late(), sorts ? "sorted" : "dropped"));
 }
 
 }  // namespace
@@ -143,9 +150,14 @@ void add_convert(CLI::App& app, Console& console) {
                   "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "
                   "coarser grid")
       ->check(CLI::Range(1, 1024));
-  sub->add_option("--size", o->size, "width and height of IN in pixels, if it states none (default: measured)")
-      ->expected(2)
-      ->check(CLI::Range(1, 65536));
+  add_read_options(*sub, o->read);
+  sub->add_option_function<std::string>(
+         "--late",
+         [o](const std::string& what) {
+           o->read.late = what == "sort" ? events::ReadOptions::Late::sort : events::ReadOptions::Late::drop;
+         },
+         "events of IN that are earlier than one before them: sort (in memory) or drop (default: an error)")
+      ->check(CLI::IsMember({"sort", "drop"}));
   add_stages(*sub, o->stages, o->dropped);
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,

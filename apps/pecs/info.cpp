@@ -9,14 +9,16 @@
 #include "pecs/events/format.h"
 #include "pecs/events/summary.h"
 #include "pecs/sensor/stack.h"
+#include "read_arguments.h"
 #include "units.h"
 
 namespace pecs::app {
 namespace {
 
-Json event_file_info(const std::string& path, const std::optional<std::string>& format) {
+Json event_file_info(const std::string& path, const std::optional<std::string>& format,
+                     const events::ReadOptions& options) {
   const events::Codec& codec = events::codec_of_file(path, format);
-  const auto reader = codec.open_reader(path);
+  const auto reader = events::open_reader(codec, path, options);
   events::Summary summary;
   std::vector<events::Event> block(1 << 16);
   while (const std::size_t n = reader->read(block)) summary.add(std::span(block).first(n));
@@ -31,7 +33,7 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
 
 // Bands with the range of their values in the first frame, times, and the render's description in stack.json.
 Json stack_info(const std::string& path, std::optional<double> fps) {
-  const sensor::StackReader stack(path, {fps, {}});
+  const sensor::StackReader stack(path, {fps, {}, {}});
   const sensor::StackInfo& info = stack.info();
   const std::vector<float> frame = info.has_light ? stack.read_frame(0) : std::vector<float>{};
   const auto plane = static_cast<std::ptrdiff_t>(frame.size() / info.bands.size());
@@ -127,6 +129,7 @@ void add_info(CLI::App& app, Console&) {
   struct Options {
     std::string path;
     std::optional<std::string> format;
+    events::ReadOptions read;
     std::optional<double> fps;
     bool json = false;
   };
@@ -134,6 +137,7 @@ void add_info(CLI::App& app, Console&) {
   CLI::App* sub = app.add_subcommand("info", "print the properties of an event file or an EXR stack");
   sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
   sub->add_option("--format", o->format, "format of FILE, if it cannot be detected");
+  add_read_options(*sub, o->read);
   sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")
       ->transform(quantity("Hz"))
       ->check(positive());
@@ -141,7 +145,14 @@ void add_info(CLI::App& app, Console&) {
   add_examples(*sub, {"pecs info events.raw", "pecs info out/stack --json"});
   sub->callback([o] {
     const bool is_stack = std::filesystem::is_directory(o->path);
-    const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format);
+    const auto refuse = [&](const char* option, const char* wanted) {
+      throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, o->path, wanted));
+    };
+    if (is_stack && (o->format || o->read.time_unit || o->read.width > 0))
+      refuse(o->format ? "--format" : o->read.time_unit ? "--time-unit" : "--size", "an event file");
+    if (o->fps && (!is_stack || std::filesystem::exists(std::filesystem::path(o->path) / "stack.json")))
+      refuse("--fps", "a stack without stack.json");
+    const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format, o->read);
     if (o->json)
       fmt::print("{}\n", text_of(info));
     else

@@ -72,6 +72,7 @@ void print_text(const Json& report) {
     fmt::print("  {:<24}{}\n", name, value.is_null() ? "-" : fmt::format("{:.6g} {}", value.get<double>(), unit));
   };
   fmt::print("{}\n", report["name"].get<std::string>());
+  for (const Json& note : report["notes"]) fmt::print("  note: {}\n", note.get<std::string>());
   row("wavelength", "lambda_nm", "nm");
   row("EFL", "efl_mm", "mm");
   row("BFL", "bfl_mm", "mm");

@@ -11,6 +11,7 @@
 #include "pecs/input/live.h"
 #include "pecs/sensor/sense_options.h"
 #include "pecs/text.h"
+#include "read_arguments.h"
 #include "stage_arguments.h"
 #include "units.h"
 
@@ -42,7 +43,8 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
       ->transform(quantity("Hz"))
       ->check(positive());
-  sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line in us");
+  sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line");
+  add_time_unit(*sub, o->times.unit, "unit of --times (default: us)");
   sub->add_option("--colorspace", o->colour_space,
                   "colour space of pictures and video: srgb (default for integers), linear (for floats), or one of the "
                   "OCIO config");

@@ -23,6 +23,7 @@ struct ViewArguments {
   double slow_motion = 0, fps = 30;
   std::size_t limit = 500'000;
   bool json = false;
+  std::vector<std::pair<const CLI::Option*, std::string>> valid_for;  // outputs that an option changes
 };
 
 // The slow-motion factor (1, 2, 5, 10, …) of a video of about ten seconds.
@@ -38,6 +39,9 @@ void run(const ViewArguments& a, Console& console) {
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4" && extension != ".html")
     throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .png, .mp4 or .html", a.output));
+  for (const auto& [option, extensions] : a.valid_for)
+    if (option->count() > 0 && extensions.find(extension) == std::string::npos)
+      throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted a {}", option->get_name(), a.output, extensions));
 
   const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
   events::Stream stream = a.to_us > 0 ? events::read_part(a.events, 0, to_us) : events::read_all(a.events);
@@ -93,21 +97,27 @@ void add_view(CLI::App& app, Console& console) {
   add_output(*command, "-o,--output", a->output, "file to write: .png, .mp4 or .html")->required();
   command->add_option("--from", a->from_us, "start, from the first event")->transform(quantity("us"));
   command->add_option("--to", a->to_us, "end, from the first event (default: all)")->transform(quantity("us"));
-  command->add_option("--window", a->window_us, "duration of the events in one picture (default: readable)")
-      ->transform(quantity("us"));
-  command->add_option("--count", a->count, "png: number of pictures")->check(CLI::Range(1, 100))->capture_default_str();
-  command->add_option("--slow-motion", a->slow_motion, "mp4: slow-motion factor (default: about 10 s of video)")
-      ->check(CLI::Range(1.0, 1e7));
-  command->add_option("--fps", a->fps, "mp4: frames per second")
-      ->transform(quantity("Hz"))
-      ->check(CLI::Range(1.0, 240.0))
-      ->capture_default_str();
-  command->add_option("--limit", a->limit, "html: maximum number of events, drawn at random")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{20'000'000}))
-      ->capture_default_str();
-  command->add_option("--theme", a->theme, "png, mp4: light or dark")
-      ->check(CLI::IsMember({"light", "dark"}))
-      ->capture_default_str();
+  const auto only = [&](const char* extensions, CLI::Option* option) { a->valid_for.emplace_back(option, extensions); };
+  only(".png or .mp4",
+       command
+           ->add_option("--window", a->window_us, "png, mp4: duration of the events in one picture (default: readable)")
+           ->transform(quantity("us")));
+  only(".png", command->add_option("--count", a->count, "png: number of pictures")
+                   ->check(CLI::Range(1, 100))
+                   ->capture_default_str());
+  only(".mp4",
+       command->add_option("--slow-motion", a->slow_motion, "mp4: slow-motion factor (default: about 10 s of video)")
+           ->check(CLI::Range(1.0, 1e7)));
+  only(".mp4", command->add_option("--fps", a->fps, "mp4: frames per second")
+                   ->transform(quantity("Hz"))
+                   ->check(CLI::Range(1.0, 240.0))
+                   ->capture_default_str());
+  only(".html", command->add_option("--limit", a->limit, "html: maximum number of events, drawn at random")
+                    ->check(CLI::Range(std::size_t{1}, std::size_t{20'000'000}))
+                    ->capture_default_str());
+  only(".png or .mp4", command->add_option("--theme", a->theme, "png, mp4: light or dark")
+                           ->check(CLI::IsMember({"light", "dark"}))
+                           ->capture_default_str());
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command,
                {"pecs view events.raw -o sheet.png --window 5ms",

@@ -11,10 +11,22 @@ using pecs::capi::guard;
 struct pecs_event_reader {
   const events::Codec* codec;
   std::unique_ptr<events::Reader> reader;
+  bool counts_late = false;
 };
 struct pecs_event_writer {
   std::unique_ptr<events::Writer> writer;
 };
+
+namespace {
+
+pecs_event_reader* open_reader(const char* path, const std::optional<std::string>& format,
+                               const events::ReadOptions& options) {
+  const events::Codec& codec = events::codec_of_file(path, format);
+  return new pecs_event_reader{&codec, events::open_reader(codec, path, options),
+                               options.late != events::ReadOptions::Late::keep};
+}
+
+}  // namespace
 
 static_assert(sizeof(pecs_event) == sizeof(events::Event) &&
               offsetof(pecs_event, t_us) == offsetof(events::Event, t_us) &&
@@ -39,17 +51,34 @@ char* pecs_event_formats(pecs_error* error) {
 
 pecs_event_reader* pecs_event_reader_open(const char* path, const char* format, pecs_error* error) {
   return guard(error, [&] {
-    const events::Codec& codec = events::codec_of_file(
-        &given(path, "path"), format ? std::optional<std::string>(format) : std::optional<std::string>());
-    return new pecs_event_reader{&codec, codec.open_reader(path)};
+    return open_reader(&given(path, "path"), format ? std::optional<std::string>(format) : std::nullopt, {});
+  });
+}
+
+pecs_event_reader* pecs_event_reader_open_with(const char* path, const char* options_json, pecs_error* error) {
+  return guard(error, [&] {
+    const Json json = capi::options_from(options_json);
+    JsonObject o(json, "options");
+    events::ReadOptions read;
+    const std::optional<std::string> format = o.has("format") ? std::optional(o.text("format")) : std::nullopt;
+    if (o.has("time_unit")) read.time_unit = time_unit_from(o.text("time_unit"));
+    if (o.has("width") || o.has("height")) {
+      read.width = static_cast<int>(o.integer("width", 1, 65536));
+      read.height = static_cast<int>(o.integer("height", 1, 65536));
+    }
+    using Late = events::ReadOptions::Late;
+    if (o.has("late")) read.late = o.one_of("late", {"sort", "drop"}) == "sort" ? Late::sort : Late::drop;
+    o.done();
+    return open_reader(&given(path, "path"), format, read);
   });
 }
 
 char* pecs_event_reader_info(const pecs_event_reader* reader, pecs_error* error) {
   return guard(error, [&] {
     const events::StreamInfo& info = given(reader, "reader").reader->info();
-    const Json json = {
+    Json json = {
         {"format", reader->codec->name}, {"width", info.width}, {"height", info.height}, {"camera", info.camera}};
+    if (reader->counts_late) json["late_events"] = reader->reader->late();
     return capi::hand_over(json);
   });
 }

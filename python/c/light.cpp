@@ -40,7 +40,7 @@ pecs_light* open_light(const char* folder, const pecs::Json& json) {
   const auto threads = static_cast<int>(o.integer_or("threads", 0, 0, 1024));
   const std::optional<double> fps = o.maybe_number("fps", {1e-6, 1e9});
   o.done();
-  auto out = std::make_unique<pecs_light>(folder, FrameTimes{fps, {}});
+  auto out = std::make_unique<pecs_light>(folder, FrameTimes{fps, {}, {}});
   std::vector<std::vector<double>> amperes;
   for (const Chip& chip : chips) amperes.push_back(amperes_per_unit(chip, out->reader.info(), options));
   out->light.emplace(out->reader, amperes, motion);

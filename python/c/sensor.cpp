@@ -23,8 +23,9 @@ struct pecs_sensor {
   tbb::task_arena arena;
   LabelledEvents found{};
   bool finished = false;
-  double first_us = 0;  // time of the first frame
-  std::int64_t frames = 0, not_finite = 0, negative = 0;
+  std::optional<pecs::TimeUnit> unit = {};  // of times, stated by the user
+  pecs::FrameUnitCheck unit_check = {};
+  std::int64_t not_finite = 0, negative = 0;
 };
 
 namespace {
@@ -38,21 +39,20 @@ pecs_sensor* open_sensor(const pecs::Json& json) {
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
   const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), options.stages};
+  const auto unit = o.has("time_unit") ? std::optional(pecs::time_unit_from(o.text("time_unit"))) : std::nullopt;
   o.done();
   check_fits(chip, width, height, "frames");
-  return new pecs_sensor{Sensor(chip, width, height, options.seed, gain_fa, options.model, extras),
-                         tbb::task_arena(options.threads ? options.threads : tbb::task_arena::automatic)};
+  return new pecs_sensor{.sensor = Sensor(chip, width, height, options.seed, gain_fa, options.model, extras),
+                         .arena = tbb::task_arena(options.threads ? options.threads : tbb::task_arena::automatic),
+                         .unit = unit};
 }
 
-// Frame intervals below 1 us mean that the times are in another unit.
-void check_unit(const pecs_sensor& sensor, std::span<const double> t_us) {
-  const std::int64_t frames = sensor.frames + std::ssize(t_us);
-  if (t_us.empty() || frames < 2) return;
-  const double step =
-      (t_us.back() - (sensor.frames ? sensor.first_us : t_us.front())) / static_cast<double>(frames - 1);
-  if (step > 0 && step < 1)
-    throw pecs::bad_input("frames", "t_us", fmt::format("{:.3g} between frames", step),
-                          "microseconds, 1 or more between frames");
+// In us.
+std::vector<double> times_of(const pecs_sensor& sensor, std::span<const double> times) {
+  const double us = std::pow(10.0, static_cast<int>(sensor.unit.value_or(pecs::TimeUnit::us)));
+  std::vector<double> t_us(times.begin(), times.end());
+  for (double& t : t_us) t *= us;
+  return t_us;
 }
 
 // Whether all values are finite and >= 0.
@@ -87,10 +87,13 @@ struct Sanitized {
 };
 
 // motion: null, or of so many channels a frame.
-std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t_us, const float* motion, int channels,
+std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> times, const float* motion, int channels,
                   bool last) {
   if (s.finished) throw pecs::Error(pecs::ExitCode::usage, "frames: got some after the last");
-  check_unit(s, t_us);
+  const std::vector<double> t_us = times_of(s, times);
+  pecs::FrameUnitCheck unit_check = s.unit_check;
+  for (const double t : t_us) unit_check.add(t);
+  if (!s.unit) unit_check.check("frames");
   s.found.events.clear();
   s.found.causes.clear();
   s.arena.execute([&] {
@@ -106,8 +109,7 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
       s.sensor.push(planes, t_us, last, s.found);
     if (copy) s.not_finite += copy->not_finite, s.negative += copy->negative;
   });
-  if (!s.frames && !t_us.empty()) s.first_us = t_us.front();
-  s.frames += std::ssize(t_us);
+  s.unit_check = unit_check;
   s.finished = last;
   return std::ssize(s.found.events);
 }

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -217,11 +217,11 @@ class Fields:
 
         wanted = f"{' x '.join('n' if s < 0 else str(s) for s in shape)} finite numbers"
         try:
-            given = np.array(self.any(key, wanted))
-            if given.dtype.kind not in "iuf" and given.size:
+            listed = self.any(key, wanted)
+            if not all(map(is_number, _leaves(listed))):  # NumPy also takes numbers in quotes, and booleans
                 raise ValueError
-            out = given.astype(np.float64)
-        except (TypeError, ValueError, OverflowError):
+            out = np.array(listed, np.float64)
+        except (TypeError, ValueError):
             raise self.wrong(key, wanted) from None
         fits = out.ndim == len(shape) and all(s in (-1, n) for s, n in zip(shape, out.shape, strict=True))
         if not fits or not np.isfinite(out).all():
@@ -243,6 +243,14 @@ class Fields:
         for key in self.keys():
             if key not in self._read:
                 raise self.fail(shown(key)[1:-1], "an unknown key", f"one of {', '.join(sorted(self._read))}")
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if not isinstance(value, list):
+        yield value
+        return
+    for item in value:
+        yield from _leaves(item)
 
 
 def wanted_number(low: float, high: float) -> str:

@@ -42,7 +42,8 @@ class SensorOptions(PixelOptions, total=False):
 
     labels: bool  # events have a field `label`, an index into `pecs.sensor.LABELS`; default False
     photocurrent_a: float  # photocurrent [A] of a pixel of value 1; default 1e-12
-    encoding: str | None  # of the frames: "linear", "srgb", or None (srgb for uint8); default None
+    encoding: str | None  # of the frames: "linear", "srgb", or None (srgb for integers); default None
+    time_unit: str | None  # of t_us: "s", "ms", "us" or "ns"; default None: us, and others are refused
 
 
 class SenseOptions(PixelOptions, total=False):
@@ -52,6 +53,7 @@ class SenseOptions(PixelOptions, total=False):
     format: str | None  # of the output; default: by its name
     fps: float | None  # times of frames without any; or times_us
     times_us: str | PathLike[str] | None  # a text file
+    time_unit: str | None  # of its times: "s", "ms", "us" or "ns"; default None: us, and others are refused
     fnumber: float | None  # of the lens, for a stack of radiance
     gain: float | None  # for relative light, as of `Chip.amperes_per_unit`
     photocurrent_a: float | None  # likewise

@@ -59,6 +59,8 @@ def sense(
         Frame rate [Hz] of frames without times.
     times_us : str or path, optional
         Text file of the frames' times [us].
+    time_unit : str, optional
+        "s", "ms", "us" or "ns": unit of `times_us`. Default: us; times that are hardly us are refused.
     fnumber : float, optional
         Of the lens, for a stack of radiance. Default: that of the stack.
     gain, photocurrent_a : float, optional

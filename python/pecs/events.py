@@ -81,7 +81,7 @@ def _plain_fields(value: Any) -> Any:
 
 
 _formats = function("pecs_event_formats", POINTER)
-_open = function("pecs_event_reader_open", POINTER, TEXT, TEXT)
+_open = function("pecs_event_reader_open_with", POINTER, TEXT, TEXT)
 _info = function("pecs_event_reader_info", POINTER, POINTER)
 _read = function("pecs_event_reader_read", INT64, POINTER, POINTER, INT64)
 _reader_close = function("pecs_event_reader_close", None, POINTER, error=False)
@@ -115,6 +115,14 @@ class EventReader(Handle):
         The file.
     format : str, optional
         A name of `event_formats()`. Default: detected from the content.
+    time_unit : str, optional
+        "s", "ms", "us" or "ns": unit of the times of text, NPZ and HDF5 that do not state it. Default: as the format
+        has it; times that contradict it are refused.
+    size : (int, int), optional
+        Width and height [pixels] of a sensor that the file does not state. Default: measured.
+    late : str, optional
+        "sort" (in memory) or "drop" events that are earlier than one before them. Default: they are returned as they
+        are.
 
     Raises
     ------
@@ -126,13 +134,23 @@ class EventReader(Handle):
 
     _free = staticmethod(_reader_close)
 
-    def __init__(self, path: str | PathLike[str], format: str | None = None):
-        super().__init__(_open(path_bytes(path), format.encode() if format else None))
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        format: str | None = None,
+        *,
+        time_unit: str | None = None,
+        size: tuple[int, int] | None = None,
+        late: str | None = None,
+    ):
+        width, height = map(int, size) if size else (None, None)
+        options = {"format": format, "time_unit": time_unit, "width": width, "height": height, "late": late}
+        super().__init__(_open(path_bytes(path), json.dumps(options).encode()))
 
     @property
     def info(self) -> dict[str, Any]:
-        """`format`, `width`, `height` [pixels] and `camera` of the file. If the file does not state its size, width and
-        height are 0 until all events are read.
+        """`format`, `width`, `height` [pixels] and `camera` of the file; with `late` also the number `late_events` so
+        far. If the file does not state its size, width and height are 0 until all events are read.
         """
         info: dict[str, Any] = take_json(self._call(_info))
         return info
@@ -240,8 +258,15 @@ class EventWriter(Handle):
             self.close()
 
 
-def read(path: str | PathLike[str], format: str | None = None) -> Events:
-    """Read all events of a file.
+def read(
+    path: str | PathLike[str],
+    format: str | None = None,
+    *,
+    time_unit: str | None = None,
+    size: tuple[int, int] | None = None,
+    late: str | None = None,
+) -> Events:
+    """Read all events of a file. Errors are those of `EventReader`.
 
     Parameters
     ----------
@@ -250,12 +275,15 @@ def read(path: str | PathLike[str], format: str | None = None) -> Events:
     format : str, optional
         A name of `event_formats()`. Default: detected from the content.
 
+    time_unit, size, late
+        As of `EventReader`.
+
     Returns
     -------
     Events
         With `width` and `height`.
     """
-    with EventReader(path, format) as reader:
+    with EventReader(path, format, time_unit=time_unit, size=size, late=late) as reader:
         events = np.empty(_BLOCK, EVENT_DTYPE)
         size = 0
         while count := reader.read_into(events[size:]):

@@ -8,8 +8,8 @@
         events = sensor.finish()
 
 `photocurrent_a` is the photocurrent of a pixel of value 1 (255 in uint8, 65535 in uint16): it decides how fast the
-photoreceptor is. Frames may be NumPy arrays, or tensors of PyTorch and others on the CPU. uint8 is taken as sRGB,
-everything else as linear light; `encoding` ("linear", "srgb") overrides.
+photoreceptor is. Frames may be NumPy arrays, or tensors of PyTorch and others on the CPU. Integers are taken as sRGB,
+floating point as linear light, as `pecs sense` takes pictures; `encoding` ("linear", "srgb") overrides.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:
     frames = _as_array(frames)
     if encoding not in (None, "linear", "srgb"):
         raise ValueError(f"encoding: got {encoding!r}, wanted 'linear' or 'srgb'")
-    srgb = encoding == "srgb" or (encoding is None and frames.dtype == np.uint8)
+    srgb = encoding == "srgb" or (encoding is None and frames.dtype.kind == "u")
     if frames.dtype.kind != "f" and frames.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"frames: got {frames.dtype}, wanted uint8, uint16 or floating point")
     if frames.dtype.kind == "u":
@@ -130,7 +130,10 @@ class Sensor(Handle):
     photocurrent_a : float
         Photocurrent [A] of a pixel of value 1 (255 in uint8, 65535 in uint16). Default 1e-12.
     encoding : str, optional
-        "linear" or "srgb". Default: "srgb" for uint8, "linear" for others.
+        "linear" or "srgb". Default: "srgb" for integers, "linear" for floating point.
+    time_unit : str, optional
+        "s", "ms", "us" or "ns": unit of the frames' times. Default: us; times less than 1 us apart on average, and four
+        or more that are all half a second or more apart, are then refused.
     threads : int
         Number of threads; the events do not depend on it. Default 0: all.
 
@@ -286,7 +289,7 @@ def simulate(
     Parameters
     ----------
     frames : array
-        [T, H, W], at least two; floating point is linear light, uint8 is sRGB, uint16 is linear.
+        [T, H, W], at least two; floating point is linear light, uint8 and uint16 are sRGB.
     t_us : array
         [T], increasing times [us], at least 1 us apart.
     chip : str, path or Chip

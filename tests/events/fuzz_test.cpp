@@ -80,7 +80,7 @@ TEST_P(FuzzEach, DamageIsAnErrorOrEvents) {
     std::size_t count = 0;
     try {
       codec.sniff(path, std::as_bytes(std::span(bytes).first(std::min<std::size_t>(bytes.size(), 1 << 16))));
-      const auto reader = codec.open_reader(path);
+      const auto reader = open_reader(codec, path);
       std::vector<Event> block(1000);
       while (const std::size_t n = reader->read(block)) ASSERT_LT(count += n, 10'000'000u);
     } catch (const Error& e) {

@@ -19,7 +19,7 @@ void write(const Codec& codec, const fs::path& path, const Stream& stream, std::
 }
 
 Stream read(const Codec& codec, const fs::path& path, std::size_t chunk) {
-  const auto reader = codec.open_reader(path);
+  const auto reader = open_reader(codec, path);
   Stream out;
   std::vector<Event> buffer(chunk);
   while (const std::size_t n = reader->read(buffer))
@@ -74,7 +74,7 @@ TEST_P(EachFormat, ATruncatedFileGivesAnErrorOrAPrefix) {
     write_bytes(file(), {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)});
     std::vector<Event> got;
     const std::string line = error_of([&] {
-      const auto reader = codec().open_reader(file());
+      const auto reader = open_reader(codec(), file());
       std::vector<Event> buffer(64);
       while (const std::size_t n = reader->read(buffer)) got.insert(got.end(), buffer.begin(), buffer.begin() + n);
     });

@@ -8,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const events::Codec& codec = events::codec_of_file(file.path(), fuzz::kKind);
   file.hold(fuzz::text(data, size));
   fuzz::try_to([&] {
-    const auto reader = codec.open_reader(file.path());
+    const auto reader = events::open_reader(codec, file.path());
     std::vector<events::Event> block(1000);
     // The densest formats say eight bits an event and more; LZ4, Zstandard and DEFLATE pack a thousandfold.
     for (std::uint64_t all = 0; const std::size_t n = reader->read(block);)

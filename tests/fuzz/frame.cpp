@@ -12,7 +12,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const std::string& folder : {own.path(), foreign.path()}) {
     std::ofstream(folder + "/frame_000000.exr", std::ios::binary) << fuzz::text(data, size);
     fuzz::try_to([&] {
-      const sensor::StackReader reader(folder, {1000, {}});
+      const sensor::StackReader reader(folder, {1000, {}, {}});
       if (reader.read_frame(0).size() > 4096 * (size + 1)) fuzz::defect("more pixels than bytes can say");
     });
   }

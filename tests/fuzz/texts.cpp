@@ -31,7 +31,7 @@ void read(const fuzz::MemoryFile& file, const std::string& text) {
     sensor::named_spectrum(file.path());
   } else if (kKind == "times") {
     file.hold(text);
-    sensor::FrameTimes{.fps = {}, .file_us = file.path()}.of(3, "times");
+    sensor::FrameTimes{.fps = {}, .file_us = file.path(), .unit = {}}.of(3, "times");
   } else if (kKind == "lens") {
     load_lens(file, text);
   } else if (kKind == "zemax") {

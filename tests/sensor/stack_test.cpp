@@ -28,7 +28,7 @@ class Stack : public testing::Test {
   }
   std::string refusal() const {
     try {
-      StackReader(dir_, {100, {}}).read_frame(0);
+      StackReader(dir_, {100, {}, {}}).read_frame(0);
     } catch (const Error& e) {
       EXPECT_EQ(std::string(e.what()).find('\n'), std::string::npos);
       return e.what();
@@ -64,7 +64,7 @@ TEST_F(Stack, ReadsEveryCompressionOfOthers) {
   for (const Imf::Compression c : {Imf::NO_COMPRESSION, Imf::RLE_COMPRESSION, Imf::ZIPS_COMPRESSION,
                                    Imf::ZIP_COMPRESSION, Imf::PIZ_COMPRESSION, Imf::PXR24_COMPRESSION}) {
     write_half(frame(), c, 40, 75, "S0.550nm");
-    const StackReader reader(dir_, {100, {}});
+    const StackReader reader(dir_, {100, {}, {}});
     ASSERT_EQ(reader.info().bands.size(), 1u);
     EXPECT_EQ(reader.info().bands[0].lambda_nm, 550);
     const auto values = reader.read_frame(0);

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -52,22 +53,34 @@ struct Place {
 struct ZemaxSurface {
   std::string type = "STANDARD", glass;
   double curvature = 0, thickness = 0, semi = 0, conic = 0, nd = 0, vd = 0;
+  int solve = 0;  // of the glass: 0: by its name, 1: a model of these nd and Vd, 2: that of another surface
   std::map<int, double> parameters;
   bool stop = false;
   Place place;
 };
 
-Json medium_of(const ZemaxSurface& s, const std::vector<std::string>& catalogs) {
+Json medium_of(const ZemaxSurface& s, const std::vector<std::string>& catalogs, std::vector<std::string>& notes) {
   if (s.glass.empty()) return {{"name", "air"}};
   if (s.glass == "MIRROR") s.place.fail("a mirror", "a lens");
-  for (const std::string& catalog : catalogs)
-    if (catalog_glass(catalog, s.glass)) return {{"name", s.glass}, {"catalog", catalog}};
-  if (s.nd > 1 && s.vd > 0) {
+  if (const auto found = glass_of_name(s.glass, catalogs)) {
+    if (found->name != s.glass || found->is_of_another_catalog)
+      notes.push_back(
+          fmt::format("line {}: glass {} read as {} of {}", s.place.line, s.glass, found->name, found->catalog));
+    return {{"name", found->name}, {"catalog", found->catalog}};
+  }
+  // The numbers behind a name are data for a model glass; else what Zemax once wrote there, by default 1.5 and 40.
+  const bool placeholder = s.solve != 1 && s.nd == 1.5 && s.vd == 40;
+  if (s.nd > 1 && s.vd > 0 && s.solve != 2 && !placeholder) {
     Json medium{{"nd", s.nd}, {"vd", s.vd}};
     if (s.glass != "___BLANK") medium["name"] = s.glass;
+    if (s.solve != 1)
+      notes.push_back(fmt::format("line {}: unknown glass {} replaced by nd {} and Vd {} of this line", s.place.line,
+                                  s.glass, s.nd, s.vd));
     return medium;
   }
-  s.place.fail("unknown glass \"" + s.glass + "\" without nd and Vd", "a glass of lens_data/glasses");
+  s.place.fail(fmt::format("unknown glass \"{}\" without nd and Vd{}", s.glass,
+                           placeholder ? " (1.5 and 40 are Zemax's placeholder)" : ""),
+               "a glass of lens_data/glasses");
 }
 
 // Coefficients p of the file in its unit to mm: A_p scales with unit^(1-p).
@@ -87,6 +100,7 @@ struct ZemaxFile {
   std::string name;
   double unit_mm = 1;
   std::vector<std::string> catalogs;
+  double pupil_mm = 0, fnumber = 0;    // the system's aperture, where it is one of these
   std::vector<ZemaxSurface> surfaces;  // the object first, the image last
 };
 
@@ -111,6 +125,8 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
         place.fail("unit " + words[1], "MM, CM or IN");
     }
     if (key == "NAME") zemax.name = line.substr(line.find("NAME") + 4);
+    if (key == "ENPD") zemax.pupil_mm = place.number(words, 1);
+    if (key == "FNUM") zemax.fnumber = place.number(words, 1);
     if (key == "GCAT") zemax.catalogs.assign(words.begin() + 1, words.end());
     if (key == "SURF") {
       zemax.surfaces.emplace_back();
@@ -134,6 +150,7 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
       if (words.size() < 2) place.fail("a glass without a name", "GLAS name ...");
       s.glass = printable(words[1]);
       if (words.size() > 5) {
+        s.solve = static_cast<int>(std::clamp(place.number(words, 2), -1.0, 100.0));
         s.nd = place.number(words, 4);
         s.vd = place.number(words, 5);
       }
@@ -147,7 +164,8 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
 }  // namespace
 
 Json import_zmx(const std::string& bytes, const std::string& file) {
-  const auto [name, unit_mm, catalogs, surfaces] = read_zemax(bytes, file);
+  const auto [name, unit_mm, catalogs, pupil, fnumber, surfaces] = read_zemax(bytes, file);
+  std::vector<std::string> notes;
   Json out_surfaces = Json::array();
   std::optional<std::size_t> stop;
   for (std::size_t i = 1; i + 1 < surfaces.size(); ++i) {
@@ -171,7 +189,7 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
                                              : "plane"},
                  {"radius", s.curvature != 0 ? Json(unit_mm / s.curvature) : Json(nullptr)},
                  {"thickness", std::isfinite(s.thickness) ? Json(s.thickness * unit_mm) : Json(nullptr)},
-                 {"medium_after", medium_of(s, catalogs)},
+                 {"medium_after", medium_of(s, catalogs, notes)},
                  {"semi_diameter", s.semi * unit_mm}};
     if (asphere) surface["k"] = s.conic;
     if (s.type != "STANDARD") add_powers(surface, s, s.type == "EVENASPH", unit_mm);
@@ -179,12 +197,16 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
   }
   if (!stop) throw bad_input(file, "", "no STOP line", "an aperture stop");
   const std::size_t first = name.find_first_not_of(" \t\r"), last = name.find_last_not_of(" \t\r");
-  return {{"name", first == std::string::npos ? printable(std::filesystem::path(file).stem().string())
-                                              : printable(name.substr(first, last - first + 1))},
-          {"units", "mm"},
-          {"source", {{"file", printable(std::filesystem::path(file).filename().string())}, {"format", "Zemax"}}},
-          {"stop_index", *stop},
-          {"surfaces", out_surfaces}};
+  Json out{{"name", first == std::string::npos ? printable(std::filesystem::path(file).stem().string())
+                                               : printable(name.substr(first, last - first + 1))},
+           {"units", "mm"},
+           {"source", {{"file", printable(std::filesystem::path(file).filename().string())}, {"format", "Zemax"}}},
+           {"stop_index", *stop},
+           {"surfaces", out_surfaces}};
+  if (!notes.empty()) out["notes"] = notes;
+  if (pupil > 0) out["entrance_pupil_diameter"] = pupil * unit_mm;
+  if (fnumber > 0) out["fnumber"] = fnumber;
+  return out;
 }
 
 Json import_pbrt(const std::string& text, const std::string& file) {

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <system_error>
 
 #include "pecs/data_dir.h"
@@ -120,6 +119,21 @@ std::optional<Glass> catalog_glass(const std::string& catalog, const std::string
   return Glass::from_file(path);
 }
 
+std::optional<NamedGlass> glass_of_name(const std::string& name, const std::vector<std::string>& given) {
+  const std::vector<std::string> all = catalogs();
+  std::string base = lower(name).ends_with("_mold") ? name.substr(0, name.size() - 5) : name;
+  std::vector<std::string> names = {name};
+  if (base != name) names.push_back(base);
+  names.push_back("N-" + base);
+  for (const std::string& own : names) {
+    for (const std::string& catalog : given)
+      if (catalog_glass(catalog, own)) return NamedGlass{own, catalog, false};
+    for (const std::string& catalog : all)
+      if (catalog_glass(catalog, own)) return NamedGlass{own, catalog, true};
+  }
+  return std::nullopt;
+}
+
 std::optional<Glass> matching_glass(const std::string& name, double nd, double vd) {
   for (const std::string& catalog : catalogs())
     if (auto glass = catalog_glass(catalog, name);
@@ -130,15 +144,11 @@ std::optional<Glass> matching_glass(const std::string& name, double nd, double v
 
 Glass named_glass(const std::string& name) {
   const std::size_t slash = name.find('/');
-  std::set<std::string> names;
-  for (const std::string& catalog : catalogs()) {
+  for (const std::string& catalog : catalogs())
     if (slash == std::string::npos || name.substr(0, slash) == catalog)
       if (auto glass = catalog_glass(catalog, slash == std::string::npos ? name : name.substr(slash + 1)))
         return *std::move(glass);
-    for (const auto& entry : std::filesystem::directory_iterator(data_dir("lens_data/glasses") / catalog))
-      names.insert(entry.path().stem().string());
-  }
-  throw not_found(name, fmt::format("no such glass; lens_data/glasses contains {}", fmt::join(names, ", ")));
+  throw not_found(name, fmt::format("no such glass in lens_data/glasses ({})", fmt::join(catalogs(), ", ")));
 }
 
 }  // namespace pecs::lens

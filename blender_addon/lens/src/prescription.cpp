@@ -9,6 +9,7 @@
 #include "pecs/error.h"
 #include "pecs/files.h"
 #include "pecs/lens/exchange.h"
+#include "pecs/lens/first_order.h"
 #include "pecs/strict_json.h"
 #include "pecs/text.h"
 
@@ -75,6 +76,13 @@ Surface read_surface(JsonObject& json) {
   s.semi_diameter_mm = json.number("semi_diameter", {1e-6, 1e4});
   s.after = read_medium(json.object("medium_after"));
   return s;
+}
+
+void check_semi_diameter(const Surface& s, double semi_mm, const JsonObject& json) {
+  if ((1.0 + s.conic) * s.curvature * s.curvature * semi_mm * semi_mm >= 1.0)
+    json.fail("semi_diameter", fmt::format("{} mm", semi_mm),
+              fmt::format("less than {:.6g} mm, where the surface of radius {:.6g} mm ends",
+                          1.0 / (std::abs(s.curvature) * std::sqrt(1.0 + s.conic)), 1.0 / s.curvature));
 }
 
 // Neighbouring surfaces must not cross within 90 % of their radius. Beyond that they may: housing radii are often
@@ -162,6 +170,11 @@ Prescription load_prescription(const std::string& name_or_path) {
   for (const char* key : {"order", "source", "licence", "estimated", "notes", "scale_from_patent", "housing_note",
                           "vd_note", "semi_diameter_note"})
     top.any(key);
+  if (const Json& notes = top.any("notes"); notes.is_array())
+    for (const Json& note : notes)
+      if (note.is_string()) lens.notes.push_back(note);
+  const auto pupil_mm = top.maybe_number("entrance_pupil_diameter", {1e-6, 1e4});
+  const auto fnumber = top.maybe_number("fnumber", {1e-3, 1e6});
   if (top.has("nominal")) {
     JsonObject nominal = top.object("nominal");
     lens.nominal_efl_mm = nominal.maybe_number("efl");
@@ -189,16 +202,25 @@ Prescription load_prescription(const std::string& name_or_path) {
       z += *thickness;
     }
     list[i].done();
-    if ((1.0 + s.conic) * s.curvature * s.curvature * s.semi_diameter_mm * s.semi_diameter_mm >= 1.0)
-      list[i].fail("semi_diameter", fmt::format("{} mm", s.semi_diameter_mm),
-                   fmt::format("less than {:.6g} mm, where the surface of radius {:.6g} mm ends",
-                               1.0 / (std::abs(s.curvature) * std::sqrt(1.0 + s.conic)), 1.0 / s.curvature));
+    check_semi_diameter(s, s.semi_diameter_mm, list[i]);
     lens.surfaces.push_back(std::move(s));
   }
   if (!lens.surfaces.back().after.is_air())
     list.back().fail("medium_after", "glass", "air, the medium before the film");
 
   check_order(lens, list);
+  if (pupil_mm || fnumber) {
+    const FirstOrder wide_open = first_order(lens, kLambdaD);
+    const double wanted_mm = pupil_mm ? *pupil_mm : wide_open.efl_mm / *fnumber;
+    Surface& stop = lens.surfaces[lens.stop];
+    const double semi_mm = stop.semi_diameter_mm * wanted_mm / wide_open.entrance_pupil_diameter_mm;
+    check_semi_diameter(stop, semi_mm, list[lens.stop]);
+    if (std::abs(semi_mm / stop.semi_diameter_mm - 1) > 1e-3)
+      lens.notes.push_back(
+          fmt::format("stop: semi-diameter {:.4g} mm for an entrance pupil of {:.4g} mm, instead of {:.4g}", semi_mm,
+                      wanted_mm, stop.semi_diameter_mm));
+    stop.semi_diameter_mm = semi_mm;
+  }
   return lens;
 }
 

@@ -115,6 +115,7 @@ Json info(const Prescription& lens, const InfoOptions& o) {
           {"vfov_deg", full_angle(half_h)},
           {"dfov_deg", full_angle(corner)},
           {"glasses", glasses},
+          {"notes", lens.notes},
           {"field_bands_nm", field_bands},
           {"field", field}};
 }

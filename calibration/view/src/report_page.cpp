@@ -73,15 +73,26 @@ std::string text_of(const Json& value) {
   return value.is_null() ? "none" : pecs::text_of(value);
 }
 
+// The value of a key, whatever the types are; null without one.
+Json member(const Json& json, const char* key) {
+  const auto found = json.is_object() ? json.find(key) : json.end();
+  return found == json.end() ? Json() : *found;
+}
+std::string text_in(const Json& json, const char* key) {
+  const Json value = member(json, key);
+  return value.is_null() ? "" : text_of(value);
+}
+
 std::string png_source(const cv::Mat& image) { return "data:image/png;base64," + base64(input::media().png_of(image)); }
 
 // Table rows for an object of stack.json, whose values are {"value": …, "unit": …} or plain.
 std::string rows_of(const Json& object) {
   std::string rows;
+  if (!object.is_object()) return {};
   for (const auto& [key, value] : object.items()) {
     if (key.starts_with('_')) continue;
     if (value.is_object() && value.contains("value"))
-      rows += row(key, text_of(value["value"]) + " " + value.value("unit", ""), value.value("about", ""));
+      rows += row(key, text_of(value["value"]) + " " + text_in(value, "unit"), text_in(value, "about"));
     else if (!value.is_object() && !value.is_null())
       rows += row(key, text_of(value));
   }
@@ -203,9 +214,9 @@ std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip
       row("quantity", info.quantity == sensor::Quantity::irradiance ? "spectral irradiance on the film (lens camera)"
                                                                     : "spectral radiance (pinhole)");
   html += "</table>";
-  const Json scene = stack.json.value("scene", Json::object()), render = stack.json.value("render", Json::object());
-  const std::string parameters = rows_of(scene.value("parameters", Json::object()));
-  html += fmt::format("<h3>Scene: {}</h3>", html_escaped(scene.value("name", "not named")));
+  const Json scene = member(stack.json, "scene"), render = member(stack.json, "render");
+  const std::string parameters = rows_of(member(scene, "parameters")), name = text_in(scene, "name");
+  html += fmt::format("<h3>Scene: {}</h3>", name.empty() ? "not named" : html_escaped(name));
   html += parameters.empty() ? missing("stack.json names no scene parameters.") : "<table>" + parameters + "</table>";
   const std::string settings = rows_of(render);
   html += "<h3>Render settings</h3>";
@@ -225,7 +236,7 @@ std::string lens_section(const ReportInputs& inputs, const Stack* stack) {
     html += missing("No drawing was given (--lens-svg, made by `pecs lens draw`).");
   }
   if (!stack) return html + missing("No stack was given, so the lens it was rendered through is unknown.");
-  const Json lens = stack->json.value("lens", Json());
+  const Json lens = member(stack->json, "lens");
   if (!lens.is_object()) return html + missing("The stack was rendered through a pinhole.");
   return html + "<table>" + rows_of(lens) + "</table>";
 }
@@ -299,8 +310,7 @@ Inputs read(const ReportInputs& inputs) {
   m.chip = chip_of(m.sim ? &*m.sim : nullptr, m.stack ? &*m.stack : nullptr);
   if (!m.sim || !m.stack || !m.sim->run.is_object()) return m;
   bool same = false;
-  for (const auto& input : m.sim->run.value("inputs", Json::array()))
-    same |= input.value("sha256", "") == m.stack->sha256;
+  for (const Json& input : member(m.sim->run, "inputs")) same |= text_in(input, "sha256") == m.stack->sha256;
   if (!same)
     m.warnings.push_back(
         "The simulated events were not simulated from this stack (their run record lists another one).");

@@ -69,6 +69,32 @@ std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compr
   return out;
 }
 
+// A FlatBuffer behind its length in 4 bytes. It is aligned to the length; DV 1.x aligned it to its own first byte: then
+// it is moved there.
+class Prefixed {
+ public:
+  Prefixed() = default;
+  Prefixed(std::vector<std::uint8_t> bytes) : bytes_(std::move(bytes)) {}  // NOLINT(google-explicit-constructor)
+
+  // Null if the bytes are damaged.
+  template <class Table>
+  const Table* root(const char* id) {
+    constexpr std::size_t kLength = sizeof(flatbuffers::uoffset_t), kLeast = 12;
+    if (bytes_.size() < kLength + kLeast) return nullptr;
+    flatbuffers::Verifier prefixed(bytes_.data(), bytes_.size());
+    if (prefixed.VerifySizePrefixedBuffer<Table>(id)) return flatbuffers::GetSizePrefixedRoot<Table>(bytes_.data());
+    std::uint32_t length = 0;
+    std::memcpy(&length, bytes_.data(), sizeof length);
+    if (length != bytes_.size() - kLength) return nullptr;
+    bytes_.erase(bytes_.begin(), bytes_.begin() + kLength);
+    flatbuffers::Verifier plain(bytes_.data(), bytes_.size());
+    return plain.VerifyBuffer<Table>(id) ? flatbuffers::GetRoot<Table>(bytes_.data()) : nullptr;
+  }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+};
+
 class Aedat4Reader final : public EventReader<Aedat4Reader> {
  public:
   explicit Aedat4Reader(const std::filesystem::path& path) : file_(path) {
@@ -101,14 +127,12 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
     file_.read_exactly(std::as_writable_bytes(std::span(&bytes, 1)), "header length");
     if (bytes > std::min(file_.size() - file_.offset(), kMaxHeaderBytes))
       throw file_.damage(fmt::format("a header of {} bytes", bytes), "at most what the file has", 4);
-    // The length is part of the FlatBuffer: it determines the alignment.
     std::vector<std::uint8_t> header(sizeof bytes + bytes);
     std::memcpy(header.data(), &bytes, sizeof bytes);
     file_.read_exactly(std::as_writable_bytes(std::span(header).subspan(sizeof bytes)), "header");
-    flatbuffers::Verifier verifier(header.data(), header.size());
-    if (bytes < 12 || !verifier.VerifySizePrefixedBuffer<aedat4::IOHeader>(kHeaderId))
-      throw file_.damage("a damaged header", "an IOHeader", bytes);
-    const auto* io_header = flatbuffers::GetSizePrefixedRoot<aedat4::IOHeader>(header.data());
+    Prefixed buffer(std::move(header));
+    const auto* io_header = buffer.root<aedat4::IOHeader>(kHeaderId);
+    if (!io_header) throw file_.damage("a damaged header", "an IOHeader", bytes);
     compression_ = io_header->compression();
     end_ = io_header->data_table_position() < 0 ? file_.size()
                                                 : static_cast<std::uint64_t>(io_header->data_table_position());
@@ -162,10 +186,10 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
       packed_.resize(static_cast<std::size_t>(head.bytes));
       file_.read_exactly(packed_, "packet");
       packet_ = unpack(packed_, compression_);
-      flatbuffers::Verifier verifier(packet_.data(), packet_.size());
-      if (packet_.size() < 16 || !verifier.VerifySizePrefixedBuffer<aedat4::EventPacket>(kEventsId))
+      const auto* packet = packet_.root<aedat4::EventPacket>(kEventsId);
+      if (!packet)
         throw bad_input(file_.path().string(), fmt::format("byte {}", packet_at_), "a damaged packet", "packed events");
-      elements_ = flatbuffers::GetSizePrefixedRoot<aedat4::EventPacket>(packet_.data())->elements();
+      elements_ = packet->elements();
       return true;
     }
     return false;
@@ -175,7 +199,7 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
   int compression_ = kNone, stream_ = -1;
   std::uint64_t end_ = 0, packet_at_ = 0;
   std::vector<std::byte> packed_;
-  std::vector<std::uint8_t> packet_;
+  Prefixed packet_;
   const flatbuffers::Vector<const aedat4::Event*>* elements_ = nullptr;  // into packet_
   std::size_t used_ = 0;
 };

@@ -58,7 +58,27 @@ inline bool begins_with(std::span<const std::byte> head, std::string_view magic)
   return head.size() >= magic.size() && std::memcmp(head.data(), magic.data(), magic.size()) == 0;
 }
 
-// The entry of a format whose reader is made from a path and whose writer from a path and a StreamInfo.
+// Throws bad_input if the times of the reader's first events contradict `assumed`, the unit of a file that states none.
+void check_assumed_unit(Reader& reader, const std::filesystem::path& path, TimeUnit assumed);
+
+// A reader is made from the path, or from the path and the options if they matter to it. One with
+// std::optional<TimeUnit> assumed_unit() may lack the unit of its times, and assume one.
+template <class FileReader>
+std::unique_ptr<Reader> open_file(const std::filesystem::path& path, const ReadOptions& options) {
+  if constexpr (std::is_constructible_v<FileReader, const std::filesystem::path&, const ReadOptions&>) {
+    auto reader = std::make_unique<FileReader>(path, options);
+    if constexpr (requires { reader->assumed_unit(); })
+      if (const auto unit = reader->assumed_unit()) {
+        FileReader first_events(path, options);
+        check_assumed_unit(first_events, path, *unit);
+      }
+    return reader;
+  } else {
+    return std::make_unique<FileReader>(path);
+  }
+}
+
+// The entry of a format; its writer is made from a path and a StreamInfo.
 template <class FileReader, class FileWriter>
 Codec make_codec(std::string name, std::string description, std::string extension, const Limits& limits,
                  decltype(Codec::sniff) sniff) {
@@ -66,9 +86,10 @@ Codec make_codec(std::string name, std::string description, std::string extensio
           .description = std::move(description),
           .extensions = {std::move(extension)},
           .sniff = std::move(sniff),
-          .open_reader = [](const auto& path) { return std::make_unique<FileReader>(path); },
+          .open_reader = open_file<FileReader>,
           .open_writer = [](const auto& path, const auto& info) { return std::make_unique<FileWriter>(path, info); },
-          .limits = limits};
+          .limits = limits,
+          .takes_time_unit = requires(const FileReader& reader) { reader.assumed_unit(); }};
 }
 
 }  // namespace pecs::events

@@ -4,9 +4,9 @@
 //          tab, space), t_s, t_ms and t_ns, decimal times, p of -1, and Metavision's "%geometry:W,H" and x,y,p,t in
 //          microseconds.
 //   e2vid  "W H", then t x y p in seconds (ESIM, E2VID)
-//   v2e    comments with '#', then t x y p in seconds with a decimal point (v2e, the RPG DAVIS data); also read:
-//          a fifth column, v2e's signal or noise
-// Decimal times are parsed exactly and rounded to 1 us.
+//   v2e    comments with '#', then t x y p in seconds (v2e, the RPG DAVIS data); also read: a fifth column, v2e's
+//          signal or noise. Without a comment that says so, recognised by a decimal point in one of the first times.
+// Decimal times are parsed exactly and rounded to 1 us. The user may state the unit of times where the file does not.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -68,6 +68,11 @@ class LineReader {
     return true;
   }
 
+  // The line after the last one, as far as it is buffered.
+  std::string_view following() const {
+    const std::string_view rest(buffer_.data() + position_, filled_ - position_);
+    return rest.substr(0, rest.find(line_end_));
+  }
   // Byte offset of the last line.
   std::string place() const { return fmt::format("line {}, byte {}", line_, line_start_); }
   Error damage(std::string_view got, std::string_view wanted) const {
@@ -151,15 +156,25 @@ struct Layout {
   int t_exponent = 0;  // t in the file = us * 10^-t_exponent
 };
 
-class CsvReader final : public EventReader<CsvReader> {
+class TextReader : public EventReader<TextReader> {
  public:
-  explicit CsvReader(const std::filesystem::path& path) : lines_(path) {
+  // `wanted`: a file of another convention is an error.
+  explicit TextReader(const std::filesystem::path& path, const ReadOptions& options = {},
+                      std::optional<Convention> wanted = {})
+      : lines_(path), wanted_(wanted), unit_(options.time_unit) {
     find_layout();
+    if (states_unit_ && unit_)
+      throw Error(ExitCode::usage, fmt::format("{}: time_unit: got {}, wanted none: the first line states the unit",
+                                               path.string(), name_of(*unit_)));
+    if (unit_) layout_.t_exponent = static_cast<int>(*unit_);
     extent_.emplace(info_, 65536);
   }
 
   std::string place() const override { return lines_.place(); }
   Convention convention() const { return convention_; }
+  std::optional<TimeUnit> assumed_unit() const {
+    return unit_ || states_unit_ || convention_ == Convention::csv ? std::nullopt : std::optional(TimeUnit::s);
+  }
 
   bool next(Event& event) {
     if (!std::exchange(pending_, false) && !next_content()) return false;
@@ -196,7 +211,10 @@ class CsvReader final : public EventReader<CsvReader> {
       else if (extent_->is_given() && (width != info_.width || height != info_.height))
         throw lines_.damage(comment, fmt::format("{}x{} as before", info_.width, info_.height));
     } else if (!extent_ && info_.width == 0) {
-      if (comment.find("time (float s), x, y, polarity") != std::string_view::npos) convention_ = Convention::v2e;
+      if (comment.find("time (float s), x, y, polarity") != std::string_view::npos) {
+        convention_ = Convention::v2e;
+        states_unit_ = true;
+      }
       info_.width = number_after("width=");
       info_.height = number_after("height=");
     }
@@ -204,20 +222,27 @@ class CsvReader final : public EventReader<CsvReader> {
 
   void find_layout() {
     if (!next_content()) {
-      if (metavision_ || convention_ == Convention::v2e) return;  // no events
+      if (convention_ == Convention::v2e && allows(Convention::v2e)) return;  // no events
+      if (metavision_ && allows(Convention::csv)) return;
       throw lines_.damage("no content", kWanted);
     }
-    std::string_view rest = line_;
+    std::string_view rest = line_, following = lines_.following();
     const bool names = std::isalpha(static_cast<unsigned char>(line_[0])) || line_[0] == '"';
-    const std::string_view first = next_word(rest);
-    if (names) {
+    const std::string_view first = next_word(rest), second = next_word(following);
+    const auto has_point = [](std::string_view word) { return word.find('.') != std::string_view::npos; };
+    const bool seconds = states_unit_ || has_point(first) ||
+                         (has_point(second) && std::ranges::count_if(line_, [](char c) { return c == ' '; }) >= 3);
+    if (names && allows(Convention::csv)) {
       convention_ = Convention::csv;
       parse_header();
       pending_ = next_content();  // parses comments, which may give the size
-    } else if (metavision_) {
+    } else if (metavision_ && allows(Convention::csv)) {
+      convention_ = Convention::csv;
       layout_ = {{3, 0, 1, 2}, 4, 0};
       pending_ = true;
-    } else if (first.find('.') != std::string_view::npos) {
+    } else if (wanted_ == Convention::csv) {
+      throw lines_.damage(line_, kWanted);
+    } else if (wanted_ == Convention::v2e || (seconds && allows(Convention::v2e))) {
       convention_ = Convention::v2e;
       layout_ = {{0, 1, 2, 3}, 1, 6};
       while (!next_word(rest).empty()) ++layout_.columns;
@@ -228,7 +253,8 @@ class CsvReader final : public EventReader<CsvReader> {
       const auto width = parse_decimal(first, 0), height = parse_decimal(next_word(rest), 0);
       if (!next_word(rest).empty() || !width || !height || width->value < 1 || width->value > 65536 ||
           height->value < 1 || height->value > 65536)
-        throw lines_.damage(line_, kWanted);
+        throw lines_.damage(line_, wanted_ ? "a first line W H, then t x y p"
+                                           : fmt::format("{} (or --input-format v2e for t x y p)", kWanted));
       info_.width = static_cast<int>(width->value);
       info_.height = static_cast<int>(height->value);
       layout_ = {{0, 1, 2, 3}, 4, 6};
@@ -255,9 +281,11 @@ class CsvReader final : public EventReader<CsvReader> {
       if (field->second == kT) {
         const std::size_t unit_at = std::min(word.find_first_not_of('_', underscore), word.size());
         const auto unit = kUnits.find(word.substr(unit_at));
-        if (unit == kUnits.end())
-          throw lines_.damage(fmt::format("time column \"{}\" without its unit", word), "t_us, t_ms, t_s or t_ns");
-        layout_.t_exponent = unit->second;
+        states_unit_ = unit != kUnits.end();
+        if (!states_unit_ && !unit_)
+          throw lines_.damage(fmt::format("time column \"{}\" without its unit", word),
+                              fmt::format("t_us, t_ms, t_s or t_ns; or {}", kStateTheUnit));
+        if (states_unit_) layout_.t_exponent = unit->second;
       }
       layout_.column[field->second] = layout_.columns;
     }
@@ -284,11 +312,22 @@ class CsvReader final : public EventReader<CsvReader> {
       throw lines_.damage(line_, fmt::format("a pixel {}, p of -1, 0 or 1", extent_->wanted()));
   }
 
+  bool allows(Convention convention) const { return wanted_.value_or(convention) == convention; }
+
   LineReader lines_;
+  std::optional<Convention> wanted_;
+  std::optional<TimeUnit> unit_;  // stated by the user
+  bool states_unit_ = false;      // the file does
   std::string_view line_;
   bool pending_ = false, metavision_ = false;
   Layout layout_;
   Convention convention_ = Convention::csv;
+};
+
+template <Convention kConvention>
+class ReaderOf final : public TextReader {
+ public:
+  ReaderOf(const std::filesystem::path& path, const ReadOptions& options) : TextReader(path, options, kConvention) {}
 };
 
 constexpr Limits kCsvLimits = {.keeps_size = false};
@@ -325,14 +364,14 @@ class CsvWriter final : public CheckedWriter {
 
 template <Convention kConvention>
 Codec make_text(const char* name, const char* description, const char* extension, const Limits& limits) {
-  return make_codec<CsvReader, CsvWriter<kConvention>>(name, description, extension, limits,
-                                                       [](const std::filesystem::path& path, auto) {
-                                                         try {
-                                                           return CsvReader(path).convention() == kConvention;
-                                                         } catch (const Error&) {
-                                                           return false;
-                                                         }
-                                                       });
+  return make_codec<ReaderOf<kConvention>, CsvWriter<kConvention>>(
+      name, description, extension, limits, [](const std::filesystem::path& path, auto) {
+        try {
+          return TextReader(path).convention() == kConvention;
+        } catch (const Error&) {
+          return false;
+        }
+      });
 }
 
 }  // namespace

@@ -1,11 +1,14 @@
-// Prophesee DAT, version 2: a text header, one byte event type, one byte event size (8), then per event two 32-bit
-// little-endian words: t_us modulo 2^32; and x in bits 13..0, y in bits 27..14, p in bit 28.
+// Prophesee DAT: a text header, one byte event type, one byte event size (8), then per event two 32-bit little-endian
+// words: t_us modulo 2^32; and the address: in version 2, x in bits 13..0, y in bits 27..14, p in bit 28; in version 1
+// (ATIS, 304x240 unless the header has a size), x in bits 8..0, y in bits 16..9, p in bit 17. A header without a
+// version: the first one with a bit above 17 is version 2.
 #include <fmt/format.h>
 
 #include "checked_writer.h"
 #include "codec.h"
 #include "input_file.h"
 #include "output_file.h"
+#include "pecs/error.h"
 #include "raw_header.h"
 
 namespace pecs::events {
@@ -15,12 +18,17 @@ constexpr int kDatMaxSize = 1 << 14;
 constexpr std::int64_t kDatWrap = std::int64_t{1} << 32;
 constexpr std::byte kOldType{0x00}, kCdType{0x0c}, kEventBytes{8};
 
+struct Address {
+  int x_bits, y_bits, p_bit;
+};
+constexpr Address kVersion1{9, 8, 17}, kVersion2{14, 14, 28};
+constexpr int kAtisWidth = 304, kAtisHeight = 240;
+
 class DatReader final : public EventReader<DatReader> {
  public:
   explicit DatReader(const std::filesystem::path& path) : file_(path) {
-    const RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
+    RawHeader header = parse_raw_header(head_of(path, kHeadBytes));
     info_ = header.info;
-    extent_.emplace(info_, kDatMaxSize);
     file_.seek(header.bytes);
     std::byte type_and_size[2];
     file_.read_exactly(type_and_size, "event type and size");
@@ -28,6 +36,11 @@ class DatReader final : public EventReader<DatReader> {
       throw file_.damage(fmt::format("event type {} of {} bytes", static_cast<int>(type_and_size[0]),
                                      static_cast<int>(type_and_size[1])),
                          "type 0 or 12 of 8 bytes", 2);
+    const std::string version = header.fields.contains("version") ? header.fields["version"] : found_version();
+    if (version != "1" && version != "2") throw bad_input(path.string(), "Version", shortened(version, 40), "1 or 2");
+    is_version_1_ = version == "1";
+    if (is_version_1_ && (info_.width == 0 || info_.height == 0)) info_.width = kAtisWidth, info_.height = kAtisHeight;
+    extent_.emplace(info_, kDatMaxSize);
   }
 
   std::string place() const override { return fmt::format("byte {}", file_.offset() - 8); }
@@ -40,15 +53,29 @@ class DatReader final : public EventReader<DatReader> {
     if (t + kDatWrap / 2 <= last_) wraps_ += kDatWrap;
     last_ = t;
     const auto address = static_cast<std::uint32_t>(*item >> 32);
-    event = {wraps_ + t, static_cast<std::uint16_t>(address & 0x3fff),
-             static_cast<std::uint16_t>(address >> 14 & 0x3fff), static_cast<std::uint8_t>(address >> 28 & 1)};
-    if (!extent_->add(event))
-      throw file_.damage(fmt::format("an event at pixel ({}, {})", event.x, event.y), extent_->wanted(), 8);
+    const Address& bits = is_version_1_ ? kVersion1 : kVersion2;
+    event = {wraps_ + t, static_cast<std::uint16_t>(address & ((1u << bits.x_bits) - 1)),
+             static_cast<std::uint16_t>(address >> bits.x_bits & ((1u << bits.y_bits) - 1)),
+             static_cast<std::uint8_t>(address >> bits.p_bit & 1)};
+    if (!extent_->add(event) || (is_version_1_ && address >> (kVersion1.p_bit + 1) != 0))
+      throw file_.damage(fmt::format("an event at pixel ({}, {})", event.x, event.y),
+                         fmt::format("{}{}", extent_->wanted(), is_version_1_ ? ", in 18 bits (version 1)" : ""), 8);
     return true;
   }
 
  private:
+  std::string found_version() {
+    const std::uint64_t begin = file_.offset();
+    const auto whole = (file_.size() - begin) / 8;
+    std::string version = "1";
+    for (std::uint64_t i = 0; i < whole && version == "1"; ++i)
+      if (*file_.next<std::uint64_t>() >> (32 + kVersion1.p_bit + 1) != 0) version = "2";
+    file_.seek(begin);
+    return version;
+  }
+
   InputFile file_;
+  bool is_version_1_ = false;
   std::int64_t last_ = 0, wraps_ = 0;
 };
 
@@ -77,14 +104,16 @@ class DatWriter final : public CheckedWriter {
 };
 
 bool is_dat(const RawHeader& header, std::span<const std::byte> head) {
-  return header.bytes > 0 && header.encoding.empty() && header.fields.contains("version") &&
+  const auto data = header.fields.find("data");  // "Data file containing CD events."
+  return header.bytes > 0 && header.encoding.empty() &&
+         (header.fields.contains("version") || (data != header.fields.end() && data->second.starts_with("file"))) &&
          head.size() >= header.bytes + 2 && head[header.bytes + 1] == kEventBytes;
 }
 
 }  // namespace
 
 Codec make_dat() {
-  return make_codec<DatReader, DatWriter>("dat", "Prophesee DAT version 2", ".dat", kDatLimits,
+  return make_codec<DatReader, DatWriter>("dat", "Prophesee DAT, written as version 2", ".dat", kDatLimits,
                                           [](const auto&, auto head) { return is_dat(parse_raw_header(head), head); });
 }
 

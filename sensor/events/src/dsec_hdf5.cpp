@@ -50,8 +50,10 @@ void register_blosc() {
 
 class DsecReader final : public BlockReader {
  public:
-  explicit DsecReader(const std::filesystem::path& path)
-      : file_(hdf5::open_file(path)), values_(path.string(), {kColumns[0], kColumns[1], kColumns[2], kColumns[3]}) {
+  DsecReader(const std::filesystem::path& path, const ReadOptions& options)
+      : file_(hdf5::open_file(path)),
+        unit_(options.time_unit),
+        values_(path.string(), {kColumns[0], kColumns[1], kColumns[2], kColumns[3]}) {
     register_blosc();
     const hdf5::Session session;
     for (const char* name : kColumns) columns_.emplace_back(file_, path, name);
@@ -63,7 +65,7 @@ class DsecReader final : public BlockReader {
     if (H5Lexists(file_.get(), "t_offset", H5P_DEFAULT) > 0) {
       const auto offset = hdf5::integer_dataset(file_, "/t_offset");
       if (!offset) throw bad_input(path.string(), "/t_offset", "no value that can be read", "one integer of 64 bits");
-      t_offset_us_ = *offset;
+      t_offset_ = *offset;
     }
     const hdf5::Handle group(H5Gopen2(file_.get(), "/events", H5P_DEFAULT), H5Gclose);
     const auto width = hdf5::integer_attribute(group.get(), "width"),
@@ -71,24 +73,52 @@ class DsecReader final : public BlockReader {
     if (width && height && *width > 0 && *width <= 65536 && *height > 0 && *height <= 65536)
       info_ = {static_cast<int>(*width), static_cast<int>(*height), ""};
     extent_.emplace(info_, 65536);
+    if (!unit_ && H5Lexists(file_.get(), "ms_to_idx", H5P_DEFAULT) > 0) check_index(path);
+  }
+
+  // PECS writes a size, and microseconds; ms_to_idx states them, too.
+  std::optional<TimeUnit> assumed_unit() const {
+    return unit_ || has_index_ || info_.width > 0 ? std::nullopt : std::optional(TimeUnit::us);
   }
 
  private:
+  // Throws bad_input if the last event of ms_to_idx is not the first one of its millisecond.
+  void check_index(const std::filesystem::path& path) {
+    const hdf5::Column index(file_, path, "/ms_to_idx");
+    index.require_integers();
+    std::int64_t event = 0, around[2] = {};
+    std::uint64_t ms = index.size();
+    while (ms > 1) {
+      index.read_integers(--ms, {&event, 1});
+      if (event <= 0 || static_cast<std::uint64_t>(event) >= columns_[0].size()) continue;
+      columns_[0].read_integers(static_cast<std::uint64_t>(event) - 1, around);
+      const auto begin_us = static_cast<std::int64_t>(ms) * 1000;
+      if (around[0] >= begin_us || around[1] < begin_us)
+        throw columns_[0].damage(fmt::format("{} and {} around ms_to_idx[{}]", around[0], around[1], ms),
+                                 fmt::format("{} us between them; or {}", begin_us, kStateTheUnit));
+      has_index_ = true;
+      return;
+    }
+  }
+
   bool next_block() override {
     const std::size_t size = std::min<std::uint64_t>(kBlock, columns_[0].size() - first_);
     if (size == 0) return false;
     block_.resize(size);
-    values_.read(first_, t_offset_us_, *extent_, block_, [&](auto c, std::span<std::int64_t> values) {
+    const auto read = [&](auto c, std::span<std::int64_t> values) {
       columns_[c].read_integers(first_, values);
       return columns_[c].is_unsigned();
-    });
+    };
+    values_.read(first_, t_offset_, *extent_, block_, read, unit_.value_or(TimeUnit::us));
     first_ += size;
     return true;
   }
 
   hdf5::Handle file_;
+  std::optional<TimeUnit> unit_;
   std::vector<hdf5::Column> columns_;  // t, x, y, p
-  std::int64_t t_offset_us_ = 0;
+  std::int64_t t_offset_ = 0;
+  bool has_index_ = false;
   EventColumns values_;
 };
 

@@ -18,12 +18,17 @@ void EventColumns::refuse_wrapped(Column column, std::uint64_t first) const {
            std::to_string(static_cast<std::uint64_t>(*bad)), fmt::format("at most {}", INT64_MAX));
 }
 
-void EventColumns::take(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out) const {
+void EventColumns::take(std::uint64_t first, std::int64_t offset, TimeUnit unit, Extent& extent,
+                        std::span<Event> out) const {
   for (std::size_t i = 0; i < out.size(); ++i) {
     const std::int64_t x_value = values_[x][i], y_value = values_[y][i], p_value = values_[p][i];
     Event& e = out[i];
-    if (__builtin_add_overflow(values_[t][i], offset_us, &e.t_us))
-      refuse(t, first + i, fmt::format("{} and an offset of {}", values_[t][i], offset_us), "a sum of 64 bits");
+    std::int64_t time = 0;
+    if (__builtin_add_overflow(values_[t][i], offset, &time))
+      refuse(t, first + i, fmt::format("{} and an offset of {}", values_[t][i], offset), "a sum of 64 bits");
+    const auto t_us = to_us(time, unit);
+    if (!t_us) refuse(t, first + i, fmt::format("{} {}", time, name_of(unit)), "a time of 64 bits in us");
+    e.t_us = *t_us;
     e.x = static_cast<std::uint16_t>(x_value);
     e.y = static_cast<std::uint16_t>(y_value);
     e.p = p_value > 0;

@@ -18,22 +18,22 @@ class EventColumns {
   EventColumns(std::string file, std::array<std::string, 4> names) : file_(std::move(file)), names_(std::move(names)) {}
 
   // Reads events from the one with index `first` on, as many as `out` has; p of -1 becomes 0, and t grows by
-  // `offset_us`. read_values(column, values) reads a column's next values, unsigned ones as their bits, and returns
-  // whether they are unsigned.
+  // `offset` and is converted from `unit`. read_values(column, values) reads a column's next values, unsigned ones as
+  // their bits, and returns whether they are unsigned.
   template <class ReadValues>
-  void read(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out,
-            const ReadValues& read_values) {
+  void read(std::uint64_t first, std::int64_t offset, Extent& extent, std::span<Event> out,
+            const ReadValues& read_values, TimeUnit unit = TimeUnit::us) {
     for (const Column column : kAll) {
       values_[column].resize(out.size());
       if (read_values(column, std::span(values_[column]))) refuse_wrapped(column, first);
     }
-    take(first, offset_us, extent, out);
+    take(first, offset, unit, extent, out);
   }
 
  private:
   // Throws for unsigned values beyond int64, which are now negative.
   void refuse_wrapped(Column column, std::uint64_t first) const;
-  void take(std::uint64_t first, std::int64_t offset_us, Extent& extent, std::span<Event> out) const;
+  void take(std::uint64_t first, std::int64_t offset, TimeUnit unit, Extent& extent, std::span<Event> out) const;
   [[noreturn]] void refuse(Column column, std::uint64_t index, const std::string& got, const std::string& wanted) const;
 
   std::string file_;

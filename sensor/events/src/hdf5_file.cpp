@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 namespace pecs::events::hdf5 {
@@ -150,7 +151,23 @@ void Column::read(std::uint64_t first, std::uint64_t count, hid_t memory_type, v
   const Handle memory_space(H5Screate_simple(1, &length, nullptr), H5Sclose);
   if (H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, &start, nullptr, &length, nullptr) < 0 ||
       H5Dread(id(), memory_type, memory_space.get(), file_space.get(), H5P_DEFAULT, out) < 0)
-    throw damage(fmt::format("unreadable items {} to {}", first, first + count - 1), "readable items");
+    throw unreadable(first, first + count - 1);
+}
+
+// Names a filter that is not built in: the library does not.
+Error Column::unreadable(std::uint64_t first, std::uint64_t last) const {
+  const Handle properties(H5Dget_create_plist(id()), H5Pclose);
+  for (int i = 0; i < H5Pget_nfilters(properties.get()); ++i) {
+    unsigned flags = 0, config = 0;
+    std::size_t values = 0;
+    std::array<char, 64> name{};
+    const H5Z_filter_t filter = H5Pget_filter2(properties.get(), static_cast<unsigned>(i), &flags, &values, nullptr,
+                                               name.size() - 1, name.data(), &config);
+    if (filter >= 0 && H5Zfilter_avail(filter) <= 0)
+      return damage(fmt::format("data under HDF5 filter {} ({})", filter, shortened(name.data(), 40)),
+                    "gzip or blosc (h5repack writes them anew), or the filter's plugin on HDF5_PLUGIN_PATH");
+  }
+  return damage(fmt::format("unreadable items {} to {}", first, last), "readable items");
 }
 
 Error Column::damage(const std::string& got, const std::string& wanted) const {

@@ -77,6 +77,7 @@ class Column {
   enum class Kind { signed_integer, unsigned_integer, other };
   void open(const Handle& file, hid_t access);
   void check_storage(std::uint64_t item_bytes) const;
+  Error unreadable(std::uint64_t first, std::uint64_t last) const;
   void limit_chunks(const Handle& file, hid_t properties, std::uint64_t item_bytes);
 
   std::filesystem::path path_;

@@ -1,5 +1,6 @@
 // NumPy NPZ: a ZIP of one-dimensional arrays t (int64, microseconds), x, y (uint16) and p (uint8), and of the scalars
-// width and height. Also read: other integer types and byte orders, booleans, compressed archives.
+// width and height. Also read: other integer types and byte orders, booleans, compressed archives; without the size, t
+// in another unit that the user states.
 #include <fmt/format.h>
 #include <unistd.h>
 #include <zip.h>
@@ -154,8 +155,9 @@ class ArrayReader {
 
 class NpzReader final : public BlockReader {
  public:
-  explicit NpzReader(const std::filesystem::path& path)
+  NpzReader(const std::filesystem::path& path, const ReadOptions& options)
       : path_(path),
+        unit_(options.time_unit),
         archive_(open_archive(path)),
         columns_{{{path_, archive_.get(), "t"},
                   {path_, archive_.get(), "x"},
@@ -173,6 +175,11 @@ class NpzReader final : public BlockReader {
     extent_.emplace(info_, 65536);
   }
 
+  // PECS writes a size, and microseconds.
+  std::optional<TimeUnit> assumed_unit() const {
+    return unit_ || info_.width > 0 ? std::nullopt : std::optional(TimeUnit::us);
+  }
+
  private:
   static constexpr std::size_t kBlock = buffer_size(1 << 14, 64);
 
@@ -182,10 +189,11 @@ class NpzReader final : public BlockReader {
       return false;
     }
     block_.resize(std::min<std::uint64_t>(size_ - first_, kBlock));
-    values_.read(first_, 0, *extent_, block_, [&](auto c, std::span<std::int64_t> values) {
+    const auto read = [&](auto c, std::span<std::int64_t> values) {
       columns_[c].read(values);
       return columns_[c].is_unsigned();
-    });
+    };
+    values_.read(first_, 0, *extent_, block_, read, unit_.value_or(TimeUnit::us));
     first_ += block_.size();
     return true;
   }
@@ -201,6 +209,7 @@ class NpzReader final : public BlockReader {
   }
 
   std::filesystem::path path_;
+  std::optional<TimeUnit> unit_;
   Archive archive_;
   std::array<ArrayReader, 4> columns_;
   EventColumns values_;
@@ -231,6 +240,10 @@ class Spool {
     if (fd < 0) throw bad_output(output.string(), std::strerror(errno));
     ::unlink(name.c_str());
     file_.reset(::fdopen(fd, "w+b"));
+    if (!file_) {
+      ::close(fd);
+      throw bad_output(output.string(), std::strerror(errno));
+    }
     write(std::string(kHeaderBytes, ' ').data(), kHeaderBytes);
   }
   void write(const void* data, std::size_t bytes) {

@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <ctime>
+#include <algorithm>
+#include <cctype>
+#include <cstring>
 #include <string_view>
 #include <tuple>
 #include <utility>
@@ -24,6 +26,15 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
+// The sensor's generation as the header has it ("3.1", "31_fx3"), in any of its lines.
+std::vector<std::string_view> generations(std::map<std::string, std::string>& fields) {
+  constexpr std::string_view kPlugin = "hal_plugin_gen";
+  std::vector<std::string_view> found = {fields["sensor_generation"], fields["generation"]};
+  if (const std::string_view plugin = fields["plugin_name"]; plugin.starts_with(kPlugin))
+    found.push_back(plugin.substr(kPlugin.size()));
+  return found;
+}
+
 // The sensor's size by the camera that the header names, where there is no geometry (before Metavision 2.1, or edited):
 // its plugin ("hal_plugin_gen31_fx3"), generation ("3.1") or the number of its system. 0x0 when none is known. Source:
 // OpenEB's hal_psee_plugins (device_system_id.h, PseeRawFileHeader, and raw_constants.h of OpenEB 2).
@@ -35,11 +46,8 @@ std::pair<int, int> size_of_camera(std::map<std::string, std::string>& fields) {
     if (text.starts_with("320") || text.starts_with("x320")) return kGenx;
     return text.starts_with('3') ? kVga : text.starts_with('4') ? kHd : std::pair(0, 0);
   };
-  for (const char* key : {"sensor_generation", "generation"})
-    if (const auto size = of_generation(fields[key]); size.first > 0) return size;
-  constexpr std::string_view kPlugin = "hal_plugin_gen";
-  if (const std::string& plugin = fields["plugin_name"]; plugin.starts_with(kPlugin))
-    if (const auto size = of_generation(std::string_view(plugin).substr(kPlugin.size())); size.first > 0) return size;
+  for (const std::string_view generation : generations(fields))
+    if (const auto size = of_generation(generation); size.first > 0) return size;
   static const std::map<int, std::pair<int, int>> kSystems = [&] {
     std::map<int, std::pair<int, int>> sizes;
     for (const int id : {0x15, 0x17, 0x19, 0x1c, 0x1d, 0x21, 0x22, 0x23, 0x28, 0x29, 0x97, 0x99, 0xa1, 0xa2})
@@ -53,7 +61,43 @@ std::pair<int, int> size_of_camera(std::map<std::string, std::string>& fields) {
   return system == kSystems.end() ? std::pair(0, 0) : system->second;
 }
 
+// Whether the data can be words of an encoding: types that it has, and times that do not decrease except by a wrap. One
+// word in a hundred may be damaged.
+template <class Word>
+bool can_be(std::span<const std::byte> data, unsigned types, unsigned high_bits) {
+  constexpr int kTypeShift = 8 * sizeof(Word) - 4;
+  constexpr Word kPadding = static_cast<Word>(0x9999);
+  std::size_t words = 0, bad = 0, highs = 0;
+  Word high = 0;
+  for (; data.size() >= sizeof(Word); data = data.subspan(sizeof(Word))) {
+    Word word = 0;
+    std::memcpy(&word, data.data(), sizeof word);
+    if (sizeof word == 2 && word == kPadding) continue;
+    ++words;
+    const unsigned type = static_cast<unsigned>(word >> kTypeShift);
+    bad += !(types >> type & 1);
+    if (type != 8) continue;
+    const Word next = word & static_cast<Word>((Word{1} << high_bits) - 1);
+    bad += highs++ > 0 && next < high && std::uint64_t{high} - next < std::uint64_t{1} << (high_bits - 1);
+    high = next;
+  }
+  return words >= 4 && highs > 0 && bad * 100 <= words;
+}
+
 }  // namespace
+
+std::string raw_encoding(std::span<const std::byte> head) {
+  RawHeader header = parse_raw_header(head);
+  const auto data = head.subspan(header.bytes);
+  const bool evt2 = can_be<std::uint32_t>(data, 0b1100'0101'0000'0011, 28);
+  const bool evt3 = can_be<std::uint16_t>(data, 0b1100'0101'1111'1101, 12);
+  if (evt2 != evt3) return evt2 ? "EVT2" : "EVT3";
+  for (const std::string_view generation : generations(header.fields)) {  // OpenEB's rule
+    if (evt2 && generation.starts_with('3') && !generation.starts_with("320")) return "EVT2";
+    if (evt3 && generation.starts_with('4')) return "EVT3";
+  }
+  return "";
+}
 
 RawHeader parse_raw_header(std::span<const std::byte> head) {
   RawHeader header;
@@ -73,10 +117,11 @@ RawHeader parse_raw_header(std::span<const std::byte> head) {
 
   // "EVT3;height=720;width=1280"
   std::string_view format = header.fields["format"];
-  header.encoding = format.substr(0, format.find(';'));
+  header.encoding = trimmed(format.substr(0, format.find(';')));
+  std::ranges::transform(header.encoding, header.encoding.begin(), [](unsigned char c) { return std::toupper(c); });
   while (format.find(';') != std::string_view::npos) {
     format.remove_prefix(format.find(';') + 1);
-    const std::string_view option = format.substr(0, format.find(';'));
+    const std::string_view option = trimmed(format.substr(0, format.find(';')));
     if (const auto equals = option.find('='); equals != std::string_view::npos)
       header.options[lower(std::string(option.substr(0, equals)))] = option.substr(equals + 1);
   }

@@ -19,6 +19,9 @@ struct RawHeader {
 };
 
 RawHeader parse_raw_header(std::span<const std::byte> head);
+// "EVT2" or "EVT3" by the words behind the header, for a file that does not name its encoding; then by the camera's
+// generation. Empty if they leave it open.
+std::string raw_encoding(std::span<const std::byte> head);
 // The header of a RAW file of `info`'s size, including "% end".
 std::string raw_header_text(const std::string& encoding, const std::string& evt, const StreamInfo& info,
                             const std::string& options = "");

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 
+#include "codec.h"
 #include "input_file.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/text.h"
 #include "raw_header.h"
+#include "stated.h"
 
 namespace pecs::events {
 
@@ -56,6 +58,18 @@ const Codec& codec_of_file(const std::filesystem::path& path, const std::optiona
     if (codec.open_reader && codec.sniff(path, head)) return codec;
   if (const std::string said = parse_raw_header(head).encoding; !said.empty())
     throw bad_input(path.string(), "format", shortened(said, 40), "EVT2, EVT21 or EVT3");
+  if (begins_with(head, "#!AER-DAT")) {
+    const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+    throw bad_input(path.string(), "byte 0", shortened(text.substr(0, text.find_first_of("\r\n")), 40),
+                    "#!AER-DAT2.0 or #!AER-DAT4.0");
+  }
+  if (lower(path.extension().string()) == ".raw") {
+    const std::string encoding = raw_encoding(head);
+    if (encoding.empty())
+      throw bad_input(path.string(), "format", "a RAW file that does not name its encoding",
+                      "--input-format evt2, evt21 or evt3");
+    return *by_name(lower(encoding));
+  }
   for (const Codec& codec : codecs())
     if (codec.open_reader && has_extension(codec, path)) return codec;
   throw bad_input(path.string(), "byte 0", "content of no known event format", "one of " + names(false));
@@ -70,8 +84,16 @@ const Codec& codec_for_output(const std::filesystem::path& path, const std::opti
                           path.has_extension() ? path.extension().string() : "none", names(true)));
 }
 
-std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format) {
-  return codec_of_file(path, format).open_reader(path);
+std::unique_ptr<Reader> open_reader(const Codec& codec, const std::filesystem::path& path, const ReadOptions& options) {
+  if (options.time_unit && !codec.takes_time_unit)
+    throw Error(ExitCode::usage, fmt::format("{}: time_unit: got {}, wanted none: the times of {} are in us",
+                                             path.string(), name_of(*options.time_unit), codec.name));
+  return as_stated(codec.open_reader(path, options), path, options);
+}
+
+std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format,
+                                    const ReadOptions& options) {
+  return open_reader(codec_of_file(path, format), path, options);
 }
 
 std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
@@ -79,9 +101,9 @@ std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const Str
   return codec_for_output(path, format).open_writer(path, info);
 }
 
-Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& codec,
+Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& codec, const ReadOptions& options,
                                const std::function<bool(const Event&)>& keep) {
-  const std::unique_ptr<Reader> reader = codec.open_reader(path);
+  const std::unique_ptr<Reader> reader = open_reader(codec, path, options);
   Event event;
   std::optional<std::int64_t> last_us;
   for (std::uint64_t i = 0; reader->read(std::span(&event, 1)) > 0; ++i) {
@@ -89,7 +111,8 @@ Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& c
     if (last_us && event.t_us < *last_us) {
       const std::string place = reader->place();
       return bad_input(path.string(), fmt::format("event {}{}", i, place.empty() ? "" : " (" + place + ")"),
-                       fmt::format("t = {} us", event.t_us), fmt::format("at least {} us, the event before", *last_us));
+                       fmt::format("t = {} us", event.t_us),
+                       fmt::format("at least {} us, the event before (or --late sort, --late drop)", *last_us));
     }
     last_us = event.t_us;
   }

@@ -57,6 +57,7 @@ class EventView {
 
   // False when the user ends the view.
   bool add(std::span<const events::Event> events) {
+    if (events.empty() && !video_) return media().show(kWindow, picture_, 1) != kEscape;
     bool goes_on = true;
     for (const events::Event& e : events) {
       while (e.t_us >= next_us_) goes_on &= flush();
@@ -80,9 +81,10 @@ class EventView {
       key = media().show(kWindow, picture_, std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
     }
     picture_.setTo(kPaper);
-    return key != 27;
+    return key != kEscape;
   }
 
+  static constexpr int kEscape = 27;
   static inline const cv::Scalar kPaper{255, 255, 255};
   const LiveOptions& live_;
   cv::Mat picture_;
@@ -99,7 +101,7 @@ VideoFrames open_source(const LiveOptions& live) {
   return frames;
 }
 
-// Live frames, with the time of arrival (camera) or the file's frame rate (video).
+// Live frames, with the time of arrival (camera), or the file's frame rate or frames' own times (video).
 class Live final : public sensor::FrameSource {
  public:
   Live(const LiveOptions& live, const PictureOptions& pictures)
@@ -110,7 +112,10 @@ class Live final : public sensor::FrameSource {
     info_.height = frame_.rows;
     info_.bands = linear_.bands_of(frame_);
     rate_hz_ = pictures.times.fps.value_or(video_.fps);
+    rate_is_stated_ = pictures.times.fps.has_value();
     if (!live.camera && !(rate_hz_ > 0)) throw bad_input(name(), "times", "none", "--fps");
+    if (!live.camera) check_pixel_aspect(video_, name());
+    first_ms_ = video_.time_ms();
   }
   const sensor::StackInfo& info() const override { return info_; }
   std::int64_t frames() const override { return frames_; }
@@ -127,9 +132,10 @@ class Live final : public sensor::FrameSource {
       throw bad_input(name(), fmt::format("frame {}", frames_), fmt::format("{}x{}", frame_.cols, frame_.rows),
                       fmt::format("{}x{} as the first", info_.width, info_.height));
     if (frames_ == 0) start_ = Clock::now();
-    t_us_ = frames_ == 0   ? 0
-            : live_.camera ? std::max(microseconds_since(start_), t_us_ + 1)
-                           : static_cast<double>(frames_) * 1e6 / rate_hz_;
+    const double own_ms = live_.camera ? 0 : video_.time_ms() - first_ms_;
+    const bool nominal = rate_is_stated_ || is_nominal(own_ms, frames_, rate_hz_);
+    const double file_us = nominal ? static_cast<double>(frames_) * 1e6 / rate_hz_ : own_ms * 1e3;
+    t_us_ = frames_ == 0 ? 0 : std::max(live_.camera ? microseconds_since(start_) : file_us, t_us_ + 1);
     ++frames_;
     return t_us_;
   }
@@ -144,7 +150,8 @@ class Live final : public sensor::FrameSource {
   VideoFrames video_;
   cv::Mat frame_;
   sensor::StackInfo info_;
-  double rate_hz_ = 0, t_us_ = 0;
+  double rate_hz_ = 0, t_us_ = 0, first_ms_ = 0;
+  bool rate_is_stated_ = false;
   std::int64_t frames_ = 0;
   Clock::time_point start_;
 };

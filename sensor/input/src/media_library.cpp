@@ -26,8 +26,10 @@ std::vector<std::uint8_t> png_of(const cv::Mat& picture) {
 
 VideoFrames frames_of(const std::shared_ptr<cv::VideoCapture>& capture) {
   if (!capture->isOpened()) return {};
+  const double wide = capture->get(cv::CAP_PROP_SAR_NUM), high = capture->get(cv::CAP_PROP_SAR_DEN);
   return {[capture](cv::Mat& frame) { return capture->read(frame); }, [capture] { return capture->grab(); },
-          capture->get(cv::CAP_PROP_FPS)};
+          [capture] { return capture->get(cv::CAP_PROP_POS_MSEC); }, capture->get(cv::CAP_PROP_FPS),
+          wide > 0 && high > 0 ? wide / high : 1};
 }
 
 VideoFrames open_video(const std::string& path) {

@@ -61,7 +61,7 @@ class Pictures : public sensor::FrameSource {
 class Folder final : public Pictures {
  public:
   Folder(const fs::path& path, const PictureOptions& options)
-      : Pictures(path, options), files_(sensor::files_in_order(path, kPictures)) {
+      : Pictures(path, options), files_(sensor::frame_files(path, kPictures, options.times)) {
     if (files_.empty()) throw not_found(path.string(), "holds no EXR files and no pictures");
     describe(frame(0));
     info_.times_ns = options.times.of(static_cast<std::int64_t>(files_.size()), path.string());
@@ -71,7 +71,8 @@ class Folder final : public Pictures {
  private:
   cv::Mat frame(std::int64_t index) const override {
     const fs::path& file = files_.at(static_cast<std::size_t>(index));
-    cv::Mat picture = media().read_picture(file.string(), cv::IMREAD_UNCHANGED);
+    cv::Mat picture =
+        media().read_picture(file.string(), cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH);  // turned as EXIF has it
     if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
     return picture;
   }
@@ -87,16 +88,34 @@ class Video final : public Pictures {
     cv::Mat first;
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
-    std::int64_t count = 1;  // containers' own counts are often wrong
-    while (video_.skip()) ++count;
-    sensor::FrameTimes times = options.times;
-    if (!times.fps && !times.file_us && video_.fps > 0) times.fps = video_.fps;
-    info_.times_ns = times.of(count, path.string());
+    check_pixel_aspect(video_, path.string());
+    std::vector<double> own_ms = {video_.time_ms()};  // their number, too: containers' own counts are often wrong
+    while (video_.skip()) own_ms.push_back(video_.time_ms());
+    set_times(options.times, own_ms);
     open();
   }
-  std::string layout() const override { return "video"; }
+  std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }
 
  private:
+  // The frames' own times if they differ from the nominal rate by more than containers round.
+  void set_times(sensor::FrameTimes times, const std::vector<double>& own_ms) {
+    if (!times.fps && !times.file_us) {
+      for (std::size_t i = 0; i < own_ms.size(); ++i)
+        variable_ |= !is_nominal(own_ms[i] - own_ms[0], static_cast<std::int64_t>(i), video_.fps);
+      if (!variable_) times.fps = video_.fps;
+    }
+    if (!variable_) {
+      info_.times_ns = times.of(std::ssize(own_ms), path_.string());
+      return;
+    }
+    for (const double ms : own_ms) {
+      info_.times_ns.push_back(std::llround((ms - own_ms[0]) * 1e6));
+      if (const auto& t = info_.times_ns; t.size() > 1 && t.back() <= t[t.size() - 2])
+        throw bad_input(path_.string(), fmt::format("time of frame {}", t.size() - 1), fmt::format("{} ms", ms),
+                        "one after the frame before (or --fps, --times)");
+    }
+  }
+
   void open() const {
     video_ = media().open_video(path_.string());
     next_ = 0;
@@ -122,6 +141,7 @@ class Video final : public Pictures {
 
   mutable std::mutex mutex_;
   mutable VideoFrames video_;
+  bool variable_ = false;
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;
 };
@@ -142,6 +162,16 @@ void reject_other_files(const fs::path& path) {
 
 }  // namespace
 
+bool is_nominal(double own_ms, std::int64_t frame, double fps) {
+  constexpr double kRounding_ms = 1;  // time bases are as coarse as this
+  return fps > 0 && std::abs(own_ms - static_cast<double>(frame) * 1e3 / fps) <= kRounding_ms;
+}
+
+void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
+  if (std::abs(video.pixel_aspect - 1) > 1e-3)
+    throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", video.pixel_aspect), "1 (square pixels: resample it)");
+}
+
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
   if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
   reject_other_files(path);
@@ -159,6 +189,7 @@ std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const Pic
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
     if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
+    if (has_json && options.times.unit) refuse("--time-unit", "--times, and frames without times of their own");
     if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
   }

@@ -51,11 +51,15 @@ FrameBatch frame_of(const FrameBatch& batch, std::size_t index) {
 void FrameClock::check(std::span<const double> t_us) const {
   std::optional<double> before;
   if (!recent_t_us_.empty()) before = recent_t_us_.back();
-  for (std::size_t i = 0; i < t_us.size(); before = t_us[i++])
-    if ((before && !(t_us[i] > *before)) || !(t_us[i] >= 0) || t_us[i] > kMostTime_us)
+  for (std::size_t i = 0; i < t_us.size(); before = t_us[i++]) {
+    const bool gap = before && t_us[i] > *before + kMostInterval_us;
+    if (gap || (before && !(t_us[i] > *before)) || !(t_us[i] >= 0) || t_us[i] > kMostTime_us)
       throw bad_input("frames", fmt::format("time of frame {}", frames_ + static_cast<std::int64_t>(i)),
                       fmt::format("{} us", t_us[i]),
-                      before ? fmt::format("more than {}", *before) : fmt::format("0 to {}", kMostTime_us));
+                      gap      ? fmt::format("at most {} us after the frame before", kMostInterval_us)
+                      : before ? fmt::format("more than {}", *before)
+                               : fmt::format("0 to {}", kMostTime_us));
+  }
 }
 
 FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<const double> t_us, bool last) {

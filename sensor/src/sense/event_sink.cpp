@@ -44,19 +44,40 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
 bool EventSink::write(LabelledEvents& fired, bool last) {
   const std::int64_t from_us = timeline_.from_us(), to_us = timeline_.to_us();
   if (timeline_.warms_up()) trim(fired, from_us, to_us);  // the warm-up is not read out
-  stages_.before_readout(fired);
-  if (readout_) {
-    clear(sent_);
-    readout_->push(fired, last, sent_);
-    clear(fired);
+  clear(sent_);
+  for (const std::int64_t edge_us : {from_us, to_us}) {  // parts are inside the window or outside
+    if (fired.events.empty() || fired.events.front().t_us >= edge_us || fired.events.back().t_us < edge_us) continue;
+    LabelledEvents part = fired;
+    trim(part, INT64_MIN, edge_us);
+    trim(fired, edge_us, INT64_MAX);
+    read_out(part, false);
   }
-  LabelledEvents& labelled = readout_ ? sent_ : fired;
-  stages_.after_readout(labelled, last, &dropped_);
+  read_out(fired, last);
+  clear(fired);
+  stages_.after_readout(sent_, last, &dropped_);
   note_dropped();
-  trim(labelled, from_us, to_us);
-  const bool goes_on = send(labelled);
-  clear(labelled);
-  return goes_on;
+  trim(sent_, from_us, to_us);
+  return send(sent_);
+}
+
+// Appends what leaves the chip to sent_. `part` lies inside the output's window, whose losses are counted, or outside.
+void EventSink::read_out(LabelledEvents& part, bool last) {
+  const bool inside = !part.events.empty() && part.events.front().t_us >= timeline_.from_us() &&
+                      part.events.front().t_us < timeline_.to_us();
+  constexpr auto kRoi = static_cast<std::size_t>(Stage::roi);
+  const std::int64_t outside_roi = stages_.counts()[kRoi], lost = readout_ ? readout_->dropped() : 0;
+  stages_.before_readout(part);
+  if (readout_) {
+    readout_->push(part, last, sent_);
+  } else if (sent_.events.empty()) {
+    std::swap(part, sent_);
+  } else {
+    sent_.events.insert(sent_.events.end(), part.events.begin(), part.events.end());
+    sent_.causes.insert(sent_.causes.end(), part.causes.begin(), part.causes.end());
+  }
+  if (!inside) return;
+  dropped_by_[kRoi] += stages_.counts()[kRoi] - outside_roi;
+  if (readout_) lost_ += readout_->dropped() - lost;
 }
 
 // Counts and writes the dropped events of the output's window.
@@ -93,12 +114,10 @@ void EventSink::close() {
 
 Json EventSink::report() const {
   const double seconds = static_cast<double>(last_us_ - first_us_) * 1e-6;
-  StageCounts by_stage = dropped_by_;
-  by_stage[static_cast<std::size_t>(Stage::roi)] = stages_.counts()[static_cast<std::size_t>(Stage::roi)];
   return {{"events", events_},
           {"on_fraction", events_ ? Json(static_cast<double>(on_) / static_cast<double>(events_)) : Json()},
-          {"dropped", readout_ ? readout_->dropped() : 0},
-          {"dropped_by_stage", counts_to_json(by_stage)},
+          {"dropped", lost_},
+          {"dropped_by_stage", counts_to_json(dropped_by_)},
           {"t_first_us", first_us_},
           {"t_last_us", last_us_},
           {"rate_hz", seconds > 0 ? Json(static_cast<double>(events_) / seconds) : Json()}};

@@ -22,6 +22,7 @@ class EventSink {
   Json report() const;  // counts and rates
 
  private:
+  void read_out(LabelledEvents& part, bool last);
   bool send(LabelledEvents& labelled);
   void note_dropped();
 
@@ -33,6 +34,7 @@ class EventSink {
   LabelledEvents sent_;
   std::vector<DroppedEvent> dropped_;
   StageCounts dropped_by_{};  // in the output's window
+  std::int64_t lost_ = 0;     // by the readout, in the output's window
   std::optional<NpyFile> causes_;
   std::optional<DroppedFile> dropped_file_;
   std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;

@@ -121,6 +121,7 @@ SenseOptions sense_options(JsonObject o) {
   if (o.has("format")) out.format = o.text("format");
   out.times.fps = o.maybe_number("fps", {1e-9, 1e9});
   if (o.has("times_us")) out.times.file_us = o.text("times_us");
+  if (o.has("time_unit")) out.times.unit = time_unit_from(o.text("time_unit"));
   out.model.white_fa = o.number_or("white_a", 0, {1e-30, 1}) * 1e15;
   const std::string bands = o.text_or("bands", "all");
   if (const auto n = monte_carlo_bands(bands))

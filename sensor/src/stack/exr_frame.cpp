@@ -1,6 +1,7 @@
 #include "stack/exr_frame.h"
 
 #include <ImfChannelList.h>
+#include <ImfIntAttribute.h>
 #include <ImfStringAttribute.h>
 #include <fmt/format.h>
 
@@ -62,15 +63,13 @@ std::string one_line(std::string text) {
   return text;
 }
 
-int width_of(const Imf::Header& header) {
-  const Imath::Box2i& box = header.dataWindow();
-  return box.max.x - box.min.x + 1;
+const Imath::Box2i& frame_window(const Imf::Header& header, bool is_foreign) {
+  const bool is_pbrts = header.findTypedAttribute<Imf::IntAttribute>("samplesPerPixel") != nullptr;
+  return is_foreign && !is_pbrts ? header.displayWindow() : header.dataWindow();
 }
 
-int height_of(const Imf::Header& header) {
-  const Imath::Box2i& box = header.dataWindow();
-  return box.max.y - box.min.y + 1;
-}
+int width_of(const Imath::Box2i& window) { return window.max.x - window.min.x + 1; }
+int height_of(const Imath::Box2i& window) { return window.max.y - window.min.y + 1; }
 
 namespace {
 
@@ -87,11 +86,15 @@ std::string channel_in(const Imf::ChannelList& channels, const std::string& want
 }  // namespace
 
 std::vector<std::string> check_header(const Imf::Header& header, const fs::path& path, const StackInfo& info,
-                                      const Layer& layer) {
-  const int width = width_of(header), height = height_of(header);
+                                      const Layer& layer, bool is_foreign) {
+  const Imath::Box2i& window = frame_window(header, is_foreign);
+  const int width = width_of(window), height = height_of(window);
   if (width != info.file_width() || height != info.file_height())
-    throw bad_input(path.string(), "dataWindow", fmt::format("{}x{}", width, height),
-                    fmt::format("{}x{}", info.file_width(), info.file_height()));
+    throw bad_input(path.string(), &window == &header.displayWindow() ? "displayWindow" : "dataWindow",
+                    fmt::format("{}x{}", width, height), fmt::format("{}x{}", info.file_width(), info.file_height()));
+  if (std::abs(header.pixelAspectRatio() - 1) > 1e-3)
+    throw bad_input(path.string(), "pixelAspectRatio", fmt::format("{:.4g}", header.pixelAspectRatio()),
+                    "1 (square pixels: resample the frames)");
   std::vector<std::string> names;
   for (const std::string& wanted : layer.channels) {
     const std::string name = channel_in(header.channels(), wanted);

@@ -57,12 +57,15 @@ auto reading(const std::filesystem::path& path, F&& f) {
   }
 }
 
-int width_of(const Imf::Header& header);
-int height_of(const Imf::Header& header);
-// The file's names of the layer's channels. Throws bad_input for another size, or a channel that is missing or
-// subsampled.
+// The window of a file that is the frame: the display window, black outside the data window; in stacks of PECS, and of
+// pbrt, which renders a crop that way, the data window.
+const Imath::Box2i& frame_window(const Imf::Header& header, bool is_foreign);
+int width_of(const Imath::Box2i& window);
+int height_of(const Imath::Box2i& window);
+// The file's names of the layer's channels. Throws bad_input for another size, pixels that are not square, or a channel
+// that is missing or subsampled.
 std::vector<std::string> check_header(const Imf::Header& header, const std::filesystem::path& path,
-                                      const StackInfo& info, const Layer& layer);
+                                      const StackInfo& info, const Layer& layer, bool is_foreign = false);
 // The time in the header; throws bad_input if there is none.
 std::int64_t time_of(const Imf::Header& header, const std::filesystem::path& path);
 void check_time(const Imf::Header& header, const std::filesystem::path& path, std::int64_t time_ns, bool required);

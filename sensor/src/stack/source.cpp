@@ -43,25 +43,32 @@ bool natural_less(const std::string& a, const std::string& b) {
 
 std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string& source) const {
   std::vector<std::int64_t> times;
+  if (fps && file_us) throw Error(ExitCode::usage, "--fps: got --times as well, wanted one of them");
+  if (unit && !file_us) throw Error(ExitCode::usage, "--time-unit: got no file of times, wanted --times as well");
   if (file_us) {
+    const double ns = std::pow(10.0, 3 + static_cast<int>(unit.value_or(TimeUnit::us)));
+    FrameUnitCheck unit_check;
     std::istringstream lines(read_text(*file_us, std::size_t{64} << 20));
     std::string line;
     for (int number = 1; std::getline(lines, line); ++number) {
       line = line.substr(0, line.find('#'));
       if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
       std::istringstream words(line);
-      double t_us = 0;
+      long double time = 0;  // 64 bits: ns since 1970
       std::string rest;
       const std::string place = fmt::format("line {}", number);
-      if (!(words >> t_us) || words >> rest || !(t_us >= 0) || t_us > 1e15)
-        throw bad_input(file_us->string(), place, line.substr(0, 40), "one time in us");
-      times.push_back(std::llround(t_us * 1e3));
+      if (!(words >> time) || words >> rest || !(time >= 0) || time * ns > (unit ? 9e18L : 1e18L))
+        throw bad_input(file_us->string(), place, line.substr(0, 40),
+                        fmt::format("one time in us; or {}", kStateTheUnit));
+      times.push_back(std::llround(time * ns));
+      unit_check.add(static_cast<double>(times.back() - times.front()) * 1e-3);
       if (times.size() > 1 && times.back() <= times[times.size() - 2])
         throw bad_input(file_us->string(), place, line.substr(0, 40), "increasing times");
     }
     if (static_cast<std::int64_t>(times.size()) != frames)
       throw bad_input(file_us->string(), "times", std::to_string(times.size()),
                       fmt::format("{}, one per frame", frames));
+    if (!unit) unit_check.check(file_us->string());
   } else if (fps) {
     for (std::int64_t i = 0; i < frames; ++i) times.push_back(std::llround(static_cast<double>(i) * 1e9 / *fps));
   } else {
@@ -74,11 +81,61 @@ std::vector<std::filesystem::path> files_in_order(const std::filesystem::path& f
                                                   std::span<const std::string> endings) {
   std::vector<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    if (std::ranges::find(endings, lower(entry.path().extension().string())) != endings.end())
+    if (std::ranges::find(endings, lower(entry.path().extension().string())) != endings.end() &&
+        !entry.path().filename().string().starts_with('.'))
       files.push_back(entry.path());
   }
   std::ranges::sort(
       files, [](const auto& a, const auto& b) { return natural_less(a.filename().string(), b.filename().string()); });
+  return files;
+}
+
+namespace {
+
+std::vector<std::string> digit_runs(const std::string& name) {
+  std::vector<std::string> runs;
+  for (std::size_t i = 0; i < name.size(); ++i)
+    if (is_digit(name[i])) {
+      if (i == 0 || !is_digit(name[i - 1])) runs.emplace_back();
+      runs.back() += name[i];
+    }
+  return runs;
+}
+
+// The numbers that count the files; none if the names have no single one that changes.
+std::vector<std::int64_t> numbers_of(std::span<const std::filesystem::path> files) {
+  std::vector<std::vector<std::string>> runs;
+  for (const auto& file : files) {
+    runs.push_back(digit_runs(file.stem().string()));
+    if (runs.back().size() != runs.front().size()) return {};
+  }
+  std::vector<std::int64_t> numbers;
+  for (std::size_t k = 0; k < runs.front().size(); ++k) {
+    const auto same = [&](const std::vector<std::string>& of) { return of[k] == runs.front()[k]; };
+    if (std::ranges::all_of(runs, same)) continue;
+    if (!numbers.empty()) return {};
+    for (const std::vector<std::string>& of : runs) {
+      const auto number = number_from<std::int64_t>(of[k]);
+      if (!number) return {};
+      numbers.push_back(*number);
+    }
+  }
+  return numbers;
+}
+
+}  // namespace
+
+std::vector<std::filesystem::path> frame_files(const std::filesystem::path& folder,
+                                               std::span<const std::string> endings, const FrameTimes& times) {
+  auto files = files_in_order(folder, endings);
+  if (times.file_us || files.size() < 3) return files;
+  const std::vector<std::int64_t> numbers = numbers_of(files);
+  for (std::size_t i = 2; i < numbers.size(); ++i)
+    if (numbers[i] - numbers[i - 1] != numbers[1] - numbers[0] || numbers[i] == numbers[i - 1])
+      throw bad_input(folder.string(), files[i].filename().string(),
+                      fmt::format("number {} after {}", numbers[i], numbers[i - 1]),
+                      fmt::format("steps of {}, as from the first file to the second (or --times)",
+                                  std::max<std::int64_t>(1, numbers[1] - numbers[0])));
   return files;
 }
 

@@ -81,8 +81,9 @@ std::map<std::int64_t, std::vector<std::int64_t>> betweens_in(const fs::path& fo
 
 // An EXR sequence of another program.
 struct ForeignStack {
-  StackInfo info;      // without times
-  std::string layout;  // its name
+  StackInfo info;       // without times
+  std::string layout;   // its name
+  Imath::Box2i window;  // of all its files
 };
 
 // Weights of bands without any: a band extends halfway to its neighbours, an outer one equally far to both sides, as in
@@ -104,8 +105,9 @@ ForeignStack foreign_stack(const fs::path& path) {
     const Imf::Header& header = file.header();
     ForeignStack f;
     StackInfo& info = f.info;
-    info.width = width_of(header);
-    info.height = height_of(header);
+    f.window = frame_window(header, true);
+    info.width = width_of(f.window);
+    info.height = height_of(f.window);
     const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
     info.quantity =
         units && units->value() == unit_of(Quantity::irradiance) ? Quantity::irradiance : Quantity::radiance;
@@ -144,6 +146,32 @@ ForeignStack foreign_stack(const fs::path& path) {
   });
 }
 
+// Rows of a frame's window in a file whose data window is another; black outside it.
+void read_window(Imf::InputFile& file, const Imath::Box2i& window, std::span<const std::string> channels,
+                 const RowSink& sink, int begin, int end) {
+  const Imath::Box2i data = file.header().dataWindow();
+  const int width = width_of(window), data_width = width_of(data), step = rows_per_block(file.header());
+  const int left = std::max(window.min.x, data.min.x), right = std::min(window.max.x, data.max.x);
+  const auto size = [&](int columns) { return static_cast<std::size_t>(columns * step) * channels.size(); };
+  std::vector<float> values(size(width)), read(size(data_width));
+  for (int y = begin; y < end; y += step) {
+    const int rows = std::min(step, end - y), first = window.min.y + y;
+    const int top = std::max(first, data.min.y), bottom = std::min(first + rows - 1, data.max.y);
+    std::ranges::fill(values, 0.0f);
+    if (left <= right && top <= bottom) {
+      file.setFrameBuffer(frame_buffer(channels, read.data(), data_width, step, data.min.x, top));
+      file.readPixels(top, bottom);
+      for (std::size_t c = 0; c < channels.size(); ++c)
+        for (int row = top; row <= bottom; ++row) {
+          const auto plane = static_cast<std::ptrdiff_t>(c);
+          std::copy_n(read.begin() + (plane * step + row - top) * data_width + left - data.min.x, right - left + 1,
+                      values.begin() + (plane * rows + row - first) * width + left - window.min.x);
+        }
+    }
+    sink(y, rows, std::span(values).first(static_cast<std::size_t>(width * rows) * channels.size()));
+  }
+}
+
 }  // namespace
 
 StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std::move(folder)) {
@@ -153,12 +181,13 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
   has_json_ = fs::exists(json_path);
   if (!has_json_) {
     static const std::string kExr[] = {".exr"};
-    files_ = files_in_order(folder_, kExr);
+    files_ = frame_files(folder_, kExr, times);
     if (files_.empty()) throw not_found(folder_.string(), "holds no EXR files");
     frames_ = static_cast<std::int64_t>(files_.size());
     ForeignStack foreign = foreign_stack(files_[0]);
     info_ = std::move(foreign.info);
     layout_ = std::move(foreign.layout);
+    corner_ = {foreign.window.min.x, foreign.window.min.y};
     info_.times_ns = times.of(frames_, folder_.string());
     return;
   }
@@ -271,9 +300,16 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
   reading(path, [&] {
     Imf::InputFile file(path.c_str(), 0);
     check_declared_size(file.header(), path);
-    const auto channels = check_header(file.header(), path, info_, layer);
+    const auto channels = check_header(file.header(), path, info_, layer, !has_json_);
     if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);
     const Imath::Box2i box = file.header().dataWindow();
+    if (!has_json_) {
+      const Imath::Box2i& window = frame_window(file.header(), true);
+      if (window.min.x != corner_.first || window.min.y != corner_.second)
+        throw bad_input(path.string(), "window", fmt::format("({}, {})", window.min.x, window.min.y),
+                        fmt::format("({}, {}), as in the first file", corner_.first, corner_.second));
+      if (window != box) return read_window(file, window, channels, sink, begin, end);
+    }
     const int in_block = rows_per_block(file.header());
     const bool whole_pixels = in_block % info_.subpixels == 0;
     const int step = whole_pixels ? in_block : info_.subpixels;

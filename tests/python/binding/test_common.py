@@ -42,6 +42,8 @@ def test_fields_return_what_the_file_has():
         ('{"a": [1]}', lambda o: o.tables("a"), "a[0]: got 1, wanted an object"),
         ('{"a": []}', lambda o: o.tables("a", least=1), "a: got [], wanted a list of 1 or more objects"),
         ('{"a": [[1, 2]]}', lambda o: o.array("a", 2, 2), "a: got [[1, 2]], wanted 2 x 2 finite numbers"),
+        ('{"a": [["1", "2"]]}', lambda o: o.array("a", 1, 2), 'a: got [["1", "2"]], wanted 1 x 2 finite numbers'),
+        ('{"a": [true, 2]}', lambda o: o.array("a", 2), "a: got [true, 2], wanted 2 finite numbers"),
         ("[]", lambda o: o, "f.json: got [], wanted an object"),
         ('{"a": 1, "a": 2}', lambda o: o, "the key twice"),
         ('{"a": 1e999}', lambda o: o, "wanted finite numbers"),

@@ -43,6 +43,14 @@ def test_intrinsics_say_what_is_missing(pecs_program, tmp_path):
     assert result.returncode == 4 and "b.raw: size: got 640 x 480 pixels, wanted 320 x 240" in result.stderr
 
 
+def test_a_picture_is_one_whatever_the_case_of_its_extension(pecs_program, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    for name in ("b.png", "b.PNG"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((240, 320), np.uint8))
+        done = pecs_program("align", "intrinsics", name, "--columns", "4", "--rows", "3", cwd=tmp_path)
+        assert done.returncode == 4 and "the board in 0 views" in done.stderr
+
+
 def test_align_needs_a_scene_that_fits(pecs_program, root, tmp_path):
     events = np.zeros(5000, pecs.EVENT_DTYPE)
     events["t"] = np.arange(5000)

@@ -196,3 +196,23 @@ def test_wrong_use(pecs_program, inputs, options, code, line):
     assert result.returncode == code, result.stderr
     assert line in result.stderr
     assert not (inputs / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("scene", {"name": 3}),
+        ("scene", {"name": None, "parameters": [1, 2]}),
+        ("scene", {"parameters": {"speed": {"value": 3, "unit": 5, "about": [1]}}}),
+        ("render", {"samples": {"value": 8, "unit": None}}),
+    ],
+)
+def test_values_of_any_type_are_shown(pecs_program, inputs, key, value):
+    path = inputs / "stack/stack.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    record = inputs / "sim.raw.run.json"
+    for listed in (5, [1, {"sha256": 7}], [{"sha256": None}]):
+        record.write_text(json.dumps({"inputs": listed}))
+        done = pecs_program("report", "--sim", "sim.raw", "--stack", "stack", "-o", "report.html", cwd=inputs)
+        assert done.returncode == 0, done.stderr
+        assert "a stack" in done.stderr or "not simulated from this stack" in text_of(inputs / "report.html")

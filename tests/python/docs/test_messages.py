@@ -24,6 +24,8 @@ COMMANDS = [
     ("compare", "out.raw", "g.raw"),
     ("info", "bad.raw"),
     ("info", "a.csv"),
+    ("info", "s.txt"),
+    ("convert", "late.csv", "o.csv"),
     ("convert", "out.raw", "out.raw"),
     (*SENSE, "--set", "nokey=1"),
     (*SENSE, "--set", "contrast_threshold_on=30"),
@@ -68,6 +70,8 @@ def folder(tmp_path_factory):
         pecs.write(folder / f"{name}.raw", pecs.Events(events, width, height))
     (folder / "bad.raw").write_bytes((folder / "out.raw").read_bytes() + b"\0")
     (folder / "a.csv").write_text("t,x,y,p\n1,2,3,1\n")
+    (folder / "s.txt").write_text("".join(f"{t}.0 2 3 1\n" for t in range(9)))  # microseconds
+    (folder / "late.csv").write_text("t_us,x,y,p\n5,2,3,1\n20,2,3,1\n10,2,3,1\n")
     (folder / "onnxruntime.py").write_text("raise ImportError('no module')\n")
     return folder
 

@@ -41,7 +41,9 @@ def aedat2(tmp_path):
         samples = np.array([(a, t[0]) for a in (1 << 31 | 5 << 12, 3 << 10, 1 << 10)])
         words = np.concatenate([samples.reshape(-1, 2), np.stack([address, t & 0xFFFFFFFF], axis=1)])
         header = "#!AER-DAT2.0\r\n# Timestamps tick is 1 us\r\n"
-        if chip:
+        if not chip:
+            header += "# This is a raw AE data file created by AEDat2Output in v2e\r\n"
+        else:
             header += f"# AEChip: eu.seebetter.ini.chips.davis.{chip}\r\n" + "# <entry key='bias'/>\r\n" * 9000
         path = tmp_path / "events.aedat"
         path.write_bytes(header.encode() + words.astype(">u4").tobytes())
@@ -75,7 +77,7 @@ def test_aedat2_by_another_reader(aedat2):
 
 
 @pytest.mark.parametrize(
-    ("chip", "width", "words"), [("DVS128", 346, "got DVS128"), ("DAVIS240C", 346, "pixel (-106, 0)")]
+    ("chip", "width", "words"), [("CochleaAMS1c", 346, "got CochleaAMS1c"), ("DAVIS240C", 346, "pixel (-106, 0)")]
 )
 def test_other_aedat2_is_refused(aedat2, chip, width, words):
     path = aedat2(array((5, 0, 0, 1)), width, 180, chip)

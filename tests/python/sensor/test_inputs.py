@@ -6,21 +6,7 @@ import os
 
 import numpy as np
 import pytest
-from support.small_stacks import H, N, W, read_csv, sense
-
-
-def write_exr(path, channels, kind="float", corner=(0, 0), full=None, **attributes):
-    """Channels {name: [H, W]} by OpenImageIO, `corner` the first pixel of a picture of `full` size."""
-    oiio = pytest.importorskip("OpenImageIO")
-    values = np.stack(list(channels.values()), axis=-1).astype(np.float32)
-    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind)
-    spec.channelnames = list(channels)
-    spec.x, spec.y = corner
-    spec.full_width, spec.full_height = full or (values.shape[1], values.shape[0])
-    for key, value in attributes.items():
-        spec.attribute(key, value)
-    out = oiio.ImageOutput.create(str(path))
-    assert out.open(str(path), spec) and out.write_image(values) and out.close()
+from support.small_stacks import H, N, W, read_csv, sense, write_exr
 
 
 def picture(i):

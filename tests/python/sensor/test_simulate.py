@@ -45,12 +45,8 @@ def test_input_types():
     reference = pecs.simulate(linear, t, chip="ideal")
     np.testing.assert_array_equal(pecs.simulate(linear.astype(np.float64), t, chip="ideal"), reference)
     np.testing.assert_array_equal(pecs.simulate(linear[:, :, ::-1][:, :, ::-1], t, chip="ideal"), reference)
-    for encoded in (
-        (linear * 65535).round().astype(np.uint16),
-        (np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055) * 255)
-        .round()
-        .astype(np.uint8),
-    ):
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    for encoded in ((srgb * 65535).round().astype(np.uint16), (srgb * 255).round().astype(np.uint8)):
         assert len(pecs.simulate(encoded, t, chip="ideal")) == pytest.approx(len(reference), rel=0.03)
 
 

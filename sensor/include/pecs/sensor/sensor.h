@@ -13,10 +13,13 @@
 
 namespace pecs::sensor {
 
+inline constexpr double kMostInterval_us = 1e9;  // between frames: within one, times have 32 bits in the kernels
+
 // Converts frames as they are pushed to the batches of pixel models.
 class FrameClock {
  public:
-  // t_us: one per plane. Throws bad_input for times that do not rise or that leave [0, kMostTime_us].
+  // t_us: one per plane. Throws bad_input for times that do not rise, that rise by more than
+  // kMostInterval_us, or that leave [0, kMostTime_us].
   FrameBatch batch(std::span<const float* const> planes, std::span<const double> t_us, bool last);
   void check(std::span<const double> t_us) const;  // throws as batch() does
   // Events before this time are complete: those of an interval are when the second frame after it, or `last`, is known.

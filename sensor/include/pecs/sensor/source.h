@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "pecs/sensor/bands.h"
+#include "pecs/time_unit.h"
 
 namespace pecs::sensor {
 
@@ -92,16 +93,23 @@ class FrameSource {
   virtual std::optional<double> next_us() { return {}; }
 };
 
-// Times of frames that have none: by frame rate, or from a text file with one time in us per line ('#' starts a
-// comment). Throws bad_input for neither, a wrong number of lines, or times that do not increase.
+// Times of frames that have none: by frame rate, or from a text file with one time per line ('#' starts a comment), in
+// us unless `unit` is another. Throws bad_input for neither, a wrong number of lines, times that do not increase, or
+// times that are hardly us where no unit is given; usage for both.
 struct FrameTimes {
   std::optional<double> fps;
   std::optional<std::filesystem::path> file_us;
+  std::optional<TimeUnit> unit;                                                        // of file_us
   std::vector<std::int64_t> of(std::int64_t frames, const std::string& source) const;  // ns
 };
 
 // Files of a folder with one of these endings (lower case, with the dot), in natural order: frame_2 before frame_10.
+// Hidden files are left out.
 std::vector<std::filesystem::path> files_in_order(const std::filesystem::path& folder,
                                                   std::span<const std::string> endings);
+// The same for frames. Unless a file has their times, their numbers must rise in equal steps: throws bad_input for a
+// gap, and for two files of one number.
+std::vector<std::filesystem::path> frame_files(const std::filesystem::path& folder,
+                                               std::span<const std::string> endings, const FrameTimes& times);
 
 }  // namespace pecs::sensor

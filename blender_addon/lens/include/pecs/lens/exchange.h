@@ -9,8 +9,9 @@
 namespace pecs::lens {
 
 // Zemax sequential .zmx (text, UTF-8 or UTF-16): STANDARD, EVENASPH and ODDASPHE surfaces, units MM, CM or IN. Glass by
-// name from the catalogues in lens_data/glasses, otherwise by nd and Vd of the GLAS line. Surfaces without DIAM are
-// rejected; planes between air and air are discarded unless they are the stop.
+// name (glass_of_name), otherwise by nd and Vd of the GLAS line unless they are Zemax's placeholder; substitutions are
+// in "notes". ENPD and FNUM determine the stop. Surfaces without DIAM are rejected; planes between air and air are
+// discarded unless they are the stop.
 Json import_zmx(const std::string& bytes, const std::string& file);
 
 // pbrt's lens text: radius, thickness, index, aperture diameter [mm] per line, front to rear, radius 0 = stop.

@@ -41,11 +41,18 @@ class Glass {
 // The catalogue glasses of lens_data/glasses, or nothing when `catalog` has no glass of that name. A remark in
 // parentheses after the name ("L-TIM28 (mold)") is ignored.
 std::optional<Glass> catalog_glass(const std::string& catalog, const std::string& name);
+// A glass as files of other programs name it: in one of these catalogues, else in any; if there is none, without an
+// appended "_MOLD", or with Schott's "N-" (BK7, whose melt with lead and arsenic is no longer made).
+struct NamedGlass {
+  std::string name, catalog;
+  bool is_of_another_catalog = false;  // than those given
+};
+std::optional<NamedGlass> glass_of_name(const std::string& name, const std::vector<std::string>& catalogs);
 // The glass of that name in any catalogue whose nd and Vd are those given (5e-4, 0.3).
 std::optional<Glass> matching_glass(const std::string& name, double nd, double vd);
 
 // The glass of that name in the first catalogue that has one ("N-BK7"), or in a certain one ("schott/N-BK7"). Throws
-// not_found, which lists the names.
+// not_found.
 Glass named_glass(const std::string& name);
 
 }  // namespace pecs::lens

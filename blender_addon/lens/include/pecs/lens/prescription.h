@@ -47,6 +47,7 @@ struct Prescription {
   std::vector<Surface> surfaces;
   std::size_t stop = 0;  // index of the aperture stop
   std::optional<double> nominal_efl_mm, nominal_fnumber;
+  std::vector<std::string> notes;  // what an import replaced
 
   double rear_z_mm() const { return surfaces.back().z_mm; }
   // Distance from surface i to surface j behind it at radius r; negative where they cross.

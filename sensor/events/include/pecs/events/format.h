@@ -18,6 +18,7 @@
 
 #include "pecs/error.h"
 #include "pecs/events/event.h"
+#include "pecs/time_unit.h"
 
 namespace pecs::events {
 
@@ -25,6 +26,13 @@ struct StreamInfo {
   int width = 0;  // pixels; if the file has no size, 0 until all events are read, then the extent of the events
   int height = 0;
   std::string camera;  // e.g. "IMX636"; empty when unknown
+};
+
+// What the user states of a file that does not.
+struct ReadOptions {
+  std::optional<TimeUnit> time_unit;                       // of Codec::takes_time_unit; else an error
+  int width = 0, height = 0;                               // 0: not stated
+  enum class Late { keep, sort, drop } late = Late::keep;  // events earlier than one before them
 };
 
 // Reads events in file order. Throws pecs::Error (bad_input with file and byte offset) on damage; events read before it
@@ -37,6 +45,8 @@ class Reader {
   virtual std::size_t read(std::span<Event> out) = 0;
   // End of the last event read, for errors ("byte 123"); empty if the format has no byte offsets.
   virtual std::string place() const { return {}; }
+  // Number of events so far that ReadOptions::late moved or dropped.
+  virtual std::uint64_t late() const { return 0; }
 };
 
 // Writes events sorted by t_us, inside width x height, with p of 0 or 1 (throws bad_input otherwise). close() renames
@@ -63,9 +73,12 @@ struct Codec {
   std::vector<std::string> extensions;  // ".raw", …; the first one is the default
   // True if the file's first bytes match this format (extension as a hint only). Does not throw.
   std::function<bool(const std::filesystem::path&, std::span<const std::byte> head)> sniff;
-  std::function<std::unique_ptr<Reader>(const std::filesystem::path&)> open_reader;                     // or empty
-  std::function<std::unique_ptr<Writer>(const std::filesystem::path&, const StreamInfo&)> open_writer;  // or empty
+  std::function<std::unique_ptr<Reader>(const std::filesystem::path&, const ReadOptions&)> open_reader;  // or empty
+  std::function<std::unique_ptr<Writer>(const std::filesystem::path&, const StreamInfo&)> open_writer;   // or empty
   Limits limits;
+  // Files of this format may lack the unit of time. Readers then assume one, and refuse times that
+  // contradict it.
+  bool takes_time_unit = false;
 };
 
 const std::vector<Codec>& codecs();
@@ -75,13 +88,16 @@ const Codec& codec_of_file(const std::filesystem::path& path, const std::optiona
 // The codec for a new file, by extension; `format` overrides it. Throws pecs::Error.
 const Codec& codec_for_output(const std::filesystem::path& path, const std::optional<std::string>& format = {});
 
-std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format = {});
+std::unique_ptr<Reader> open_reader(const Codec& codec, const std::filesystem::path& path,
+                                    const ReadOptions& options = {});
+std::unique_ptr<Reader> open_reader(const std::filesystem::path& path, const std::optional<std::string>& format = {},
+                                    const ReadOptions& options = {});
 std::unique_ptr<Writer> open_writer(const std::filesystem::path& path, const StreamInfo& info,
                                     const std::optional<std::string>& format = {});
 
 // Error for decreasing timestamps: names the first event, among those that `keep` accepts, that is earlier than its
 // predecessor. Reads the file again.
-Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& codec,
+Error non_monotonic_timestamps(const std::filesystem::path& path, const Codec& codec, const ReadOptions& options,
                                const std::function<bool(const Event&)>& keep);
 
 struct Stream {

@@ -15,7 +15,9 @@ namespace pecs::input {
 struct VideoFrames {
   std::function<bool(cv::Mat&)> read;  // the next frame; false at the end. Empty: nothing that OpenCV can read.
   std::function<bool()> skip;
-  double fps = 0;  // 0: unknown
+  std::function<double()> time_ms;  // of the last frame read or skipped, as the file has it
+  double fps = 0;                   // nominal; 0: unknown
+  double pixel_aspect = 1;          // width of a pixel over its height
 };
 
 struct Media {

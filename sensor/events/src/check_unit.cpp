@@ -1,0 +1,43 @@
+// Whether the times of a file that states no unit can be in the one that is assumed.
+#include <fmt/format.h>
+
+#include "codec.h"
+
+namespace pecs::events {
+namespace {
+
+constexpr int kFirstEvents = 4096, kFewEvents = 20;
+constexpr std::int64_t kMostTime_us = 100'000'000'000'000'000;  // 3,000 years: seconds since 1970 in ns exceed it
+constexpr double kLeastRate_hz = 100;                           // cameras' noise alone exceeds it
+
+}  // namespace
+
+void check_assumed_unit(Reader& reader, const std::filesystem::path& path, TimeUnit assumed) {
+  // Converted times of a finer unit are multiples of this; of the unit itself hardly ever.
+  const std::int64_t step_us = assumed == TimeUnit::s ? 1'000'000 : 1000;
+  std::int64_t first_us = 0, last_us = 0, events = 0, times = 0;
+  bool multiples = true, too_late = false;
+  try {
+    for (Event e; events < kFirstEvents && reader.read(std::span(&e, 1)) > 0; ++events) {
+      if (events == 0) first_us = e.t_us;
+      times += events == 0 || e.t_us != last_us;
+      last_us = e.t_us;
+      multiples = multiples && e.t_us % step_us == 0;
+      too_late = too_late || e.t_us > kMostTime_us;
+    }
+  } catch (const Error&) {  // the reader itself reports it, after the events before it
+  }
+  const double seconds = 1e-6 * (static_cast<double>(last_us) - static_cast<double>(first_us));
+  const double rate_hz = static_cast<double>(events) / seconds;
+  const bool too_slow = events >= kFewEvents && seconds > 0 && rate_hz < kLeastRate_hz;
+  if (!(multiples && times >= 3) && !too_slow && !too_late) return;
+  const std::string unit = name_of(assumed);
+  throw bad_input(path.string(), "times",
+                  multiples && times >= 3
+                      ? fmt::format("multiples of {} {} alone", assumed == TimeUnit::s ? 1 : 1000, unit)
+                  : too_late ? fmt::format("{} {}", last_us, unit)
+                             : fmt::format("{:.3g} events per second, if times are {}", rate_hz, unit),
+                  fmt::format("times that can only be {}; {}", unit, kStateTheUnit));
+}
+
+}  // namespace pecs::events

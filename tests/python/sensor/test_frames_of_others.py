@@ -1,0 +1,210 @@
+"""Frames whose content, not their container, says when and where they are: times, numbers, windows, rotation."""
+
+import json
+import struct
+
+import numpy as np
+import pecs
+import pytest
+from support.small_stacks import write, write_exr
+
+W, H, N = 64, 48, 20
+IDEAL = ["--chip", "ideal"]
+
+
+def light(i):
+    frame = np.tile(np.linspace(0.06, 0.2, W, dtype=np.float32), (H, 1))
+    frame[H // 4 : 3 * H // 4, 8 + i : 16 + i] = 0.8
+    return frame
+
+
+FRAMES = np.stack([light(i) for i in range(N)])
+
+
+def simulated(program, folder, output, *args):
+    done = program("sense", folder, "-o", output, *IDEAL, *args)
+    assert done.returncode == 0, done.stderr
+    return pecs.read(output)
+
+
+def refused(program, folder, words, *args):
+    done = program("sense", folder, "-o", folder.parent / "n.npz", *IDEAL, *args)
+    assert done.returncode == 4 and words in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+def assert_same(a, b):
+    for name in "txyp":
+        np.testing.assert_array_equal(a[name], b[name])
+    assert len(a) > 100
+
+
+# --- video ------------------------------------------------------------------------------------------------------------
+
+
+def boxes(data, begin, end):
+    """Type, begin and end of the boxes of an MP4 file."""
+    while begin < end:
+        size, kind = struct.unpack(">I4s", data[begin : begin + 8])
+        yield kind, begin, begin + size
+        begin += size
+
+
+def with_durations(path, durations):
+    """Gives the frames of an MP4 file, whose index is at its end, these durations in ticks (ISO 14496-12, stts)."""
+    data, begin, end, parents = path.read_bytes(), 0, path.stat().st_size, []
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
+        begin, end = next((b, e) for kind, b, e in boxes(data, begin, end) if kind == name)
+        parents.append(begin)
+        begin += 8
+    runs = b"".join(struct.pack(">II", 1, d) for d in durations)
+    table = struct.pack(">I4sII", 16 + len(runs), b"stts", 0, len(durations)) + runs
+    out = bytearray(data[: begin - 8] + table + data[end:])
+    for at in parents[:-1]:
+        size = struct.unpack(">I", out[at : at + 4])[0] + len(table) - (end - begin + 8)
+        out[at : at + 4] = struct.pack(">I", size)
+    path.write_bytes(out)
+
+
+def test_variable_frame_rate(tmp_path, pecs_program):
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / "v.mp4"
+    video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
+    if not video.isOpened():
+        pytest.skip("needs an MPEG-4 encoder")
+    for frame in FRAMES:
+        video.write(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
+    video.release()
+    constant = simulated(pecs_program, path, tmp_path / "c.npz")
+    assert json.loads((tmp_path / "c.npz.run.json").read_text())["config"]["input"] == "video"
+    capture = cv2.VideoCapture(str(path))
+    frames = np.stack([capture.read()[1][..., ::-1] for _ in range(N)])
+    with_durations(path, [128] * 10 + [9 * 128] * (N - 10))  # ticks of 1/12800 s: 10 ms, then 90 ms
+    events = simulated(pecs_program, path, tmp_path / "o.npz")
+    assert "variable" in json.loads((tmp_path / "o.npz.run.json").read_text())["config"]["input"]
+    assert constant["t"].max() < 190_000 < 700_000 < events["t"].max() < 911_000
+    times = 1e4 * np.concatenate([np.arange(10), 10 + 9 * np.arange(N - 10)])
+    grey = pecs.simulate(frames[..., 1], times, "ideal", photocurrent_a=1e-12)
+    assert abs(len(events) - len(grey)) < 0.02 * len(grey)
+    early = [np.count_nonzero(e["t"] < 95_000) / len(e) for e in (events, grey)]
+    assert early[0] == pytest.approx(early[1], abs=0.02)
+    assert_same(simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100), constant)
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def write_pictures(folder, names):
+    cv2 = pytest.importorskip("cv2")
+    folder.mkdir()
+    for i, name in enumerate(names):
+        cv2.imwrite(str(folder / name), FRAMES[i])
+    return folder
+
+
+def test_pictures_turned_by_exif(tmp_path, pecs_program):
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[0x0112] = 6  # the top of the picture is at its right
+    plain, turned = tmp_path / "a", tmp_path / "b"
+    for folder, turn, how in ((plain, -1, None), (turned, 0, exif)):
+        folder.mkdir()
+        for i, frame in enumerate(FRAMES):
+            picture = np.ascontiguousarray(np.rot90(np.round(255 * frame).astype(np.uint8), turn))
+            image.fromarray(picture).save(folder / f"{i}.jpg", quality=100, **({"exif": how} if how else {}))
+    a = simulated(pecs_program, plain, tmp_path / "a.npz", "--fps", 1000)
+    b = simulated(pecs_program, turned, tmp_path / "b.npz", "--fps", 1000)
+    assert (b.width, b.height) == (H, W) == (a.width, a.height)
+    assert len(b) == pytest.approx(len(a), rel=0.05) > 1000
+    assert np.median(b["x"]) == pytest.approx(np.median(a["x"]), abs=1)
+
+
+def test_gaps_in_the_numbers(tmp_path, pecs_program):
+    every = write_pictures(tmp_path / "a", [f"frame_{2 * i:06}.tif" for i in range(N)])  # every other one is no gap
+    wanted = simulated(pecs_program, every, tmp_path / "o.npz", "--fps", 1000)
+    (every / "frame_000014.tif").unlink()
+    words = "frame_000016.tif: got number 16 after 12, wanted steps of 2"
+    refused(pecs_program, every, words, "--fps", 1000)
+    (tmp_path / "t.txt").write_text("".join(f"{1000 * i}\n" for i in range(N) if i != 7))
+    part = simulated(pecs_program, every, tmp_path / "p.npz", "--times", tmp_path / "t.txt")
+    assert part["t"].max() == pytest.approx(wanted["t"].max(), abs=1000)
+    masks = write_pictures(tmp_path / "b", [f"{i // 2:04}{'_mask' * (i % 2)}.tif" for i in range(N)])
+    refused(pecs_program, masks, "got number 0 after 0", "--fps", 1000)
+
+
+def test_hidden_files_are_left_out(tmp_path, pecs_program):
+    folder = write_pictures(tmp_path / "a", [f"{i}.tif" for i in range(N)])
+    wanted = simulated(pecs_program, folder, tmp_path / "o.npz", "--fps", 1000)
+    for i in range(N):
+        (folder / f"._{i}.tif").write_bytes(b"\0\5\x16\7")
+    assert_same(simulated(pecs_program, folder, tmp_path / "o.npz", "--fps", 1000), wanted)
+
+
+# --- OpenEXR ----------------------------------------------------------------------------------------------------------
+
+
+def exr_folder(folder, windows, frames=FRAMES, **attributes):
+    """windows(i): left, top, right, bottom of the data window; frames beyond the picture are 9."""
+    folder.mkdir()
+    for i, frame in enumerate(frames):
+        left, top, right, bottom = windows(i)
+        wide = np.pad(frame, 8, constant_values=9)[top + 8 : bottom + 8, left + 8 : right + 8]
+        write_exr(folder / f"{i:03}.exr", {c: wide for c in "RGB"}, corner=(left, top), full=(W, H), **attributes)
+    return folder
+
+
+def test_the_display_window_is_the_frame(tmp_path, pecs_program):
+    plain = simulated(
+        pecs_program, exr_folder(tmp_path / "a", lambda i: (0, 0, W, H)), tmp_path / "a.npz", "--fps", 100
+    )
+    overscan = exr_folder(tmp_path / "b", lambda i: (-4, -3, W + 5, H + 6))
+    assert_same(simulated(pecs_program, overscan, tmp_path / "b.npz", "--fps", 100), plain)
+
+    def region(i):  # of a compositor that crops to what moves, of changing size
+        return (8 + i - 4, H // 4 - i % 3, 8 + i + 12 + i % 4, 3 * H // 4)
+
+    black = np.zeros_like(FRAMES)
+    for i, frame in enumerate(FRAMES):
+        left, top, right, bottom = region(i)
+        black[i, top:bottom, left:right] = frame[top:bottom, left:right]
+    cropped = exr_folder(tmp_path / "c", region)
+    full = exr_folder(tmp_path / "d", lambda i: (0, 0, W, H), black)
+    moved = simulated(pecs_program, cropped, tmp_path / "c.npz", "--fps", 100)
+    assert_same(moved, simulated(pecs_program, full, tmp_path / "d.npz", "--fps", 100))
+    assert (moved.width, moved.height) == (W, H)
+
+
+def test_windows_that_cannot_be_one_camera(tmp_path, pecs_program):
+    crop = exr_folder(tmp_path / "a", lambda i: (4 + (i == 7), 2, 44 + (i == 7), 32), samplesPerPixel=16)  # pbrt's
+    refused(pecs_program, crop, "007.exr: window: got (5, 2), wanted (4, 2)", "--fps", 100)
+    stretched = exr_folder(tmp_path / "b", lambda i: (0, 0, W, H), PixelAspectRatio=2.0)
+    refused(pecs_program, stretched, "pixelAspectRatio: got 2, wanted 1", "--fps", 100)
+
+
+# --- numbers of a window ----------------------------------------------------------------------------------------------
+
+
+def test_counts_are_those_of_the_output_s_window(tmp_path):
+    """The readout and the region of interest lose events before the window, too."""
+    stack = write(tmp_path / "s", level=1e-3)
+    slow = {"readout_rate_hz": 2e5, "readout_row_s": 1e-5}
+    options = {"chip": "imx636", "overrides": slow, "roi": [(0, 0, 20, 30)], "seed": 3}
+
+    def counted(**window):
+        results = pecs.sense(stack, tmp_path / "o.npz", **options, **window)["results"]
+        return np.array([results["dropped"], results["dropped_by_stage"]["roi"]])
+
+    whole, first, second = counted(), counted(duration_us=9000), counted(start_us=9000)
+    assert (first > 0).all() and (second > 0).all()
+    np.testing.assert_array_equal(first + second, whole)
+
+
+def test_a_time_in_another_unit_does_not_poison_what_follows():
+    frame = np.full((4, 5), 0.5, np.float32)
+    good = pecs.simulate(np.stack([frame * 2**i for i in range(4)]), 1e3 * np.arange(4), "ideal")
+    with pecs.Sensor(5, 4, "ideal") as sensor:
+        out = [sensor.push(frame * 2**i, 1e3 * i) for i in range(3)]
+        for far in (1.2e9, 3e9):
+            with pytest.raises(pecs.PecsInputError, match="at most 1000000000 us after the frame before"):
+                sensor.push(frame, far)
+        out += [sensor.push(frame * 8, 3e3), sensor.finish()]
+    assert_same(np.concatenate(out), good)
