@@ -145,7 +145,7 @@ class EventReader(Handle):
     ):
         width, height = map(int, size) if size else (None, None)
         options = {"format": format, "time_unit": time_unit, "width": width, "height": height, "late": late}
-        super().__init__(_open(path_bytes(path), json.dumps(options).encode()))
+        super().__init__(_open(path_bytes(path), options_bytes(options)))
 
     @property
     def info(self) -> dict[str, Any]:
