@@ -16,7 +16,6 @@ from pecs_lab.over_light import IRRADIANCE_W_M2, LUX, PUBLISHED_HZ, noise_hz
 
 ROOT = Path(__file__).resolve().parents[2]
 COLOURS = {"on": ON, "off": OFF}
-STEP_US = 10.0  # frames are closer than the amplifier's time constant
 
 
 def sensor(width: int, height: int) -> pecs.Sensor:
@@ -42,13 +41,17 @@ def main() -> None:
     save(fig, "latency_over_light.png")
 
     fig, axes = plt.subplots(figsize=(5.4, 3.4), layout="constrained")
-    for name, rates in noise_hz(sensor, 1.0, STEP_US).items():
+    noise = noise_hz(sensor, 1.0)
+    for name, rates in noise.items():
         axes.plot(LUX, rates, color=COLOURS[name], label=f"{name.upper()}, imx636")
         axes.plot(LUX, PUBLISHED_HZ[name], "o", color=COLOURS[name], label=f"{name.upper()}, Noise2Params")
-        print(name, np.round(np.divide(rates, PUBLISHED_HZ[name]), 2).tolist())
     axes.set(xscale="log", yscale="log", xlabel="lux at the focal plane", ylabel="noise events per pixel, Hz")
     axes.legend(frameon=False)
     save(fig, "noise_over_light.png")
+    both, published = np.add(noise["on"], noise["off"]), np.add(*PUBLISHED_HZ.values())
+    ratios = {name: np.divide(rates, PUBLISHED_HZ[name]) for name, rates in noise.items()}
+    for name, row in (ratios | {"both": both / published, "share of ON": noise["on"] / both}).items():
+        print(name, np.round(row, 2).tolist())
 
 
 if __name__ == "__main__":

@@ -28,11 +28,11 @@ CHIP = "imx636"  # overridden by the drawn values
 SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
-STEP_US, DARK_STEP_US = 35.0, 2000.0  # between frames; with the cap on, pixels are slow
+STEP_US = 1000.0  # between frames
 WARM_S = 600  # the camera has been on
 # A screen: refresh, time constant of its pixels, groups of rows that are written one after the other.
 REFRESH_HZ, RESPONSE_S, ROWS = 59.94, 0.004, 16
-SCREEN_US, SCREEN_STEP_US = 500.0, 40.0  # between values of its light, between frames
+SCREEN_US = 500.0  # between values of its light, which are its frames
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),
@@ -97,10 +97,8 @@ def record_screen(folder: Path, values: dict, light_a: float, seed: int, suffix:
     weights = np.exp(-(across**2) / 2 / 0.3**2)
     light = light @ (weights / weights.sum(1, keepdims=True)).T
     warm_us = 1e6 * WARM_S
-    t_us = np.arange(0, at_us[-1], SCREEN_STEP_US)
-    lit = np.stack([np.interp(t_us, at_us, row) for row in light.T], axis=1).astype(np.float32)
-    lit = np.concatenate([np.repeat(lit[:1], WARM_S, 0), lit])
-    events = simulate(values, light_a, lit, np.concatenate([1e6 * np.arange(WARM_S), warm_us + t_us]), seed)
+    lit = np.concatenate([np.repeat(light[:1], WARM_S, 0), light]).astype(np.float32)
+    events = simulate(values, light_a, lit, np.concatenate([1e6 * np.arange(WARM_S), warm_us + at_us]), seed)
     path = folder / f"screen.{suffix}"
     _write(path, events)
     return [Stimulus(path), record_still(folder, values, light_a, seed, suffix, 0.0)]
@@ -113,9 +111,7 @@ def _write(path: Path, events: np.ndarray) -> None:
 
 
 def record_still(folder: Path, values: dict, light_a: float, seed: int, suffix: str, level: float) -> Still:
-    step_us = STEP_US if level else DARK_STEP_US
-    shown_us = np.arange(0, STILLS[level] * 1e6, step_us)
-    shown_us += np.random.default_rng(seed).uniform(0, 0.9 * step_us, len(shown_us))  # equal steps show in the noise
+    shown_us = np.arange(0, STILLS[level] * 1e6, STEP_US)
     t_us = np.concatenate([1e6 * np.arange(WARM_S), 1e6 * WARM_S + shown_us])
     path = folder / f"still_{level:g}.{suffix}"
     _write(path, simulate(values, light_a, np.full(len(t_us), level, np.float32), t_us, seed))

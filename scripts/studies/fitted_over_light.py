@@ -23,8 +23,6 @@ from pecs_lab.report import table
 HERE = Path(__file__).parent
 TRIED_FA = np.geomspace(1, 1000, 13)
 SILENT = 1000.0  # a delay that is not there counts as wrong by this factor
-STEPS_US = {"pecs": (over_light.STEP_US, 10.0)}  # delays, noise: closer than what its noise correlates over
-OTHERS_US = over_light.HALF_US, 1000.0  # noise does not depend on the frames
 
 
 def misfit(ratio: dict[str, list]) -> float:
@@ -36,15 +34,14 @@ def misfit(ratio: dict[str, list]) -> float:
 def of_model(model: str, values: dict) -> dict:
     whites = [values["white_fa"]] if model == "pecs" else TRIED_FA
     scale = fitted.sensor(model, values, 1, 1)[1]
-    delays_step_us, noise_step_us = STEPS_US.get(model, OTHERS_US)
 
     def sensor(width: int, height: int, seed: int = 1) -> pecs.Sensor:
         return fitted.sensor(model, values, width, height, seed=seed)[0]
 
-    delays = ((over_light.median_delays_us(sensor, scale / w, delays_step_us), float(w)) for w in whites)
+    delays = ((over_light.median_delays_us(sensor, scale / w), float(w)) for w in whites)
     tried = ((over_light.ratios(of), w) for of, w in delays)
     ratio, white_fa = min(tried, key=lambda t: misfit(t[0]))
-    noise = over_light.noise_hz(lambda w, h: sensor(w, h, 3), scale / white_fa, noise_step_us)
+    noise = over_light.noise_hz(lambda w, h: sensor(w, h, 3), scale / white_fa)
     return {"white_fa": white_fa, "delay_ratio": ratio, "delay_factor": misfit(ratio), "noise_hz": noise}
 
 

@@ -27,7 +27,7 @@ def delays_us(values: dict) -> dict:
     def sensor(width: int, height: int) -> pecs.Sensor:
         return fitted.sensor("pecs", values, width, height, seed=1)[0]
 
-    return over_light.median_delays_us(sensor, 1.0, over_light.STEP_US)  # frames of `pecs` are in fA
+    return over_light.median_delays_us(sensor, 1.0)  # frames of `pecs` are in fA
 
 
 def tables(report: dict) -> list[str]:

@@ -16,7 +16,6 @@ IRRADIANCE_W_M2 = (0.006, 0.046, 0.166, 0.277, 0.398)
 LAMBDA_NM = 680.61
 MEDIANS_US = {"on": (537.1, 93.3, 41.5, 29.8, 26.9), "off": (623.0, 113.8, 48.3, 36.6, 31.7)}  # CAM1, factory biases
 REGION, REGIONS, CYCLES, HALF_US, FRAMES = 100, 9, 4, 5e5, 70
-STEP_US = 200.0  # less than the photoreceptor's time constant in the dimmest light
 EDGES_US = 1000 + HALF_US * np.arange(2 * CYCLES + 2)
 
 # The published fit of Noise2Params (arXiv 2605.16317) to an EVK4, Hz per pixel.
@@ -26,7 +25,8 @@ PUBLISHED_HZ = {
     "off": (0.31, 0.48, 0.59, 0.67, 0.55, 0.31, 0.11, 0.057, 0.035, 0.032),
 }
 FA_PER_LUX = 58.6  # of 3000 K light at the focal plane, with the quantum efficiency of imx636
-SECONDS, WARM_UP_S, PIXELS, BATCH = 0.8, 0.1, 1000, 512
+SECONDS, WARM_UP_S, PIXELS = 0.8, 0.1, (20, 1000)  # rows and columns of each light
+NOISE_STEP_US, BATCH = 1000.0, 50
 
 
 def nist_fa(chip: str | pecs.Chip = "imx636") -> np.ndarray:
@@ -36,10 +36,9 @@ def nist_fa(chip: str | pecs.Chip = "imx636") -> np.ndarray:
     return 1e15 * ampere * np.array(IRRADIANCE_W_M2)
 
 
-def square_wave(light: np.ndarray, step_us: float = STEP_US) -> tuple[np.ndarray, np.ndarray]:
-    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us. They are at most `step_us` apart:
-    noise between them makes no events."""
-    behind = np.unique(np.concatenate([np.geomspace(2, HALF_US - 10, FRAMES), np.arange(2, HALF_US - 10, step_us)]))
+def square_wave(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frames [T, light, pixel] of the lamp switched on and off, and their times, us."""
+    behind = np.geomspace(2, HALF_US - 10, FRAMES)
     behind = np.concatenate([[0, 1], 1 + behind])
     t_us = np.concatenate([[0.0], *(edge + behind for edge in EDGES_US)])
     lit = np.concatenate([[0], *(np.r_[k % 2, np.full(len(behind) - 1, 1 - k % 2)] for k in range(len(EDGES_US)))])
@@ -61,10 +60,10 @@ def first_delays_us(events: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
-def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float, step_us: float) -> dict[str, np.ndarray]:
+def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float) -> dict[str, np.ndarray]:
     """Of the pixels' first events at each irradiance, not a number where half of the pixels are silent. Frames of
     sensor(width, height) are in units of fA * per_fa."""
-    frames, t_us = square_wave(nist_fa() * per_fa, step_us)
+    frames, t_us = square_wave(nist_fa() * per_fa)
     found = []
     with sensor(*frames.shape[:0:-1]) as made:
         for i in range(0, len(t_us), BATCH):
@@ -91,15 +90,16 @@ def over_regions(delays: np.ndarray) -> dict[str, list[float]]:
     return {name: np.round(f(regions, axis=2).mean((1, 2)), 1).tolist() for name, f in of.items()}
 
 
-def noise_hz(sensor: Callable[[int, int], pecs.Sensor], per_fa: float, step_us: float) -> dict[str, list[float]]:
+def noise_hz(sensor: Callable[[int, int], pecs.Sensor], per_fa: float) -> dict[str, list[float]]:
     """Rates per pixel in still light at LUX; sensor(width, height), whose frames are in units of fA * per_fa."""
-    plane = np.repeat((LUX * FA_PER_LUX * per_fa).astype(np.float32)[:, None], PIXELS, axis=1)
-    batch = np.broadcast_to(plane, (BATCH, *plane.shape))
+    rows, columns = PIXELS
+    light = np.repeat((LUX * FA_PER_LUX * per_fa).astype(np.float32), rows)[:, None]
+    batch = np.broadcast_to(light, (BATCH, len(light), columns))
     counts = np.zeros((len(LUX), 2))
-    with sensor(PIXELS, len(LUX)) as made:
-        for k in range(0, int((SECONDS + WARM_UP_S) * 1e6 / step_us), BATCH):
-            events = made.push(batch, step_us * (k + np.arange(BATCH)))
+    with sensor(columns, len(light)) as made:
+        for k in range(0, int((SECONDS + WARM_UP_S) * 1e6 / NOISE_STEP_US), BATCH):
+            events = made.push(batch, NOISE_STEP_US * (k + np.arange(BATCH)))
             events = events[(events["t"] > WARM_UP_S * 1e6) & (events["t"] < (WARM_UP_S + SECONDS) * 1e6)]
-            np.add.at(counts, (events["y"], events["p"].astype(int)), 1)
-    rates = counts / PIXELS / SECONDS
+            np.add.at(counts, (events["y"] // rows, events["p"].astype(int)), 1)
+    rates = counts / (rows * columns) / SECONDS
     return {"on": rates[:, 1].tolist(), "off": rates[:, 0].tolist()}

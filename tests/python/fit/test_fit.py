@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pecs
 import pytest
-from pecs.fit import Flash, Steps, Still, Stimulus, fit, model, readout, stimulus_page
+from pecs.fit import Flash, Steps, Still, Stimulus, fit, readout, stimulus_page
 from pecs.fit.recordings import load_steps, load_still, load_stimulus
 from pecs.fit.statistics import thresholds
 from pecs.fit.stimulus import SECTIONS, timeline
@@ -188,7 +188,6 @@ def screen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hidden, "STILLS", {0.0: 20.0})
         patch.setattr(hidden, "SIDE", 24)
-        patch.setattr(hidden, "SCREEN_STEP_US", 80.0)
         patch.setattr(hidden, "CHIP", chip)
         return values, hidden.record_screen(folder, values, light_a, 11), relative
 
@@ -208,9 +207,8 @@ def test_a_screens_sections_are_found(screen):
         assert value == pytest.approx(screen[0][key], rel=0.15), key
 
 
-def test_a_chip_is_fitted_to_a_screen(screen, monkeypatch):
+def test_a_chip_is_fitted_to_a_screen(screen):
     values, recordings, relative = screen
-    monkeypatch.setattr(model, "FRAMES", 40_000)
     found = fit(recordings, pixels=128, pixel_map=True)
     check_map(found, relative, [])
     for key, within in (("contrast_threshold_on", 0.05), ("contrast_threshold_off", 0.05), ("threshold_mismatch", 0.2)):
@@ -227,7 +225,6 @@ def test_a_chip_is_fitted_to_a_screen(screen, monkeypatch):
 def test_a_pulsed_screen_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(hidden, "SIDE", 10)
     monkeypatch.setattr(hidden, "STILLS", {0.0: 2.0})
-    monkeypatch.setattr(hidden, "SCREEN_STEP_US", 500.0)
     values, light_a = hidden.draw(11)
     recordings = hidden.record_screen(tmp_path, values, light_a, 11, pwm=0.2)
     with pytest.raises(pecs.PecsInputError, match=r"240\.\d Hz.*full brightness"):
