@@ -246,7 +246,7 @@ class Fields:
 
 
 def _leaves(value: Any) -> Iterator[Any]:
-    if not isinstance(value, list):
+    if not isinstance(value, (list, tuple)):
         yield value
         return
     for item in value:
