@@ -2,7 +2,8 @@
 """Chips before a turning disk: hidden ones that `pecs fit --disk` should find, and a profile beside a recording.
 
     scripts/studies/fit_disk.py [--chips 10] [--first-seed 100] [-o fit_disk.json]
-    scripts/studies/fit_disk.py --recording R_360_L.hdf5 [--chip imx636] [--contrast 12] [--simulation OUT.raw]
+    scripts/studies/fit_disk.py --recording R_360_L.hdf5 [--chip imx636] [--contrast 12] [--step 150]
+        [--simulation OUT.raw]
 
 Without --recording, chips, light and disks are drawn (RANGES; 4 to 12 sectors, either direction), recorded by the
 sensor with all noise, and fitted from the stock profile. Printed are, for each value, how often its 95 % interval has
@@ -52,11 +53,14 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     return [Recording(path, contrast)]
 
 
-def compared(recording: str, chip: str, contrast: float, seed: int = 1, simulation: Path | None = None) -> dict:
+def compared(
+    recording: str, chip: str, contrast: float, seed: int = 1, step_us: float = 150.0, simulation: Path | None = None
+) -> dict:
     disk, events, duration_us = computed_disk.examine(recording)
     size = {"width": events.width, "height": events.height}
     corner_hz = computed_disk.corner_map(recording, chip, contrast)
-    found = computed_disk.simulate(chip, {}, disk, corner_hz, contrast, **size, duration_us=duration_us, seed=seed)
+    timing = {"duration_us": duration_us, "step_us": step_us}
+    found = computed_disk.simulate(chip, {}, disk, corner_hz, contrast, **size, **timing, seed=seed)
     if simulation:
         pecs.write(simulation, found, **size)
     options = size | {"split_half": False, "origin": "zero"}
@@ -97,10 +101,12 @@ def main() -> None:
     parser.add_argument("--recording", help="compare a profile with this recording")
     parser.add_argument("--chip", default="imx636")
     parser.add_argument("--contrast", type=float, default=Recording.contrast, help="white / black of the disk")
+    parser.add_argument("--step", type=float, default=150.0, help="us between the simulated frames")
     parser.add_argument("--simulation", type=Path, help="the simulated events")
     args = parser.parse_args()
     if args.recording:
-        print(json.dumps(compared(args.recording, args.chip, args.contrast, simulation=args.simulation), indent=1))
+        found = compared(args.recording, args.chip, args.contrast, step_us=args.step, simulation=args.simulation)
+        print(json.dumps(found, indent=1))
         return
     chips: list[dict] = []
     for seed in range(args.first_seed, args.first_seed + args.chips):

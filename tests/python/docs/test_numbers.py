@@ -15,7 +15,6 @@ TABLES = {
     "fitted_programs": "validation",
     "fitted_folds": "validation",
     "fitted_over_light": "validation",
-    "off_threshold": "validation",
     "fitted_blind_spots": "blind_spots",
 }
 READMES_MEASURES = {
