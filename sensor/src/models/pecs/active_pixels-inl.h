@@ -8,104 +8,16 @@
 #endif
 
 #include <algorithm>
-#include <bit>
 #include <optional>
 #include <span>
 #include <utility>
 
-#include "models/pecs/math-inl.h"
-#include "models/pecs/random-inl.h"
+#include "models/pecs/event_output-inl.h"
 // then
-#include "models/pecs/amplifier.h"
 #include "models/pecs/noise.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
-
-inline std::uint32_t lanes() { return static_cast<std::uint32_t>(hn::Lanes(F())); }
-HWY_INLINE V at(const float* row, std::uint32_t p) { return hn::Load(F(), row + p); }
-HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + p); }
-
-// A block of pixels: rows with one value per pixel, padded to whole vectors. Index of l, i, g: frame at the interval's
-// start, at its end, the one after; index of the other pairs: start, end.
-struct BlockRows {
-  static constexpr std::uint32_t kPixels = 2048;
-  std::uint32_t first = 0, count = 0;
-  HWY_ALIGN float memory[23][kPixels];
-  float* l[3] = {memory[0], memory[1], memory[2]};  // ln I
-  float* i[3] = {memory[3], memory[4], memory[5]};  // photo- plus dark current I [fA]
-  float* g[3] = {memory[6], memory[7], memory[8]};  // 1/I
-  float* m[2] = {memory[9], memory[10]};            // slope of ln I [1/us]
-  float* w[2] = {memory[11], memory[12]};           // photoreceptor: 1/u
-  float* v[2] = {memory[13], memory[14]};           // ln u
-  float* u[2] = {memory[15], memory[16]};
-  float* y[2] = {memory[17], memory[18]};  // output of the amplifier
-  float* n[2] = {memory[19], memory[20]};  // noise of the photoreceptor
-  float* z[2] = {memory[21], memory[22]};  // noise that the amplifier passes
-  HWY_ALIGN float reference[kPixels], blind_us[kPixels], on[kPixels], off[kPixels];
-  // Of an interval: integral of the noise's rate, and its standard deviation; gate: ActivePixels::examine.
-  HWY_ALIGN float relaxation[kPixels], noise_std[kPixels], gate[kPixels];
-};
-
-inline float leak_of(const KernelArguments& a, const IntervalTimes& t) {
-  return static_cast<float>(a.constants.leak_per_us) * t.h_us;
-}
-inline float a_h_of(const KernelArguments& a, const IntervalTimes& t) {
-  return static_cast<float>(a.constants.a_per_us) * t.h_us;
-}
-
-// A pixel in whose interval few crossings are expected is at work with their probability. Its number in [0, 1), the
-// gate, then also chooses the part of the interval: it must be used once.
-constexpr float kNoGate = 2, kShut = 1, kFree = -1;
-constexpr std::size_t kDepth = 32;  // of parts of a step
-
-// A vector of pixels that may fire. Times are s in [0, 1] within the interval, z in [0, 1] within a step of the
-// photoreceptor, or u in [0, 1] within a part of a step.
-struct ActiveLanes {
-  // 1 or 0. A live pixel is ready for its next step, in a leaf, or has a part of a step to examine, which is split
-  // before where `splits`.
-  HWY_ALIGN float live[kLanes], ready[kLanes], splits[kLanes], leaf[kLanes];
-  HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], background[kLanes];
-  HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
-  HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
-  HWY_ALIGN float y[kLanes];                                                  // of the amplifier
-  HWY_ALIGN float follows[kLanes], relaxes[kLanes];                           // its motion
-  HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the next step
-  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes];                       // of the last step: V with the leak
-  // Noise: its state at the interval's end (not known where free: the light is too fast for one rate), and where the
-  // step ends; rate: integral over the interval.
-  HWY_ALIGN float n_last[kLanes], z_last[kLanes], free[kLanes], n_step[kLanes], z_step[kLanes];
-  HWY_ALIGN float rate[kLanes], std[kLanes], gate[kLanes];
-  // The part of the step at work, with its noise at both ends, and the parts after it, the nearest last.
-  HWY_ALIGN float from[kLanes], n0[kLanes], z0[kLanes], to[kLanes], n1[kLanes], z1[kLanes];
-  HWY_ALIGN float later_to[kDepth][kLanes], later_n[kDepth][kLanes], later_z[kDepth][kLanes];
-  HWY_ALIGN std::uint32_t later[kLanes];  // their number
-  LaneSequence random;
-  // A crossing by noise that is one if none precedes it: at the end of the part with `candidate_later` later ones.
-  HWY_ALIGN float candidate[kLanes];  // 1: ON, -1: OFF, 0: none
-  HWY_ALIGN std::uint32_t candidate_later[kLanes];
-  HWY_ALIGN float next[kLanes], next_on[kLanes];  // crossing: u
-  HWY_ALIGN std::uint32_t pixels[kLanes];
-};
-// work(lane) for each lane of a mask.
-template <class Work>
-HWY_INLINE void each(M which, const Work& work) {
-  std::uint8_t bits[8] = {};
-  hn::StoreMaskBits(F(), which, bits);
-  std::uint32_t left = bits[0] | static_cast<std::uint32_t>(bits[1]) << 8;
-  for (; left != 0; left &= left - 1) work(static_cast<std::size_t>(std::countr_zero(left)));
-}
-static_assert(kLanes <= 16);
-HWY_INLINE V get(const float* row) { return hn::Load(F(), row); }
-HWY_INLINE void set(float* row, V v) { hn::Store(v, F(), row); }
-HWY_INLINE M holds(const float* row) { return hn::Gt(get(row), hn::Zero(F())); }
-HWY_INLINE void set(float* row, M m) { set(row, hn::IfThenElseZero(m, hn::Set(F(), 1.0f))); }
-HWY_INLINE Cubic<V> cubic(const float (*rows)[kLanes]) {
-  return {get(rows[0]), get(rows[1]), get(rows[2]), get(rows[3])};
-}
-HWY_INLINE void set(float (*rows)[kLanes], const Cubic<V>& c) {
-  set(rows[0], c.c0), set(rows[1], c.c1), set(rows[2], c.c2), set(rows[3], c.c3);
-}
 
 // The exact work for the pixels of a block that may fire in an interval. kAmplifier needs kReceptor.
 template <bool kReceptor, bool kAmplifier>
@@ -114,7 +26,7 @@ class ActivePixels {
   static constexpr float kFewCrossings = 0.25f;  // expected in a part of a step that is not split
 
   ActivePixels(const KernelArguments& a, BlockRows& rows)
-      : a_(a), rows_(rows), is_noisy_(kAmplifier && a.noise_std > 0) {
+      : a_(a), rows_(rows), output_(a, rows), is_noisy_(kAmplifier && a.noise_std > 0) {
     for (ActiveLanes& g : groups_) g = {};
   }
 
@@ -181,7 +93,7 @@ class ActivePixels {
   // are replaced.
   HWY_NOINLINE void find_events(const IntervalTimes& t) {
     const F f;
-    clock_ = Clock(t);
+    output_.begin(t);
     next_job_ = 0;
     for (bool any = true; any;) {
       any = false;
@@ -203,7 +115,7 @@ class ActivePixels {
           solve(t, g);
       }
     }
-    flush_events();
+    output_.flush();
   }
 
   // Takes pixels in place of those in `free` lanes.
@@ -381,16 +293,6 @@ class ActivePixels {
               hn::Set(u, static_cast<std::uint32_t>(Purpose::path))}};
     philox(out.r, a_.noise_seed);
     return out;
-  }
-
-  // The part of a step as a cubic in u, without noise.
-  HWY_INLINE Cubic<V> part_of(const ActiveLanes& g) const {
-    const Cubic<V> q = cubic(g.q);
-    const V from = get(g.from), to = get(g.to), length = hn::Sub(to, from);
-    return hermite(q.at(from), q.at(to), hn::Mul(length, q.slope(from)), hn::Mul(length, q.slope(to)));
-  }
-  HWY_INLINE V time_of(const ActiveLanes& g, V z) const {
-    return hn::MulAdd(hn::Sub(get(g.s1), get(g.s0)), z, get(g.s0));
   }
 
   // Decides on the parts of the steps at work. Where noise makes no crossing, a part is done. Where it may make a few,
@@ -584,7 +486,7 @@ class ActivePixels {
     done = hn::Or(done, hn::AndNot(fires, leaf));
     if (!hn::AllFalse(f, fires)) {
       const V from = get(g.from), s = time_of(g, hn::MulAdd(u, hn::Sub(get(g.to), from), from));
-      emit(t, g, fires, by_noise, s, noise_at(t, g, u));
+      output_.emit(t, g, fires, by_noise, s, noise_at(t, g, u));
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
       const V until = hn::Add(s, refractory), begin = time_of(g, from);
@@ -623,7 +525,7 @@ class ActivePixels {
     const V output = with_noise(t, g, part_of(g)).at(u), from = get(g.from);
     const V z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise = noise_at(t, g, u);
     set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
-    mark(t, g, which, time_of(g, z), noise);
+    output_.mark(t, g, which, time_of(g, z), noise);
     if (is_noisy_) {
       const V n = hn::Add(noise, hn::Div(noise_of(t, g).slope(u), leaf_y(t, g)));
       set(g.n0, hn::IfThenElse(which, n, get(g.n0)));
@@ -650,53 +552,6 @@ class ActivePixels {
     return holds(counts);
   }
 
-  void mark(const IntervalTimes& t, const ActiveLanes& g, M which, V s, V noise) {
-    if (!a_.marks) return;
-    HWY_ALIGN float at_s[kLanes], of_noise[kLanes];
-    set(at_s, s);
-    set(of_noise, noise);
-    each(which, [&](std::size_t k) {
-      a_.marks[rows_.first + g.pixels[k]] = {t.t0_us + double{at_s[k]} * t.h_us, of_noise[k], 0};
-    });
-  }
-
-  Cause cause(double t_us, std::uint32_t p, float noise_now, bool on) const {
-    const ResetMark& mark = a_.marks[rows_.first + p];
-    const double sign = on ? 1 : -1;
-    const double noise = sign * double{noise_now - mark.noise};
-    const double leaked = sign * a_.constants.leak_per_us * (t_us - mark.t_us);
-    const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked - sign * double{mark.phase};
-    return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
-  }
-
-  HWY_INLINE void emit(const IntervalTimes& t, const ActiveLanes& g, M fires, M by_noise, V s, V noise) {
-    const U32 u;
-    const Compress compress(fires);
-    const VU on = hn::IfThenElseZero(hn::RebindMask(u, holds(g.next_on)), hn::Set(u, 1u << kKeyOnShift));
-    const VU pixels = hn::Add(hn::Load(u, g.pixels), hn::Set(u, rows_.first));
-    compress.store(clock_.us(s), us_ + fired_);
-    compress.store(hn::Or(hn::ShiftLeft<kKeyPixelShift>(pixels), on), place_ + fired_);
-    if (a_.marks) {
-      HWY_ALIGN float at_s[kLanes], of_noise[kLanes], background[kLanes];
-      set(at_s, s);
-      set(of_noise, noise);
-      set(background, by_noise);
-      std::uint32_t* place = place_ + fired_;
-      each(fires, [&](std::size_t k) {
-        const std::uint32_t p = g.pixels[k];
-        const double t_us = t.t0_us + double{at_s[k]} * t.h_us;
-        const Cause why = background[k] > 0 ? background_cause_[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0);
-        *place++ |= static_cast<std::uint32_t>(why);
-      });
-    }
-    fired_ += compress.count();
-    if (fired_ > kRoom) flush_events();
-  }
-  void flush_events() {
-    clock_.add(us_, place_, fired_, *a_.events);
-    fired_ = 0;
-  }
-
   // A background event before the crossing found replaces it. Returns the lanes where it does.
   M background_first(const IntervalTimes& t, ActiveLanes& g, M seeking) {
     const F f;
@@ -718,7 +573,7 @@ class ActivePixels {
       g.next[k] = std::max(at, 0.0f);
       g.next_on[k] = e->on;
       noise[k] = 1;
-      background_cause_[p] = e->cause;
+      output_.background_cause[p] = e->cause;
       g.background[k] = time_of_event(after(e + 1, 0));
     });
     return hn::Gt(hn::Load(f, noise), hn::Zero(f));
@@ -726,16 +581,12 @@ class ActivePixels {
 
   const KernelArguments& a_;
   BlockRows& rows_;
+  EventOutput output_;
   bool is_noisy_;
   std::span<const BackgroundEvent> background_, due_;  // of later intervals; of this interval
   HWY_ALIGN float background_s_[BlockRows::kPixels];
-  Cause background_cause_[BlockRows::kPixels];
   std::uint32_t jobs_[BlockRows::kPixels + 2 * kLanes];
   std::size_t jobs_count_ = 0;
-  Clock clock_;            // of the interval
-  std::size_t fired_ = 0;  // events in us_ and place_
-  std::int32_t us_[kRoom + 2 * kLanes];
-  std::uint32_t place_[kRoom + 2 * kLanes];
   std::size_t next_job_ = 0;
   ActiveLanes groups_[4];
 };
