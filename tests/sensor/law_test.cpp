@@ -397,7 +397,7 @@ TEST(LawReference, StepsKeepTheStationaryNoise) {
   }
 }
 
-// Without noise, reference and kernel are equal but for rounding.
+// Without noise, reference and kernel are equal except for rounding.
 TEST(LawReference, WithoutNoiseIsTheKernel) {
   for (const auto& [name, light_fa] : {std::pair{"imx636", 30.0}, {"davis346", 300.0}, {"gen3_vga", 1e4}}) {
     const auto light = [fa = light_fa](double t) { return fa * std::exp(1.1 * std::sin(t / 9'000)); };

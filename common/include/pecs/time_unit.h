@@ -36,7 +36,7 @@ inline std::optional<std::int64_t> to_us(std::int64_t value, TimeUnit unit) {
 inline constexpr const char* kStateTheUnit =
     "state the unit (--time-unit of sense, convert and info, in Python time_unit: s, ms, us or ns)";
 
-// Times of frames in us of which nobody stated the unit. Throws bad_input for frames that are less than 1 us apart on
+// Times of frames in us whose unit is not stated. Throws bad_input for frames that are less than 1 us apart on
 // average (seconds?), or of which four or more are all half a second or more apart (nanoseconds?).
 class FrameUnitCheck {
  public:

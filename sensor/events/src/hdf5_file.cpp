@@ -165,7 +165,7 @@ Error Column::unreadable(std::uint64_t first, std::uint64_t last) const {
                                                name.size() - 1, name.data(), &config);
     if (filter >= 0 && H5Zfilter_avail(filter) <= 0)
       return damage(fmt::format("data under HDF5 filter {} ({})", filter, shortened(name.data(), 40)),
-                    "gzip or blosc (h5repack writes them anew), or the filter's plugin on HDF5_PLUGIN_PATH");
+                    "gzip or blosc (h5repack writes them again), or the filter's plugin on HDF5_PLUGIN_PATH");
   }
   return damage(fmt::format("unreadable items {} to {}", first, last), "readable items");
 }

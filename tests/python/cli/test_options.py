@@ -113,7 +113,7 @@ def outcome(program, inputs, target, words):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_changes_the_result_or_is_refused(tmp_path, pecs_program, folder, command):
     bases, options = COMMANDS[command]
-    listed = set(re.findall(r"^ +(?:-\w,)?(--[a-z-]+)", pecs_program(command, "--help").stdout, re.M))
+    listed = set(re.findall(r"^ +(?:-\w, *)?(--[a-z-]+)", pecs_program(command, "--help").stdout, re.M))
     listed -= NEUTRAL | {option for of, option in HARMLESS if of == command}
     assert listed == options.keys()
     number = 0

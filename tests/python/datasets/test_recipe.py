@@ -89,7 +89,7 @@ def test_a_recipe_cannot_allow_scripts(tmp_path, table, value):
     own = f"[{table}]\nallow_scripts = {value}\n"
     place = {"scene.options": "[scene.trajectory]", "rig.camera.options": "[rig.camera.set]"}.get(table)
     (tmp_path / "r.toml").write_text(text.replace(place, own + place, 1) if place else text + own)
-    with pytest.raises(pecs.PecsInputError, match="allow_scripts: got a permission in a file, wanted the option"):
+    with pytest.raises(pecs.PecsInputError, match="allow_scripts: got a permission in the recipe, wanted the flag"):
         recipe.load(tmp_path / "r.toml")
 
 

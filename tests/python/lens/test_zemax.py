@@ -83,4 +83,5 @@ def test_the_system_s_aperture_opens_the_stop(tmp_path, pecs_program, aperture, 
     assert bool(info(path)[1]) == (aperture != "FLOA")
     done = pecs_program("lens", "convert", path, "-o", tmp_path / "lens.json")
     assert done.returncode == 0, done.stderr
-    assert pecs.Lens(tmp_path / "lens.json").info() == lens.info()
+    there = pecs.Lens(tmp_path / "lens.json").info()
+    assert there | {"file": None, "sha256": None} == lens.info() | {"file": None, "sha256": None}

@@ -78,15 +78,14 @@ def test_variable_frame_rate(tmp_path, pecs_program):
     assert json.loads((tmp_path / "c.npz.run.json").read_text())["config"]["input"] == "video"
     capture = cv2.VideoCapture(str(path))
     frames = np.stack([capture.read()[1][..., ::-1] for _ in range(N)])
-    with_durations(path, [128] * 10 + [9 * 128] * (N - 10))  # ticks of 1/12800 s: 10 ms, then 90 ms
+    with_durations(path, [64] * (N // 2) + [192] * (N // 2))  # ticks of 1/12800 s: 5 ms, then 15 ms
     events = simulated(pecs_program, path, tmp_path / "o.npz")
     assert "variable" in json.loads((tmp_path / "o.npz.run.json").read_text())["config"]["input"]
-    assert constant["t"].max() < 190_000 < 700_000 < events["t"].max() < 911_000
-    times = 1e4 * np.concatenate([np.arange(10), 10 + 9 * np.arange(N - 10)])
+    times = 5e3 * np.concatenate([np.arange(N // 2), N // 2 + 3 * np.arange(N // 2)])
     grey = pecs.simulate(frames[..., 1], times, "ideal", photocurrent_a=1e-12)
     assert abs(len(events) - len(grey)) < 0.02 * len(grey)
-    early = [np.count_nonzero(e["t"] < 95_000) / len(e) for e in (events, grey)]
-    assert early[0] == pytest.approx(early[1], abs=0.02)
+    early = [np.count_nonzero(e["t"] < times[N // 2]) / len(e) for e in (events, grey, constant)]
+    assert early[0] == pytest.approx(early[1], abs=0.02) and early[2] < early[1] - 0.1
     assert_same(simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100), constant)
 
 
@@ -114,7 +113,7 @@ def test_pictures_turned_by_exif(tmp_path, pecs_program):
     a = simulated(pecs_program, plain, tmp_path / "a.npz", "--fps", 1000)
     b = simulated(pecs_program, turned, tmp_path / "b.npz", "--fps", 1000)
     assert (b.width, b.height) == (H, W) == (a.width, a.height)
-    assert len(b) == pytest.approx(len(a), rel=0.05) > 1000
+    assert len(b) == pytest.approx(len(a), rel=0.05) and len(a) > 1000
     assert np.median(b["x"]) == pytest.approx(np.median(a["x"]), abs=1)
 
 
@@ -128,7 +127,7 @@ def test_gaps_in_the_numbers(tmp_path, pecs_program):
     part = simulated(pecs_program, every, tmp_path / "p.npz", "--times", tmp_path / "t.txt")
     assert part["t"].max() == pytest.approx(wanted["t"].max(), abs=1000)
     masks = write_pictures(tmp_path / "b", [f"{i // 2:04}{'_mask' * (i % 2)}.tif" for i in range(N)])
-    refused(pecs_program, masks, "got number 0 after 0", "--fps", 1000)
+    refused(pecs_program, masks, "got number 1 after 0", "--fps", 1000)
 
 
 def test_hidden_files_are_left_out(tmp_path, pecs_program):

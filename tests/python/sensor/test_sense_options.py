@@ -40,6 +40,7 @@ REFUSED = {
     "warmup": (["--warmup", "5ms"], "--warmup-loops for a periodic stack"),
     "fps": (["--fps", "500"], "frames without times of their own"),
     "times": (["--times", "x.txt"], "frames without times of their own"),
+    "time-unit": (["--time-unit", "ms"], "--times"),
     "colorspace": (["--colorspace", "linear"], "pictures or a video"),
     "ocio": (["--ocio", "x.ocio"], "pictures or a video"),
     "photocurrent": (["--photocurrent", "1pA"], "relative light"),
