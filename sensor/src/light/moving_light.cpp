@@ -197,7 +197,7 @@ void IntervalReader::add_motion(LightInterval& in) const {
   const double length_us = t_us(in.frame + 1) - t_us(in.frame);
   in.carrier.emplace(source(), in.frame);
   in.carried.emplace(*in.carrier, in.first, in.second);
-  const std::vector<double> along = in.carrier->instants(length_us, info.subpixels, in.frame);
+  const std::vector<double> along = in.carrier->instants(length_us, info.subpixels, std::llround(t_us(in.frame)));
   in.instants.insert(in.instants.end(), along.begin(), along.end());
 
   const std::vector<std::int64_t> times_ns = source().between_ns(in.frame);

@@ -23,7 +23,7 @@ def test_esim_is_the_ideal_pixel(made):
     assert counts == pytest.approx(ideal[:2], abs=0.5)  # whole numbers in a turn, whose mean over turns is the ideal
     assert delay_ms == pytest.approx(ideal[2], abs=0.1)  # a quarter of a frame
     on, off, delay_ms = demo.measured(pecs.read(folder / "pecs.raw"))
-    assert (on, off) == pytest.approx(ideal[:2], rel=0.15) and delay_ms > ideal[2]
+    assert (on, off) == pytest.approx(ideal[:2], rel=0.2) and delay_ms > ideal[2]
 
 
 def test_files(made):

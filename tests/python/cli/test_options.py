@@ -13,6 +13,7 @@ NEUTRAL = {"--help", "--quiet", "--verbose", "--threads"}
 HARMLESS = {
     ("sense", "--no-motion"), ("sense", "--render-noise"), ("sense", "--bands"),  # one band, no motion, no noise
     ("sense", "--afk"), ("convert", "--afk"),  # nothing flickers
+    ("sense", "--readout"),  # no two pixels wait for each other
     ("sense", "--run-time"), ("sense", "--source"), ("sense", "--window"),  # tests/python/sensor/test_inputs.py
 }  # fmt: skip
 FORMATS = {"e.raw": "evt3", "e.txt": "v2e", "bare.txt": "v2e", "e.npz": "npz", "bare.npz": "npz", "e.csv": "csv"}
@@ -50,7 +51,7 @@ COMMANDS = {
             "--output": ["p.csv"], "--format": ["npz"], "--chip": ["davis346"], "--set": ["contrast_threshold_on=0.1"],
             "--bias": ["diff_on=-20"], "--bias-file": ["b.bias"], "--no-noise": [], "--seed": ["2"],
             "--preset": ["v2e_noisy"], "--model": ["esim"], "--param": ["threshold_on=0.3"], "--white": ["1pA"],
-            "--readout": ["ideal"], "--labels": ["l.npy"], "--fps": ["900"], "--times": ["times.txt"],
+            "--labels": ["l.npy"], "--fps": ["900"], "--times": ["times.txt"],
             "--time-unit": ["ms"], "--colorspace": ["linear"], "--ocio": ["c.ocio"], "--photocurrent": ["3pA"],
             "--fnumber": ["4"], "--gain": ["1e-15"], "--warmup-loops": ["1"], "--warmup": ["20ms"],
             "--start": ["3ms"], "--duration": ["9ms"], "--view": [], "--json": [],

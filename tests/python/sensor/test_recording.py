@@ -70,7 +70,9 @@ def test_a_pixel_map_sets_thresholds_of_its_region(with_map):
     overrides = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.3, "threshold_mismatch": 0}
     overrides |= {"background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
     overrides |= {"corner_hz_per_a": 0, "amplifier_cutoff_hz": 0}
-    counts = of_pixels(pecs.simulate(frames, t_us, chip=chip, overrides=overrides, readout="ideal"), 12, 8)
+    counts = of_pixels(
+        pecs.simulate(frames, t_us, time_unit="us", chip=chip, overrides=overrides, readout="ideal"), 12, 8
+    )
     wanted = [np.full((8, 12), 5 / 0.2), np.full((8, 12), 5 / 0.3)]
     wanted[0][2:5, 4:9], wanted[1][2:5, 4:9] = 5 / 0.2 / on, 5 / 0.3 / off
     for got, number in zip(counts, wanted, strict=True):
@@ -88,7 +90,7 @@ def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
     still, t_us = np.full((11, 6, 60), 0.5, np.float32), np.arange(11) * 5e5
     chip = with_map(**table, hot_pixels=[[3, 0, 200], [55, 5, 400]])
     overrides = {"background_on_hz": 2, "background_off_hz": 1, "hot_pixel_fraction": 0.1, "hot_pixel_hz": 900}
-    e = pecs.simulate(still, t_us, chip=chip, overrides=overrides, readout="ideal")
+    e = pecs.simulate(still, t_us, time_unit="us", chip=chip, overrides=overrides, readout="ideal")
     found = of_pixels(e, 60, 6)
     hot = np.zeros((6, 60))
     hot[0, 3], hot[5, 55] = 200, 400

@@ -436,7 +436,8 @@ class PixelBlock {
     const NoiseReach<V> reach{kept(5), kept(6), kept(7), kept(8)};
     const auto bounds = reach.bounds(s0, s1);
     to_on = hn::Sub(to_on, bounds.above), to_off = hn::Add(to_off, bounds.below);
-    if (hn::AllTrue(f, hn::Gt(hn::Min(to_on, to_off), 7.0f * reach.std))) return hn::FirstN(f, 0);
+    const M far = hn::Gt(hn::Min(to_on, to_off), 7.0f * reach.std);
+    if (hn::AllTrue(f, hn::AndNot(blind, far))) return hn::FirstN(f, 0);
     const V expected = hn::Add(most_crossings(to_on, steepest, reach), most_crossings(to_off, steepest, reach));
     const V gate = uniform(random[2]);
     const M many = hn::Or(blind, hn::Ge(expected, hn::Set(f, active_.kFewCrossings)));
