@@ -64,7 +64,7 @@ def draw(seed: int) -> tuple[dict[str, float], float]:
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
     """Events before light [time] or [time, row]."""
-    with pecs.Sensor(SIDE, SIDE, CHIP, overrides=values, photocurrent_a=light_a, seed=seed) as sensor:
+    with pecs.Sensor(SIDE, SIDE, CHIP, overrides=values, photocurrent_a=light_a, seed=seed, time_unit="us") as sensor:
         found = []
         for i in range(0, len(t_us), 512):
             level = light[i : i + 512].reshape(len(light[i : i + 512]), -1, 1)

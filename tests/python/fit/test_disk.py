@@ -66,7 +66,9 @@ def test_a_disk_and_a_chip_are_found(run, recording, tmp_path):
 )
 def test_a_wrong_command_is_one_line(run, recording, tmp_path, words, code, said):
     still = tmp_path / "still.raw"
-    pecs.write(still, pecs.simulate(np.ones((9, 32, 32)), np.arange(9) * 5e5, seed=1), width=32, height=32)
+    pecs.write(
+        still, pecs.simulate(np.ones((9, 32, 32)), np.arange(9) * 5e5, time_unit="us", seed=1), width=32, height=32
+    )
     done = run(*(w.format(disk=recording, still=still) for w in words), "-o", tmp_path / "chip.json")
     assert done.returncode == code and said in done.stderr, done.stderr
     assert done.stderr.count("\n") == 1 and not (tmp_path / "chip.json").exists()

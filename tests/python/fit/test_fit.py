@@ -37,7 +37,7 @@ def film(t_us, light, pattern=None, **options):
     if pattern is not None:
         frames *= np.stack([pattern(t) for t in t_us]).astype(np.float32)
     options = {"overrides": CHIP, "photocurrent_a": 1e-12, "seed": 5} | options
-    return pecs.simulate(frames, t_us, **options)
+    return pecs.simulate(frames, t_us, time_unit="us", **options)
 
 
 def saved(path, events):

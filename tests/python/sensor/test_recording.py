@@ -106,7 +106,7 @@ def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
         assert abs(found[0][y, x] - (2 + hot[y, x]) * 5) < 5 * np.sqrt(hot[y, x] * 5)
     counts = found[1][2, 10:50]
     assert 0.5 < counts.var(ddof=1) / counts.mean() < 1.7  # Poisson
-    assert len(pecs.simulate(still, t_us, chip=chip, noise=False)) == 0
+    assert len(pecs.simulate(still, t_us, time_unit="us", chip=chip, noise=False)) == 0
     two = pecs.Sensor(60, 6, chip, overrides=overrides, readout="ideal")  # however the frames are given
     parts = [two.push(still[:4], t_us[:4]), two.push(still[4:], t_us[4:]), two.finish()]
     assert np.array_equal(np.concatenate(parts), e)
@@ -151,7 +151,7 @@ def test_background_and_leak_rates(chip):
     overrides["leak_rate_hz"] = 0.0
     still = np.full((11, 120, 120), 0.5, np.float32)
     t_us = np.arange(11) * 1e5
-    e = pecs.simulate(still, t_us, chip=chip, overrides=overrides, readout="ideal")
+    e = pecs.simulate(still, t_us, time_unit="us", chip=chip, overrides=overrides, readout="ideal")
     pixels = 120 * 120
     assert (e["p"] == 1).sum() / pixels == pytest.approx(4, rel=0.02)
     assert (e["p"] == 0).sum() / pixels == pytest.approx(6, rel=0.02)
