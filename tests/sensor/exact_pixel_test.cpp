@@ -3,9 +3,11 @@
 
 #include <cmath>
 #include <numbers>
+#include <random>
 
 #include "clip.h"
 #include "models/pecs/amplifier.h"
+#include "models/pecs/noise.h"
 // then: the equations above need no Highway
 #include <hwy/targets.h>
 
@@ -298,6 +300,46 @@ TEST(Slope, ParabolasAreExactAtAnySpacing) {
     EXPECT_NEAR(m, 3 - 1.4 * end, 1e-5);
     t = end;
   }
+}
+
+// The density of upward crossings of a level at u on the way between two states, by Rice's formula for their law there.
+double crossing_density(double x, double y, double u, const scalar::NoiseState<double> (&ends)[2], double level) {
+  const auto law = scalar::noise_between(scalar::noise_step(x * u, y * u), scalar::noise_step(x - x * u, y - y * u),
+                                         ends[0], ends[1], false);
+  const double per_zz = law.spread.nz / law.spread.zz, zz = 2 * x * law.spread.zz, off = level - law.mean.z;
+  const double std = y * std::sqrt(2 * x * (law.spread.nn - per_zz * law.spread.nz));
+  const double a = y * (law.mean.n + per_zz * off - level) / std;
+  const double upwards =
+      std::exp(-a * a / 2) / std::sqrt(2 * std::numbers::pi) + a * 0.5 * std::erfc(-a / std::sqrt(2));
+  return std * upwards * std::exp(-off * off / (2 * zz)) / std::sqrt(2 * std::numbers::pi * zz);
+}
+
+TEST(Noise, ExpectedCrossingsAreBounded) {
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  int compared = 0, exceeded = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    const double y = std::pow(10, -1 + 4.0 * (i % 97) / 96), x = y * std::pow(10, -3.5 + 5.0 * (i % 89) / 88);
+    const double share = y / (x + y), n0 = normal(random);
+    const scalar::NoiseState<double> start{n0, share * n0 + std::sqrt(share - share * share) * normal(random)};
+    const auto step = scalar::noise_step(x, y);
+    const double g0 = normal(random), g1 = normal(random);
+    // Free: the state after the first step.
+    const scalar::NoiseState<double> ends[] = {start, scalar::draw_between(step, step, start, {}, true, 1.0, g0, g1)};
+    const auto reach = scalar::noise_reach(x, y, 1.0);
+    for (const double stds : {1.3, 2.0, 3.5, 5.0}) {
+      const double distance = stds * reach.std, most = scalar::most_crossings(distance, 0.0, reach);
+      if (most >= 0.25) continue;  // such a part is split (active_pixels-inl.h)
+      double highest = 0;
+      for (double u = 0.05; u < 1; u += 0.1)
+        highest = std::max(highest, crossing_density(x, y, u, ends, reach.bounds(ends[0], ends[1]).above + distance));
+      ++compared;
+      exceeded += highest > most;
+      EXPECT_LT(highest, 1.5 * most) << x << ' ' << y << ' ' << stds;
+    }
+  }
+  EXPECT_GT(compared, 30'000);
+  EXPECT_LT(exceeded, 0.001 * compared);
 }
 
 // On every instruction set that this machine supports (Highway).

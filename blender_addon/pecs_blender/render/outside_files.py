@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files from which Blender reads what it renders, beside the .blend, by data-block, modifier and node."""
+"""Files other than the .blend from which Blender reads what it renders, by data-block, modifier and node."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BUILT_IN = "<builtin>"  # path of Blender's own font
 
 
 def files(thing: bpy.types.bpy_struct, scene: bpy.types.Scene) -> list[Path]:
-    """That `thing` reads in the scene's range of frames."""
+    """Files that `thing` reads in the scene's range of frames."""
     read = next((read for kind, read in _READ.items() if isinstance(thing, kind)), None)
     owner = thing.id_data or thing
     library = None if isinstance(owner, bpy.types.Library) else getattr(owner, "library", None)
@@ -22,7 +22,7 @@ def files(thing: bpy.types.bpy_struct, scene: bpy.types.Scene) -> list[Path]:
 
 
 def missing_files(scene: bpy.types.Scene) -> Iterator[str]:
-    """Those that are not there, with their owner."""
+    """Lines on files that do not exist, with their owner."""
     for thing in _things(scene):
         for file in files(thing, scene):
             if not file.exists():
@@ -33,7 +33,7 @@ def missing_files(scene: bpy.types.Scene) -> Iterator[str]:
 
 
 def _things(scene: bpy.types.Scene) -> Iterator[bpy.types.bpy_struct]:
-    """All that reads files."""
+    """Data-blocks, nodes and modifiers that read files."""
     yield from bpy.data.libraries
     blocks = [block for of in (bpy.data.images, bpy.data.volumes, bpy.data.cache_files, bpy.data.fonts) for block in of]
     yield from (block for block in [*blocks, *bpy.data.cameras] if block.users)

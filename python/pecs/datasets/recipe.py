@@ -183,8 +183,12 @@ class Recipe:
 
     def render_options(self, scene: SceneEntry, camera: CameraEntry) -> dict[str, Any]:
         """Of the light."""
-        scripts = {"allow_scripts": True} if self.allow_scripts else {}
-        return self.render | scene.options | camera.options | scripts
+        return self.render | scene.options | camera.options | self.permission
+
+    @property
+    def permission(self) -> dict[str, bool]:
+        """The renderer's option that the caller's permission sets."""
+        return {"allow_scripts": True} if self.allow_scripts else {}
 
     def truth_frames(self, duration_s: float) -> int:
         return math.floor(duration_s * self.truth["fps"] + 1e-9) + 1

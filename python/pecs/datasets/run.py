@@ -69,7 +69,7 @@ def _move(work: Work) -> None:
         end_s = work.drawn["duration_s"]
         blender(
             *("survey", scene.path, *_parameters(work), "-o", survey.name),
-            *(["--allow-scripts"] if recipe.allow_scripts else []),
+            *words(recipe.permission),
             *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / end_s),
             folder=work.folder,
             log="survey.log",

@@ -101,7 +101,7 @@ def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
         "cameras": recipe.cameras,
         "imu": recipe.imu,
         "limits": recipe.limits,
-        "render": recipe.render | ({"allow_scripts": True} if recipe.allow_scripts else {}),
+        "render": recipe.render | recipe.permission,
         "truth": recipe.truth,
         "files": _sums(_files(recipe, drawn)),
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},

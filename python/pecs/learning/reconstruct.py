@@ -150,7 +150,7 @@ class Network:
 
 def _network_bytes(path: Path) -> bytes:
     """The model, loaded from memory, so that what is checked is what runs. Raises PecsInputError for one that names
-    other files: weights that lie outside of it have a key "location", and ORT's own format has them, too."""
+    other files: weights that lie outside of it have a key "location", and so do files in ORT's own format."""
     try:
         with existing(path, "a network (.onnx)").open("rb") as file:
             model = file.read(MOST_BYTES + 1)

@@ -5,7 +5,7 @@
 //           p in bit 11
 //   DVS128  bit 15 set: external input; else y in bits 14..8, x in 7..1, bit 0 set for OFF
 //   DVS640  y in bits 20..11, x in 10..1, p in bit 0: as v2e writes 640x480
-// A header line is printable text up to a line end; data may begin with '#', too. The camera is the header's AEChip. A
+// A header line is printable text up to a line end; data may also begin with '#'. The camera is the header's AEChip. A
 // file without one: addresses of 15 bits are a DVS128's; else the user states the size, except for files of v2e that
 // only 346x260 or 640x480 explains.
 #include <fmt/format.h>

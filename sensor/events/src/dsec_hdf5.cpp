@@ -76,7 +76,7 @@ class DsecReader final : public BlockReader {
     if (!unit_ && H5Lexists(file_.get(), "ms_to_idx", H5P_DEFAULT) > 0) check_index(path);
   }
 
-  // PECS writes a size, and microseconds; ms_to_idx states them, too.
+  // PECS writes a size, and microseconds; ms_to_idx also states them.
   std::optional<TimeUnit> assumed_unit() const {
     return unit_ || has_index_ || info_.width > 0 ? std::nullopt : std::optional(TimeUnit::us);
   }

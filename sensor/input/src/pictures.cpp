@@ -89,7 +89,7 @@ class Video final : public Pictures {
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_, path.string());
-    std::vector<double> own_ms = {video_.time_ms()};  // their number, too: containers' own counts are often wrong
+    std::vector<double> own_ms = {video_.time_ms()};  // and their number: containers' own counts are often wrong
     while (video_.skip()) own_ms.push_back(video_.time_ms());
     set_times(options.times, own_ms);
     open();

@@ -148,7 +148,8 @@ class ActivePixels {
       take(g.gate, gate);
       take(g.free, hn::IfThenElseZero(hn::Lt(gate, zero), one));
       take(g.candidate, zero);
-      g.random.start(in, start_of(t, g));
+      const VU pixels = hn::Add(hn::Load(U32(), g.pixels), hn::Set(U32(), rows_.first));
+      g.random.start(in, random_of(pixels, t.step, Purpose::path, a_.noise_seed));
     }
     const U32 u;
     hn::Store(hn::IfThenZeroElse(hn::RebindMask(u, in), hn::Load(u, g.later)), u, g.later);
@@ -224,6 +225,7 @@ class ActivePixels {
     set(g.rate, hn::IfThenElse(free, hn::Div(relaxation, ds), get(g.rate)));
     set(g.std, hn::IfThenElse(free, noise_std_of(relaxation, exposure), get(g.std)));
   }
+
   HWY_INLINE void end_step(const IntervalTimes& t, ActiveLanes& g) {
     const F f;
     const M ready = holds(g.ready);
@@ -282,17 +284,6 @@ class ActivePixels {
     put_ready(g.z0, start.z);
     for (float* row : {g.n_step, g.n1}) put_ready(row, at_end.n);
     for (float* row : {g.z_step, g.z1}) put_ready(row, at_end.z);
-  }
-
-  // Starts of the pixels' random numbers in this interval.
-  HWY_INLINE Four start_of(const IntervalTimes& t, const ActiveLanes& g) const {
-    const U32 u;
-    const auto step = static_cast<std::uint64_t>(t.step);
-    Four out{{hn::Add(hn::Load(u, g.pixels), hn::Set(u, rows_.first)), hn::Set(u, static_cast<std::uint32_t>(step)),
-              hn::Set(u, static_cast<std::uint32_t>(step >> 32)),
-              hn::Set(u, static_cast<std::uint32_t>(Purpose::path))}};
-    philox(out.r, a_.noise_seed);
-    return out;
   }
 
   // Decides on the parts of the steps at work. Where noise makes no crossing, a part is done. Where it may make a few,
@@ -468,7 +459,7 @@ class ActivePixels {
       restart(t, g, wakes, u);
     }
     leaf = hn::AndNot(done, leaf);
-    const Cubic<V> v = with_noise(t, g, part_of(g));
+    const Cubic<V> noise = noise_of(t, g), v = part_of(g) + noise;
     const V reference = get(g.reference);
     const Crossing<V> crossing = first_crossing(v, zero, hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
     set(g.next, crossing.at);
@@ -486,7 +477,7 @@ class ActivePixels {
     done = hn::Or(done, hn::AndNot(fires, leaf));
     if (!hn::AllFalse(f, fires)) {
       const V from = get(g.from), s = time_of(g, hn::MulAdd(u, hn::Sub(get(g.to), from), from));
-      output_.emit(t, g, fires, by_noise, s, noise_at(t, g, u));
+      output_.emit(t, g, fires, by_noise, s, noise.at(u));
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
       const V until = hn::Add(s, refractory), begin = time_of(g, from);
@@ -502,8 +493,10 @@ class ActivePixels {
     next_part(t, g, done);
   }
 
-  // The noise in a leaf, a cubic by its values and slopes at the ends: the mean between them.
+  // The noise in a leaf, a cubic by its values and slopes at the ends: the mean between them. 0 without noise.
   HWY_INLINE Cubic<V> noise_of(const IntervalTimes& t, const ActiveLanes& g) const {
+    const V zero = hn::Zero(F());
+    if (!is_noisy_) return {zero, zero, zero, zero};
     const V n0 = get(g.n0), n1 = get(g.n1), z0 = get(g.z0), z1 = get(g.z1), y = leaf_y(t, g);
     return hermite(z0, z1, hn::Mul(y, hn::Sub(n0, z0)), hn::Mul(y, hn::Sub(n1, z1)));
   }
@@ -512,24 +505,16 @@ class ActivePixels {
     const V length = hn::Mul(hn::Sub(get(g.s1), get(g.s0)), hn::Sub(get(g.to), get(g.from)));
     return hn::Min(hn::Set(F(), 3.0f), hn::Mul(hn::Set(F(), t.amplifier.x), length));
   }
-  HWY_INLINE Cubic<V> with_noise(const IntervalTimes& t, const ActiveLanes& g, Cubic<V> v) const {
-    if (!is_noisy_) return v;
-    const Cubic<V> z = noise_of(t, g);
-    return {hn::Add(v.c0, z.c0), hn::Add(v.c1, z.c1), hn::Add(v.c2, z.c2), hn::Add(v.c3, z.c3)};
-  }
-  HWY_INLINE V noise_at(const IntervalTimes& t, const ActiveLanes& g, V u) const {
-    return is_noisy_ ? noise_of(t, g).at(u) : hn::Zero(F());
-  }
   // References are the output at u, and the part begins there.
   HWY_INLINE void restart(const IntervalTimes& t, ActiveLanes& g, M which, V u) {
-    const V output = with_noise(t, g, part_of(g)).at(u), from = get(g.from);
-    const V z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise = noise_at(t, g, u);
-    set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
-    output_.mark(t, g, which, time_of(g, z), noise);
+    const Cubic<V> noise = noise_of(t, g), v = part_of(g) + noise;
+    const V from = get(g.from), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise_at_u = noise.at(u);
+    set(g.reference, hn::IfThenElse(which, v.at(u), get(g.reference)));
+    output_.mark(t, g, which, time_of(g, z), noise_at_u);
     if (is_noisy_) {
-      const V n = hn::Add(noise, hn::Div(noise_of(t, g).slope(u), leaf_y(t, g)));
+      const V n = hn::Add(noise_at_u, hn::Div(noise.slope(u), leaf_y(t, g)));
       set(g.n0, hn::IfThenElse(which, n, get(g.n0)));
-      set(g.z0, hn::IfThenElse(which, noise, get(g.z0)));
+      set(g.z0, hn::IfThenElse(which, noise_at_u, get(g.z0)));
     }
     set(g.from, hn::IfThenElse(which, z, from));
   }
@@ -558,7 +543,6 @@ class ActivePixels {
     HWY_ALIGN float noise[kLanes] = {};
     const BackgroundEvent* const none = due_.data() + due_.size();
     each(seeking, [&](std::size_t k) {
-      if (g.background[k] >= kNone) return;
       const std::uint32_t p = g.pixels[k];
       const auto after = [&](const BackgroundEvent* e, float s) {  // the first at s or later
         while (e != none && (e->pixel != rows_.first + p || in_interval(*e, t) < s)) ++e;

@@ -46,6 +46,11 @@ struct Cubic {
   T second_derivative(T s) const { return mul_add(6.0f * c3, s, c2 + c2); }
 };
 
+template <class T>
+PECS_INLINE Cubic<T> operator+(const Cubic<T>& a, const Cubic<T>& b) {
+  return {a.c0 + b.c0, a.c1 + b.c1, a.c2 + b.c2, a.c3 + b.c3};
+}
+
 // By values and slopes at 0 and 1.
 template <class T>
 PECS_INLINE Cubic<T> hermite(T v0, T v1, T m0, T m1) {

@@ -247,12 +247,7 @@ class PixelBlock {
 
   // Random numbers of a step.
   Four draw(std::uint32_t p, std::int64_t step, Purpose purpose) const {
-    const U32 u;
-    const auto s = static_cast<std::uint64_t>(step);
-    Four out{{iota(rows_.first + p), hn::Set(u, static_cast<std::uint32_t>(s)),
-              hn::Set(u, static_cast<std::uint32_t>(s >> 32)), hn::Set(u, static_cast<std::uint32_t>(purpose))}};
-    philox(out.r, a_.noise_seed);
-    return out;
+    return random_of(iota(rows_.first + p), step, purpose, a_.noise_seed);
   }
 
   // Lists moving and quiet vectors. In quiet ones light and photoreceptor are constant, and the results that depend on
@@ -367,7 +362,7 @@ class PixelBlock {
       const V to_on = hn::Sub(at(rows_.on, p), high), to_off = hn::Add(low, at(rows_.off, p));
       const M blind = hn::Gt(at(rows_.blind_us, p), hn::Zero(f));
       if (!is_noisy_) return hn::Or(blind, hn::Le(hn::Min(to_on, to_off), hn::Zero(f)));
-      return hn::Or(blind, noise_may_cross(t, p, to_on, to_off, steepest, blind));
+      return noise_may_cross(t, p, to_on, to_off, steepest, blind);
     };
     for (std::size_t k = 0; k < moving_count_; ++k) {
       const std::uint32_t p = moving_[k];
@@ -419,8 +414,8 @@ class PixelBlock {
     for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.y, rows_.n, rows_.z}) std::swap(row[0], row[1]);
   }
 
-  // The noise at the interval's end, and the pixels whose output may cross a threshold on the way, with their gates
-  // (ActivePixels::examine): those that few crossings are expected of are drawn.
+  // The noise at the interval's end, and the pixels that are blind or whose output may cross a threshold on the way,
+  // with their gates (ActivePixels::examine): those that few crossings are expected of are drawn.
   HWY_INLINE M noise_may_cross(const IntervalTimes& t, std::uint32_t p, V to_on, V to_off, V steepest, M blind) {
     const F f;
     const auto kept = [&](std::size_t k) { return at(kept_[k], p); };

@@ -158,7 +158,7 @@ PECS_INLINE NoiseReach<T> noise_reach(T x, T y, T std_of_n) {
 }
 
 // Upper bound of the expected number of crossings of a level at `distance` from what the mean reaches (Rice, Bell Syst.
-// Tech. J. 24, 1945, between two known states; tests/sensor/noise_law_test.cpp), at most kManyCrossings: not small.
+// Tech. J. 24, 1945, between two known states; tests/sensor/exact_pixel_test.cpp), at most kManyCrossings: not small.
 // slope: the largest of the light's part towards the level, times the time.
 inline constexpr float kManyCrossings = 2;
 template <class T>

@@ -22,7 +22,7 @@ HWY_INLINE void multiply(VU a, std::uint32_t by, VU& high, VU& low) {
   low = hn::OddEven(hn::BitCast(u, hn::ShiftLeft<32>(odd)), hn::BitCast(u, even));
 }
 
-// random.h: random4 for a vector of counters.
+// random.h: philox for a vector of counters.
 HWY_INLINE void philox(VU c[4], std::uint64_t key) {
   const U32 u;
   auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);
@@ -39,10 +39,19 @@ HWY_INLINE void philox(VU c[4], std::uint64_t key) {
   }
 }
 
+// random.h: random4 for a vector of pixels.
 struct Four {
   VU r[4];
   VU operator[](std::size_t k) const { return r[k]; }
 };
+HWY_INLINE Four random_of(VU pixels, std::int64_t step, Purpose purpose, std::uint64_t seed) {
+  const U32 u;
+  const auto s = static_cast<std::uint64_t>(step);
+  Four out{{pixels, hn::Set(u, static_cast<std::uint32_t>(s)), hn::Set(u, static_cast<std::uint32_t>(s >> 32)),
+            hn::Set(u, static_cast<std::uint32_t>(purpose))}};
+  philox(out.r, seed);
+  return out;
+}
 
 // A sequence for each lane, faster than Philox, which gives its start: Doty-Humphrey's sfc32 (PractRand 0.94).
 struct LaneSequence {
