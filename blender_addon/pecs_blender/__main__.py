@@ -9,8 +9,8 @@ if __package__ in (None, ""):  # blender --background --python …/__main__.py -
     here = Path(__file__).resolve().parent
     sys.path[:0] = [str(here.parent), str(here.parents[1] / "python")]
 
+from pecs_blender import stop
 from pecs_blender.cli import main
-from pecs_blender.render import stop
 
 
 def open_missing_streams() -> None:

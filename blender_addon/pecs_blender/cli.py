@@ -18,17 +18,18 @@ from pecs._arguments import Quantity, account
 from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, one_line
 from pecs._progress import report
 
-from .render import programs, stop
-from .render.brightness import light_words
-from .render.options import DEFAULTS, POINTS, RULES, Options, add_argument, add_arguments
-from .render.resources import Restart
-from .render.scene_file import load_scene
-from .render.shards import merge
-from .render.spectra import spectrum
+from . import stop
+from .job import programs
+from .job.brightness import light_words
+from .job.options import DEFAULTS, POINTS, RULES, Options, add_argument, add_arguments
+from .job.resources import Restart
+from .job.shards import merge
+from .scene.scene_file import load_scene
+from .spectral.spectra import spectrum
 
 if TYPE_CHECKING:  # they import bpy
-    from .render.plan import Plan
-    from .render.source import Source
+    from .job.plan import Plan
+    from .scene.source import Source
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
@@ -149,8 +150,8 @@ def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> 
     if options.lux and args["scene"] and args["scene"].suffix != ".blend":
         raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
     source = _source(args, options.illuminant)
-    from .render.plan import resolve
-    from .render.render import render
+    from .job.plan import resolve
+    from .job.render import render
 
     exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
     plan = resolve(options, source)
@@ -174,7 +175,7 @@ def _run(args: dict) -> None:
         words += [f"--{name}" for name in ("quiet", "verbose") if args[name]]
 
     def check(source: Source, plan: Plan) -> None:
-        from .render.rehearsal import rehearse
+        from .job.rehearsal import rehearse
 
         rehearse(program, events, stack, words, source, plan)
 
@@ -199,9 +200,9 @@ def _source(args: dict, illuminant: str):
         import bpy
     except ImportError as e:
         raise UsageError(f"bpy: {e}; pip install bpy, or run inside Blender") from None
-    from .render.blend import BlendScene, check
-    from .render.folder import FolderScene
-    from .render.placed import Placed
+    from .scene.blend import BlendScene, check
+    from .scene.folder import FolderScene
+    from .scene.placed import Placed
 
     path, overrides = args["scene"] or Path(bpy.data.filepath), args["set"]
     if path == Path():
@@ -224,7 +225,7 @@ def _survey(args: dict) -> None:
     if output.suffix != ".npz":
         raise UsageError(f"-o {output}: the extension must be .npz")
     source = _source(args, DEFAULTS["illuminant"])
-    from .render.survey import survey
+    from .truth.survey import survey
 
     survey(source, output, args["frames"], args["fps"], args["spacing_m"])
 
@@ -232,15 +233,15 @@ def _survey(args: dict) -> None:
 def _light(args: dict) -> None:
     options = _options(args)
     source = _source(args, options.illuminant)
-    from .render.plan import resolve
-    from .render.probe import probe
+    from .camera.probe import probe
+    from .job.plan import resolve
 
     found = probe(source, resolve(options, source))
     write_out(json.dumps(found) + "\n" if args["json"] else light_words(found))
 
 
 def _reconstruct(args: dict) -> None:
-    from .render import filter_video
+    from .job import filter_video
 
     args["playback_fps"] = args["playback_fps"] or min(args["fps"], 1000)
     count = filter_video.write(**args)

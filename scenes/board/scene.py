@@ -4,7 +4,7 @@
 World: x right, y away from the camera, z up, metres; the camera's entrance pupil is the origin and looks along +y.
 """
 
-from pecs_blender.render.build import SceneParts, diffuse, lab_box, mesh_object
+from pecs_blender.scene.build import SceneParts, diffuse, lab_box, mesh_object
 
 
 def build(p):

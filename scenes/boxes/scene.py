@@ -10,7 +10,7 @@ import math
 from random import Random
 
 import bpy
-from pecs_blender.render.build import SceneParts, box, mesh_object, sun_lamp
+from pecs_blender.scene.build import SceneParts, box, mesh_object, sun_lamp
 
 WALL_M, HALF_WALL_M = 3.0, 6.0
 TOWARDS_LIGHT = 0.3, -1.0, 0.4

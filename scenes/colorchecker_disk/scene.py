@@ -5,8 +5,8 @@ the right. World: x right, y away from the camera, z up, metres; the entrance pu
 
 import math
 
-from pecs_blender.render.build import SceneParts, diffuse, lab_box, sector_disk
-from pecs_blender.render.spectra import constant, load
+from pecs_blender.scene.build import SceneParts, diffuse, lab_box, sector_disk
+from pecs_blender.spectral.spectra import constant, load
 
 PATCHES = (
     "dark_skin light_skin blue_sky foliage blue_flower bluish_green "

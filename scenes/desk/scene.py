@@ -11,9 +11,9 @@ from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
-from pecs_blender.render.build import SceneParts, area_lamp, material_of, mesh_object
-from pecs_blender.render.paint import Paint
-from pecs_blender.render.solids import Shape
+from pecs_blender.scene.build import SceneParts, area_lamp, material_of, mesh_object
+from pecs_blender.scene.paint import Paint
+from pecs_blender.scene.solids import Shape
 
 DESK_M, WALL_M = -0.24, 1.35  # height of the desk, distance of the wall behind it
 COLOURS = ((0.5, 0.04, 0.03), (0.03, 0.1, 0.35), (0.6, 0.42, 0.05), (0.05, 0.25, 0.1), (0.7, 0.68, 0.6))

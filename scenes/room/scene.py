@@ -9,7 +9,7 @@ import math
 from random import Random
 
 import bpy
-from pecs_blender.render.build import SceneParts, area_lamp, box, diffuse, material_of, mesh_object
+from pecs_blender.scene.build import SceneParts, area_lamp, box, diffuse, material_of, mesh_object
 
 FLOOR_M, BACK_M = -0.8, 2.6
 

@@ -6,7 +6,7 @@ World: x right, y away from the camera, z up, metres; the camera's entrance pupi
 
 import math
 
-from pecs_blender.render.build import SceneParts, diffuse, lab_box, sector_disk
+from pecs_blender.scene.build import SceneParts, diffuse, lab_box, sector_disk
 
 
 def build(p):

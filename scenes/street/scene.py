@@ -11,9 +11,9 @@ from random import Random
 
 import bpy
 from mathutils import Matrix, Vector
-from pecs_blender.render.build import SceneParts, sun_lamp
-from pecs_blender.render.paint import Paint, ramp
-from pecs_blender.render.solids import Shape
+from pecs_blender.scene.build import SceneParts, sun_lamp
+from pecs_blender.scene.paint import Paint, ramp
+from pecs_blender.scene.solids import Shape
 
 GROUND_M, KERB_M, BACK_M, AHEAD_M = -1.5, 0.12, -45.0, 110.0
 ROAD_M, PAVEMENT_M = 5.5, 9.0  # half widths; houses begin where the pavement ends

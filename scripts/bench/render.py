@@ -11,13 +11,13 @@ import time
 from pathlib import Path
 
 import bpy
-from pecs_blender.render import cycles
-from pecs_blender.render.bands import points
-from pecs_blender.render.folder import FolderScene
-from pecs_blender.render.resources import resident_mb
-from pecs_blender.render.scene_file import load_scene
-from pecs_blender.render.spectra import load
-from pecs_blender.render.spectral import SpectralScene
+from pecs_blender.job.resources import resident_mb
+from pecs_blender.scene import cycles
+from pecs_blender.scene.folder import FolderScene
+from pecs_blender.scene.scene_file import load_scene
+from pecs_blender.spectral.bands import points
+from pecs_blender.spectral.spectra import load
+from pecs_blender.spectral.spectral_scene import SpectralScene
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "room"
 PASSES = points([430.0, 480.0, 520.0]), points([560.0, 610.0, 680.0])

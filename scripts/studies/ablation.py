@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_blender.render.spectra import load
+from pecs_blender.spectral.spectra import load
 from pecs_lab.measure import by_pixel
 from pecs_lab.report import table
 

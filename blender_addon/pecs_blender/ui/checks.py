@@ -13,11 +13,11 @@ from pathlib import Path
 import bpy
 from pecs._errors import PecsError
 
-from ..render import denoise
-from ..render.options import DEVICES, RULES
-from ..render.resources import readable
-from ..render.spectra import spectrum
-from ..render.timeline import MAX_INSTANTS
+from ..camera import denoise
+from ..job.options import DEVICES, RULES
+from ..job.resources import readable
+from ..scene.timeline import MAX_INSTANTS
+from ..spectral.spectra import spectrum
 from . import disk, library, paths, settings
 from .interface import say
 

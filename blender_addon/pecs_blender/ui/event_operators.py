@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ..render.programs import pecs as program
+from ..job.programs import pecs as program
 from . import background, checks, disk, event_view, library, operators, paths, settings
 from .background import BackgroundJob, Next
 from .interface import Action, areas, say

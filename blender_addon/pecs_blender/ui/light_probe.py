@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 from bpy.props import FloatProperty
 
-from ..render.brightness import light_rows
+from ..job.brightness import light_rows
 from . import operators, paths, settings
 from .background import BackgroundJob, state
 from .interface import Action, say

@@ -12,10 +12,10 @@ from pathlib import Path
 import bpy
 import pecs
 
-from ..render.blend import FOLDER_KEY
-from ..render.colour import linear_rgb
-from ..render.cycles import fill
-from ..render.resources import readable
+from ..job.resources import readable
+from ..scene.blend import FOLDER_KEY
+from ..scene.cycles import fill
+from ..spectral.colour import linear_rgb
 from . import background, checks, paths, scene_checks, settings
 from .background import BackgroundJob
 from .interface import Action, areas, say

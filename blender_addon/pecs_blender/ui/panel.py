@@ -8,7 +8,7 @@ import contextlib
 import bpy
 from pecs._errors import PecsError
 
-from ..render.resources import readable
+from ..job.resources import readable
 from . import checks, event_operators, event_view, frustum, library, light_probe, operators, paths, settings
 from .background import state
 from .interface import CONTEXT, auto, duration, labelled, problem, progress, props, say, wrapped

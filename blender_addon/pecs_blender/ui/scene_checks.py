@@ -11,10 +11,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..render.blend import notes, python_drivers
-from ..render.options import SAMPLES
-from ..render.outside_files import missing_files
-from ..render.spectral import beyond_reach
+from ..job.options import SAMPLES
+from ..scene.blend import notes, python_drivers
+from ..scene.outside_files import missing_files
+from ..spectral.spectral_scene import beyond_reach
 from . import settings
 from .background import state
 from .checks import Problem

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings of the panel, stored in the .blend: options of `pecs render` (render/options.py) and of `pecs sense`, `view`
+"""Settings of the panel, stored in the .blend: options of `pecs render` (job/options.py) and of `pecs sense`, `view`
 and `compare`."""
 
 import dataclasses
@@ -22,11 +22,11 @@ from bpy.props import (
 )
 from pecs._arguments import flag
 
-from ..render.layers import LAYERS, layer_class
-from ..render.options import DEFAULTS, RULES, SAMPLES, Options
-from ..render.plan import film_width_mm_of
-from ..render.resources import BYTES_PER_VALUE
-from ..render.timeline import passes
+from ..job.options import DEFAULTS, RULES, SAMPLES, Options
+from ..job.plan import film_width_mm_of
+from ..job.resources import BYTES_PER_VALUE
+from ..scene.timeline import passes
+from ..truth import LAYERS, layer_class
 from . import disk, library
 from .interface import CONTEXT, say
 from .preferences import preferences

@@ -92,7 +92,7 @@ def test_it_carries_its_libraries(root, extension):
             listed = json.loads(inside.read(next(n for n in held if n.endswith("sboms/auditwheel.cdx.json"))))
             record = inside.read(next(n for n in held if n.endswith("/RECORD"))).decode()
     libraries = [n for n in held if n.startswith("pecs_sim.libs/lib")]
-    assert "__init__.py" in names and "render/stage.py" in names and not [n for n in names if n.endswith(".pyc")]
+    assert "__init__.py" in names and "camera/stage.py" in names and not [n for n in names if n.endswith(".pyc")]
     pictures = (root / "docs/start/panel.md").read_text().count("![")
     assert page.count('src="data:image/png;base64,') == pictures > 0 and "href=" not in page
     assert manifest["version"] == (root / "VERSION").read_text().strip()

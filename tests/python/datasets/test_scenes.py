@@ -19,8 +19,8 @@ import json, sys
 from pathlib import Path
 import bpy, pecs
 import numpy as np
-from pecs_blender.render.scene_file import load_scene
-from pecs_blender.render import cycles
+from pecs_blender.scene.scene_file import load_scene
+from pecs_blender.scene import cycles
 cycles.empty_scene()
 parts = load_scene(Path(sys.argv[1]), sys.argv[2:]).build()
 found = {}

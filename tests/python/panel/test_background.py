@@ -12,7 +12,7 @@ import sys, time
 import bpy
 from pecs_blender import ui
 from pecs_blender.cli import _parser
-from pecs_blender.render.options import LAYERS, Options
+from pecs_blender.job.options import LAYERS, Options
 from pecs_blender.ui import background, operators, settings
 
 def ended():

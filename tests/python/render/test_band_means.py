@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 pecs = pytest.importorskip("pecs")
-bands = pytest.importorskip("pecs_blender.render.bands")
-spectra = pytest.importorskip("pecs_blender.render.spectra")
+bands = pytest.importorskip("pecs_blender.spectral.bands")
+spectra = pytest.importorskip("pecs_blender.spectral.spectra")
 
 LAMPS = ("a", "d65", "fl2", "led_b3")
 

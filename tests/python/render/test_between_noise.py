@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pecs_blender.render.judge import Judge
+from pecs_blender.adaptive.judge import Judge
 
 JUDGE = Judge(np.array([1.0, 2.0]), 0.1, 2)
 NOISE, OF_EXPECTED = 0.05, 0.02

@@ -161,7 +161,7 @@ def test_a_worlds_map_is_as_fine_as_its_picture(blends):
     """16 pixels here. One that a file chooses stays."""
     code = """
 import bpy, sys
-from pecs_blender.render import cycles
+from pecs_blender.scene import cycles
 for chosen in (False, True):
     bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
     settings = bpy.context.scene.world.cycles

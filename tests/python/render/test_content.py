@@ -68,7 +68,7 @@ DIGESTS = """
 import json, sys
 import bpy
 from pathlib import Path
-from pecs_blender.render import content
+from pecs_blender.scene import content
 
 folder = Path(sys.argv[1])
 found = {}
@@ -165,8 +165,8 @@ HIDDEN = [  # what a user does to a file without changing its light
 EVERY = """
 import sys
 import bpy
-from pecs_blender.render import content
-from pecs_blender.render.interface_only import INTERFACE
+from pecs_blender.scene import content
+from pecs_blender.scene.interface_only import INTERFACE
 
 def things():
     "One of each type that the scene has, read again: a change may free others."

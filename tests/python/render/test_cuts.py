@@ -129,8 +129,8 @@ CAMERAS = """
 import sys
 from pathlib import Path
 import bpy
-from pecs_blender.render.blend import BlendScene
-from pecs_blender.render.spectra import spectrum
+from pecs_blender.scene.blend import BlendScene
+from pecs_blender.spectral.spectra import spectrum
 
 folder = Path(sys.argv[1])
 for case in range(6):

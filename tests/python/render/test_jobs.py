@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from pecs_blender.render.output import Output
+from pecs_blender.output import Output
 from support import growing_pecs_blender
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
@@ -100,7 +100,7 @@ def test_frames_stay_locked_while_their_process_reads_the_stack(whole, tmp_path)
     body = """
 import json, sys
 from pathlib import Path
-from pecs_blender.render.output import Output
+from pecs_blender.output import Output
 folder = Path(sys.argv[1])
 Output(folder, json.loads((folder / "stack.json").read_text()), slice(2, 3), sys.argv[2] == "overwrite")
 """

@@ -307,7 +307,7 @@ def test_a_scenes_stop_gives_way_to_the_lens():
     in_bpy("""
 from pathlib import Path
 from types import SimpleNamespace
-from pecs_blender.render import lens
+from pecs_blender.camera import lens
 from pecs._errors import UsageError
 film = {"film_width_mm": 6.2, "film_shift_mm": (0, 0), "film_tilt_deg": (0, 0), "size": (1280, 720)}
 unset = film | dict.fromkeys(("lens", "fnumber", "stop_diameter_mm", "focus_m", "focus_bands_nm"))

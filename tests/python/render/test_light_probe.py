@@ -87,7 +87,7 @@ def light(path, *options):
 
 def lux_per_watt(illuminant="d65"):
     """Luminous efficacy of the illuminant's radiant power over its table."""
-    from pecs_blender.render.spectra import K_CD_LM_PER_W, spectrum
+    from pecs_blender.spectral.spectra import K_CD_LM_PER_W, spectrum
 
     s = spectrum(illuminant, None)
     return K_CD_LM_PER_W * s.luminous() / s.power()
@@ -196,7 +196,7 @@ PANEL = """
 import sys, time
 import bpy
 from pecs_blender import ui
-from pecs_blender.render.brightness import light_rows
+from pecs_blender.job.brightness import light_rows
 from pecs_blender.ui import background, light_probe
 
 ui.register()

@@ -132,7 +132,7 @@ THERE = ("alembic", "font", "modifier_off", "vdb_sequence")
 CHECK = """
 import json, sys
 import bpy
-from pecs_blender.render.outside_files import missing_files
+from pecs_blender.scene.outside_files import missing_files
 
 found = {}
 for name in json.loads(sys.argv[2]):
@@ -142,7 +142,7 @@ print(json.dumps(found))
 """
 KINDS = """
 import bpy
-from pecs_blender.render import outside_files
+from pecs_blender.scene import outside_files
 
 NO_INPUT = {  # what Blender writes, shows or plays, or only names
     *("AssetRepresentation", "BakeSettings", "BlendData", "BlendImportContextLibrary", "Brush", "CollectionExport"),

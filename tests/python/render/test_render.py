@@ -101,7 +101,7 @@ def test_the_light_is_absolute(disk):
     disk's centre, where the illuminance is defined."""
     stack, values = frames(disk / "pinhole")
     edges_nm, chip = stack["render"]["band_edges_nm"], pytest.importorskip("pecs").Chip("imx636")
-    sys_path_spectra = pytest.importorskip("pecs_blender.render.spectra")
+    sys_path_spectra = pytest.importorskip("pecs_blender.spectral.spectra")
     lamp = sys_path_spectra.load("led_b3")
     v = sys_path_spectra.load("photopic")
     grid = np.arange(380, 781.0)

@@ -11,7 +11,7 @@ from support.mutants import mutant
 pytest.importorskip("pecs")
 from pecs import PecsError
 from pecs._errors import ExitCode
-from pecs_blender.render.scene_file import load_scene
+from pecs_blender.scene.scene_file import load_scene
 
 MUTANTS = 500
 ALIGNED = {
@@ -74,8 +74,8 @@ from pathlib import Path
 import bpy
 from support.mutants import mutant
 from pecs import PecsError
-from pecs_blender.render.scene_file import load_scene
-from pecs_blender.render.folder import FolderScene
+from pecs_blender.scene.scene_file import load_scene
+from pecs_blender.scene.folder import FolderScene
 path = Path(sys.argv[1], "scene.json")
 rng, text, built = random.Random(3), path.read_text(), 0
 for _ in range(100):

@@ -14,7 +14,7 @@ PX_PER_MM = 82.6 / 41.7  # on the target, of 1280 pixels (scenes/board)
 
 
 def test_all_are_there_and_fit_their_scenes():
-    from pecs_blender.render.scene_file import load_scene
+    from pecs_blender.scene.scene_file import load_scene
 
     assert sequences.names() == ["R_360_H", "R_360_L", "R_60_H", "T_0.6_H", "T_1_H", "T_1_L"]
     for name in sequences.names():

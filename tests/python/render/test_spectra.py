@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-light = pytest.importorskip("pecs_blender.render.emitters")
-spectra = pytest.importorskip("pecs_blender.render.spectra")
-glass = pytest.importorskip("pecs_blender.render.glass")
+light = pytest.importorskip("pecs_blender.spectral.emitters")
+spectra = pytest.importorskip("pecs_blender.spectral.spectra")
+glass = pytest.importorskip("pecs_blender.spectral.glass")
 NM = np.arange(400.0, 701.0, 5)
 
 

@@ -1,8 +1,8 @@
-"""Where two pictures differ (pecs_blender.render.tiles), and which rectangles cover that."""
+"""Where two pictures differ (pecs_blender.camera.tiles), and which rectangles cover that."""
 
 import numpy as np
 import pytest
-from pecs_blender.render import tiles
+from pecs_blender.camera import tiles
 from support import in_bpy
 
 SHAPE = 90, 150  # no multiple of a tile
@@ -102,7 +102,8 @@ def test_a_box_has_the_pixels_of_the_whole_picture():
     pytest.importorskip("bpy")
     in_bpy("""
 import bpy, numpy as np
-from pecs_blender.render import cycles, tiles
+from pecs_blender.scene import cycles
+from pecs_blender.camera import tiles
 scene, sampling = bpy.context.scene, cycles.Sampling(1, 1, {})
 film = cycles.Film(scene)
 for width, height in ((346, 260), (1280, 720)):

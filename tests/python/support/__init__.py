@@ -33,7 +33,7 @@ pecs_blender = partial(run_module, "pecs_blender")
 def growing_pecs_blender(*args):
     """Runs `pecs_blender` with a limit of memory growth that the first frame exceeds: the process restarts once.
     Returns the process with its text output."""
-    body = "import sys\nfrom pecs_blender import cli\nfrom pecs_blender.render import resources\n"
+    body = "import sys\nfrom pecs_blender import cli\nfrom pecs_blender.job import resources\n"
     body += "resources.RESTART_GROWTH_MB = -1\nsys.exit(cli.main(sys.argv[1:]))"
     result = subprocess.run([sys.executable, "-c", body, *map(str, args)], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

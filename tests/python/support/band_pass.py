@@ -9,11 +9,11 @@ from pathlib import Path
 
 import bpy  # noqa: F401  before pecs
 import numpy as np
-from pecs_blender.render import cycles
-from pecs_blender.render.bands import points
-from pecs_blender.render.blend import BlendScene
-from pecs_blender.render.spectra import load
-from pecs_blender.render.spectral import SpectralScene
+from pecs_blender.scene import cycles
+from pecs_blender.scene.blend import BlendScene
+from pecs_blender.spectral.bands import points
+from pecs_blender.spectral.spectra import load
+from pecs_blender.spectral.spectral_scene import SpectralScene
 
 SAMPLES, T_S = 8, 0.125
 MATRICES = {

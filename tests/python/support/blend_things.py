@@ -116,7 +116,7 @@ def centimetres():
 
 def twins():
     """Two touching cubes whose names give the same Random in Cycles."""
-    from pecs_blender.render.identity import name_id
+    from pecs_blender.truth.identity import name_id
 
     start().render.resolution_x, bpy.context.scene.render.resolution_y = SIZE
     seen, i = {}, 0
@@ -141,7 +141,7 @@ SCENES = {f.__name__: f for f in (things, alone, centimetres, twins, bad_class, 
 
 
 def cryptomatte(blend, out):
-    from pecs_blender.render import cycles
+    from pecs_blender.scene import cycles
 
     bpy.ops.wm.open_mainfile(filepath=blend)
     scene = bpy.context.scene

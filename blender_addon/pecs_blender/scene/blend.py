@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A .blend file as a source of renders: opened and checked, never written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
+
+from ..spectral.spectra import Spectrum
+from . import content, cycles
+from .outside_files import missing_files
+from .source import Source
+
+MOST_NAMES = 5  # in a note
+FOLDER_KEY = "pecs_folder"  # custom property of the scene in a temporary copy: folder of the original
+
+
+class BlendScene(Source):
+    def __init__(self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool):
+        if not path.is_file():
+            raise PecsNotFoundError(f"{path}: no such file")
+        try:
+            with cycles.quiet(2):
+                bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=allow_scripts)
+        except RuntimeError as e:
+            raise PecsInputError(f"{path}: {' '.join(str(e).split())}") from None
+        if scene_name and scene_name not in bpy.data.scenes:
+            names = ", ".join(s.name for s in bpy.data.scenes)
+            raise bad_input(path, "--scene-name", repr(scene_name), f"one of {names}")
+        self.scene = bpy.data.scenes[scene_name] if scene_name else bpy.context.scene
+        if bpy.context.window:
+            bpy.context.window.scene = self.scene
+        self.folder = Path(self.scene.get(FOLDER_KEY, path.absolute().parent))
+        self.scene.pop(FOLDER_KEY, None)  # not part of the scene
+        check(path, self.scene, allow_scripts)
+        if not self.scene.camera:
+            raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
+        if self.scene.frame_end < self.scene.frame_start:
+            raise bad_input(path, f"scene {self.scene.name!r}", "zero frames", "an end after the start")
+        render = self.scene.render
+        self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
+        self._fps = render.fps / render.fps_base
+        self.duration_s = (self.scene.frame_end - self.scene.frame_start + 1) / self._fps
+        self.unit_m = self.scene.unit_settings.scale_length
+        self.lens = {"lens": "none", "stop_diameter_mm": None, "focus_m": None}
+        self.bounces = {key: getattr(self.scene.cycles, key) for key in cycles.BOUNCES}
+        self.record = {
+            "name": path.stem,
+            "scene": self.scene.name,
+            "content_sha256": content.digest(self.scene),
+            "illuminant": illuminant.name,
+        }
+        self._illuminant, self.own_camera = illuminant, self.scene.camera
+        self._cuts = _cuts(self.scene)
+        fstop = self.camera_at(0.0).data.dof.aperture_fstop  # content.digest has moved the scene there
+        self.fnumber = float(f"{fstop:.6g}") if 0.1 <= fstop <= 1e4 else None
+        self.notes = tuple(notes(self.scene))
+        self.scene.timeline_markers.clear()  # Blender would replace a lens camera by a marker's camera at every render
+        for layer in self.scene.view_layers:
+            layer.use = layer == self.scene.view_layers[0]
+
+    def _frame(self, t_s: float) -> float:
+        """t = 0 is the scene's first frame."""
+        return round(self.scene.frame_start + t_s * self._fps, 6)
+
+    def camera_at(self, t_s: float) -> bpy.types.Object:
+        """The last marker's camera; before the first marker, its camera. As Blender does, in remapped time."""
+        render, frame = self.scene.render, self._frame(t_s)
+        frame = round(frame * render.frame_map_old / render.frame_map_new, 6)
+        passed = [camera for at, camera in self._cuts if at <= frame]
+        return [self.own_camera, *(camera for _, camera in self._cuts[:1]), *passed][-1]
+
+    def set_time(self, t_s: float) -> None:
+        frame = self._frame(t_s)
+        self.scene.camera = self.own_camera = self.camera_at(t_s)
+        if self.path:
+            self.own_camera.matrix_world = self.on_path(t_s)
+        if self.placed:
+            self.placed.pose(t_s)
+        self.scene.frame_set(int(frame // 1), subframe=frame % 1)
+        self.own_camera = self.scene.camera  # scripts may switch it
+
+    def follow(self, path) -> None:
+        super().follow(path)
+        for camera in {self.own_camera, *(camera for _, camera in self._cuts)}:  # nothing else may move them
+            camera.animation_data_clear()
+            camera.constraints.clear()
+            camera.parent = None
+
+    def make_camera(self, focal_mm: float, film_width_mm: float) -> None:
+        pass  # the file's own, unchanged, with its depth of field
+
+    def place(self, cameras) -> None:
+        location, rotation, _ = self.own_camera.matrix_world.decompose()
+        for camera in cameras:
+            camera.rotation_mode = "QUATERNION"
+            camera.location, camera.rotation_quaternion = location, rotation
+
+    def radiance_per_unit(self, spectral) -> float:
+        """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over the illuminant's
+        table."""
+        return self._illuminant.luminous() / self._illuminant.power()
+
+
+def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
+    """What came from this file: no scripts that must not run, no files that are missing."""
+    for driver in () if allow_scripts else python_drivers():
+        raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
+    for missing in missing_files(scene):
+        raise PecsNotFoundError(f"{path}: {missing}")
+
+
+def notes(scene: bpy.types.Scene) -> Iterator[str]:
+    """On what a render leaves out of the scene."""
+    first, *others = scene.view_layers
+    elsewhere = {thing.name for layer in others if layer.use for thing in layer.objects} - {*first.objects.keys()}
+    if elsewhere:
+        yield f"only view layer {first.name!r} is rendered, without {_list(sorted(elsewhere))} of other view layers"
+    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
+        aspect = f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}"
+        yield f"pixels are square; the file's pixel aspect of {aspect} is ignored"
+    stops = {round(camera.data.dof.aperture_fstop, 4) for _, camera in _cuts(scene)}
+    if len(stops) > 1:
+        named = ", ".join(f"f/{stop:g}" for stop in sorted(stops))
+        yield f"the markers' cameras have {named}; the stack has one f-number: the first frame's, or --fnumber"
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(map(repr, names[:MOST_NAMES])) + (
+        f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    )
+
+
+def _cuts(scene: bpy.types.Scene) -> list[tuple[int, bpy.types.Object]]:
+    """Frames of the markers that switch the camera, in their order."""
+    cuts = [(m.frame, m.camera) for m in scene.timeline_markers if m.camera and not m.camera.hide_render]
+    return sorted(cuts, key=lambda cut: cut[0])
+
+
+def python_drivers() -> Iterator[str]:
+    """Drivers beyond Blender's simple expressions."""
+    for block in _all_ids():
+        for holder in (block, getattr(block, "node_tree", None), getattr(block, "shape_keys", None)):
+            for curve in getattr(getattr(holder, "animation_data", None), "drivers", ()):
+                driver = curve.driver
+                if driver.type == "SCRIPTED" and not driver.is_simple_expression:
+                    yield f"{block.name}: {curve.data_path}: Python driver {driver.expression!r}"
+
+
+def _all_ids():
+    for prop in bpy.data.bl_rna.properties:
+        if prop.type == "COLLECTION":
+            for block in getattr(bpy.data, prop.identifier):
+                if isinstance(block, bpy.types.ID):
+                    yield block
