@@ -28,7 +28,7 @@ from .scene.scene_file import load_scene
 from .spectral.spectra import spectrum
 
 if TYPE_CHECKING:  # they import bpy
-    from .job.plan import Plan
+    from .camera.plan import Plan
     from .scene.source import Source
 
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
@@ -150,8 +150,8 @@ def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> 
     if options.lux and args["scene"] and args["scene"].suffix != ".blend":
         raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
     source = _source(args, options.illuminant)
-    from .job.plan import resolve
     from .job.render import render
+    from .job.resolve import resolve
 
     exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
     plan = resolve(options, source)
@@ -234,7 +234,7 @@ def _light(args: dict) -> None:
     options = _options(args)
     source = _source(args, options.illuminant)
     from .camera.probe import probe
-    from .job.plan import resolve
+    from .job.resolve import resolve
 
     found = probe(source, resolve(options, source))
     write_out(json.dumps(found) + "\n" if args["json"] else light_words(found))

@@ -32,7 +32,12 @@ def seconds(film) -> float:
 def measure(args, banded: bool) -> list[list[float]]:
     """[frames][passes], without the first frame."""
     source = FolderScene(load_scene(SCENE, []))
-    cycles.configure(source.scene, args.width, args.width * 9 // 16, cycles.Sampling(args.samples, 1, source.bounces))
+    cycles.configure(
+        source.scene,
+        args.width,
+        args.width * 9 // 16,
+        cycles.Sampling(samples=args.samples, seed=1, bounces=source.bounces),
+    )
     source.make_camera(5.0, 6.2208)
     spectral = SpectralScene(load("d65"), source.folder) if banded else None
     rows, film = [], cycles.Film(source.scene)

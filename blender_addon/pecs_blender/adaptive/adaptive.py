@@ -36,10 +36,8 @@ from ..camera.tiles import (
     tiles_of,
     tiles_with,
 )
-from ..job.plan import Instants
-from ..layer import Layer
-from ..output import Output, as_written
-from ..scene.timeline import Timeline
+from ..output import Layer, Output, as_written
+from ..scene.timeline import Instants, Timeline
 from ..truth.surfaces import HitCache, SurfaceHits, Surfaces
 from . import keyframes
 from .judge import Judge

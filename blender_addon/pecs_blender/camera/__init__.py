@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The light on the film: lens cameras, passes, denoising, light meter. Imports spectral and scene."""
+"""Light on the film: lens cameras, passes, diffraction, denoising. Imports spectral and scene."""

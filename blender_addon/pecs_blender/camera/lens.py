@@ -16,13 +16,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pecs
+from pecs._arguments import flag
 from pecs._errors import UsageError
 
-from ..job.options import flag
-from ..job.plan import Sampling, View
 from ..scene import cycles
+from ..scene.cycles import Sampling
 from ..scene.source import Source
 from ..spectral.bands import BandSet, Chosen
+from .plan import View
 
 
 @dataclass(frozen=True)

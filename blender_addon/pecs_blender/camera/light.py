@@ -15,9 +15,9 @@ from itertools import product
 import numpy as np
 from pecs._errors import bad_input
 
-from ..job.plan import Sampling
-from ..layer import Layer
+from ..output import Layer
 from ..scene import cycles
+from ..scene.cycles import Sampling
 from . import denoise
 from . import lens as lenses
 from .stage import Stage

@@ -22,7 +22,6 @@ import numpy as np
 import pecs
 from pecs._errors import PecsInputError
 
-from ..job.plan import Plan, Sampling, View, lower_threshold
 from ..scene import cycles
 from ..scene.source import Source
 from ..spectral.bands import BandSet, points
@@ -30,6 +29,7 @@ from ..spectral.palette import choose
 from ..spectral.spectra import illuminance_lux
 from ..spectral.spectral_scene import SpectralScene
 from . import lens
+from .plan import Plan, View, lower_threshold
 
 WIDTH, SAMPLES = 32, 16
 METER_NM = np.array([430.0, 480.0, 530.0, 580.0, 630.0, 680.0])  # between them light per emitter is smooth
@@ -45,7 +45,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     `noise_thresholds` of the light with `samples`."""
     chip, own = plan.bands.chip, plan.sampling
     cycles.device_names(own.device)
-    sampling = Sampling(SAMPLES, own.seed, source.bounces, own.threads, own.device)
+    sampling = replace(own, samples=SAMPLES, denoise=False, light_tree=False, noise_events=None)
     cycles.configure(source.scene, *_size(source), sampling)
     spectral = SpectralScene(plan.bands.illuminant, source.folder, source.unit_m)
     if plan.view.path:

@@ -32,7 +32,7 @@ NEAR_FIELD = 0.98  # of the lens's field; the slope from here to the edge extrap
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """A camera at one instant. camera: the scene's own. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for
     cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's."""
 
@@ -41,7 +41,7 @@ class View:
     clip_from_camera: np.ndarray | None
     lens: bool
 
-    def same(self, other: View) -> bool:
+    def same(self, other: Viewpoint) -> bool:
         """Whether both are bit-identical; an unknown projection never is."""
         if self.camera != other.camera or not np.array_equal(self.camera_from_world, other.camera_from_world):
             return False
@@ -99,7 +99,7 @@ class Sight:
         sharp.dof.use_dof = False
         return sharp
 
-    def view(self, depsgraph: bpy.types.Depsgraph) -> View:
+    def view(self, depsgraph: bpy.types.Depsgraph) -> Viewpoint:
         """The camera as evaluated in a render's depsgraph."""
         camera, lens = self._camera.evaluated_get(depsgraph), self._stage.lens is not None
         world = np.array(camera.matrix_world, float)
@@ -108,9 +108,9 @@ class Sight:
         if not lens and camera.data.type in ("PERSP", "ORTHO"):
             aspect = dict(zip(("scale_x", "scale_y"), 1 / self._per_pixel, strict=True))
             clip = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, **aspect), float) @ FLIP
-        return View(self._stage.source.own_camera, FLIP @ np.linalg.inv(world), clip, lens)
+        return Viewpoint(self._stage.source.own_camera, FLIP @ np.linalg.inv(world), clip, lens)
 
-    def points(self, view: View, positions: np.ndarray) -> np.ndarray:
+    def points(self, view: Viewpoint, positions: np.ndarray) -> np.ndarray:
         """Points in camera axes [3, height, width] on the rays of the pixels' centres, at the depths of positions
         [3, height, width] in the world."""
         seen = transformed(view.camera_from_world, positions)
@@ -120,7 +120,7 @@ class Sight:
             seen[:2] = origins + along * seen[2]
         return seen
 
-    def rays(self, view: View) -> tuple[np.ndarray, np.ndarray] | None:
+    def rays(self, view: Viewpoint) -> tuple[np.ndarray, np.ndarray] | None:
         """x and y of each pixel's ray at z = 0, and their slope in z: [2, height, width] each; None if unknown."""
         if view.lens:
             return np.broadcast_to(0.0, self._slopes.shape), self._slopes
@@ -138,7 +138,7 @@ class Sight:
         width, height = self.size
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
 
-    def film(self, view: View, points: np.ndarray, infinite: np.ndarray) -> np.ndarray:
+    def film(self, view: Viewpoint, points: np.ndarray, infinite: np.ndarray) -> np.ndarray:
         """Pixels [2, n] of points [3, n] in camera axes, which are directions where `infinite` [n] is set; NaN for
         points that have no image."""
         if view.lens:

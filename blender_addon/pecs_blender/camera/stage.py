@@ -10,14 +10,16 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..job.plan import Bands, Plan, Sampling, View
 from ..scene import cycles
+from ..scene.cycles import Sampling
 from ..scene.lamps import Lamps
 from ..scene.source import Source
 from ..scene.timeline import passes
+from ..spectral.bands import Bands
 from ..spectral.palette import choose, words
 from ..spectral.spectral_scene import SpectralScene
 from . import lens
+from .plan import Plan, View
 from .probe import light_scale
 
 

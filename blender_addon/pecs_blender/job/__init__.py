@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Jobs: options, plan, render, merge and the programs that follow a render. Imports all rooms but ui."""
+"""From options to a stack on the disk: plan, render, merge. Imports spectral, scene, camera, truth and adaptive."""

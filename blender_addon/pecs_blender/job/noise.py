@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pecs
 
-from .plan import Sampling
+from ..scene.cycles import Sampling
 
 PILOT_KEYFRAMES = 4
 PILOT_SAMPLES = 4  # per rendered pixel

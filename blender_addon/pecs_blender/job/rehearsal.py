@@ -14,9 +14,9 @@ from typing import Any
 from pecs._errors import PecsError, PecsOutputError
 from pecs._files import existing_folder
 
+from ..camera.plan import Plan
 from ..scene.source import Source
 from ..truth import layer_class
-from .plan import Plan
 
 OUTPUTS = ("--labels", "--dropped")  # options of `pecs sense` that name a file to write
 

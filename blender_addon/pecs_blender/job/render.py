@@ -20,16 +20,16 @@ from pecs._progress import Line, Progress, report
 from .. import stop
 from ..adaptive import adaptive
 from ..camera.light import Light
+from ..camera.plan import Plan
 from ..camera.stage import Stage
-from ..layer import Layer
-from ..output import Output, free_folder, is_stack
+from ..output import Layer, Output, free_folder, is_stack
 from ..scene import cycles
+from ..scene.cycles import Sampling
 from ..scene.source import Source
 from ..scene.timeline import Timeline
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
 from . import noise
-from .plan import Plan, Sampling
 from .resources import BYTES_PER_VALUE, MemoryGuard, check_disk, peak_mb, readable
 
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * adaptive.SHARED + 8  # held in memory at a time

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes to render (.blend files and scene folders), their time, and Cycles. Imports spectral."""
+"""Scenes (.blend files and scene folders), their motion, and Cycles, which renders them. Imports spectral."""

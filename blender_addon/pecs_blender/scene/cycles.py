@@ -7,14 +7,15 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 from pecs._errors import ExitCode, PecsError
 
 from .. import stop
-from ..job.plan import Sampling
 
 SETTINGS = {  # the same for every render, and recorded with it
     "sampling_pattern": "AUTOMATIC",
@@ -43,6 +44,22 @@ BOUNCES = (  # settings that a .blend keeps
     "volume_bounces",
     "transparent_max_bounces",
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """How Cycles samples. samples: per rendered pixel. bounces: Cycles settings. threads 0: all cores. denoise: whether
+    the light is denoised (camera/denoise.py), with adaptive steps only: the remaining noise flickers from frame to
+    frame. The number of samples is even then, so that they can be halved."""
+
+    samples: int
+    seed: int
+    bounces: dict[str, Any]
+    threads: int = 0
+    device: str = "CPU"
+    denoise: bool = False
+    light_tree: bool = False
+    noise_events: float | None = None  # highest share of events that come from noise; replaces samples
 
 
 def empty_scene() -> bpy.types.Scene:

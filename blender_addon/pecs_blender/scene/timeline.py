@@ -26,6 +26,17 @@ class Timeline:
         return self.bounds_ns[1:]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Instants:
+    """grid: the finest instants. only: the part of the stack's instants to render. step_px: longest motion [sensor
+    pixels] between keyframes; None renders every instant. tolerance: of ln(photocurrent) between keyframes."""
+
+    grid: Timeline
+    only: slice | None
+    step_px: float | None
+    tolerance: float
+
+
 def timeline(frames: str, fps: float, period_s: float | None, duration_s: float | None = None) -> Timeline:
     """frames: "N", "A:B" (instants A ... B-1 of t = i/fps), "A:B,C:D" (several ranges in time's order), "period" (one
     period in equal steps, as near to fps as fits), or "all" (a .blend's frame range). Times are rounded to the

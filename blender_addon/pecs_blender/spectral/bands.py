@@ -28,6 +28,22 @@ RGB_EDGES_NM = (493.0, 588.0)  # between the blue, green and red of RGB colours 
 MOST_MOVED = 12  # bands; with more, equal shares of the light suffice
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bands:
+    """The light, and the wavelengths at which it is rendered."""
+
+    chip: pecs.Chip
+    count: int | None  # None: as many as the scene's colours and lamps require
+    placement: str
+    per_pass: int
+    min_nm: float | None
+    max_nm: float | None
+    illuminant: Spectrum  # of emitters that name no spectrum
+    light_scale: float
+    lux: float | None  # replaces light_scale
+    tolerance: float  # RMS error of ln(photocurrent), for count None
+
+
 @dataclass(frozen=True)
 class BandSet:
     """lambda_nm [k]: wavelengths at which lens and glass are traced. grid_nm [n]. of_light, of_reflectance [k, n]: the

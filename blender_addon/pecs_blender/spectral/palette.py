@@ -11,8 +11,7 @@ from itertools import product
 import bpy
 import numpy as np
 
-from ..job.plan import Bands
-from .bands import Chosen, Colours, at_points, means
+from .bands import Bands, Chosen, Colours, at_points, means
 from .emitters import LUMINANCE
 from .spectra import srgb_reflectances
 from .spectral_scene import BASE_COLOUR, PER_CHANNEL, ColourRole, SpectralScene

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ground truth of a stack (docs/reference/exr_stack.md): layers, one file each, and surveys. Imports spectral, scene and
-camera. To add a layer:
+"""Ground truth: layers of a stack (docs/reference/exr_stack.md), one file each, and surveys. Imports spectral, scene
+and camera.
 
-1. Write NAME.py with a class Name(Layer), see ../layer.py. Its constructor takes a HitCache.
+To add a layer:
+
+1. Write NAME.py with a class Name(Layer), see ../output.py. Its constructor takes a HitCache.
 2. Add NAME to LAYERS.
 3. Add a row to the table of layers in docs/reference/exr_stack.md.
 """
@@ -13,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..layer import Layer
+    from ..output import Layer
 
 LAYERS = ("depth", "normal", "motion", "objects")
 

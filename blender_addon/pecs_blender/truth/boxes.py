@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..camera.sight import Sight, View, transformed
+from ..camera.sight import Sight, Viewpoint, transformed
 from .mesh_points import Geometry
 from .surfaces import SurfaceHits
 
@@ -111,7 +111,7 @@ def own_box(parts: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class Outlines:
     """Points whose images bound things, for one view."""
 
-    def __init__(self, sight: Sight, view: View):
+    def __init__(self, sight: Sight, view: Viewpoint):
         self._sight, self._view, self._points, self._counts = sight, view, [], []
         rays = sight.rays(view) if view.lens else None
         self._px = np.nan if rays is None else sight.size[0] / np.ptp(rays[1][0][np.isfinite(rays[1][0])])

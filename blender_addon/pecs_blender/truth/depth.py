@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..camera.sight import Sight, transformed
-from ..layer import Layer
+from ..output import Layer
 from ..scene import cycles
 from .surfaces import HitCache
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pecs.motion import CHANNELS, QUARTERS
 
-from ..layer import Layer
+from ..output import Layer
 from .surfaces import HitCache, Poses, SurfaceHits
 
 STILL_PX = 1e-4  # smaller motion is rounding, and set to 0

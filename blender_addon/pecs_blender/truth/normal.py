@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..layer import Layer
+from ..output import Layer
 from .surfaces import HitCache
 
 

@@ -10,8 +10,7 @@ from weakref import WeakKeyDictionary
 import bpy
 import numpy as np
 
-from ..layer import Layer
-from ..output import Output
+from ..output import Layer, Output
 from . import boxes, objects_json
 from .mesh_points import Geometry
 from .surfaces import UNKNOWN, HitCache, Poses, SurfaceHits

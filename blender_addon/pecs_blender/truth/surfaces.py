@@ -19,7 +19,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..camera.sight import Sight, View, transformed
+from ..camera.sight import Sight, Viewpoint, transformed
 from ..camera.stage import Stage
 from ..scene import cycles
 from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
@@ -33,7 +33,7 @@ class Poses:
     """All instances at one instant. ids: [n] float32, increasing, Cycles' Random; world_from_local: [n, 4, 4];
     geometry: [n] index into geometries; notes: [n] results of Surfaces.note."""
 
-    view: View
+    view: Viewpoint
     ids: np.ndarray
     world_from_local: np.ndarray
     geometry: np.ndarray
@@ -143,14 +143,14 @@ class Surfaces:
         still = _Moves(seen.poses, poses).still
         return ~np.append(still, [False, self._sky_stays(seen.poses.view, poses.view)])[seen.instance]  # UNKNOWN, SKY
 
-    def _sky_stays(self, before: View, view: View) -> bool:
+    def _sky_stays(self, before: Viewpoint, view: Viewpoint) -> bool:
         """Along all rays of an orthographic camera the sky is the same."""
         if before.same(view):
             return True
         rays = self._sight.rays(before)
         return before.camera == view.camera and rays is not None and not rays[1].any()
 
-    def _sky(self, before: View, view: View, sky: np.ndarray) -> np.ndarray:
+    def _sky(self, before: Viewpoint, view: Viewpoint, sky: np.ndarray) -> np.ndarray:
         """Directions [3, n] in camera axes of sky pixels [n], which turn with the camera. 0 where the sky stays; where
         a lens has no ray it is dark."""
         if self._sky_stays(before, view):
@@ -212,7 +212,7 @@ class HitCache:
         return self._kept[t_s]
 
 
-def _normals(normals: np.ndarray, surface: np.ndarray, view: View) -> np.ndarray:
+def _normals(normals: np.ndarray, surface: np.ndarray, view: Viewpoint) -> np.ndarray:
     turned = np.einsum("ij,jyx->iyx", view.camera_from_world[:3, :3], normals)
     with np.errstate(all="ignore"):
         return np.where(surface, turned / np.linalg.norm(turned, axis=0), 0)

@@ -99,7 +99,7 @@ class _Eye:
     def __init__(self, source: Source):
         self._source, self._geometries = source, Geometries()
         self._shapes: dict[int, tuple[Geometry, Shape]] = {}  # by address of a Geometry, which stays alive here
-        cycles.configure(source.scene, 8, 8, cycles.Sampling(1, 0, source.bounces))
+        cycles.configure(source.scene, 8, 8, cycles.Sampling(samples=1, seed=0, bounces=source.bounces))
         source.set_time(0.0)
         source.make_camera(50.0, 36.0)  # without one, Blender renders nothing
         self._film = cycles.Film(source.scene)

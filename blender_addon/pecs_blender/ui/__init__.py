@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panels and operators. A module's Blender classes are registered in the order of their definition, then its register()
-is called, if it has one. Only field and live_sensor can be imported without Blender."""
+is called, if it has one. Only field and live_sensor can be imported without Blender. Imports spectral, scene, camera,
+truth and job."""
 
 from importlib import import_module
 

@@ -11,7 +11,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
 from mathutils import Matrix, Vector
 
-from ..job.plan import film_width_mm_of
+from ..job.resolve import film_width_mm_of
 from . import field, frustum, library, settings
 from .interface import CONTEXT, Action, props, say
 

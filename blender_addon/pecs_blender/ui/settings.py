@@ -23,7 +23,7 @@ from bpy.props import (
 from pecs._arguments import flag
 
 from ..job.options import DEFAULTS, RULES, SAMPLES, Options
-from ..job.plan import film_width_mm_of
+from ..job.resolve import film_width_mm_of
 from ..job.resources import BYTES_PER_VALUE
 from ..scene.timeline import passes
 from ..truth import LAYERS, layer_class

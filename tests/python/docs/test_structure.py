@@ -2,6 +2,7 @@
 
 import ast
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 from support import ROOT
@@ -21,7 +22,19 @@ ROOMS = {
     "capi": ("python/c", "common events lens sensor metrics"),
     "apps": ("apps", "common events lens sensor input metrics view calibration"),
 }
-BLENDER_ROOMS = ("spectral", "scene", "camera", "truth", "adaptive", "job", "ui")  # of blender_addon/pecs_blender
+# Room of blender_addon/pecs_blender -> rooms that it may import, low to high. Files beside the rooms import none of
+# them, except the entries.
+ADD_ON = "blender_addon/pecs_blender"
+ADD_ON_ROOMS = {
+    "spectral": "",
+    "scene": "spectral",
+    "camera": "spectral scene",
+    "truth": "spectral scene camera",
+    "adaptive": "spectral scene camera truth",
+    "job": "spectral scene camera truth adaptive",
+    "ui": "spectral scene camera truth job",
+}
+ADD_ON_ENTRIES = ("__init__", "__main__", "cli")
 # No file puts these on sys.path: code that two of them share belongs in a package.
 NO_LIBRARIES = {"bench", "tools", "studies", "scripts", "tests"}
 
@@ -111,14 +124,50 @@ def imported(path):
 
 
 def test_bpy_only_where_blender_is():
-    extension = "blender_addon/pecs_blender"
-    entries = {f"{extension}/{name}.py" for name in ("__init__", "__main__", "cli")}
-    for path in sources(".py", under=extension):
+    for path in sources(".py", under=ADD_ON):
         if "bpy" in imported(path):
-            name = name_of(path)
-            assert name in entries or name.removeprefix(f"{extension}/").split("/")[0] in BLENDER_ROOMS, name
+            name = path.relative_to(ROOT / ADD_ON)
+            assert name.parts[0] in ADD_ON_ROOMS or name.stem in ADD_ON_ENTRIES, name
     for path in sources(".py", under="python/pecs"):
         assert not imported(path) & {"bpy", "pecs_blender"}, name_of(path)
+
+
+def modules_imported(path):
+    """Parts of the names of the add-on's modules that one of its files imports."""
+    package = path.relative_to(ROOT / ADD_ON).parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = *package[: len(package) - node.level + 1], *(node.module or "").split(".")
+            for alias in node.names:
+                module = Path(*filter(None, base), alias.name)
+                module = module if (ROOT / ADD_ON / module).with_suffix(".py").is_file() else module.parent
+                yield (module / "__init__" if (ROOT / ADD_ON / module).is_dir() else module).parts
+
+
+def test_rooms_of_the_add_on_import_downward():
+    order, wrong, graph = list(ADD_ON_ROOMS), [], {}
+    for room, allowed in ADD_ON_ROOMS.items():
+        assert all(order.index(lower) < order.index(room) for lower in allowed.split()), f"the table has {room} upward"
+    for path in sources(".py", under=ADD_ON):
+        own = path.relative_to(ROOT / ADD_ON).with_suffix("").parts
+        graph[own] = set(modules_imported(path)) - {own}
+        if own[0] in ADD_ON_ENTRIES:
+            continue
+        allowed = {own[0], *ADD_ON_ROOMS.get(own[0], "").split()}
+        for module in graph[own]:
+            if module and module[0] in ADD_ON_ROOMS and module[0] not in allowed:
+                wrong.append(f"{name_of(path)} imports {'/'.join(module)}")
+    assert not wrong, "\n".join(wrong)
+    list(TopologicalSorter(graph).static_order())  # raises CycleError
+    assert ("camera", "plan") in graph["job", "resolve"]  # there was something to look at
+
+
+def test_rooms_of_the_add_on_state_what_they_import():
+    for room, allowed in ADD_ON_ROOMS.items():
+        text = " ".join(ast.get_docstring(ast.parse((ROOT / ADD_ON / room / "__init__.py").read_text())).split())
+        stated = re.search(r"Imports ([^.]+)\.", text)
+        names = re.findall(r"\w+", stated[1].replace(" and ", " ")) if stated else None
+        assert names == (allowed.split() or ["no", "other", "room"]), f"{room}/__init__.py: {stated and stated[0]}"
 
 
 def paths_added(path):

@@ -167,7 +167,7 @@ for chosen in (False, True):
     settings = bpy.context.scene.world.cycles
     if chosen:
         settings.sampling_method, settings.sample_map_resolution = "MANUAL", 512
-    cycles.configure(bpy.context.scene, 8, 8, cycles.Sampling(1, 1, {}))
+    cycles.configure(bpy.context.scene, 8, 8, cycles.Sampling(samples=1, seed=1, bounces={}))
     print(settings.sampling_method, settings.sample_map_resolution, flush=True)
 """
     result = in_bpy(code, blends / "world.blend")

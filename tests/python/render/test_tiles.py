@@ -104,7 +104,7 @@ def test_a_box_has_the_pixels_of_the_whole_picture():
 import bpy, numpy as np
 from pecs_blender.scene import cycles
 from pecs_blender.camera import tiles
-scene, sampling = bpy.context.scene, cycles.Sampling(1, 1, {})
+scene, sampling = bpy.context.scene, cycles.Sampling(samples=1, seed=1, bounces={})
 film = cycles.Film(scene)
 for width, height in ((346, 260), (1280, 720)):
     cycles.configure(scene, width, height, sampling)

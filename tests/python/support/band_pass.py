@@ -25,7 +25,7 @@ MATRICES = {
 
 def open_scene(path):
     source = BlendScene(Path(path), None, load("d65"), False)
-    cycles.configure(source.scene, *source.size, cycles.Sampling(SAMPLES, 1, source.bounces))
+    cycles.configure(source.scene, *source.size, cycles.Sampling(samples=SAMPLES, seed=1, bounces=source.bounces))
     return source
 
 

@@ -145,7 +145,7 @@ def cryptomatte(blend, out):
 
     bpy.ops.wm.open_mainfile(filepath=blend)
     scene = bpy.context.scene
-    cycles.configure(scene, *SIZE, cycles.Sampling(64, 1, {}))
+    cycles.configure(scene, *SIZE, cycles.Sampling(samples=64, seed=1, bounces={}))
     layer = scene.view_layers[0]
     layer.use_pass_cryptomatte_object = True
     layer.pass_cryptomatte_depth = 4

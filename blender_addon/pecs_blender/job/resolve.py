@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The plan of a render: its options, with the defaults that depend on scene and chip filled in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pecs
+from pecs._errors import UsageError
+
+from ..camera.plan import Plan, View, lower_threshold
+from ..camera.tiles import Box
+from ..scene.camera_path import read_camera_path
+from ..scene.cycles import Sampling
+from ..scene.source import Source
+from ..scene.timeline import Instants, timeline
+from ..spectral.bands import TOLERANCE, Bands
+from ..spectral.spectra import spectrum
+from .options import Options
+
+TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
+
+
+def resolve(options: Options, source: Source) -> Plan:
+    """Fills in the defaults that depend on the scene, on the chip and on other options. Throws PecsError for options
+    that exclude each other."""
+    _check(options)
+    chip = pecs.Chip(options.chip)
+    threshold = lower_threshold(chip)
+    subpixels = options.subpixels or (2 if options.is_adaptive else 1)
+    pixels = _pixels(source.size, options.width, options.height)
+    film_width_mm = options.film_width_mm or film_width_mm_of(chip, pixels[0])
+    view = View(
+        pixels=pixels,
+        subpixels=subpixels,
+        film_width_mm=film_width_mm,
+        film_shift_mm=tuple(options.film_shift_mm),
+        film_tilt_deg=tuple(options.film_tilt_deg),
+        lens=options.lens,
+        stop_diameter_mm=options.stop_diameter_mm,
+        fnumber=options.fnumber,
+        focus_m=options.focus_m,
+        focus_bands_nm=options.focus_bands_nm,
+        focal_mm=options.focal_mm,
+        colour_tolerance_px=options.colour_tolerance_px * subpixels,
+        moving_px=_moving_px(options.moving_px, pixels, subpixels),
+        path=read_camera_path(Path(options.camera_path)) if options.camera_path else None,
+    )
+    bands = Bands(
+        chip=chip,
+        count=options.bands,
+        placement=options.placement,
+        per_pass=options.bands_per_pass,
+        min_nm=options.min_nm,
+        max_nm=options.max_nm,
+        illuminant=spectrum(options.illuminant, source.folder),
+        light_scale=options.light_scale,
+        lux=options.lux,
+        tolerance=TOLERANCE * threshold,
+    )
+    denoise = options.is_adaptive and not options.no_denoise
+    least = 2 if denoise else 1
+    sampling = Sampling(
+        samples=least * -(-options.samples_per_pixel // (least * subpixels**2)),
+        seed=options.seed,
+        bounces=source.bounces,
+        threads=options.threads,
+        device=options.device,
+        denoise=denoise,
+        light_tree=options.light_tree,
+        noise_events=options.noise_events,
+    )
+    instants = Instants(
+        grid=timeline(options.frames, options.fps, source.period_s, source.duration_s),
+        only=options.only,
+        step_px=options.step_px if options.is_adaptive else None,
+        tolerance=TIME_TOLERANCE * threshold,
+    )
+    if view.path:
+        view.path.check(instants.grid)
+    needs_motion = options.is_adaptive and "motion" not in options.layers
+    layers = (*options.layers, "motion") if needs_motion else options.layers
+    recorded = options.recorded() | {"film_width_mm": film_width_mm, "subpixels": subpixels}
+    verbosity = {"quiet": options.quiet, "verbose": options.verbose}
+    return Plan(
+        view=view,
+        bands=bands,
+        sampling=sampling,
+        instants=instants,
+        light=not options.no_light,
+        layers=layers,
+        recorded=recorded,
+        verbosity=verbosity,
+    )
+
+
+def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
+    """Of the whole chip; of `width` pixels if the profile has no size."""
+    return round((chip.width or width) * chip.pixel_pitch_m * 1e3, 6)
+
+
+def _check(options: Options) -> None:
+    if options.bands is None and options.placement != "means":
+        raise UsageError(f"--placement {options.placement} requires a number of --bands")
+    if options.lux and options.no_light:
+        raise UsageError("--lux cannot be combined with --no-light")
+    if options.lux and options.light_scale != 1:
+        raise UsageError("--lux and --light-scale exclude each other")
+    if options.no_light:
+        if not options.layers:
+            raise UsageError("--no-light requires --layers")
+        if options.is_adaptive:
+            raise UsageError("--time adaptive cannot be combined with --no-light")
+    if options.noise_events and (not options.is_adaptive or options.no_denoise):
+        raise UsageError("--noise-events requires --time adaptive without --no-denoise")
+    if options.is_adaptive and options.moving_px:
+        raise UsageError("--moving-px requires --time uniform; adaptive steps find what moves by themselves")
+
+
+def _pixels(own: tuple[int, int], width: int | None, height: int | None) -> tuple[int, int]:
+    """A width or a height alone keeps the scene's aspect ratio."""
+    if width:
+        return width, height or max(1, round(width * own[1] / own[0]))
+    if height:
+        return max(1, round(height * own[0] / own[1])), height
+    return own
+
+
+def _moving_px(box: Box | None, pixels: tuple[int, int], subpixels: int) -> Box | None:
+    if not box:
+        return None
+    (left, top, right, bottom), (width, height) = box, pixels
+    if not (0 <= left < right <= width and 0 <= top < bottom <= height):
+        raise UsageError(f"--moving-px: got {box}, wanted a part of {width} x {height} pixels")
+    return tuple(n * subpixels for n in box)
