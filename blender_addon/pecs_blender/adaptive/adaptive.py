@@ -132,6 +132,7 @@ class Adaptive:
         keyframes: Keyframes,
         light: Light,
         layers: list[Layer],
+        *,
         hits: HitCache,
         tolerance: float,
         output: Output,

@@ -39,6 +39,18 @@ class View:
         """Rendered pixels: width, height."""
         return self.pixels[0] * self.subpixels, self.pixels[1] * self.subpixels
 
+    def record(self, through_lens: bool, own_fnumber: float | None) -> dict[str, Any]:
+        """The first entries of stack.json. own_fnumber: of the scene's camera."""
+        fnumber = None if through_lens else self.fnumber or own_fnumber
+        return {
+            "pecs_stack": 1,
+            "quantity": "irradiance" if through_lens else "radiance",
+            "width": self.pixels[0],
+            "height": self.pixels[1],
+            "pixel_pitch_m": self.film_width_mm * 1e-3 / self.pixels[0],
+            **({"fnumber": fnumber} if fnumber else {}),
+        }
+
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:

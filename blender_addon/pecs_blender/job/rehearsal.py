@@ -53,15 +53,10 @@ def _check_folder(file: Path, stack: Path) -> None:
 
 def _write(empty: Path, source: Source, plan: Plan) -> None:
     """A stack of the first and the last instant."""
-    view, grid = plan.view, plan.instants.grid
-    through_lens, fnumber = (view.lens or source.lens["lens"]) != "none", view.fnumber or source.fnumber
+    grid = plan.instants.grid
+    through_lens = (plan.view.lens or source.lens["lens"]) != "none"
     info: dict[str, Any] = {
-        "pecs_stack": 1,
-        "quantity": "irradiance" if through_lens else "radiance",
-        "width": view.pixels[0],
-        "height": view.pixels[1],
-        "pixel_pitch_m": view.film_width_mm * 1e-3 / view.pixels[0],
-        **({} if through_lens or not fnumber else {"fnumber": fnumber}),
+        **plan.view.record(through_lens, source.fnumber),
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
         "times_ns": grid.times_ns[:: max(1, len(grid.times_ns) - 1)],
         "period_ns": grid.period_ns,

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Time, disk space and memory of a render, from renders of a few frames or of a part of one."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from pecs._progress import report
+
+from ..adaptive.adaptive import SHARED
+from ..scene import cycles
+from ..truth import layer_class
+from ..truth.surfaces import HitCache
+from .resources import peak_mb, readable
+from .uniform import due, times_s
+
+if TYPE_CHECKING:
+    from .render import Render
+
+UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a time
+
+
+def print_cost(job: Render) -> None:
+    stage, keyframes = job.stage, job.keyframes
+    needed_bytes, count = job.needed_bytes(), len(job.instants.times_ns)
+    held = ADAPTIVE_PICTURES if keyframes else UNIFORM_PICTURES
+    memory_bytes = peak_mb() * 1e6 + held * needed_bytes / max(1, len(job.wanted))
+    if keyframes:
+        each_s, each_bytes = _keyframe_cost(job)
+        disk_bytes, about = each_bytes * len(job.wanted), "about"
+    else:
+        each_s, disk_bytes, about = _light_s(job) if job.plan.light else _layers_s(job), needed_bytes, "up to"
+    if job.plan.light:
+        stage.print_bands()
+    of = len(job.plan.instants.grid.times_ns)
+    frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
+    between = " with the frames after it" if keyframes else ""
+    text = (
+        f"render: {frames}, {_duration(each_s)} each{between}: {_duration(count * each_s)}; {about} "
+        f"{readable(disk_bytes)} on the disk, about {readable(memory_bytes)} of memory"
+    )
+    cost = {"frames": count, "of": of, "each_s": each_s, "disk_bytes": disk_bytes, "memory_bytes": memory_bytes}
+    report(text, plan=cost)
+
+
+def _keyframe_cost(job: Render) -> tuple[float, int]:
+    """Seconds and bytes of a keyframe and its share of the intervals, measured on two keyframes in the middle."""
+    keyframes = job.keyframes
+    with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder), pilot.opened(folder) as frames:
+        start = time.perf_counter()
+        frames.keyframe(0)  # renders both, and averages them
+        render_s = time.perf_counter() - start
+        frames.keyframe(len(pilot.wanted) - 1)  # averages them, as each keyframe with its neighbours
+        share_s = time.perf_counter() - start - render_s
+        frames.write(0)
+        interval_s = time.perf_counter() - start - render_s - share_s
+        size = {file.name: file.stat().st_size for file in folder.glob("*.exr")}
+        intervals = len(keyframes.ends) / len(keyframes.keys)  # per keyframe
+        of_interval = sum(n for name, n in size.items() if name.startswith(("motion_", "between_")))
+        neighbours = min(len(keyframes.keys) - 1, 2 * SHARED)
+        each_s = (render_s - share_s) / len(pilot.wanted) + neighbours * share_s + intervals * interval_s
+        return each_s, round(sum(size.values()) + (intervals - 1) * of_interval)
+
+
+def _layers_s(job: Render) -> float:
+    """Time for the first instant, measured after scene and shaders are built."""
+    hits = HitCache(job.stage, [t * 1e-9 for t in job.instants.times_ns])
+    layers = due([layer_class(name)(hits) for name in job.plan.layers], job.instants, 0)
+    for _ in range(2):
+        start = time.perf_counter()
+        job.stage.set_time(job.instants.times_ns[0] * 1e-9)
+        for layer in layers:
+            layer.render(*times_s(layer, job.instants, 0))
+    return time.perf_counter() - start
+
+
+def _light_s(job: Render) -> float:
+    """Time per instant, extrapolated from a strip of a sixteenth of the picture in the first pass."""
+    stage, scene = job.stage, job.stage.source.scene
+    film, (width, height) = cycles.Film(scene), stage.size
+    stage.set_time(job.instants.times_ns[0] * 1e-9)
+    scene.camera = stage.camera_of(stage.passes[0])
+    scene.cycles.samples *= stage.rays_per_sample
+    stage.spectral.set_pass(stage.passes[0].channels)
+    strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)
+    cycles.set_border(scene, strip)
+    film.render()  # builds scene and shaders
+    start = time.perf_counter()
+    film.render()
+    return (time.perf_counter() - start) * height / (strip[3] - strip[1]) * len(stage.passes)
+
+
+def _duration(seconds: float) -> str:
+    unit, factor = next(((u, f) for u, f in (("h", 3600), ("min", 60)) if seconds >= 2 * f), ("s", 1))
+    value = seconds / factor
+    return f"{value:.2g} {unit}" if value < 10 else f"{value:.0f} {unit}"
