@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pecs
 from pecs import _arguments
@@ -24,7 +24,6 @@ from .job.brightness import light_words
 from .job.options import DEFAULTS, POINTS, RULES, Options, add_argument, add_arguments
 from .job.resources import Restart
 from .job.shards import merge
-from .scene.scene_file import load_scene
 from .spectral.spectra import spectrum
 
 if TYPE_CHECKING:  # they import bpy
@@ -146,15 +145,10 @@ def _reconstruct_options(command) -> None:
 
 def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> Path:
     """The stack's folder. check: of what follows the render, before it begins."""
-    options = _options(args)
-    if options.lux and args["scene"] and args["scene"].suffix != ".blend":
-        raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
-    source = _source(args, options.illuminant)
+    source, plan = _opened(args)
     from .job.render import render
-    from .job.resolve import resolve
 
     exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
-    plan = resolve(options, source)
     if check:
         check(source, plan)
     folder = render(source, args["output"], plan, exists, args["plan"])
@@ -190,53 +184,42 @@ def _chip_size(args: dict) -> dict[str, int]:
     return {} if given else {"width": chip.width, "height": chip.height}
 
 
-def _options(args: dict) -> Options:
-    return Options(**{name: args[name] for name in DEFAULTS})
+def _opened(args: dict) -> tuple[Source, Plan]:
+    """The scene of _scene_options, and the plan of add_arguments."""
+    options, how = Options(**{name: args[name] for name in DEFAULTS}), _how(args)
+    from .job.resolve import opened
+
+    return opened(how.pop("path"), options, **how)
 
 
-def _source(args: dict, illuminant: str):
-    """The scene of _scene_options."""
+def _how(args: dict) -> dict[str, Any]:
+    """Arguments of open_scene."""
     try:
         import bpy
     except ImportError as e:
         raise UsageError(f"bpy: {e}; pip install bpy, or run inside Blender") from None
-    from .scene.blend import BlendScene, check
-    from .scene.folder import FolderScene
-    from .scene.placed import Placed
-
-    path, overrides = args["scene"] or Path(bpy.data.filepath), args["set"]
+    path = args["scene"] or Path(bpy.data.filepath)
     if path == Path():
         raise UsageError("render requires a scene: FILE.blend or a scene folder")
-    if path.suffix != ".blend":
-        source = FolderScene(load_scene(path, overrides))
-    elif overrides:
-        raise UsageError(f"--set {overrides[0]}: only scene folders have parameters, not a .blend")
-    else:
-        lamp = spectrum(illuminant, path.absolute().parent)
-        source = BlendScene(path, args["scene_name"], lamp, args["allow_scripts"])
-    if args["place"]:
-        source.placed = Placed(args["place"], source.scene, source.unit_m)
-        check(args["place"], source.scene, args["allow_scripts"])
-    return source
+    return {"path": path, "parameters": args["set"], **{k: args[k] for k in ("scene_name", "allow_scripts", "place")}}
 
 
 def _survey(args: dict) -> None:
     output = args["output"]
     if output.suffix != ".npz":
         raise UsageError(f"-o {output}: the extension must be .npz")
-    source = _source(args, DEFAULTS["illuminant"])
+    how = _how(args)
+    from .scene.open import open_scene
     from .truth.survey import survey
 
-    survey(source, output, args["frames"], args["fps"], args["spacing_m"])
+    survey(open_scene(illuminant=DEFAULTS["illuminant"], **how), output, args["frames"], args["fps"], args["spacing_m"])
 
 
 def _light(args: dict) -> None:
-    options = _options(args)
-    source = _source(args, options.illuminant)
+    source, plan = _opened(args)
     from .camera.probe import probe
-    from .job.resolve import resolve
 
-    found = probe(source, resolve(options, source))
+    found = probe(source, plan)
     write_out(json.dumps(found) + "\n" if args["json"] else light_words(found))
 
 

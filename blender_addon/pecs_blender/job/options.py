@@ -258,8 +258,17 @@ class Options:
     def __post_init__(self):
         for name, rule in RULES.items():
             value = getattr(self, name)
-            numbers = value if isinstance(value, (tuple, list)) else [value]
-            for number in numbers:
+            if isinstance(value, str) and name not in _TEXT:
+                try:
+                    value = _converter(name)(value)
+                except (argparse.ArgumentTypeError, ValueError) as e:
+                    raise UsageError(f"{flag(name)}: {e}") from None
+            elif _TYPES[name] == "float" and value is not None:
+                value = float(value)  # as stack.json records it from the command line
+            object.__setattr__(self, name, value)
+            if rule.choices and value not in (None, *rule.choices):
+                raise UsageError(f"{flag(name)}: got {value}, wanted one of {', '.join(map(str, rule.choices))}")
+            for number in value if isinstance(value, (tuple, list)) else [value]:
                 if isinstance(number, (int, float)) and not isinstance(number, bool) and not rule.allows(number):
                     raise UsageError(f"{flag(name)}: got {number}, wanted {rule.wanted()}")
 
@@ -277,19 +286,24 @@ class Options:
 
 RULES: dict[str, Rule] = {f.name: f.metadata["rule"] for f in dataclasses.fields(Options) if f.metadata}
 DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Options)}
-_TYPES: dict[str, str] = {f.name: f.type for f in dataclasses.fields(Options)}
+_TYPES: dict[str, str] = {f.name: f.type.removesuffix(" | None") for f in dataclasses.fields(Options)}
+_TEXT = {name for name, kind in _TYPES.items() if kind == "str"}
+
+
+def _converter(name: str) -> Callable[[str], Any]:
+    rule, kinds = RULES[name], {"int": int, "float": float, "str": str, "Sequence[float]": float}
+    return Quantity(rule.unit) if rule.unit else rule.parse or kinds[_TYPES[name]]
 
 
 def add_argument(parser: argparse._ActionsContainer, name: str, *short: str) -> None:
-    rule, kind, flags = RULES[name], _TYPES[name].removesuffix(" | None"), [*short, flag(name)]
+    rule, kind, flags = RULES[name], _TYPES[name], [*short, flag(name)]
     if kind == "bool":
         parser.add_argument(*flags, dest=name, action="store_true", help=rule.help)
         return
-    kinds = {"int": int, "float": float, "str": str, "Sequence[float]": float}
     parser.add_argument(
         *flags,
         dest=name,
-        type=Quantity(rule.unit) if rule.unit else rule.parse or kinds[kind],
+        type=_converter(name),
         default=DEFAULTS[name],
         choices=rule.choices or None,
         metavar=rule.metavar,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pecs
 from pecs._errors import UsageError
@@ -12,6 +13,7 @@ from ..camera.plan import Plan, View, lower_threshold
 from ..camera.tiles import Box
 from ..scene.camera_path import read_camera_path
 from ..scene.cycles import Sampling
+from ..scene.open import open_scene
 from ..scene.source import Source
 from ..scene.timeline import Instants, timeline
 from ..spectral.bands import TOLERANCE, Bands
@@ -19,6 +21,14 @@ from ..spectral.spectra import spectrum
 from .options import Options
 
 TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
+
+
+def opened(scene: Path, options: Options, **how: Any) -> tuple[Source, Plan]:
+    """A scene and the plan of its render. how: arguments of open_scene."""
+    if options.lux and scene.suffix != ".blend":
+        raise UsageError("--lux requires a .blend; a scene folder has --set illuminance_lux=…")
+    source = open_scene(scene, options.illuminant, **how)
+    return source, resolve(options, source)
 
 
 def resolve(options: Options, source: Source) -> Plan:

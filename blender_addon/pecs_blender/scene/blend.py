@@ -105,6 +105,23 @@ class BlendScene(Source):
         return self._illuminant.luminous() / self._illuminant.power()
 
 
+def save_copy(scene: bpy.types.Scene, folder: Path) -> Path:
+    """Saves the open file, as it is in memory, into a folder. BlendScene takes files with relative paths from the
+    original's folder."""
+    here = Path(bpy.data.filepath or "untitled.blend")
+    copy = folder / here.name
+    if bpy.data.filepath:
+        caches = f"blendcache_{here.stem}"  # physics baked to the disk
+        if here.with_name(caches).is_dir():
+            copy.with_name(caches).symlink_to(here.with_name(caches))
+        scene[FOLDER_KEY] = str(here.parent)
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
+    finally:
+        scene.pop(FOLDER_KEY, None)
+    return copy
+
+
 def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
     """What came from this file: no scripts that must not run, no files that are missing."""
     for driver in () if allow_scripts else python_drivers():

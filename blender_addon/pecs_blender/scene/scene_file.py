@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,7 @@ def _is_spectral(key: str) -> bool:
     return key.endswith(("_reflectance", "_spectrum"))
 
 
-def load_scene(folder: Path, overrides: list[str]) -> SceneFile:
+def load_scene(folder: Path, overrides: Sequence[str]) -> SceneFile:
     """overrides: "key=value" texts, and "@FILE" for an aligned.json of `pecs align`."""
     path = folder / "scene.json"
     if not path.is_file():

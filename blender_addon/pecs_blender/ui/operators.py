@@ -13,7 +13,7 @@ import bpy
 import pecs
 
 from ..job.resources import readable
-from ..scene.blend import FOLDER_KEY
+from ..scene.blend import save_copy
 from ..scene.cycles import fill
 from ..spectral.colour import linear_rgb
 from . import background, checks, paths, scene_checks, settings
@@ -66,19 +66,9 @@ class Renders(InBackground):
 
 
 def copy_of_file(scene) -> Path:
-    """Saves the open file, as it is in memory, into a temporary folder that background.py removes after the job."""
-    here = Path(bpy.data.filepath or "untitled.blend")
-    copy = Path(tempfile.mkdtemp(prefix=background.COPIES)) / here.name  # Blender empties its own with the preferences
-    if bpy.data.filepath:
-        caches = f"blendcache_{here.stem}"  # physics baked to the disk
-        if here.with_name(caches).is_dir():
-            copy.with_name(caches).symlink_to(here.with_name(caches))
-        scene[FOLDER_KEY] = str(here.parent)
-    try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
-    finally:
-        scene.pop(FOLDER_KEY, None)
-    return copy
+    """Saves the open file into a temporary folder that background.py removes after the job. Blender empties its own
+    temporary folder with the preferences."""
+    return save_copy(scene, Path(tempfile.mkdtemp(prefix=background.COPIES)))
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Opens a scene of either kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pecs._errors import UsageError
+
+from ..spectral.spectra import spectrum
+from .blend import BlendScene, check
+from .folder import FolderScene
+from .placed import Placed
+from .scene_file import load_scene
+from .source import Source
+
+
+def open_scene(
+    path: Path,
+    illuminant: str,
+    *,
+    parameters: Sequence[str] = (),
+    scene_name: str | None = None,
+    allow_scripts: bool = False,
+    place: Path | None = None,
+) -> Source:
+    """A .blend file or a scene folder. illuminant: spectrum of a .blend's RGB lamps. parameters: "key=value" and
+    "@aligned.json" of a scene folder. place: file of objects to add."""
+    if path.suffix != ".blend":
+        source: Source = FolderScene(load_scene(path, parameters))
+    elif parameters:
+        raise UsageError(f"--set {parameters[0]}: only scene folders have parameters, not a .blend")
+    else:
+        source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+    if place:
+        source.placed = Placed(place, source.scene, source.unit_m)
+        check(place, source.scene, allow_scripts)
+    return source
