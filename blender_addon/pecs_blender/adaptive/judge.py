@@ -42,7 +42,7 @@ class Judge:
     tolerance: float
     subpixels: int
 
-    def lit(self, light: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    def lit(self, light: np.ndarray, factors: np.ndarray | tuple) -> np.ndarray:
         """[bands and further channels, height, width] at these strengths of lamps. light: bands without these lamps,
         bands of each group of lamps at its largest strength, and further channels."""
         if not len(factors):
@@ -52,16 +52,20 @@ class Judge:
         total = parts[0] + np.tensordot(factors.astype(np.float32), parts[1:], 1)
         return np.concatenate([total, light[apart * bands :]])
 
-    def photocurrent(self, light: np.ndarray, bands: slice = slice(None)) -> np.ndarray:
-        """[height, width] of some bands of [bands, height, width]; further channels are ignored."""
-        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), light[: len(self.weights)][bands])
+    def photocurrent(
+        self, light: np.ndarray, bands: slice = slice(None), factors: np.ndarray | tuple = ()
+    ) -> np.ndarray:
+        """[height, width] of some bands of light [bands, height, width], or of light as of `lit` with its factors;
+        further channels are ignored."""
+        lit = self.lit(light, factors)[: len(self.weights)][bands]
+        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), lit)
 
     def with_noise(self, clean: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """The light as Light.clean returns it, as [bands, height, width] of the mean of the halves, and in a further
         channel ln(photocurrent) of the first half minus that of the second, halved, at these strengths of lamps."""
         mean, difference = np.split(clean, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.divide(*(self.photocurrent(self.lit(part, factors)) for part in (difference, mean)))
+            share = np.divide(*(self.photocurrent(part, factors=factors) for part in (difference, mean)))
         noise = np.arctanh(np.clip(np.nan_to_num(share), -MOST_NOISE, MOST_NOISE))
         return np.concatenate([mean, np.where(np.isnan(mean[:1]), np.nan, noise).astype(np.float32)])
 
@@ -91,7 +95,7 @@ class Judge:
         brightest = int(np.argmax([self.weights[one.bands].sum() for one in stage.passes]))
         bands = stage.passes[brightest].bands
         rendered = light.strips(probe_strips(*stage.size, index), brightest)
-        return self.differing(expected(bands), self.photocurrent(self.lit(rendered, stage.factors), bands))
+        return self.differing(expected(bands), self.photocurrent(rendered, bands, stage.factors))
 
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents differ; NaN pixels are ignored."""

@@ -10,12 +10,14 @@ points without a place at its end are ignored.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from pecs._progress import Line
 from pecs.motion import displacement_weights
 
-from ..scene.timeline import Timeline
+from ..camera.stage import Stage
+from ..scene.timeline import Instants, Timeline
 from ..truth.surfaces import Poses, SurfaceHits, Surfaces
 
 BEND_PX = 0.01  # a still outline, such as a turning disk's, moves by this over what is behind it
@@ -23,6 +25,48 @@ TURN = 0.5  # rad: the light of an edge's pixels depends on how it lies across t
 TURNING = 0.01  # of the picture: what turns in less of it is rendered between keyframes
 LONGEST = 256  # grid steps; limits aliasing of periodic motion
 PARTS = 8  # of an interval
+PLAN_SCALE = 0.25  # size of the pictures on which motion is measured, of the sensor's
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """grid: the finest instants; keys: indices of the keyframes. With a period, the last interval ends at its end."""
+
+    grid: Timeline
+    keys: list[int]
+
+    @classmethod
+    def at(cls, grid: Timeline, times_ns: list[int]) -> Keyframes:
+        """Raises KeyError for times that are not on the grid."""
+        index = {t: i for i, t in enumerate(grid.times_ns)}
+        return cls(grid, [index[t] for t in times_ns])
+
+    @property
+    def timeline(self) -> Timeline:
+        return Timeline([self.grid.times_ns[k] for k in self.keys], self.grid.period_ns)
+
+    @property
+    def ends(self) -> list[int]:
+        """Grid indices at which the intervals end."""
+        return self.keys[1:] + ([len(self.grid.times_ns)] if self.grid.period_ns else [])
+
+    def time_s(self, index: int) -> float:
+        return self.grid.times_ns[self.keys[index]] * 1e-9
+
+    def middle(self, count: int) -> Keyframes:
+        """At most this many keyframes in the middle."""
+        first = max(0, (len(self.keys) - count) // 2)
+        keys = self.keys[first : first + count]
+        times_ns = self.grid.times_ns[keys[0] : keys[-1] + 1]
+        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys])
+
+
+def choose_keyframes(stage: Stage, instants: Instants, progress: Line) -> Keyframes:
+    scale = PLAN_SCALE / stage.subpixels
+    paths = Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
+    cameras = [stage.source.camera_at(t * 1e-9) for t in instants.grid.bounds_ns]
+    cuts = [i for i in range(1, len(cameras)) if cameras[i] != cameras[i - 1]]
+    return Keyframes(instants.grid, _choose(instants.grid, cuts, paths, instants.step_px, progress))
 
 
 class Paths:
@@ -89,7 +133,7 @@ def _turned(moved: np.ndarray, instance: np.ndarray) -> float:
     return most
 
 
-def choose(plan: Timeline, cuts: list[int], motion: Paths, step_px: float, progress: Line) -> list[int]:
+def _choose(plan: Timeline, cuts: list[int], motion: Paths, step_px: float, progress: Line) -> list[int]:
     """Indices of the keyframes. They include the first and the last instant; with a period, the last interval ends at
     its end. cuts: indices at which another camera begins, each a keyframe, like the one before it."""
     grid_s = [t * 1e-9 for t in plan.bounds_ns]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pecs._progress import report
 
-from ..adaptive.adaptive import SHARED
+from ..adaptive.frames import SHARED
 from ..scene import cycles
 from ..truth import layer_class
 from ..truth.surfaces import HitCache

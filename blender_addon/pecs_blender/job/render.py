@@ -17,7 +17,8 @@ import pecs
 from pecs._progress import Line, Progress
 
 from .. import stop
-from ..adaptive.adaptive import Adaptive, Keyframes, choose_keyframes
+from ..adaptive.frames import Adaptive
+from ..adaptive.keyframes import Keyframes, choose_keyframes
 from ..camera.light import Light
 from ..camera.plan import Plan
 from ..camera.stage import Stage

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Renders pictures between two keyframes where motion does not explain the light (docs/reference/motion.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pecs
+
+from ..camera.light import Light
+from ..camera.stage import Stage
+from ..camera.tiles import (
+    BLOCK_PX,
+    TILE_PX,
+    Box,
+    at,
+    box_of,
+    changed_blocks,
+    grown,
+    of_blocks,
+    part_boxes,
+    pixels_of,
+    tiles_of,
+    tiles_with,
+)
+from ..output import Output
+from .changed import Picture
+from .judge import Judge
+
+ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction at their border
+UNCHANGED = 0.2  # of the tolerance; less is no change between the same samples of two instants
+MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
+LAMP_PIXELS, LAMP_SHARE = 1000, 0.01  # pixels in which changes of lamps are compared; share of them that may be wrong
+LAMP_TOLERANCE = 0.5  # of other changes: those of lamps are everywhere, and cost no render
+
+Carried = tuple[pecs.CarriedLight, pecs.CarriedLight]  # photocurrent, and light as it is written
+
+
+@dataclass(frozen=True)
+class KeyframeInterval:
+    """Between keyframes `first` and `second` at grid indices `start` and `end`. path_px: the longest of a surface
+    point."""
+
+    index: int
+    start: int
+    end: int
+    first: Picture
+    second: Picture
+    carrier: pecs.Carrier
+    path_px: float
+
+
+class Prediction:
+    """Light at a step as the sensor predicts it: that of both keyframes, warped to the step, times the change of the
+    residual. bands, channels: of the light as it is written. Arrays [height, width] of photocurrent are computed in the
+    boxes of fill(): warped, without the change, and photocurrent."""
+
+    def __init__(self, fraction: float, change: np.ndarray, carried: Carried, bands: int, channels: int):
+        self._fraction, self._change, self._bands = fraction, change, bands
+        self._carried_current, self._carried_light = carried
+        self._light = np.zeros((channels, *change.shape), np.float32)
+        self.warped, self.photocurrent = np.zeros((2, *change.shape), np.float32)
+
+    def fill(self, boxes_px: list[Box]) -> None:
+        self._carried_current.at(self._fraction, boxes_px, self.warped)
+        for box in boxes_px:
+            self.photocurrent[at(box)] = self.warped[at(box)] * self._change[at(box)]
+
+    def light(self, box: Box) -> np.ndarray:
+        """[channels, height, width] of a box, as it is written."""
+        self._carried_light.at(self._fraction, [box], self._light)
+        self._light[: self._bands][at(box)] *= self._change[at(box)]
+        return self._light[at(box)]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """The rendered parts of a step. current: photocurrent [height, width], NaN elsewhere. done, wrong: tiles that are
+    rendered, and those in which the photocurrent differs from the prediction."""
+
+    current: np.ndarray
+    done: np.ndarray
+    wrong: np.ndarray
+
+
+class Between:
+    """The pictures between two keyframes.
+
+    Both keyframes, warped along the motion to the interval's middle, must agree there (in photocurrent, by blocks of
+    pixels, beyond noise). They must also agree with strips rendered in the middle: when a lamp flickers, both keyframes
+    may agree and be wrong. Where they disagree, the middle is rendered; where that picture differs from the sensor's
+    prediction, each half is treated in the same way, down to the grid's instants (docs/reference/motion.md).
+    """
+
+    def __init__(
+        self, stage: Stage, light: Light, judge: Judge, output: Output, grid_s: list[float], interval: KeyframeInterval
+    ):
+        self._stage, self._light, self._judge, self._output, self._grid_s = stage, light, judge, output, grid_s
+        self._interval = interval
+        self._frame = interval.first.frame.copy()  # with what was rendered since in its place
+        self._residual: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # pixels and ln(rendered / warped), by step
+        self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
+        self._last_carried: Carried | None = None
+
+    def refine(self) -> None:
+        it = self._interval
+        self._halve(it.start, it.end, self._disagreeing() | self._differing_from_strips())
+
+    def _halve(self, low: int, high: int, wrong: np.ndarray) -> None:
+        """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn."""
+        middle = (low + high) // 2
+        bends = self._lamps_bend(low, high)
+        if middle == low or not (wrong.any() or bends):
+            return
+        self._stage.set_time(self._grid_s[middle])
+        expected, size = self._prediction(middle), self._stage.size
+        if bends:  # motion and lamps give the light elsewhere; without lamps, the sensor computes the same
+            light = expected.light((0, 0, *size)).copy()
+        else:
+            light = np.full((self._channels, *size[::-1]), np.nan, np.float32)
+        rendered = self._render_wrong(expected, wrong, light)
+        if self._is_denoised:
+            self._merge_denoised(expected, rendered, light)
+        step = middle - self._interval.start
+        self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
+        self._residual[middle] = _log_ratio(rendered.current, expected.warped)
+        self._halve(low, middle, rendered.wrong)
+        self._halve(middle, high, rendered.wrong)
+
+    def _render_wrong(self, expected: Prediction, wrong: np.ndarray, light: np.ndarray) -> Rendered:
+        """Renders the wrong tiles, growing until the new picture agrees with the prediction at its border; into `light`
+        if nothing is denoised."""
+        judge, factors, size = self._judge, self._stage.factors, self._stage.size
+        current, halves = np.full((2, *size[::-1]), np.nan, np.float32)
+        more, done = wrong, np.zeros_like(wrong)
+        for _ in range(ROUNDS):
+            if not more.any():
+                break
+            if (done | more).mean() > MAX_BETWEEN:
+                more = ~done
+            boxes_px = self._light.refresh_tiles(self._frame, more, around=True)
+            for box, part in self._light.raw_parts(self._frame, boxes_px):
+                part = judge.lit(part, factors)
+                current[at(box)] = judge.photocurrent(part)
+                if self._is_denoised:
+                    half = self._light.halves_of(self._frame)[at(box)]
+                    halves[at(box)] = judge.photocurrent(half, factors=factors)
+                else:
+                    light[at(box)] = part
+                done[at(box_of(box, TILE_PX))] = True
+            near = part_boxes(grown(done), *size)
+            expected.fill(near)
+            compared = halves if self._is_denoised else None
+            differing = judge.differing_in(near, expected.photocurrent, current, compared)
+            wrong, more = of_blocks(differing), of_blocks(grown(differing)) & ~done
+        return Rendered(current, done, wrong)
+
+    def _merge_denoised(self, expected: Prediction, rendered: Rendered, light: np.ndarray) -> None:
+        """Writes the denoised light of the rendered pixels into `light`. Where nothing changed, it is the keyframe's: a
+        denoiser gives other values for a part of the picture."""
+        judge, factors, first = self._judge, self._stage.factors, self._interval.first
+        known, parts = np.isfinite(rendered.current), part_boxes(rendered.done, *self._stage.size)
+        changed = known & self._changed(parts)
+        for box in parts:
+            still = known[at(box)] & ~changed[at(box)]
+            light[at(box)] = np.where(still, judge.lit(first.written[at(box)], factors), light[at(box)])
+        around = self._frame[: 2 * len(first.raw)]
+        for box, part in self._light.clean_parts(self._frame, tiles_with(changed), around):
+            clean = judge.mixed(expected.light(box), judge.lit(judge.with_noise(part, factors), factors))
+            light[at(box)] = np.where(changed[at(box)], clean, light[at(box)])
+
+    def _changed(self, boxes_px: list[Box]) -> np.ndarray:
+        """Pixels [height, width] of these boxes whose samples show another light than those of the first keyframe, and
+        pixels around them."""
+        blocks, judge = np.zeros(tiles_of(*self._stage.size, BLOCK_PX), bool), self._judge
+        for box in boxes_px:
+            one, other = (
+                judge.photocurrent(self._light.bands_of(frame)[at(box)], factors=self._stage.factors)
+                for frame in (self._interval.first.frame, self._frame)
+            )
+            blocks[at(box_of(box, BLOCK_PX))] = changed_blocks(one, other, UNCHANGED * judge.tolerance)
+        return pixels_of(grown(blocks), self._stage.size, BLOCK_PX)
+
+    @property
+    def _is_denoised(self) -> bool:
+        return self._interval.first.clean is not None
+
+    @property
+    def _channels(self) -> int:
+        """Channels of the light as it is written."""
+        return len(self._judge.weights) + self._is_denoised
+
+    def _fraction(self, step: int) -> float:
+        start_s, end_s = self._grid_s[self._interval.start], self._grid_s[self._interval.end]
+        return (self._grid_s[step] - start_s) / (end_s - start_s)
+
+    def _photocurrents(self, step: int, bands: slice = slice(None)) -> list[np.ndarray]:
+        """Those of both keyframes, at a step's strengths of lamps."""
+        factors = self._stage.lamps.factors(self._grid_s[step])
+        keyframes = self._interval.first, self._interval.second
+        return [self._judge.photocurrent(one.raw, bands, factors) for one in keyframes]
+
+    def _disagreeing(self) -> np.ndarray:
+        """Tiles in which the keyframes, warped to the middle, differ."""
+        it, middle = self._interval, (self._interval.start + self._interval.end) // 2
+        (first, second), fraction = self._photocurrents(middle), self._fraction(middle)
+        a, b = (pecs.CarriedLight(it.carrier, first, second, side).at(fraction) for side in ("first", "second"))
+        nowhere = np.isnan(a) & np.isnan(b)
+        a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
+        return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
+
+    def _differing_from_strips(self) -> np.ndarray:
+        """Tiles in which rendered strips of the middle differ from the keyframes."""
+        it, middle = self._interval, (self._interval.start + self._interval.end) // 2
+
+        def warped(bands: slice) -> np.ndarray:
+            return pecs.CarriedLight(it.carrier, *self._photocurrents(middle, bands)).at(self._fraction(middle))
+
+        self._stage.set_time(self._grid_s[middle])
+        return self._judge.strips_differing(self._stage, self._light, it.index, warped)
+
+    def _changes_of_lamps(self) -> np.ndarray:
+        """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""
+        first, steps = self._interval.first, range(self._interval.start, self._interval.end + 1)
+        some = first.raw.reshape(len(first.raw), 1, -1)[..., :: -(-first.raw[0].size // LAMP_PIXELS)]
+        factors = [self._stage.lamps.factors(self._grid_s[step]) for step in steps]
+        light = np.concatenate([self._judge.photocurrent(some, factors=one) for one in factors])
+        light = light[:, light.any(0)]
+        part = np.array([self._fraction(step) for step in steps])[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(light / (light[0] + part * (light[-1] - light[0])))
+
+    def _lamps_bend(self, low: int, high: int) -> bool:
+        """Whether lamps change the light between two rendered steps otherwise than linearly in ln(light)."""
+        if self._lamp_changes is None:
+            return False
+        own = self._lamp_changes[low - self._interval.start : high - self._interval.start + 1]
+        part = np.linspace(0, 1, len(own))[:, None]
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(own - own[0] - part * (own[-1] - own[0])).max(0)
+        followed = bend <= LAMP_TOLERANCE * self._judge.tolerance  # not where a lamp is off: NaN
+        return np.count_nonzero(~followed) > LAMP_SHARE * followed.size
+
+    def _prediction(self, step: int) -> Prediction:
+        """At the step's strengths of lamps."""
+        if self._last_carried is None or self._stage.lamps.names:
+            factors = self._stage.lamps.factors(self._grid_s[step])
+            keyframes, carrier = (self._interval.first, self._interval.second), self._interval.carrier
+            written = (self._judge.lit(one.written, factors) for one in keyframes)
+            self._last_carried = (
+                pecs.CarriedLight(carrier, *self._photocurrents(step)),
+                pecs.CarriedLight(carrier, *written),
+            )
+        bands = len(self._judge.weights)
+        return Prediction(self._fraction(step), self._change(step), self._last_carried, bands, self._channels)
+
+    def _change(self, step: int) -> np.ndarray:
+        """Rendered over warped photocurrent [height, width]: the residual interpolated between rendered pictures, as in
+        the sensor's prediction if the lamps have constant strength."""
+        out = np.ones(self._stage.size[::-1], np.float32)
+        if not self._residual:
+            return out
+        start_s, end_s = self._grid_s[self._interval.start], self._grid_s[self._interval.end]
+        before, after = np.zeros(out.size, np.float32), np.zeros(out.size, np.float32)
+        since, until = np.zeros(out.size), np.zeros(out.size)  # s after the interval's start, before its end
+        for node, (where, residual) in sorted(self._residual.items(), key=lambda item: item[0]):
+            if node < step:
+                before[where], since[where] = residual, self._grid_s[node] - start_s
+        for node, (where, residual) in sorted(self._residual.items(), key=lambda item: -item[0]):
+            if node > step:
+                after[where], until[where] = residual, end_s - self._grid_s[node]
+        where = np.unique(np.concatenate([pixels for pixels, _ in self._residual.values()]))
+        part = (self._grid_s[step] - start_s - since[where]) / (end_s - start_s - until[where] - since[where])
+        out.ravel()[where] = np.exp(before[where] + part * (after[where] - before[where]))
+        return out
+
+
+def _log_ratio(current: np.ndarray, warped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels with a residual, and ln(current / warped) there; 0 if it is infinite."""
+    where = np.flatnonzero(np.isfinite(current))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residual = np.log(current.ravel()[where] / warped.ravel()[where])
+    defined = ~np.isnan(residual)
+    return where[defined], np.where(np.isinf(residual), 0, residual)[defined]
