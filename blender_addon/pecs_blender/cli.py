@@ -178,7 +178,7 @@ def _run(args: dict) -> None:
 
 
 def _chip_size(args: dict) -> dict[str, int]:
-    """Of a chip that has one, unless a size is given."""
+    """The size of a chip that has one, unless a size is given."""
     chip = pecs.Chip(args["chip"])
     given = args["width"] or args["height"] or not (chip.width and chip.height)
     return {} if given else {"width": chip.width, "height": chip.height}
@@ -219,8 +219,8 @@ def _light(args: dict) -> None:
     source, plan = _opened(args)
     from .camera.probe import probe
 
-    found = probe(source, plan)
-    write_out(json.dumps(found) + "\n" if args["json"] else light_words(found))
+    measured = probe(source, plan)
+    write_out(json.dumps(measured) + "\n" if args["json"] else light_words(measured))
 
 
 def _reconstruct(args: dict) -> None:

@@ -81,8 +81,8 @@ def sky_and_sun(p, rng):
     mapping.inputs["Scale"].default_value = (2.0, 2.0, 5.0)
     links.new(mapping.outputs["Vector"], clouds.inputs["Vector"])
     clouds.inputs["Detail"].default_value = 8.0
-    blue = ramp(nodes, links, parts.outputs["Z"], 0.0, 0.7, (0.95, 1.05, 1.15), (0.3, 0.55, 1.1))
-    cover = ramp(nodes, links, clouds.outputs["Fac"], 0.5, 0.72, (0.0, 0.0, 0.0), (0.8, 0.8, 0.8))
+    blue = ramp(world.node_tree, parts.outputs["Z"], 0.0, 0.7, (0.95, 1.05, 1.15), (0.3, 0.55, 1.1))
+    cover = ramp(world.node_tree, clouds.outputs["Fac"], 0.5, 0.72, (0.0, 0.0, 0.0), (0.8, 0.8, 0.8))
     links.new(cover, mix.inputs["Fac"])
     links.new(blue, mix.inputs["Color1"])
     mix.inputs["Color2"].default_value = (1.5, 1.5, 1.5, 1.0)

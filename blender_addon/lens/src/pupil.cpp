@@ -64,7 +64,7 @@ double find_edge(const F& f, double in, double f_in, double out, double f_out) {
   return in;
 }
 
-// Where a function with one minimum is least.
+// Position of the minimum of a function with one minimum.
 template <class F>
 double golden_section(double low, double high, int steps, const F& f) {
   constexpr double kGolden = 0.6180339887498949;

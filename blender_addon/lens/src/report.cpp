@@ -18,7 +18,7 @@ StopChoice read_stop(JsonObject& options) {
   return {options.maybe_number("stop_diameter_mm", {1e-6, 1e4}), options.maybe_number("fnumber", {0.1, 1e4})};
 }
 
-// What CameraOptions and ImageSetting have in common.
+// Reads the members that CameraOptions and ImageSetting share.
 template <class Options>
 void read_film(const Prescription& lens, JsonObject& options, Options& o) {
   if (options.has("focus_bands_nm")) o.focus_bands_nm = options.numbers("focus_bands_nm", {100, 20000});

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where pictures of one instant show different light, beyond their noise."""
+"""Compares pictures of one instant: which parts show different light, beyond their noise."""
 
 from __future__ import annotations
 
@@ -115,9 +115,9 @@ class Judge:
         for left, top, right, bottom in boxes_px:
             x, y = max(0, left - TILE_PX), max(0, top - TILE_PX)
             part = np.s_[y : bottom + TILE_PX, x : right + TILE_PX]
-            found = self.differing_blocks(a[part], b[part], None if halves is None else halves[part])
+            differing = self.differing_blocks(a[part], b[part], None if halves is None else halves[part])
             inner = box_of((left, top, right, bottom), BLOCK_PX)
-            out[at(inner)] = found[at(inner, (x // BLOCK_PX, y // BLOCK_PX))]
+            out[at(inner)] = differing[at(inner, (x // BLOCK_PX, y // BLOCK_PX))]
         return out
 
     def interpolable(self, a: np.ndarray, b: np.ndarray, path_px: float) -> np.ndarray:
@@ -150,7 +150,7 @@ def _around_known(known: np.ndarray, *pictures: np.ndarray) -> list[np.ndarray]:
 
 
 def _slope(values: np.ndarray) -> np.ndarray:
-    """Of means over AROUND_PX, per pixel, between pixels that share few of them."""
+    """Slope per pixel of means over AROUND_PX, between pixels that share few of them."""
     n = AROUND_PX // 2
     padded = np.pad(values, n, mode="edge")
     return np.hypot(padded[n:-n, 2 * n :] - padded[n:-n, : -2 * n], padded[2 * n :, n:-n] - padded[: -2 * n, n:-n]) / (

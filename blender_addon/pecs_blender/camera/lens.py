@@ -22,11 +22,11 @@ from pecs._errors import UsageError
 from ..scene import cycles
 from ..scene.cycles import Sampling
 from ..scene.source import Source
-from ..spectral.bands import BandSet, Chosen
+from ..spectral.bands import BandSet, Chosen, passes
 from .plan import View
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lens:
     """A lens with its settings and film, as arguments of pecs.Lens."""
 
@@ -64,11 +64,14 @@ class Pass:
 
 
 @dataclass(frozen=True)
-class LensCameras:
+class Cameras:
+    """e0: film irradiance per radiance in each band of a lens. record: of a lens, for stack.json. rays_per_sample: 3 if
+    only one band of a pass gets light from a ray."""
+
     passes: tuple[Pass, ...]
-    e0: np.ndarray  # film irradiance per radiance and band
-    record: dict  # for stack.json
-    rays_per_sample: int  # 3 if only one band of a pass gets light from a ray
+    e0: np.ndarray | float = 1.0
+    record: dict | None = None
+    rays_per_sample: int = 1
 
 
 def choose(source: Source, view: View) -> Lens | None:
@@ -87,11 +90,16 @@ def choose(source: Source, view: View) -> Lens | None:
     elif own_mm := source.lens["stop_diameter_mm"]:
         stop_mm = min(own_mm, lens.info(field_rows=2)["stop_diameter_mm"])
     focus_m = view.focus_m or source.lens["focus_m"]
-    setting = {"focus_m": focus_m, "stop_diameter_mm": stop_mm, "fnumber": view.fnumber}
     width, height = view.size
-    film_mm = view.film_width_mm, view.film_width_mm * height / width
-    pitch_mm = view.film_width_mm / width
-    return Lens(lens, setting, film_mm, view.film_shift_mm, view.film_tilt_deg, pitch_mm, view.focus_bands_nm)
+    return Lens(
+        lens=lens,
+        setting={"focus_m": focus_m, "stop_diameter_mm": stop_mm, "fnumber": view.fnumber},
+        film_mm=(view.film_width_mm, view.film_width_mm * height / width),
+        shift_mm=view.film_shift_mm,
+        tilt_deg=view.film_tilt_deg,
+        pixel_pitch_mm=view.film_width_mm / width,
+        focus_bands_nm=view.focus_bands_nm,
+    )
 
 
 def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
@@ -103,15 +111,20 @@ def _check_stop(lens: pecs.Lens, name: str, option: str, value: float) -> None:
         raise UsageError(f"{flag(option)}: got {value:g}, wanted {limit}, where {name} is wide open") from None
 
 
-def cameras(
-    lens: Lens, chosen: Chosen, slices: list[slice], tolerance_px: float, unit_m: float, scratch: Path
-) -> LensCameras:
+def own_camera(band_set: BandSet, per_pass: int) -> Cameras:
+    """Passes through the scene's own camera."""
+    slices = passes(len(band_set.lambda_nm), per_pass)
+    return Cameras(tuple(Pass(bands, band_set.of_pass(bands), None) for bands in slices))
+
+
+def cameras(lens: Lens, chosen: Chosen, view: View, per_pass: int, unit_m: float, scratch: Path) -> Cameras:
     band_set, lambda_nm = chosen.bands, chosen.bands.lambda_nm
+    slices = passes(len(lambda_nm), per_pass)
     made = [
         lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
             focus_bands_nm=lens.focus_bands(lambda_nm),
-            colour_tolerance_px=tolerance_px,
+            colour_tolerance_px=view.colour_tolerance_px,
             **chosen.shares(bands),
             **lens.setting,
             **lens.frame,
@@ -122,12 +135,12 @@ def cameras(
         for bands in slices
     ]
     diffraction = any(camera.diffraction for camera in made)
-    passes, e0, working = [], [], []
+    rendered, e0, working = [], [], []
     for k, (bands, camera) in enumerate(zip(slices, made, strict=True)):
         count = bands.stop - bands.start
         thing = cycles.osl_camera(f"{camera.shader_name}_{k}", camera.osl, scratch)
         blurs = tuple(partial(camera.diffract, band=band) for band in range(count)) if diffraction else ()
-        passes.append(Pass(bands, band_set.of_pass(bands), thing, blurs))
+        rendered.append(Pass(bands, band_set.of_pass(bands), thing, blurs))
         e0 += camera.e0[:count]
         working += camera.working_fnumber[:count]
     mode = max((camera.channel_mode for camera in made), key=("mean", "mixed", "per_channel").index)
@@ -139,17 +152,17 @@ def cameras(
         **{key: getattr(last, key) for key in keys},
         "focus_bands_nm": lens.focus_bands(lambda_nm),
         "channel_mode": mode,
-        "colour_shift_px": float(f"{max(camera.colour_shift_px for camera in made):.3g}"),
-        "mixed_shift_px": round(max(camera.mixed_shift_px or 0 for camera in made), 3),
+        "colour_shift_px": float(f"{max(camera.colour_shift_px for camera in made):.3g}") / view.subpixels,
+        "mixed_shift_px": round(max(camera.mixed_shift_px or 0 for camera in made), 3) / view.subpixels,
         "diffraction": diffraction,
         "working_fnumber": working,
         "e0": e0,
     }
-    return LensCameras(tuple(passes), np.array(e0), record, 3 if mode == "per_channel" else 1)
+    return Cameras(tuple(rendered), np.array(e0), record, 3 if mode == "per_channel" else 1)
 
 
 def even_out(
-    lens: Lens, passes: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: Sampling
+    lens: Lens, rendered: tuple[Pass, ...], lambda_nm: np.ndarray, size: tuple[int, int], sampling: Sampling
 ) -> np.ndarray:
     """RI / <w> for each band and pixel, see above; infinite where no ray passes the lens."""
     (width, height), pitch_mm = size, lens.pixel_pitch_mm
@@ -160,7 +173,7 @@ def even_out(
     y_mm = lens.shift_mm[1] + (np.arange(height) + 0.5 - height / 2) * pitch_mm
     radius_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     film = cycles.Film(scene)
-    for one in passes:
+    for one in rendered:
         scene.camera = one.camera
         gain[one.bands] = film.render()[: one.bands.stop - one.bands.start]
         for k in range(one.bands.start, one.bands.stop):

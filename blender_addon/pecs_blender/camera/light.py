@@ -97,9 +97,9 @@ class Light(Layer):
         """Renders the current instant into boxes of a frame that cover these tiles, and returns them. around: also what
         diffraction brings into them from around them."""
         around_px = self._around_px if around else 0
-        found = boxes(tiles, *self._stage.size, CALL_RAYS / self._call_samples, around_px)
-        self.refresh(frame, [self._grown(box, around_px) for box in found])
-        return found
+        boxes_px = boxes(tiles, *self._stage.size, CALL_RAYS / self._call_samples, around_px)
+        self.refresh(frame, [self._grown(box, around_px) for box in boxes_px])
+        return boxes_px
 
     def refresh(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
         """Renders the current instant into these boxes of a frame that is as `fresh` returns it."""
@@ -132,18 +132,20 @@ class Light(Layer):
         """[bands + guides, height, width] of each box, for each of the first samples: from it and the following ones,
         half of all if light is denoised. Guides are means over the passes."""
         scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
-        found = [[np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px] for _ in firsts]
+        rendered = [
+            [np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px] for _ in firsts
+        ]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
             camera = self._stage.camera_of(one)
             if scene.camera != camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street
                 scene.camera = camera
             self._stage.spectral.set_pass(one.channels)
-            for first, patches in zip(firsts, found, strict=True):
+            for first, patches in zip(firsts, rendered, strict=True):
                 with cycles.sample_subset(scene, first, self._call_samples):
                     for box, patch in zip(boxes_px, patches, strict=True):
                         self._render_box(box, patch, one, guides, count)
         cycles.set_border(scene, None)
-        return found
+        return rendered
 
     def _render_box(self, box: Box, patch: np.ndarray, one: lenses.Pass, guides: tuple[str, ...], count: int) -> None:
         """Renders one pass, the count-th, into its bands of a patch and into the means of guides."""

@@ -54,7 +54,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     scale = source.radiance_per_unit(spectral) * plan.bands.light_scale
     source.make_camera(plan.view.focal_mm, plan.view.film_width_mm)
     lux, luminance = _photometry(source.scene, spectral)
-    found = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
+    measured = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
     chosen = choose(replace(plan.bands, count=3), spectral)
     amperes, fnumber = _amperes(source, plan.view, chip, chosen.entries)
@@ -74,25 +74,25 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
                 pair.append(look())
         noise = _noise(*pair)
         rate = _event_rate(source, plan, look, spectral)
-    found["photocurrent_a"] = _spread(current)
+    measured["photocurrent_a"] = _spread(current)
     corner = None if current is None else chip.corner_hz_per_a * (current + chip.dark_current_a)
-    found |= {"corner_hz": _spread(corner), "events_per_s": rate}
+    measured |= {"corner_hz": _spread(corner), "events_per_s": rate}
     if noise is not None:
         noise = float(f"{noise * math.sqrt(samples / all_samples) / lower_threshold(chip):.3g}")
-    found |= {"noise_thresholds": noise, "samples": all_samples}
-    return found | {"fnumber": fnumber, "light_scale": plan.bands.light_scale}
+    measured |= {"noise_thresholds": noise, "samples": all_samples}
+    return measured | {"fnumber": fnumber, "light_scale": plan.bands.light_scale}
 
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
-    """What multiplies all light so that the median surface in view is lit with `lux`. All is then as before."""
+    """Factor on all light that gives the median surface in view `lux`. Restores all settings."""
     scene, (width, height) = source.scene, _size(source)
     changes = (
         (scene.render, {"resolution_x": width, "resolution_y": height}),
         (scene.cycles, {"samples": SAMPLES, "use_denoising": False}),
     )
     with cycles.changed(changes):
-        found = _photometry(scene, spectral)[0]
-    if not len(found) or not (median := float(np.median(found))) > 0:
+        lit = _photometry(scene, spectral)[0]
+    if not len(lit) or not (median := float(np.median(lit))) > 0:
         raise PecsInputError(f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
     # Rounded, so that a job continued on another machine finds the same number.
     return float(f"{lux / (median * source.radiance_per_unit(spectral)):.4g}")

@@ -148,6 +148,6 @@ def boxes(tiles: np.ndarray, width: int, height: int, call_px: float, around_px:
             return whole
         y, x = (h // 2, w) if h > w else (h, w // 2)
         one, other = cover(top, left, part[:y, :x]), cover(top + y % h, left + x % w, part[y % h :, x % w :])
-        return min(whole, (one[0] + other[0], one[1] + other[1]), key=lambda found: found[0])
+        return min(whole, (one[0] + other[0], one[1] + other[1]), key=lambda way: way[0])
 
     return cover(0, 0, tiles)[1]

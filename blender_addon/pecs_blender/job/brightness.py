@@ -20,23 +20,23 @@ def _plain(text: str, **values: Any) -> str:
     return text.format(**values)
 
 
-def light_rows(found: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
+def light_rows(measured: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
     """Pairs of name and "MEDIAN UNIT (P5–P95)". scale: factor on the light since the measurement; the bandwidth is
     scaled with it, neglecting the dark current."""
     rows = []
     for name, what, unit, factor in _LINES:
-        if spread := found[name]:
+        if spread := measured[name]:
             middle, low, high = (_number(spread[key] * factor * scale) for key in ("median", "p5", "p95"))
             text = "{middle} {unit} ({low}–{high})"
             rows.append((say(what), say(text, middle=middle, unit=unit, low=low, high=high)))
         else:
             missing = "no diffuse surface" if name == "lux" else "the camera has no f-number; set --fnumber"
             rows.append((say(what), say(missing)))
-    if found["noise_thresholds"] is not None:
-        noise = say("{noise} of a threshold", noise=_number(found["noise_thresholds"]))
+    if measured["noise_thresholds"] is not None:
+        noise = say("{noise} of a threshold", noise=_number(measured["noise_thresholds"]))
         rows.append((say("render noise"), noise))
-    if found["events_per_s"] is not None and scale == 1:
-        rows.append((say("events"), say("{events} per second", events=_number(found["events_per_s"]))))
+    if measured["events_per_s"] is not None and scale == 1:
+        rows.append((say("events"), say("{events} per second", events=_number(measured["events_per_s"]))))
     return rows
 
 
@@ -47,5 +47,5 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if value >= 1000 else f"{value:.{3 if value >= 1 else 2}g}"
 
 
-def light_words(found: dict[str, Any]) -> str:
-    return "".join(f"{what:24}  {value}\n" for what, value in light_rows(found))
+def light_words(measured: dict[str, Any]) -> str:
+    return "".join(f"{what:24}  {value}\n" for what, value in light_rows(measured))

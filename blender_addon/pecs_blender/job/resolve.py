@@ -105,7 +105,7 @@ def resolve(options: Options, source: Source) -> Plan:
 
 
 def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
-    """Of the whole chip; of `width` pixels if the profile has no size."""
+    """Film width of the whole chip; that of `width` pixels if the profile has no size."""
     return round((chip.width or width) * chip.pixel_pitch_m * 1e3, 6)
 
 

@@ -27,25 +27,25 @@ def merge(shards: list[Path], output: Path) -> None:
         for key in whole.keys() | stack.json.keys():
             if key != "times_ns" and whole.get(key) != stack.json.get(key):
                 raise bad_input(stack.folder / "stack.json", key, "another value", f"that of {shards[0]}")
-    found = {layer: {} for layer in stacks[0].patterns}
+    files_of = {layer: {} for layer in stacks[0].patterns}
     for stack in stacks:
-        for layer, files in found.items():
+        for layer, files in files_of.items():
             files |= stack.files(layer)
-    wanted = {layer: stacks[0].places(layer, whole["times_ns"]) for layer in found}
-    for layer, files in found.items():
+    wanted = {layer: stacks[0].places(layer, whole["times_ns"]) for layer in files_of}
+    for layer, files in files_of.items():
         missing = [place for place in wanted[layer] if place not in files]
         if missing:
             kind = "instant" if len(missing[0]) == 1 else "interval"
             place = f"{layer}: {kind} {' to '.join(map(str, missing[0]))} ns"
             raise bad_input(shards[0], place, f"{len(missing)} frames missing", "all frames")
     with pecs.StackWriter(output, whole) as writer:
-        for layer, files in found.items():
+        for layer, files in files_of.items():
             for index, place in enumerate(wanted[layer]):
                 if layer == objects_json.LAYER:
                     _place(files[place].with_suffix(".json"), objects_json.one(output, index))
                 if not writer.has_layer(layer, index):
                     _place(files[place], output / (stacks[0].patterns[layer] % index))
-        if objects_json.LAYER in found:
+        if objects_json.LAYER in files_of:
             objects_json.join(output, whole["times_ns"])
         intervals = {place: i for i, place in enumerate(stacks[0].intervals(whole["times_ns"]))}
         for stack in stacks:

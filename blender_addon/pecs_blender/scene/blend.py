@@ -123,7 +123,7 @@ def save_copy(scene: bpy.types.Scene, folder: Path) -> Path:
 
 
 def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
-    """What came from this file: no scripts that must not run, no files that are missing."""
+    """Raises PecsError for scripts that must not run and files that are missing. path: of the file that was read."""
     for driver in () if allow_scripts else python_drivers():
         raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
     for missing in missing_files(scene):

@@ -88,9 +88,9 @@ def device_names(device: str) -> list[str]:
     if device in offered:
         preferences.compute_device_type = device
         preferences.refresh_devices()
-        for found in preferences.devices:
-            found.use = found.type == device
-        names = [found.name for found in preferences.devices if found.use]
+        for one in preferences.devices:
+            one.use = one.type == device
+        names = [one.name for one in preferences.devices if one.use]
         if names:
             return names
     raise PecsError(

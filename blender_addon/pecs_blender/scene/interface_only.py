@@ -116,11 +116,11 @@ World: probe_resolution mist_settings
 
 
 def _table() -> dict[str, set[str]]:
-    found = {"CyclesRenderSettings": {*SETTINGS, *BOUNCES}}  # the latter are in stack.json
+    table = {"CyclesRenderSettings": {*SETTINGS, *BOUNCES}}  # the latter are in stack.json
     for line in _TABLE.strip().splitlines():
         kind, _, names = line.partition(": ")
-        found.setdefault(kind, set()).update(names.split())
-    return found
+        table.setdefault(kind, set()).update(names.split())
+    return table
 
 
 INTERFACE = _table()

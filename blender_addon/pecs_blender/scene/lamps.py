@@ -51,13 +51,13 @@ class Lamps:
     def __init__(self, source: Source, times_s: list[float]):
         """Reads the strengths at all instants, and makes the groups: before the scene's first render, since Cycles
         keeps its data."""
-        self._times_s, found = times_s, _strengths(source) if times_s else []
-        for t_s in times_s if found else ():
+        self._times_s, strengths = times_s, _strengths(source) if times_s else []
+        for t_s in times_s if strengths else ():
             source.set_time(t_s)
-            for one in found:
+            for one in strengths:
                 one.read()
         groups: list[list[Strength]] = []
-        for one in (one for one in found if np.ptp(one.factors) > SAME):
+        for one in (one for one in strengths if np.ptp(one.factors) > SAME):
             alike = (group for group in groups if np.allclose(group[0].factors, one.factors, rtol=0, atol=SAME))
             group = next(alike, None)
             if group is None:
@@ -83,13 +83,13 @@ class Lamps:
 
 
 def _strengths(source: Source) -> list[Strength]:
-    found, world = [], source.scene.world
+    strengths, world = [], source.scene.world
     for light in bpy.data.lights:
         objects = [thing for thing in bpy.data.objects if thing.data == light]
         changes = light.node_tree and light.node_tree.animation_data or movers(light, "color")
         by = movers(light, "energy")
         if objects and not changes and (by or light in source.lamps):
-            found.append(Strength(light, "energy", objects, by))
+            strengths.append(Strength(light, "energy", objects, by))
     tree = world and world.node_tree
     if tree and tree.animation_data:
         shaders = [node for node in tree.nodes if any(o.type == "SHADER" for o in node.outputs)]
@@ -97,5 +97,5 @@ def _strengths(source: Source) -> list[Strength]:
             strength = shaders[0].inputs["Strength"]
             by = movers(tree, f"{strength.path_from_id()}.default_value")
             if by and not strength.is_linked:
-                found.append(Strength(strength, "default_value", [world], by))
-    return found
+                strengths.append(Strength(strength, "default_value", [world], by))
+    return strengths

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def missing_files(scene: bpy.types.Scene) -> Iterator[str]:
 def _things(scene: bpy.types.Scene) -> Iterator[bpy.types.bpy_struct]:
     """Data-blocks, nodes and modifiers that read files."""
     yield from bpy.data.libraries
-    blocks = [block for of in (bpy.data.images, bpy.data.volumes, bpy.data.cache_files, bpy.data.fonts) for block in of]
+    blocks = chain(bpy.data.images, bpy.data.volumes, bpy.data.cache_files, bpy.data.fonts)
     yield from (block for block in [*blocks, *bpy.data.cameras] if block.users)
     trees = [
         one.node_tree for kind in ("materials", "lights", "worlds") for one in getattr(bpy.data, kind) if one.users
@@ -87,7 +88,7 @@ def _to_and_fro(at: int, count: int) -> int:
 
 def _numbered(path: str, number: int) -> str:
     """With this number in place of the last one in the file's name."""
-    return re.sub(r"(\d+)(?=[^\d/\\]*$)", lambda found: f"{number:0{len(found[0])}d}", path, count=1)
+    return re.sub(r"(\d+)(?=[^\d/\\]*$)", lambda match: f"{number:0{len(match[0])}d}", path, count=1)
 
 
 def _cache(cache: bpy.types.CacheFile, scene: bpy.types.Scene) -> list[str]:
@@ -109,8 +110,8 @@ def _node_inputs(node: bpy.types.Node, _scene: bpy.types.Scene) -> list[str]:
     return [] if node.mute else [one.default_value for one in free]
 
 
-def _own(of: Callable[[Any], bool], name: str = "filepath") -> Callable[[Any, bpy.types.Scene], list[str]]:
-    return lambda thing, _scene: [getattr(thing, name)] if of(thing) else []
+def _own(reads: Callable[[Any], bool], name: str = "filepath") -> Callable[[Any, bpy.types.Scene], list[str]]:
+    return lambda thing, _scene: [getattr(thing, name)] if reads(thing) else []
 
 
 def _is_external(node: bpy.types.Node) -> bool:

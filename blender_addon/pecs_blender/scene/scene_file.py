@@ -110,15 +110,15 @@ def load_scene(folder: Path, overrides: Sequence[str]) -> SceneFile:
 
 
 def _camera(camera: Fields) -> dict[str, Any]:
-    found = {
+    values = {
         "lens": camera.text("lens"),
         "stop_diameter_mm": camera.optional(camera.number, "stop_diameter_mm", low=1e-3, high=1e3),
         "focus_m": camera.optional(camera.number, "focus_m", low=1e-3, high=1e9),
     }
     if camera.has("rotation_deg"):
-        found["rotation_deg"] = camera.numbers("rotation_deg", count=3, low=-360, high=360)
+        values["rotation_deg"] = camera.numbers("rotation_deg", count=3, low=-360, high=360)
     camera.done()
-    return found
+    return values
 
 
 def _declarations(parameters: Fields) -> dict[str, Declaration]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The instants of a stack, and the passes that render its bands."""
+"""The instants of a stack."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ def timeline(frames: str, fps: float, period_s: float | None, duration_s: float 
         if duration_s is None:
             raise UsageError("--frames all requires a .blend, which has a range of frames")
         return Timeline([round(i * 1e9 / fps) for i in range(_checked(round(duration_s * fps)))], None)
-    found: list[int] = []
+    numbers: list[int] = []
     for part in frames.split(","):
         begin, end = _range(part)
-        if not (found[-1] if found else -1) < begin < end:
+        if not (numbers[-1] if numbers else -1) < begin < end:
             raise UsageError(
                 f"--frames: got {frames!r}, wanted N, A:B with A < B, rising ranges A:B,C:D, period, or all"
             )
-        _checked(end - begin + len(found))
-        found += range(begin, end)
-    return Timeline([round(i * 1e9 / fps) for i in found], None)
+        _checked(end - begin + len(numbers))
+        numbers += range(begin, end)
+    return Timeline([round(i * 1e9 / fps) for i in numbers], None)
 
 
 def _range(text: str) -> tuple[int, int]:
-    """Of "N" or "A:B"; (0, 0) if it is neither."""
+    """The range of "N" or "A:B"; (0, 0) if it is neither."""
     first, colon, last = text.partition(":")
     try:
         return (int(first), int(last)) if colon else (0, int(first))
@@ -75,8 +75,3 @@ def _checked(instants: int) -> int:
     if instants > MAX_INSTANTS:
         raise UsageError(f"--frames: got {instants} instants, wanted at most {MAX_INSTANTS}")
     return max(1, instants)
-
-
-def passes(n_bands: int, per_pass: int = 3) -> list[slice]:
-    """Neighbouring bands share an RGB pass; the last pass may have fewer."""
-    return [slice(i, min(i + per_pass, n_bands)) for i in range(0, n_bands, per_pass)]

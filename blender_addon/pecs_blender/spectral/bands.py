@@ -83,6 +83,11 @@ def points(lambda_nm) -> BandSet:
     return BandSet(at, at, np.eye(len(at)), np.eye(len(at)))
 
 
+def passes(n_bands: int, per_pass: int = 3) -> list[slice]:
+    """Neighbouring bands share an RGB pass; the last pass may have fewer."""
+    return [slice(i, min(i + per_pass, n_bands)) for i in range(0, n_bands, per_pass)]
+
+
 @dataclass(frozen=True)
 class Colours:
     """Spectra of a scene, from which its bands follow. surfaces: reflectances as functions of a grid, `weights` how
@@ -107,8 +112,8 @@ class Chosen:
     seen: np.ndarray | None = None
 
     def shares(self, bands: slice) -> dict[str, list[float]]:
-        """Of these bands in the photocurrent of the scene, and how much they vary with its colours, as options of
-        pecs.Lens.camera."""
+        """Shares of these bands in the photocurrent of the scene, and how much they vary with its colours, as options
+        of pecs.Lens.camera."""
         seen = np.empty((0, 0)) if self.seen is None else self.seen[:, bands]
         if not seen.any():
             return {}

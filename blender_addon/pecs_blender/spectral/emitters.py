@@ -31,7 +31,7 @@ class Emitters:
 
     @property
     def spectra(self) -> list[Spectrum]:
-        """Of emitters that shine; all if none does."""
+        """Spectra of emitters that shine; all if none does."""
         return [s for s, _ in self._per_unit.values() if not self._dark[s.source]] or [
             s for s, _ in self._per_unit.values()
         ]

@@ -53,16 +53,16 @@ def colours(scene: SpectralScene) -> Colours:
     within a kind by power."""
     surfaces: Counter = Counter()
     lamps: dict[str, Counter] = {}
-    for owner, role, is_base, found in _seen(scene):
+    for owner, role, is_base, rgb_shares in _seen(scene):
         if role.reflectance:
             surfaces[role.reflectance.source, None] += 1
         elif role.emitter is None:
-            for rgb, share in found:
+            for rgb, share in rgb_shares:
                 if max(rgb) > BLACK and (is_base or max(rgb) - min(rgb) > BLACK):
                     surfaces[None, rgb] += share
         else:
             kind, power = _kind_and_power(owner)
-            for rgb, share in found:
+            for rgb, share in rgb_shares:
                 shown = None if role.named else rgb
                 lamps.setdefault(kind, Counter())[role.emitter, shown] += power * share * float(LUMINANCE @ rgb)
     if not lamps or not any(power for kind in lamps.values() for power in kind.values()):
@@ -114,13 +114,13 @@ def _is_background(node) -> bool:
     return node.bl_idname == "ShaderNodeBackground"
 
 
-def _shares(found: list[np.ndarray]) -> Shares:
-    """found: [n, 3] each, of equal weight. Similar colours become one."""
+def _shares(parts: list[np.ndarray]) -> Shares:
+    """parts: [n, 3] each, of equal weight. Similar colours become one."""
     total: Counter = Counter()
-    for rgb in found:
+    for rgb in parts:
         levels = np.round(np.cbrt(np.clip(rgb, 0, 1)) * LEVELS).astype(int)
         for level, count in Counter(map(tuple, levels.tolist())).items():
-            total[tuple((v / LEVELS) ** 3 for v in level)] += count / len(levels) / len(found)
+            total[tuple((v / LEVELS) ** 3 for v in level)] += count / len(levels) / len(parts)
     return list(total.items())
 
 
@@ -140,10 +140,10 @@ def _upstream(node, depth: int = 0) -> list[np.ndarray]:
     inputs = [s for s in node.inputs if s.enabled and s.type == "RGBA"]
     if not inputs or depth > 16:
         return [np.array(UNKNOWN)]
-    found = [
+    parts = [
         _upstream(s.links[0].from_node, depth + 1) if s.is_linked else [np.array([s.default_value[:3]])] for s in inputs
     ]
-    return [rgb for one in found for rgb in one]
+    return [rgb for one in parts for rgb in one]
 
 
 def _texels(image) -> np.ndarray:
@@ -163,11 +163,11 @@ def _texels(image) -> np.ndarray:
 
 def _painted(name: str) -> np.ndarray:
     """Colours of the meshes' attribute of this name."""
-    found = []
+    parts = []
     for mesh in bpy.data.meshes:
         attribute = mesh.color_attributes.get(name) if name else mesh.color_attributes.active_color
         if attribute and len(attribute.data):
             values = np.empty(4 * len(attribute.data), np.float32)
             attribute.data.foreach_get("color", values)
-            found.append(values.reshape(-1, 4)[:: max(1, len(values) // 4 // MOST_TEXELS), :3])
-    return np.concatenate(found).astype(float) if found else np.array(UNKNOWN)
+            parts.append(values.reshape(-1, 4)[:: max(1, len(values) // 4 // MOST_TEXELS), :3])
+    return np.concatenate(parts).astype(float) if parts else np.array(UNKNOWN)

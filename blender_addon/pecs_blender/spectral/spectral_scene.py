@@ -371,9 +371,9 @@ def movers(id_block, path: str) -> list:
         return []
     curves = [*animation.drivers, *_slot_curves(animation.action, animation.action_slot)]
     tracks = animation.nla_tracks if animation.use_nla else ()
-    found = [curve for curve in curves if curve.data_path == path]
-    found += [track for track in tracks if any(_strip_moves(strip, path) for strip in track.strips)]
-    return [mover for mover in found if not mover.mute]
+    moving = [curve for curve in curves if curve.data_path == path]
+    moving += [track for track in tracks if any(_strip_moves(strip, path) for strip in track.strips)]
+    return [mover for mover in moving if not mover.mute]
 
 
 def _slot_curves(action, slot) -> list:

@@ -81,13 +81,13 @@ class Objects(Layer):
             outlines.add(of)
         hidden = boxes.Hidden(sight, seen, ids)
         counts, modal = boxes.seen_boxes(ids, max((thing.id for thing in parts), default=0))
-        found = []
+        records = []
         for (thing, of), amodal in zip(parts.items(), outlines.boxes(), strict=True):
             world_from_object, low, high = boxes.own_box(of)
             world_from_object[:3, 3] *= self._unit_m
             visible, behind = int(counts[thing.id]), hidden.pixels(thing.id, of, amodal)
             kind = self._things.classes.get(thing.kind, 0)
-            found.append(
+            records.append(
                 {
                     **{"id": thing.id, "name": thing.name, "class": thing.kind, "class_id": kind},
                     "size_m": _rounded((high - low) * self._unit_m),
@@ -100,7 +100,7 @@ class Objects(Layer):
                     "truncated": round(boxes.outside(amodal, size), DIGITS),
                 }
             )
-        return found
+        return records
 
 
 def _rounded(values: Any) -> list[float]:
@@ -110,7 +110,7 @@ def _rounded(values: Any) -> list[float]:
 def _by_place(poses: Poses, random: np.ndarray, points: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Ids [n] of the things at points [3, n] in camera axes whose Random [n] is not unique: the instance whose box
     contains the point or is nearest to it."""
-    found, distance = np.zeros(random.shape, ids.dtype), np.full(random.shape, np.inf)
+    nearest, distance = np.zeros(random.shape, ids.dtype), np.full(random.shape, np.inf)
     for i in np.flatnonzero(np.isin(poses.ids, random)):
         these = np.flatnonzero(random == poses.ids[i])
         vertices = poses.geometries[poses.geometry[i]].vertices
@@ -123,5 +123,5 @@ def _by_place(poses: Poses, random: np.ndarray, points: np.ndarray, ids: np.ndar
         off = np.linalg.norm(np.maximum(np.maximum(low - local, local - high), 0), axis=0)
         off = off + 1e-6 * np.linalg.norm(local - (low + high) / 2, axis=0)
         nearer = off < distance[these]
-        found[these[nearer]], distance[these[nearer]] = ids[i], off[nearer]
-    return found
+        nearest[these[nearer]], distance[these[nearer]] = ids[i], off[nearer]
+    return nearest

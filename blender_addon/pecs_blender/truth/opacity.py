@@ -112,12 +112,12 @@ def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
     return _source(source.node.inputs[0]) if source.node.bl_idname == "NodeReroute" else source
 
 
-def _assign(to: Any, of: Any) -> None:
+def _assign(to: Any, source: Any) -> None:
     """Copies all properties, also of curves and ramps."""
-    for p in of.bl_rna.properties:
+    for p in source.bl_rna.properties:
         if p.identifier in NOT_COPIED:
             continue
-        value = getattr(of, p.identifier)
+        value = getattr(source, p.identifier)
         if p.type == "POINTER" and p.is_readonly:
             if value is not None and not isinstance(value, bpy.types.ID):
                 _assign(getattr(to, p.identifier), value)
@@ -128,8 +128,8 @@ def _assign(to: Any, of: Any) -> None:
             setattr(to, p.identifier, value)
 
 
-def _assign_all(to: Any, of: Any) -> None:
-    for k, item in enumerate(of):
+def _assign_all(to: Any, source: Any) -> None:
+    for k, item in enumerate(source):
         if k == len(to):
             to.new(*((item.position,) if hasattr(item, "position") else item.location))
         _assign(to[k], item)

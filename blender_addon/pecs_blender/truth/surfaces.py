@@ -87,15 +87,15 @@ class Surfaces:
 
     def hits(self) -> SurfaceHits:
         """At the stage's current time."""
-        found, scene = [], self._stage.source.scene
+        evaluated, scene = [], self._stage.source.scene
         own = (INSTANCE, POLYGON, NORMAL) if self.normals else (INSTANCE, POLYGON)
         with (
             cycles.for_one_sample(scene, self._sight.camera(), self.size),
             self._identity.on(scene.view_layers[0], own),
         ):
             names = "Position", "Depth", *own
-            passes = self._film.passes(*names, inspect=lambda d: found.append(self._poses(d, self._identity.mark)))
-        poses = found[-1]
+            passes = self._film.passes(*names, inspect=lambda d: evaluated.append(self._poses(d, self._identity.mark)))
+        poses = evaluated[-1]
         points = self._sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
         depth = np.where(surface, points[2] * self._stage.source.unit_m, np.inf)
@@ -106,11 +106,11 @@ class Surfaces:
 
     def poses(self) -> Poses:
         """At the stage's current time."""
-        found, scene, camera = [], self._stage.source.scene, self._sight.camera()
+        evaluated, scene, camera = [], self._stage.source.scene, self._sight.camera()
         if not scene.camera:  # without one, Blender renders nothing
             scene.camera = camera
-        self._film.inspect(lambda d: found.append(self._poses(d)))
-        return found[-1]
+        self._film.inspect(lambda d: evaluated.append(self._poses(d)))
+        return evaluated[-1]
 
     def place(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
         """[3, h, w] float64: film x, y [px of this picture; pixel centres at .5] and depth z [m] of the seen points at
@@ -163,24 +163,24 @@ class Surfaces:
         return np.where(np.isnan(turned[0]), 0, turned)
 
     def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
-        ids, matrices, geometry, notes, found, numbers = [], [], [], [], [], {}
+        ids, matrices, geometry, notes, geometries, numbers = [], [], [], [], [], {}
         for instance in renders(depsgraph):
             thing = instance.object
             data = thing.data
             key = data.as_pointer()
             if key not in numbers:
-                numbers[key] = len(found)
-                found.append(self._geometries.of(data))
+                numbers[key] = len(geometries)
+                geometries.append(self._geometries.of(data))
                 mark(thing)
             ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else name_id(thing.name))
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
-            notes.append(self.note and self.note(instance, found[numbers[key]]))
+            notes.append(self.note and self.note(instance, geometries[numbers[key]]))
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)
         order = np.argsort(random, kind="stable")
         world = np.array(matrices, float).reshape(-1, 4, 4)
         geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
-        return Poses(self._sight.view(depsgraph), random[order], world[order], geometry, found, notes)
+        return Poses(self._sight.view(depsgraph), random[order], world[order], geometry, geometries, notes)
 
 
 def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:
@@ -224,9 +224,9 @@ class _Moves:
 
     def __init__(self, before: Poses, after: Poses):
         self._before, self._after = before, after
-        found = after.find(before.ids)
-        there = found >= 0
-        self._there = at = np.where(there, found, 0)
+        index = after.find(before.ids)
+        there = index >= 0
+        self._there = at = np.where(there, index, 0)
         if not after.ids.size:
             self.still = self.moving = there
             return

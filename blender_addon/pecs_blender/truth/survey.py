@@ -105,10 +105,10 @@ class _Eye:
         self._film = cycles.Film(source.scene)
 
     def instances(self, things: Things, t_s: float) -> list[Instance]:
-        found: list[Instance] = []
+        instances: list[Instance] = []
         self._source.set_time(t_s)
-        self._film.inspect(lambda depsgraph: found.extend(self._all(depsgraph, things)))
-        return sorted(found, key=lambda instance: instance.key)
+        self._film.inspect(lambda depsgraph: instances.extend(self._all(depsgraph, things)))
+        return sorted(instances, key=lambda instance: instance.key)
 
     def _all(self, depsgraph: bpy.types.Depsgraph, things: Things):
         metres = np.diag([*[self._source.unit_m] * 3, 1.0])

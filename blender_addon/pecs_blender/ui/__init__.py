@@ -33,8 +33,8 @@ def classes(module) -> list[type]:
     """Blender classes that a module defines, in their order."""
     import bpy
 
-    found = (value for value in vars(module).values() if isinstance(value, type))
-    return [c for c in found if issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__]
+    values = (value for value in vars(module).values() if isinstance(value, type))
+    return [c for c in values if issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__]
 
 
 def register() -> None:

@@ -86,8 +86,8 @@ class BackgroundJob:
                 continue
             if re.match(r"\w+: \d+/\d+", line):  # progress
                 continue
-            if found := re.match(r"pecs\w*: (.*)", line):  # an error; later lines of Blender do not replace it
-                self._error = found[1]
+            if match := re.match(r"pecs\w*: (.*)", line):  # an error; later lines of Blender do not replace it
+                self._error = match[1]
             self.last_line = self._error or line.strip() or self.last_line
 
     def _take_status(self, status: dict) -> None:

@@ -41,7 +41,7 @@ def _groups(scene, camera) -> dict[str, tuple]:
 def snapshot(scene, camera) -> str:
     """Values that set_up changes, as JSON text."""
     groups = _groups(scene, camera).items()
-    return json.dumps({group: {name: getattr(of, name) for name in names} for group, (of, names) in groups})
+    return json.dumps({group: {name: getattr(owner, name) for name in names} for group, (owner, names) in groups})
 
 
 def set_up(scene, thing, before: str) -> field.Field | None:
@@ -52,23 +52,23 @@ def set_up(scene, thing, before: str) -> field.Field | None:
     chip = library.chip(s.chip)
     width, height = (chip.width, chip.height) if chip.width else NO_CHIP_SIZE
     film_mm = s.film_width_mm or film_width_mm_of(chip, width)
-    found = None
+    view = None
     if settings.has_lens(s):
         fnumber = settings.plain(s.fnumber) or None
         focus_m, lens = settings.focus_m(scene), library.version("lens", s.lens)
-        found = field.field(field.Setting(*lens, focus_m, fnumber, film_mm, width, height))
+        view = field.field(field.Setting(*lens, focus_m, fnumber, film_mm, width, height))
     if BEFORE not in camera:
         camera[BEFORE] = before
-    across = found.width_per_distance if found else _width_per_distance(scene, camera)
+    across = view.width_per_distance if view else _width_per_distance(scene, camera)
 
     scene.camera = thing
     settings.set_size(render, width, height)
     settings.set_pinhole(camera, film_mm, film_mm * height / width, film_mm / across)
-    if found:
-        camera.dof.use_dof, camera.dof.aperture_fstop = True, found.fnumber
+    if view:
+        camera.dof.use_dof, camera.dof.aperture_fstop = True, view.fnumber
         if s.focus_m:
             camera.dof.focus_distance = s.focus_m
-    return found
+    return view
 
 
 def _width_per_distance(scene, camera) -> float:
@@ -82,10 +82,10 @@ def _width_per_distance(scene, camera) -> float:
 def restore(scene, thing) -> None:
     """Restores the values from before set_up."""
     before = json.loads(thing.data[BEFORE])
-    for group, (of, names) in _groups(scene, thing.data).items():
+    for group, (owner, names) in _groups(scene, thing.data).items():
         for name in names:
             with contextlib.suppress(TypeError):  # the lens file was removed
-                setattr(of, name, before[group][name])
+                setattr(owner, name, before[group][name])
     del thing.data[BEFORE]
 
 

@@ -76,9 +76,9 @@ def _show() -> float | None:
     return None
 
 
-def lines(found: field.Field, distance: float) -> tuple[np.ndarray, np.ndarray]:
+def lines(view: field.Field, distance: float) -> tuple[np.ndarray, np.ndarray]:
     """Segments [n, 3] and triangles [n, 3] in Blender's camera axes; `distance` in the scene's units."""
-    border = np.concatenate([found.border, np.ones((len(found.border), 1))], axis=1) * (1, -1, -1) * distance
+    border = np.concatenate([view.border, np.ones((len(view.border), 1))], axis=1) * (1, -1, -1) * distance
     following = np.roll(border, -1, axis=0)
     origin = np.zeros_like(border)
     corners = border[:: field.SIDE]

@@ -102,7 +102,7 @@ def chip(name: str) -> pecs.Chip:
 
 
 def sensor_error(name: str, size: tuple[int, int], options: dict[str, Any], mask: int) -> str:
-    """What pecs.Sensor with a chip and these options reports; empty if it can be made. mask: time of its mask file."""
+    """The error of pecs.Sensor with a chip and these options; empty if it can be made. mask: time of its mask file."""
     return _sensor_error(*version("chip", name), size, json.dumps(options), mask)
 
 

@@ -25,7 +25,7 @@ from pecs._arguments import flag
 from ..job.options import DEFAULTS, RULES, SAMPLES, Options
 from ..job.resolve import film_width_mm_of
 from ..job.resources import BYTES_PER_VALUE
-from ..scene.timeline import passes
+from ..spectral.bands import passes
 from ..truth import LAYERS, layer_class
 from . import disk, library
 from .interface import CONTEXT, say
@@ -510,10 +510,12 @@ def override_error(override, known: dict[str, dict]) -> str:
 
 
 def sensor_error(scene: bpy.types.Scene) -> str:
-    """What a sensor with these settings reports; empty if it can be made. The overrides are valid."""
+    """The error of a sensor with these settings; empty if it can be made. The overrides are valid."""
     sensor, known = scene.pecs.sensor, parameters(scene.pecs)
-    values = {of: {o.name: float(o.value) for o in sensor.overrides if known[o.name]["of"] == of} for of in _PARTS}
-    options = {name: values[of] for of, name in _PARTS.items()}
+    values = {
+        part: {o.name: float(o.value) for o in sensor.overrides if known[o.name]["of"] == part} for part in _PARTS
+    }
+    options = {name: values[part] for part, name in _PARTS.items()}
     options |= {"preset": sensor.preset} if sensor.preset else {"model": sensor.model, "readout": sensor.readout}
     options["biases"] = {name: getattr(sensor, name) for name in ("diff_on", "diff_off") if getattr(sensor, name)}
     band = [plain(sensor.afk_low_hz), plain(sensor.afk_high_hz)]

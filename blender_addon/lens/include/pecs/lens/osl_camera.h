@@ -19,14 +19,14 @@ struct CameraOptions {
   double stop_diameter_mm = kWideOpen;
   double film_width_mm = 6.2208, film_height_mm = 3.4992;
   double film_shift_x_mm = 0, film_shift_y_mm = 0;  // of the film's centre off the axis (+x right, +y up, from behind)
-  // Of the film about its centre: first about its own x axis, then about the lens frame's y axis (right-handed).
+  // Tilt of the film about its centre: first about its own x axis, then about the lens frame's y axis (right-handed).
   double film_tilt_x_deg = 0, film_tilt_y_deg = 0;
   double pixel_pitch_mm = 0.00486;
   // The bands of a pass share their rays if this moves images by at most so much: Camera::colour_shift_px, else
   // Camera::mixed_shift_px.
   double colour_tolerance_px = 0.1;
-  // Of the bands in the signal of a sensor that adds them up, sum 1; empty: bands are seen apart. `share_spreads`: how
-  // much the sums of the shares up to each border between bands vary with the scene's colours (RMS).
+  // Shares of the bands in the signal of a sensor that adds them up, sum 1; empty: bands are seen apart.
+  // `share_spreads`: how much the sums of the shares up to each border between bands vary with the scene's colours (RMS).
   std::vector<double> band_shares, share_spreads;
   double unit_m = 1;  // of the scene's coordinates
 };
