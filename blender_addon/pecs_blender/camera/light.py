@@ -132,9 +132,8 @@ class Light(Layer):
         """[bands + guides, height, width] of each box, for each of the first samples: from it and the following ones,
         half of all if light is denoised. Guides are means over the passes."""
         scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
-        rendered = [
-            [np.full((channels, b[3] - b[1], b[2] - b[0]), np.nan, np.float32) for b in boxes_px] for _ in firsts
-        ]
+        shapes = [(channels, bottom - top, right - left) for left, top, right, bottom in boxes_px]
+        rendered = [[np.full(shape, np.nan, np.float32) for shape in shapes] for _ in firsts]
         for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
             camera = self._stage.camera_of(one)
             if scene.camera != camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street

@@ -21,12 +21,12 @@ from .probe import light_scale
 
 
 class Stage:
-    """size: rendered pixels, width and height, `subpixels` in x and y for each of the sensor's. bands: as stack.json lists
-    them; lambda_nm: their wavelengths. weights: photocurrent per light in each band. lens: None for the scene's own
-    camera. unit: per band, the film irradiance (without a lens: radiance) of a rendered 1. radiance_per_unit: spectral
-    radiance per rendered 1 and relative power of the lamps. moving_px: the only part that changes, None for all.
-    rays_per_sample: so that each band gets its samples. lamps: those of animated strength, whose light adaptive steps
-    render apart; factors: their strengths at the current instant.
+    """size: rendered pixels, width and height, `subpixels` in x and y for each of the sensor's. bands: as stack.json
+    lists them; lambda_nm: their wavelengths. weights: photocurrent per light in each band. lens: None for the scene's
+    own camera. unit: per band, the film irradiance (without a lens: radiance) of a rendered 1. radiance_per_unit:
+    spectral radiance per rendered 1 and relative power of the lamps. moving_px: the only part that changes, None for
+    all. rays_per_sample: so that each band gets its samples. lamps: those of animated strength, whose light adaptive
+    steps render apart; factors: their strengths at the current instant.
     """
 
     def __init__(self, source: Source, plan: Plan, scratch: Path):

@@ -71,12 +71,13 @@ class Paint:
 
     def _material(self, name, look, roughness, paint):
         """The material of this name and look. paint(tree, base) sets or links its base colour, at the first call."""
-        if (name, *look) not in self._made:
+        key = name, *look
+        if key not in self._made:
             material, shader = material_of(name, "ShaderNodeBsdfPrincipled")
             shader.inputs["Roughness"].default_value = roughness
             paint(material.node_tree, shader.inputs["Base Color"])
-            self._made[name, *look] = material
-        return self._made[name, *look]
+            self._made[key] = material
+        return self._made[key]
 
 
 def _constant(rgb):

@@ -26,7 +26,7 @@ struct CameraOptions {
   // Camera::mixed_shift_px.
   double colour_tolerance_px = 0.1;
   // Shares of the bands in the signal of a sensor that adds them up, sum 1; empty: bands are seen apart.
-  // `share_spreads`: how much the sums of the shares up to each border between bands vary with the scene's colours (RMS).
+  // `share_spreads`: how much the sums of shares up to each border between bands vary with the scene's colours (RMS).
   std::vector<double> band_shares, share_spreads;
   double unit_m = 1;  // of the scene's coordinates
 };
