@@ -17,7 +17,7 @@ from pecs.motion import CHANNELS
 from ..camera.light import Light
 from ..camera.stage import Stage
 from ..output import Layer, Output
-from ..truth.surfaces import HitCache
+from ..truth.surfaces import HitCache, Recent
 from .between import Between, KeyframeInterval
 from .changed import ChangedParts, Picture
 from .judge import Judge
@@ -75,8 +75,8 @@ class Adaptive:
             begins = i % ANCHOR_EVERY == 0 or camera != self._cameras[i - 1]
             self._anchors.append(i if begins else self._anchors[-1])
         self._own: dict[int, Picture] = {}  # before samples are shared
-        self._shared: dict[int, Picture] = {}
-        hits.keep = 2 * SHARED + 2
+        self._shared: Recent[Picture] = Recent(3)
+        hits.keep(2 * SHARED + 2)
 
     def is_written(self, index: int) -> bool:
         due = [*self._instant_layers, *([self._motion] if index < len(self._keyframes.ends) else [])]
@@ -106,11 +106,7 @@ class Adaptive:
 
     def keyframe(self, index: int) -> Picture:
         """A keyframe after sample sharing."""
-        if index not in self._shared:
-            self._shared[index] = self._share_samples(index)
-            while len(self._shared) > 3:
-                self._shared.pop(next(iter(self._shared)))
-        return self._shared[index]
+        return self._shared.get(index, self._share_samples)
 
     def _share_samples(self, index: int) -> Picture:
         """Averages a keyframe with its neighbours, each warped to the keyframe's instant, where they show the same

@@ -18,7 +18,7 @@ from pecs.motion import displacement_weights
 
 from ..camera.stage import Stage
 from ..scene.timeline import Instants, Timeline
-from ..truth.surfaces import Poses, SurfaceHits, Surfaces
+from ..truth.surfaces import Poses, Recent, SurfaceHits, Surfaces
 
 BEND_PX = 0.01  # a still outline, such as a turning disk's, moves by this over what is behind it
 TURN = 0.5  # rad: the light of an edge's pixels depends on how it lies across them
@@ -74,8 +74,8 @@ class Paths:
 
     def __init__(self, surfaces: Surfaces, set_time: Callable[[float], None], scale: float):
         self._surfaces, self._set_time, self._scale = surfaces, set_time, scale
-        self._seen: dict[float, SurfaceHits] = {}
-        self._poses: dict[float, Poses] = {}
+        self._seen: Recent[SurfaceHits] = Recent(3)
+        self._poses: Recent[Poses] = Recent(2 * PARTS + 4)
 
     def path(self, from_s: float, to_s: float) -> np.ndarray:
         """Between two instants: the longest path of a surface point [px], the largest deviation from its polynomial
@@ -84,8 +84,8 @@ class Paths:
         return np.maximum(self._one_way(times_s), self._one_way(times_s[::-1]))  # equal times: poses are kept
 
     def _one_way(self, times_s: list[float]) -> np.ndarray:
-        seen = self._hits_at(times_s[0])
-        poses = [self._pose(t) for t in times_s]
+        seen = self._seen.get(times_s[0], self._hits)
+        poses = [self._poses.get(t, self._pose) for t in times_s]
         if any(one.view.camera != seen.poses.view.camera for one in poses):
             return np.full(3, np.inf)
         at = [self._surfaces.place(seen, one)[:2] for one in poses]
@@ -102,23 +102,13 @@ class Paths:
         bend = [moved[i] - np.tensordot(displacement_weights(i / PARTS), moved[2::2], 1) for i in range(1, PARTS, 2)]
         return np.array([length.max(), np.linalg.norm(bend, axis=1).max(), turn])
 
-    def _hits_at(self, t_s: float) -> SurfaceHits:
-        if t_s not in self._seen:
-            self._set_time(t_s)
-            self._keep(self._seen, t_s, self._surfaces.hits(), 3)
-        return self._seen[t_s]
+    def _hits(self, t_s: float) -> SurfaceHits:
+        self._set_time(t_s)
+        return self._surfaces.hits()
 
     def _pose(self, t_s: float) -> Poses:
-        if t_s not in self._poses:
-            self._set_time(t_s)
-            self._keep(self._poses, t_s, self._surfaces.poses(), 2 * PARTS + 4)
-        return self._poses[t_s]
-
-    @staticmethod
-    def _keep(kept: dict, key: float, value, most: int) -> None:
-        kept[key] = value
-        while len(kept) > most:
-            kept.pop(next(iter(kept)))
+        self._set_time(t_s)
+        return self._surfaces.poses()
 
 
 def _turned(moved: np.ndarray, instance: np.ndarray) -> float:

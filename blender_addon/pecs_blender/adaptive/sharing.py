@@ -30,7 +30,7 @@ def average_samples(
     """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light, at
     these strengths of lamps, in the first channels, those of Picture.raw; rounded as in the file."""
     more, count = np.zeros(own.shape), np.zeros(own.shape[1:], np.uint8)  # from neighbours
-    centres = surfaces.centres()
+    centres = surfaces.sight.centres()
     for light, there in neighbours:
         place = surfaces.place(there, hits.poses)
         moving = (place[:2] != centres).any(0)

@@ -70,7 +70,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
         # Measured with the render's samples up to SAMPLES: at few samples, noise exceeds 1 / sqrt(samples).
         samples, pair = min(SAMPLES, all_samples), []
         for seed in (own.seed, own.seed + 1):
-            with cycles.changed(((source.scene.cycles, {"samples": samples, "seed": seed}),)):
+            with cycles.picture_size(source.scene, *_size(source), samples=samples, seed=seed):
                 pair.append(look())
         noise = _noise(*pair)
         rate = _event_rate(source, plan, look, spectral)
@@ -85,13 +85,8 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:
     """Factor on all light that gives the median surface in view `lux`. Restores all settings."""
-    scene, (width, height) = source.scene, _size(source)
-    changes = (
-        (scene.render, {"resolution_x": width, "resolution_y": height}),
-        (scene.cycles, {"samples": SAMPLES, "use_denoising": False}),
-    )
-    with cycles.changed(changes):
-        lit = _photometry(scene, spectral)[0]
+    with cycles.picture_size(source.scene, *_size(source), samples=SAMPLES):
+        lit = _photometry(source.scene, spectral)[0]
     if not len(lit) or not (median := float(np.median(lit))) > 0:
         raise PecsInputError(f"--lux: got {lux:g}, wanted surfaces in view that scatter light, and light")
     # Rounded, so that a job continued on another machine finds the same number.
@@ -120,9 +115,9 @@ def _event_rate(source: Source, plan: Plan, look: Callable[[], np.ndarray], spec
         return None
     width, height = source.size
     size = EVENT_WIDTH, max(1, round(EVENT_WIDTH * height / width))
-    render, count = source.scene.render, 0
+    count = 0
     sensor = pecs.Sensor(*size, plan.bands.chip, noise=False, readout="ideal", photocurrent_a=1e-12)
-    with cycles.changed(((render, dict(zip(("resolution_x", "resolution_y"), size, strict=True))),)), sensor:
+    with cycles.picture_size(source.scene, *size), sensor:
         for t_s in np.linspace(begin_s, end_s, EVENT_LOOKS):
             spectral.before_instant()
             source.set_time(t_s)

@@ -8,12 +8,12 @@ Between rows, positions are linear and attitudes slerp. A single row applies to 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 from pecs._errors import bad_input
-from pecs._poses import pose_matrix, read_tum, slerp
+from pecs._files import sha256
+from pecs._poses import interpolate, pose_matrix, read_tum
 
 from .timeline import Timeline
 
@@ -22,22 +22,16 @@ SAME_POSE = 1e-6  # metres, or in an entry of a rotation: largest difference bet
 
 @dataclass(frozen=True)
 class CameraPath:
-    """times_s: [n], increasing. positions_m: [n, 3]. quaternions: [n, 4], x y z w, unit. sha256: of the file."""
+    """times_s: [n], increasing. poses: [n, 4, 4] world_from_camera, metres. sha256: of the file."""
 
     file: Path
     times_s: np.ndarray
-    positions_m: np.ndarray
-    quaternions: np.ndarray
+    poses: np.ndarray
     sha256: str
 
     def world_from_camera(self, t_s: float) -> np.ndarray:
         """[4, 4], metres. Before the first and after the last row, the pose of that row."""
-        last = len(self.times_s) - 1
-        i = int(np.clip(np.searchsorted(self.times_s, t_s, "right") - 1, 0, max(0, last - 1)))
-        j = min(i + 1, last)
-        f = float(np.clip((t_s - self.times_s[i]) / (self.times_s[j] - self.times_s[i]), 0, 1)) if j > i else 0.0
-        position_m = (1 - f) * self.positions_m[i] + f * self.positions_m[j]
-        return pose_matrix(position_m, slerp(self.quaternions[i], self.quaternions[j], f))
+        return interpolate([np.clip(t_s, *self.times_s[[0, -1]])], self.times_s, self.poses)[0]
 
     def check(self, plan: Timeline) -> None:
         """Raises PecsInputError if the path does not cover the plan or, for a period, does not end where it begins."""
@@ -57,4 +51,4 @@ class CameraPath:
 
 def read_camera_path(file: Path) -> CameraPath:
     times_s, positions_m, quaternions = read_tum(file)
-    return CameraPath(file, times_s, positions_m, quaternions, sha256(file.read_bytes()).hexdigest())
+    return CameraPath(file, times_s, pose_matrix(positions_m, quaternions), sha256(file))

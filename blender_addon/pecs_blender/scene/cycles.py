@@ -302,6 +302,12 @@ def changed(changes):
         _set_all(saved)
 
 
+def picture_size(scene: bpy.types.Scene, width: int, height: int, **settings: Any):
+    """This size of the picture, and settings of Cycles, until the end of the context."""
+    size = {"resolution_x": width, "resolution_y": height}
+    return changed(((scene.render, size), (scene.cycles, settings)))
+
+
 def _set_all(changes) -> None:
     for thing, values in changes:
         for key, value in values.items():

@@ -75,9 +75,8 @@ class FolderScene(Source):
         corners = [(x + sx * h, y - gap_m, z + sz * h) for sx, sz in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])
 
-        small = scene.render, {"resolution_x": 8, "resolution_y": 8}
         # The same seed in each render: cameras of a rig have seeds of their own, and see one light.
-        with cycles.changed((small, (scene.cycles, {"samples": METER_SAMPLES // 64, "seed": 0}))):
+        with cycles.picture_size(scene, 8, 8, samples=METER_SAMPLES // 64, seed=0):
             scene.camera = camera
             self.set_time(0.0)
             spectral.set_pass(points(METER_LAMBDA_NM))

@@ -99,8 +99,9 @@ def _seen(scene: SpectralScene) -> Iterator[tuple[object, ColourRole, bool, Shar
         rgb = tuple(float(c) for c in np.clip(constant.base, 0, None))
         yield owner, constant.role, not node or owner.name in BASE_COLOUR, [(rgb, 1.0)]
     for linked in scene.linked:
-        if (linked.socket_node, linked.socket_name) not in PER_CHANNEL and not linked.dark:
-            yield linked.owner, linked.role, linked.socket_name in BASE_COLOUR, _shares(_upstream(linked.node))
+        socket = linked.owner
+        if (socket.node.bl_idname, socket.name) not in PER_CHANNEL and not linked.dark:
+            yield socket, linked.role, socket.name in BASE_COLOUR, _shares(_upstream(linked.node))
 
 
 def _kind_and_power(owner) -> tuple[str, float]:

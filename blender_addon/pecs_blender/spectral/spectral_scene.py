@@ -48,11 +48,8 @@ PER_CHANNEL = {
 REFRACTIVE = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdfPrincipled")
 
 
-Matrix = Callable[[BandSet, Spectrum | None], np.ndarray]  # bands of a pass, and the lamp whose light is coloured
-
-
 def band_matrix(bands: BandSet, lamp: Spectrum | None) -> np.ndarray:
-    """[3, 3]: values in three bands = matrix @ linear Rec. 709."""
+    """[3, 3]: values in three bands = matrix @ linear Rec. 709. lamp: whose light is coloured."""
     return bands.filtered(lamp) if lamp else bands.srgb()
 
 
@@ -66,22 +63,19 @@ class ColourRole:
     reflectance: Spectrum | None = None
     strength: float = 1.0
 
-    def matrix(self, matrix: Matrix, bands: BandSet, emitters: Emitters) -> np.ndarray:
+    def matrix(self, bands: BandSet, emitters: Emitters) -> np.ndarray:
         if self.emitter is None:
-            return self.strength * matrix(bands, None)
-        rows = np.tile(LUMINANCE, (3, 1)) if self.named else matrix(bands, emitters.spectrum(self.emitter))
+            return self.strength * band_matrix(bands, None)
+        rows = np.tile(LUMINANCE, (3, 1)) if self.named else band_matrix(bands, emitters.spectrum(self.emitter))
         return self.strength * emitters.relative(self.emitter, bands)[:, None] * rows
 
 
 @dataclass(frozen=True)
 class Linked:
-    """A colour that nodes compute; node: the last of them. socket_node, socket_name: type of the shader and name of its
-    socket, `owner`. dark: as of Constant."""
+    """A colour that nodes compute. node: the last of them; owner: the shader's socket. dark: as of Constant."""
 
     node: object
     owner: object
-    socket_node: str
-    socket_name: str
     role: ColourRole
     dark: bool
 
@@ -108,13 +102,12 @@ class Constant:
 
 class SpectralScene:
     """Rewrites all materials, lamps and worlds of bpy.data. illuminant: spectrum of emitters that name none. folder: of
-    relative CSV paths. unit_m: metres per unit of coordinates; the power of lamps in watts scales with its square.
-    matrix: from RGB colours to values in the three bands of a pass."""
+    relative CSV paths. unit_m: metres per unit of coordinates; the power of lamps in watts scales with its square."""
 
-    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0, matrix: Matrix = band_matrix):
+    def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0):
         self.emitters = Emitters(illuminant)
         self.approximated: list[str] = []
-        self._folder, self._matrix, self._unit_m = folder, matrix, unit_m
+        self._folder, self._unit_m = folder, unit_m
         self.constants: list[Constant] = []
         self.linked: list[Linked] = []
         self._groups: dict[ColourRole, bpy.types.NodeTree] = {}
@@ -160,10 +153,10 @@ class SpectralScene:
                 constant.write(bands.reflectance(role.reflectance))
                 continue
             if role not in matrices:
-                matrices[role] = role.matrix(self._matrix, bands, self.emitters)
+                matrices[role] = role.matrix(bands, self.emitters)
             constant.write(matrices[role] @ constant.base)
         for role, group in self._groups.items():
-            for channel, row in zip("rgb", role.matrix(self._matrix, bands, self.emitters), strict=True):
+            for channel, row in zip("rgb", role.matrix(bands, self.emitters), strict=True):
                 group.nodes[channel].inputs[1].default_value = row
         for socket, index in self._glasses:
             socket.default_value = index(float(np.mean(bands.lambda_nm)))
@@ -257,13 +250,10 @@ class SpectralScene:
                         self._insert(tree, link, role)
 
     def _insert(self, tree, link, role) -> None:
-        socket, shader = link.to_socket, link.to_node
-        self.linked.append(
-            Linked(link.from_node, socket, shader.bl_idname, socket.name, role, _emits_nothing(role, socket))
-        )
+        from_socket, to_socket = link.from_socket, link.to_socket
+        self.linked.append(Linked(link.from_node, to_socket, role, _emits_nothing(role, to_socket)))
         node = tree.nodes.new("ShaderNodeGroup")
         node.node_tree = self._group(role)
-        from_socket, to_socket = link.from_socket, link.to_socket
         tree.links.new(from_socket, node.inputs[0])
         tree.links.new(node.outputs[0], to_socket)
 

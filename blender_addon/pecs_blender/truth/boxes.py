@@ -14,7 +14,7 @@ import numpy as np
 from mathutils.bvhtree import BVHTree
 
 from ..camera.sight import Sight, Viewpoint, transformed
-from .mesh_points import Geometry
+from .mesh_points import Geometry, values_of
 from .surfaces import SurfaceHits
 
 NEAREST = 1e-2  # depth at which things are clipped, relative to their largest coordinate
@@ -42,7 +42,7 @@ class Shape:
 def shape(data: bpy.types.ID, geometry: Geometry) -> Shape:
     if not isinstance(data, bpy.types.Mesh):
         return Shape(geometry.vertices, np.empty((0, 2), np.int32), np.empty((0, 3), np.int32))
-    edges = _numbers(data.edges, "vertices", 2).reshape(-1, 2)
+    edges = values_of(data.edges, "vertices", 2).reshape(-1, 2)
     return Shape(geometry.vertices, edges, _triangles(data, geometry.vertices))
 
 
@@ -52,14 +52,14 @@ def _triangles(mesh: bpy.types.Mesh, vertices: np.ndarray) -> np.ndarray:
     mesh.calc_loop_triangles()
     place = np.empty(len(vertices), np.int64)
     place[np.lexsort(vertices.T)] = np.arange(len(vertices))
-    corners, first = _numbers(mesh.loops, "vertex_index", 1), _numbers(mesh.polygons, "loop_start", 1)
-    count = _numbers(mesh.polygons, "loop_total", 1)
+    corners, first = values_of(mesh.loops, "vertex_index"), values_of(mesh.polygons, "loop_start")
+    count = values_of(mesh.polygons, "loop_total")
     quads = _begun_at_lowest(corners[first[count == 4][:, None] + np.arange(4)], place)
     a, b, c, d = (vertices[quads[:, k]] for k in range(4))
     dented = np.einsum("ni,ni->n", np.cross(b - a, c - a), np.cross(c - a, d - a)) < 0
     quads[dented] = np.roll(quads[dented], -1, axis=1)
-    of_quad = count[_numbers(mesh.loop_triangle_polygons, "value", 1)] == 4
-    others = _numbers(mesh.loop_triangles, "vertices", 3).reshape(-1, 3)[~of_quad]
+    of_quad = count[values_of(mesh.loop_triangle_polygons, "value")] == 4
+    others = values_of(mesh.loop_triangles, "vertices", 3).reshape(-1, 3)[~of_quad]
     triangles = np.concatenate([_begun_at_lowest(others, place), quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     return triangles[np.lexsort(place[triangles].T[::-1])]
 
@@ -68,12 +68,6 @@ def _begun_at_lowest(polygons: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Polygons [n, k], rotated to begin at their lowest corner."""
     turn = place[polygons].argmin(1)[:, None] if len(polygons) else np.empty((0, 1), int)
     return np.take_along_axis(polygons, (np.arange(polygons.shape[1]) + turn) % polygons.shape[1], 1)
-
-
-def _numbers(of: bpy.types.bpy_prop_collection, key: str, each: int) -> np.ndarray:
-    values = np.empty(each * len(of), np.int32)
-    of.foreach_get(key, values)
-    return values
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..camera.sight import Sight, transformed
+from ..camera.sight import transformed
 from ..output import Layer
 from ..scene import cycles
 from .surfaces import HitCache
@@ -16,7 +16,7 @@ class Depth(Layer):
 
     def __init__(self, hits: HitCache):
         self._stage, self._film = hits.stage, cycles.Film(hits.stage.source.scene)
-        self._sight = Sight(hits.stage, "depth_rays")
+        self._sight = hits.surfaces.sight
 
     def render(self, t_s: float) -> np.ndarray:
         views = []

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from . import opacity
+from .mesh_points import values_of
 
 INSTANCE, POLYGON, NORMAL, OPENING = "pecs_instance", "pecs_polygon", "pecs_normal", "pecs_opening"
 CLEAR = 1  # OPENING of materials that are nowhere opaque
@@ -110,8 +111,7 @@ class Identity:
         materials = [slot.material for slot in thing.material_slots] or mesh.materials
         openings = np.array([self._numbers.get(material and material.original, 0) for material in materials])
         if openings.any():
-            slots = np.empty(len(mesh.polygons), np.int32)
-            mesh.polygons.foreach_get("material_index", slots)
+            slots = values_of(mesh.polygons, "material_index")
             _add(mesh, OPENING, openings[slots.clip(0, len(openings) - 1)])
 
 

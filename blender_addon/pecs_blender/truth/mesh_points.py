@@ -22,12 +22,9 @@ class Topology:
 
     def read(self, mesh: bpy.types.Mesh) -> None:
         mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        triangles, polygons = np.empty(3 * count, np.int32), np.empty(count, np.int32)
-        mesh.loop_triangles.foreach_get("vertices", triangles)
-        mesh.loop_triangle_polygons.foreach_get("value", polygons)
+        polygons = values_of(mesh.loop_triangle_polygons, "value")
         self.first = np.searchsorted(polygons, np.arange(len(mesh.polygons) + 1))
-        self.triangles = triangles.reshape(-1, 3)
+        self.triangles = values_of(mesh.loop_triangles, "vertices", 3).reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +45,7 @@ class Geometries:
     def of(self, data: bpy.types.ID) -> Geometry:
         """data: anything with positions; a mesh, curves, a point cloud."""
         mesh = isinstance(data, bpy.types.Mesh)
-        points = _read(data.attributes["position"].data, "vector", 3, np.float32) if len(data.attributes) else _none
+        points = values_of(data.attributes["position"].data, "vector", 3, np.float32) if len(data.attributes) else _none
         counts = (type(data).__name__, len(points), *((len(data.polygons), len(data.loops)) if mesh else ()))
         key = counts, _digest(points)
         if (geometry := self._geometries.get(key)) is None:
@@ -57,7 +54,7 @@ class Geometries:
         return geometry
 
     def _topology(self, mesh: bpy.types.Mesh, counts: tuple) -> Topology:
-        key = counts, _digest(_read(mesh.loops, "vertex_index", 1, np.int32))
+        key = counts, _digest(values_of(mesh.loops, "vertex_index"))
         if (topology := self._topologies.get(key)) is None:
             topology = self._topologies[key] = Topology()
         elif topology.triangles is None:
@@ -68,7 +65,7 @@ class Geometries:
 _none = np.empty(0, np.float32)
 
 
-def _read(collection, key: str, per_item: int, kind: type) -> np.ndarray:
+def values_of(collection: bpy.types.bpy_prop_collection, key: str, per_item: int = 1, kind: type = np.int32):
     values = np.empty(per_item * len(collection), kind)
     collection.foreach_get(key, values)
     return values

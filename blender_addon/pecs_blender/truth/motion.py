@@ -32,7 +32,7 @@ class Motion(Layer):
     def _way(self, seen: SurfaceHits, poses: list[Poses]) -> np.ndarray:
         """Half of the channels, of the motion of `seen` to these poses."""
         places = [self._surfaces.place(seen, one) for one in poses]
-        moves = np.concatenate([place[:2] - self._surfaces.centres() for place in places])
+        moves = np.concatenate([place[:2] - self._surfaces.sight.centres() for place in places])
         moves[:, np.isnan(moves).any(0)] = np.nan
         moves[:, (np.hypot(moves[::2], moves[1::2]) < STILL_PX).all(0)] = 0
         z_end = np.where(np.isnan(moves[0]), np.nan, places[-1][2])

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import bpy
 import numpy as np
@@ -26,6 +26,7 @@ from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
 from .mesh_points import Geometries, Geometry, carried
 
 SKY, UNKNOWN = -1, -2
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -75,28 +76,20 @@ class Surfaces:
     def __init__(self, stage: Stage, scale: float = 1.0, name: str = "surfaces"):
         self.size = tuple(max(1, round(n * scale)) for n in stage.size)
         self._stage, self._identity, self._geometries = stage, Identity(), Geometries()
-        self._sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
-
-    @property
-    def sight(self) -> Sight:
-        return self._sight
-
-    def centres(self) -> np.ndarray:
-        """[2, h, w]: film x and y of the pixels' centres."""
-        return self._sight.centres()
+        self.sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
 
     def hits(self) -> SurfaceHits:
         """At the stage's current time."""
         evaluated, scene = [], self._stage.source.scene
         own = (INSTANCE, POLYGON, NORMAL) if self.normals else (INSTANCE, POLYGON)
         with (
-            cycles.for_one_sample(scene, self._sight.camera(), self.size),
+            cycles.for_one_sample(scene, self.sight.camera(), self.size),
             self._identity.on(scene.view_layers[0], own),
         ):
             names = "Position", "Depth", *own
             passes = self._film.passes(*names, inspect=lambda d: evaluated.append(self._poses(d, self._identity.mark)))
         poses = evaluated[-1]
-        points = self._sight.points(poses.view, passes["Position"].astype(float))
+        points = self.sight.points(poses.view, passes["Position"].astype(float))
         surface = passes["Depth"][0] < cycles.NO_SURFACE
         depth = np.where(surface, points[2] * self._stage.source.unit_m, np.inf)
         instance = np.where(surface, poses.find(passes[INSTANCE][0]), SKY)
@@ -106,7 +99,7 @@ class Surfaces:
 
     def poses(self) -> Poses:
         """At the stage's current time."""
-        evaluated, scene, camera = [], self._stage.source.scene, self._sight.camera()
+        evaluated, scene, camera = [], self._stage.source.scene, self.sight.camera()
         if not scene.camera:  # without one, Blender renders nothing
             scene.camera = camera
         self._film.inspect(lambda d: evaluated.append(self._poses(d)))
@@ -119,7 +112,7 @@ class Surfaces:
             return np.full((3, *seen.instance.shape), np.nan)
         before, view, instance = seen.poses, poses.view, seen.instance.ravel()
         out = np.full((3, instance.size), np.nan)
-        centres, points = self.centres().reshape(2, -1), seen.points.reshape(3, -1)
+        centres, points = self.sight.centres().reshape(2, -1), seen.points.reshape(3, -1)
         known = np.flatnonzero(instance >= 0)
         moves = _Moves(before, poses)
         still = known[moves.still[instance[known]]]
@@ -130,7 +123,7 @@ class Surfaces:
         turned = self._sky(before.view, view, sky)
         both = np.concatenate([moving, sky])  # in one call: setting up a lens's map is slow
         infinite = np.arange(both.size) >= moving.size
-        out[:2, both] = self._sight.film(view, np.concatenate([now, turned], 1), infinite)
+        out[:2, both] = self.sight.film(view, np.concatenate([now, turned], 1), infinite)
         out[2, moving], out[2, sky] = now[2], np.inf
         stays = sky[~turned[2].astype(bool)]
         out[:2, stays] = centres[:, stays]
@@ -147,7 +140,7 @@ class Surfaces:
         """Along all rays of an orthographic camera the sky is the same."""
         if before.same(view):
             return True
-        rays = self._sight.rays(before)
+        rays = self.sight.rays(before)
         return before.camera == view.camera and rays is not None and not rays[1].any()
 
     def _sky(self, before: Viewpoint, view: Viewpoint, sky: np.ndarray) -> np.ndarray:
@@ -155,7 +148,7 @@ class Surfaces:
         a lens has no ray it is dark."""
         if self._sky_stays(before, view):
             return np.zeros((3, sky.size))
-        rays = self._sight.rays(before)
+        rays = self.sight.rays(before)
         if rays is None:
             return np.full((3, sky.size), np.nan)
         along = np.vstack([rays[1].reshape(2, -1)[:, sky], np.ones((1, sky.size))])
@@ -180,7 +173,7 @@ class Surfaces:
         order = np.argsort(random, kind="stable")
         world = np.array(matrices, float).reshape(-1, 4, 4)
         geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
-        return Poses(self._sight.view(depsgraph), random[order], world[order], geometry, geometries, notes)
+        return Poses(self.sight.view(depsgraph), random[order], world[order], geometry, geometries, notes)
 
 
 def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:
@@ -190,13 +183,29 @@ def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjec
             yield instance
 
 
+class Recent(Generic[Value]):
+    """The last few values of a function, by its argument."""
+
+    def __init__(self, count: int):
+        self._count, self._kept = count, {}
+
+    def get(self, key: float, make: Callable[[Any], Value]) -> Value:
+        if key not in self._kept:
+            self._kept[key] = make(key)
+            while len(self._kept) > self._count:
+                self._kept.pop(next(iter(self._kept)))
+        return self._kept[key]
+
+
 class HitCache:
     """Hits at the last few instants, shared by layers. times_s: of all instants to render."""
 
     def __init__(self, stage: Stage, times_s: list[float]):
         self.stage, self.times_s = stage, times_s
-        self._kept: dict[float, SurfaceHits] = {}
-        self.keep = 1  # an interval ends where the next begins
+        self._kept: Recent[SurfaceHits] = Recent(1)  # an interval ends where the next begins
+
+    def keep(self, count: int) -> None:
+        self._kept = Recent(count)
 
     @cached_property
     def surfaces(self) -> Surfaces:
@@ -204,12 +213,11 @@ class HitCache:
 
     def at(self, t_s: float) -> SurfaceHits:
         """Moves the scene to t_s if the hits are not cached."""
-        if t_s not in self._kept:
-            self.stage.set_time(t_s)
-            self._kept[t_s] = self.surfaces.hits()
-            while len(self._kept) > self.keep:
-                self._kept.pop(next(iter(self._kept)))
-        return self._kept[t_s]
+        return self._kept.get(t_s, self._seen)
+
+    def _seen(self, t_s: float) -> SurfaceHits:
+        self.stage.set_time(t_s)
+        return self.surfaces.hits()
 
 
 def _normals(normals: np.ndarray, surface: np.ndarray, view: Viewpoint) -> np.ndarray:

@@ -11,15 +11,15 @@ import bpy  # noqa: F401  before pecs
 import numpy as np
 from pecs_blender.scene import cycles
 from pecs_blender.scene.blend import BlendScene
+from pecs_blender.spectral import spectral_scene
 from pecs_blender.spectral.bands import points
 from pecs_blender.spectral.spectra import load
-from pecs_blender.spectral.spectral_scene import SpectralScene
 
 SAMPLES, T_S = 8, 0.125
 MATRICES = {
     "identity": lambda bands, lamp: np.eye(3),
     "grey": lambda bands, lamp: np.full((3, 3), 1 / 3),
-    "spectral": None,
+    "spectral": spectral_scene.band_matrix,
 }
 
 
@@ -35,13 +35,14 @@ def plain(path):
     return cycles.Film(source.scene).render()
 
 
-def banded(path, matrix):
+def banded(path, kind):
     source = open_scene(path)
-    spectral = SpectralScene(load("d65"), source.folder, **({"matrix": matrix} if matrix else {}))
+    spectral_scene.band_matrix = MATRICES[kind]
+    spectral = spectral_scene.SpectralScene(load("d65"), source.folder)
     spectral.before_instant()
     source.set_time(T_S)
     spectral.after_instant()
-    spectral.set_pass(points([620.0, 540.0, 460.0] if not matrix else [560.0] * 3))
+    spectral.set_pass(points([620.0, 540.0, 460.0] if kind == "spectral" else [560.0] * 3))
     return cycles.Film(source.scene).render(), spectral.emitters.norm(points([620.0, 540.0, 460.0]))
 
 
@@ -50,8 +51,8 @@ def main(out, paths):
     for path in paths:
         name = Path(path).stem
         pictures[f"{name}/plain"] = plain(path)
-        for kind, matrix in MATRICES.items():
-            pictures[f"{name}/{kind}"], norm = banded(path, matrix)
+        for kind in MATRICES:
+            pictures[f"{name}/{kind}"], norm = banded(path, kind)
         pictures[f"{name}/radiance"] = pictures[f"{name}/spectral"] * norm[:, None, None]
     np.savez(out, **pictures)
 
