@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 from pecs._progress import report
 
@@ -13,10 +12,8 @@ from ..scene import cycles
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
 from .resources import peak_mb, readable
+from .stack import Render
 from .uniform import due, times_s
-
-if TYPE_CHECKING:
-    from .render import Render
 
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a time
 
