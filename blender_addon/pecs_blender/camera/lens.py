@@ -9,6 +9,8 @@ the scene's radiance alone. (Seed and samples are fixed, so frames and furnace s
 
 from __future__ import annotations
 
+import contextlib
+import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +19,7 @@ import bpy
 import numpy as np
 import pecs
 from pecs._arguments import flag
-from pecs._errors import UsageError
+from pecs._errors import ExitCode, PecsError, UsageError
 
 from ..scene import cycles
 from ..scene.cycles import Sampling
@@ -138,7 +140,7 @@ def cameras(lens: Lens, chosen: Chosen, view: View, per_pass: int, unit_m: float
     rendered, e0, working = [], [], []
     for k, (bands, camera) in enumerate(zip(slices, made, strict=True)):
         count = bands.stop - bands.start
-        thing = cycles.osl_camera(f"{camera.shader_name}_{k}", camera.osl, scratch)
+        thing = osl_camera(f"{camera.shader_name}_{k}", camera.osl, scratch)
         blurs = tuple(partial(camera.diffract, band=band) for band in range(count)) if diffraction else ()
         rendered.append(Pass(bands, band_set.of_pass(bands), thing, blurs))
         e0 += camera.e0[:count]
@@ -159,6 +161,32 @@ def cameras(lens: Lens, chosen: Chosen, view: View, per_pass: int, unit_m: float
         "e0": e0,
     }
     return Cameras(tuple(rendered), np.array(e0), record, 3 if mode == "per_channel" else 1)
+
+
+def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
+    """A camera whose rays are computed by OSL source (pecs.Lens.camera), which is compiled into `folder`."""
+    import _cycles
+
+    if not _cycles.with_osl:
+        raise PecsError(
+            f"lens: got Blender {bpy.app.version_string} built without OSL, wanted blender.org's or `pip install bpy` "
+            "(--lens none renders with the scene's own camera here)",
+            ExitCode.UNSUPPORTED,
+        )
+    source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
+    source.write_text(osl)
+    with cycles.quiet():
+        ok = _cycles.osl_compile(str(source), str(compiled))
+    if not ok or not compiled.is_file():
+        raise PecsError(
+            f"{source}: the lens shader does not compile in Blender {bpy.app.version_string}", ExitCode.UNSUPPORTED
+        )
+    camera = cycles.new_camera(name)
+    camera.data.type = "CUSTOM"
+    camera.data.custom_mode = "EXTERNAL"
+    with cycles.quiet(), open(os.devnull, "w") as null, contextlib.redirect_stderr(null):
+        camera.data.custom_filepath = str(compiled)  # the wheel lacks oslquery: a harmless traceback
+    return camera
 
 
 def even_out(

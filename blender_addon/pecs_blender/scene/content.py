@@ -2,7 +2,7 @@
 """A digest of what a .blend's scene contains, so that an edited scene does not continue the stack of another one.
 
 It covers all that Blender's RNA shows of the scene, its first view layer, and whatever they refer to, and the files
-that these read; except interface_only.py. Not their addresses and not the bytes of the .blend, which differ each time
+that these read; except interface_only.txt. Not their addresses and not the bytes of the .blend, which differ each time
 it is saved. Not covered, since RNA does not show them: painted particles, sculpted multiresolution, and caches of
 simulations.
 """
@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 from pecs._files import sha256
 
-from .interface_only import INTERFACE
+from .cycles import BOUNCES, SETTINGS
 from .outside_files import files
 
 ARRAYS = {  # read as one: of the collection's items, those of these that they have
@@ -42,6 +42,11 @@ ARRAYS = {  # read as one: of the collection's items, those of these that they h
 GEOMETRY = (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)  # its attributes are read as arrays
 EXTENDED = (bpy.types.ID, bpy.types.Bone, bpy.types.PoseBone, bpy.types.ViewLayer)  # to which add-ons add properties
 PATHS = ("FILE_PATH", "DIR_PATH")  # of these the files count, wherever they are (outside_files.py)
+INTERFACE = {"CyclesRenderSettings": {*SETTINGS, *BOUNCES}}  # type -> names and patterns; the latter are in stack.json
+for _line in Path(__file__).with_name("interface_only.txt").read_text().splitlines():
+    if not _line.startswith("#"):
+        _kind, _, _names = _line.partition(": ")
+        INTERFACE.setdefault(_kind, set()).update(_names.split())
 RENDERER = "cycles"  # begins the names of those that renders depend on
 
 

@@ -334,7 +334,7 @@ def interpolated(lambda_nm, values):
     return lambda nm: np.interp(nm, lambda_nm, values)
 
 
-def _new_camera(name: str) -> bpy.types.Object:
+def new_camera(name: str) -> bpy.types.Object:
     camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
     unit_m = bpy.context.scene.unit_settings.scale_length
     camera.data.clip_start, camera.data.clip_end = 1e-5 / unit_m, 1e4 / unit_m
@@ -343,7 +343,7 @@ def _new_camera(name: str) -> bpy.types.Object:
 
 
 def pinhole_camera(name: str, focal_mm: float, film_width_mm: float) -> bpy.types.Object:
-    camera = _new_camera(name)
+    camera = new_camera(name)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.sensor_width = film_width_mm
     camera.data.lens = focal_mm
@@ -351,33 +351,7 @@ def pinhole_camera(name: str, focal_mm: float, film_width_mm: float) -> bpy.type
 
 
 def orthographic_camera(name: str, width_m: float) -> bpy.types.Object:
-    camera = _new_camera(name)
+    camera = new_camera(name)
     camera.data.type = "ORTHO"
     camera.data.ortho_scale = width_m
-    return camera
-
-
-def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
-    """A camera whose rays are computed by OSL source (pecs.Lens.camera), which is compiled into `folder`."""
-    import _cycles
-
-    if not _cycles.with_osl:
-        raise PecsError(
-            f"lens: got Blender {bpy.app.version_string} built without OSL, wanted blender.org's or `pip install bpy` "
-            "(--lens none renders with the scene's own camera here)",
-            ExitCode.UNSUPPORTED,
-        )
-    source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
-    source.write_text(osl)
-    with quiet():
-        ok = _cycles.osl_compile(str(source), str(compiled))
-    if not ok or not compiled.is_file():
-        raise PecsError(
-            f"{source}: the lens shader does not compile in Blender {bpy.app.version_string}", ExitCode.UNSUPPORTED
-        )
-    camera = _new_camera(name)
-    camera.data.type = "CUSTOM"
-    camera.data.custom_mode = "EXTERNAL"
-    with quiet(), open(os.devnull, "w") as null, contextlib.redirect_stderr(null):
-        camera.data.custom_filepath = str(compiled)  # the wheel lacks oslquery: a harmless traceback
     return camera

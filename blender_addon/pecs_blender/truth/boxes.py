@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import bpy
 import numpy as np
@@ -39,7 +40,19 @@ class Shape:
         return BVHTree.FromPolygons(self.vertices.tolist(), self.triangles.tolist(), all_triangles=True)
 
 
-def shape(data: bpy.types.ID, geometry: Geometry) -> Shape:
+class Shapes:
+    """One Shape per Geometry, while it is referenced elsewhere."""
+
+    def __init__(self) -> None:
+        self._shapes: WeakKeyDictionary[Geometry, Shape] = WeakKeyDictionary()
+
+    def of(self, data: bpy.types.ID, geometry: Geometry) -> Shape:
+        if geometry not in self._shapes:
+            self._shapes[geometry] = _shape(data, geometry)
+        return self._shapes[geometry]
+
+
+def _shape(data: bpy.types.ID, geometry: Geometry) -> Shape:
     if not isinstance(data, bpy.types.Mesh):
         return Shape(geometry.vertices, np.empty((0, 2), np.int32), np.empty((0, 3), np.int32))
     edges = values_of(data.edges, "vertices", 2).reshape(-1, 2)

@@ -5,14 +5,11 @@
 from __future__ import annotations
 
 from typing import Any
-from weakref import WeakKeyDictionary
 
-import bpy
 import numpy as np
 
 from ..output import Layer, Output
 from . import boxes, objects_json
-from .mesh_points import Geometry
 from .surfaces import UNKNOWN, HitCache, Poses, SurfaceHits
 from .things import Key, Thing, Things
 
@@ -24,19 +21,17 @@ class Objects(Layer):
 
     def __init__(self, hits: HitCache):
         self._hits, self._unit_m = hits, hits.stage.source.unit_m
-        self._shapes: WeakKeyDictionary[Geometry, boxes.Shape] = WeakKeyDictionary()
+        self._shapes = boxes.Shapes()
         self._things = Things(hits.stage.source.scene, hits.times_s, self._keys_at)
         self._content: dict[str, Any] = {}  # of the latest instant's file
 
     def _keys_at(self, things: Things, t_s: float) -> set[Key]:
-        self._hits.surfaces.note = lambda instance, geometry: (things.key(instance), self._shape(instance, geometry))
+        self._hits.surfaces.note = lambda instance, geometry: (
+            things.key(instance),
+            self._shapes.of(instance.object.data, geometry),
+        )
         self._hits.stage.set_time(t_s)
         return {key for key, _ in self._hits.surfaces.poses().notes}
-
-    def _shape(self, instance: bpy.types.DepsgraphObjectInstance, geometry: Geometry) -> boxes.Shape:
-        if geometry not in self._shapes:
-            self._shapes[geometry] = boxes.shape(instance.object.data, geometry)
-        return self._shapes[geometry]
 
     def is_written(self, output: Output, index: int) -> bool:
         return objects_json.one(output.folder, index).is_file() and super().is_written(output, index)
@@ -77,15 +72,15 @@ class Objects(Layer):
     ) -> list[dict[str, Any]]:
         sight, view, size = self._hits.surfaces.sight, seen.poses.view, self._hits.stage.size
         outlines = boxes.Outlines(sight, view)
-        for of in parts.values():
-            outlines.add(of)
+        for shapes in parts.values():
+            outlines.add(shapes)
         hidden = boxes.Hidden(sight, seen, ids)
         counts, modal = boxes.seen_boxes(ids, max((thing.id for thing in parts), default=0))
         records = []
-        for (thing, of), amodal in zip(parts.items(), outlines.boxes(), strict=True):
-            world_from_object, low, high = boxes.own_box(of)
+        for (thing, shapes), amodal in zip(parts.items(), outlines.boxes(), strict=True):
+            world_from_object, low, high = boxes.own_box(shapes)
             world_from_object[:3, 3] *= self._unit_m
-            visible, behind = int(counts[thing.id]), hidden.pixels(thing.id, of, amodal)
+            visible, behind = int(counts[thing.id]), hidden.pixels(thing.id, shapes, amodal)
             kind = self._things.classes.get(thing.kind, 0)
             records.append(
                 {

@@ -20,7 +20,7 @@ from pecs._files import write_whole
 from ..scene import cycles
 from ..scene.source import Source
 from ..scene.timeline import timeline
-from .boxes import Shape, shape
+from .boxes import Shape, Shapes
 from .mesh_points import Geometries, Geometry
 from .surfaces import renders
 from .things import Key, Things
@@ -97,8 +97,7 @@ class _Eye:
     """Finds the instances that Cycles would render, without rendering."""
 
     def __init__(self, source: Source):
-        self._source, self._geometries = source, Geometries()
-        self._shapes: dict[int, tuple[Geometry, Shape]] = {}  # by address of a Geometry, which stays alive here
+        self._source, self._geometries, self._shapes = source, Geometries(), Shapes()
         cycles.configure(source.scene, 8, 8, cycles.Sampling(samples=1, seed=0, bounces=source.bounces))
         source.set_time(0.0)
         source.make_camera(50.0, 36.0)  # without one, Blender renders nothing
@@ -113,12 +112,11 @@ class _Eye:
     def _all(self, depsgraph: bpy.types.Depsgraph, things: Things):
         metres = np.diag([*[self._source.unit_m] * 3, 1.0])
         for instance in renders(depsgraph):
-            geometry = self._geometries.of(instance.object.data)
-            if id(geometry) not in self._shapes:
-                self._shapes[id(geometry)] = geometry, shape(instance.object.data, geometry)
+            data = instance.object.data
+            geometry = self._geometries.of(data)
             if len(geometry.vertices):
                 matrix = metres @ np.array(instance.matrix_world, float)
-                yield Instance(things.key(instance), geometry, self._shapes[id(geometry)][1], matrix)
+                yield Instance(things.key(instance), geometry, self._shapes.of(data, geometry), matrix)
 
 
 def _still(instants: list[list[Instance]]) -> set[Key]:
@@ -132,8 +130,8 @@ def _still(instants: list[list[Instance]]) -> set[Key]:
     def same(key: Key) -> bool:
         first = by_key[0][key]
         return all(
-            len(parts := of.get(key, [])) == len(first) and all(a.same(b) for a, b in zip(first, parts, strict=True))
-            for of in by_key
+            len(parts := instant.get(key, [])) == len(first) and all(map(Instance.same, first, parts))
+            for instant in by_key
         )
 
     return {key for key in by_key[0] if same(key)}
@@ -185,7 +183,5 @@ def _sampled(instances: list[Instance], things: Things, spacing_m: float) -> tup
             points.append(one.vertices())
             normals.append(np.zeros_like(points[-1]))
         numbers.append(np.full(len(points[-1]), thing.id if thing else 0))
-    return tuple(
-        np.concatenate(of).astype(kind)
-        for of, kind in ((points, np.float32), (normals, np.float32), (numbers, np.int32))
-    )
+    kinds = (points, np.float32), (normals, np.float32), (numbers, np.int32)
+    return tuple(np.concatenate(values).astype(kind) for values, kind in kinds)

@@ -166,7 +166,7 @@ EVERY = """
 import sys
 import bpy
 from pecs_blender.scene import content
-from pecs_blender.scene.interface_only import INTERFACE
+from pecs_blender.scene.content import INTERFACE
 
 def things():
     "One of each type that the scene has, read again: a change may free others."
@@ -235,7 +235,7 @@ def test_a_digest_changes_with_what_the_scene_shows(blend):
 
 
 def test_every_property_counts_but_those_of_the_interface(blend):
-    """RNA, type by type: a value that changes is seen unless interface_only.py lists it."""
+    """RNA, type by type: a value that changes is seen unless interface_only.txt lists it."""
     in_bpy(EVERY, blend.parent)
 
 
