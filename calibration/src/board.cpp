@@ -91,21 +91,18 @@ void refine_corners(const cv::Mat& picture, std::vector<cv::Point2d>& points, in
 std::vector<cv::Point2d> checkerboard(const cv::Mat& picture, const BoardShape& shape, std::string& why) {
   // Detects the largest board: with a given size, OpenCV may return a part of a larger board.
   constexpr int kFlags = cv::CALIB_CB_LARGER | cv::CALIB_CB_NORMALIZE_IMAGE;
-  std::vector<cv::Point2f> p;
-  cv::Mat meta;
-  for (const int more : {0, cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_ACCURACY})
-    if (cv::findChessboardCornersSB(picture, {3, 3}, p, kFlags | more, meta)) break;
-  if (p.empty() || meta.empty()) {
-    why = "no checkerboard of 3 x 3 inner corners or more";
-    return {};
-  }
-  std::vector<cv::Point2d> points;
-  for (const auto& q : p) points.emplace_back(q.x + 0.5, q.y + 0.5);
-  const auto found = upright(points, meta.cols, meta.rows, shape);
-  if (found.empty())
+  why = "no checkerboard of 3 x 3 inner corners or more";
+  for (const int more : {0, cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_ACCURACY}) {  // the first may find a part alone
+    std::vector<cv::Point2f> p;
+    cv::Mat meta;
+    if (!cv::findChessboardCornersSB(picture, {3, 3}, p, kFlags | more, meta) || p.empty() || meta.empty()) continue;
+    std::vector<cv::Point2d> points;
+    for (const auto& q : p) points.emplace_back(q.x + 0.5, q.y + 0.5);
+    if (auto found = upright(points, meta.cols, meta.rows, shape); !found.empty()) return found;
     why = fmt::format("a checkerboard of {} x {} inner corners about ({:.0f}, {:.0f})", std::max(meta.cols, meta.rows),
                       std::min(meta.cols, meta.rows), points[points.size() / 2].x, points[points.size() / 2].y);
-  return found;
+  }
+  return {};
 }
 
 std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape, std::string& why) {

@@ -89,7 +89,15 @@ Glass Glass::from_file(const std::filesystem::path& path) {
   return glass;
 }
 
-double Glass::n(double lambda_nm) const {
+Glass Glass::with_nd(double nd) const {
+  Glass glass = *this;
+  glass.shift_ += nd - this->nd();
+  return glass;
+}
+
+double Glass::n(double lambda_nm) const { return shift_ + unshifted(lambda_nm); }
+
+double Glass::unshifted(double lambda_nm) const {
   const double um = lambda_nm * 1e-3, um2 = um * um;
   switch (form_) {
     case Form::constant:
@@ -138,7 +146,7 @@ std::optional<Glass> matching_glass(const std::string& name, double nd, double v
   for (const std::string& catalog : catalogs())
     if (auto glass = catalog_glass(catalog, name);
         glass && std::abs(glass->nd() - nd) < 5e-4 && std::abs(glass->vd() - vd) < 0.3)
-      return glass;
+      return glass->with_nd(nd);
   return std::nullopt;
 }
 

@@ -16,20 +16,23 @@ void check_assumed_unit(Reader& reader, const std::filesystem::path& path, TimeU
   // Converted times of a finer unit are multiples of this; of the unit itself hardly ever.
   const std::int64_t step_us = assumed == TimeUnit::s ? 1'000'000 : 1000;
   std::int64_t first_us = 0, last_us = 0, events = 0, times = 0;
-  bool multiples = true, too_late = false;
+  bool multiples = true, too_late = false, of_milliseconds = true;
   try {
     for (Event e; events < kFirstEvents && reader.read(std::span(&e, 1)) > 0; ++events) {
       if (events == 0) first_us = e.t_us;
       times += events == 0 || e.t_us != last_us;
       last_us = e.t_us;
       multiples = multiples && e.t_us % step_us == 0;
+      of_milliseconds = of_milliseconds && e.t_us % 1000 == 0;
       too_late = too_late || e.t_us > kMostTime_us;
     }
   } catch (const Error&) {  // the reader itself reports it, after the events before it
   }
   const double seconds = 1e-6 * (static_cast<double>(last_us) - static_cast<double>(first_us));
   const double rate_hz = static_cast<double>(events) / seconds;
-  const bool too_slow = events >= kFewEvents && seconds > 0 && rate_hz < kLeastRate_hz;
+  // Seconds that resolve microseconds are seconds: no camera's milliseconds have six decimals.
+  const bool is_finer = assumed == TimeUnit::s && !of_milliseconds;
+  const bool too_slow = events >= kFewEvents && seconds > 0 && rate_hz < kLeastRate_hz && !is_finer;
   if (!(multiples && times >= 3) && !too_slow && !too_late) return;
   const std::string unit = name_of(assumed);
   throw bad_input(path.string(), "times",

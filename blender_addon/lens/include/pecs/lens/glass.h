@@ -19,6 +19,7 @@ class Glass {
   // A file of lens_data/glasses (lens_data/SCHEMA.md); throws bad_input.
   static Glass from_file(const std::filesystem::path& path);
 
+  Glass with_nd(double nd) const;  // the same dispersion, shifted so that the index at the d line is nd
   // lambda in [min_nm(), max_nm()]; outside this range, the value is invalid.
   double n(double lambda_nm) const;
   double nd() const { return n(kLambdaD); }
@@ -32,7 +33,9 @@ class Glass {
  private:
   // refractiveindex.info's formulas 1-3 (lambda in um).
   enum class Form { constant, hartmann, sellmeier1 = 11, sellmeier2 = 12, polynomial3 = 13 };
+  double unshifted(double lambda_nm) const;
   Form form_ = Form::constant;
+  double shift_ = 0;  // added to the index of the formula
   std::vector<double> c_{1.0};
   double min_nm_ = 200, max_nm_ = 3000;
   std::string name_, source_;
@@ -48,7 +51,7 @@ struct NamedGlass {
   bool is_of_another_catalog = false;  // than those given
 };
 std::optional<NamedGlass> glass_of_name(const std::string& name, const std::vector<std::string>& catalogs);
-// The glass of that name in any catalogue whose nd and Vd are those given (5e-4, 0.3).
+// The glass of that name in any catalogue whose nd and Vd agree with those given (5e-4, 0.3), with the nd given.
 std::optional<Glass> matching_glass(const std::string& name, double nd, double vd);
 
 // The glass of that name in the first catalogue that has one ("N-BK7"), or in a certain one ("schott/N-BK7"). Throws
