@@ -21,10 +21,9 @@ from pecs._progress import report
 from . import stop
 from .job import programs
 from .job.brightness import light_words
-from .job.options import DEFAULTS, POINTS, RULES, Options, add_argument, add_arguments
+from .job.options import DEFAULTS, RULES, Options, add_arguments
 from .job.resources import Restart
 from .job.shards import merge
-from .spectral.spectra import spectrum
 
 if TYPE_CHECKING:  # they import bpy
     from .camera.plan import Plan
@@ -119,14 +118,6 @@ def _light_options(command) -> None:
     command.add_argument("--json", action="store_true", help="machine-readable output")
     add_arguments(command)
     _scene_options(command)
-
-
-def _bands_options(command) -> None:
-    command.add_argument("-n", "--bands", type=int, default=6, help="number of wavelengths")
-    command.add_argument("--placement", default="gauss", choices=POINTS, help="placement of the wavelengths")
-    for name in ("chip", "illuminant", "min_nm", "max_nm"):
-        add_argument(command, name)
-    command.add_argument("--json", action="store_true", help="machine-readable output")
 
 
 def _merge_options(command) -> None:
@@ -231,17 +222,6 @@ def _reconstruct(args: dict) -> None:
     write_out(f"{args['output']}: {count} video frames, by filter\n")
 
 
-def _bands(args: dict) -> None:
-    lamp = spectrum(args["illuminant"], Path.cwd())
-    pairs = None if lamp.is_constant else list(zip(lamp.lambda_nm, lamp.value, strict=True))
-    bands = pecs.bands(args["chip"], args["bands"], args["placement"], pairs, args["min_nm"], args["max_nm"])
-    if args["json"]:
-        write_out(json.dumps({"bands": bands}) + "\n")
-        return
-    rows = [f"{band['lambda_nm']:13.3f}  {band['weight_nm']:9.3f}\n" for band in bands]
-    write_out("wavelength_nm  weight_nm\n" + "".join(rows))
-
-
 def _merge(args: dict) -> None:
     merge(args["shards"], args["output"])
 
@@ -283,14 +263,6 @@ COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
         "pixels. Options are those of `render`.",
         "pecs_blender light FILE.blend",
         "pecs_blender light FILE.blend --chip davis346 --json",
-    ),
-    "bands": (
-        _bands,
-        _bands_options,
-        "list wavelengths to render for a chip, and their weights",
-        "Lists wavelengths to render for a chip, and their weights.",
-        "pecs_blender bands -n 6",
-        "pecs_blender bands --chip davis346 --max-wavelength 700nm",
     ),
     "reconstruct": (
         _reconstruct,

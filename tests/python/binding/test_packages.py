@@ -25,8 +25,9 @@ scene = bpy.context.scene
 for lens in ("none", "pecs_lab_15mm"):  # what the panel asks for is what the command takes
     scene.pecs.lens = lens
     assert _parser().parse_args(["render", "-o", "s", *render_arguments(scene)]).lens == lens
-code = main(sys.argv[3:])
+code = main(["light", "--help"])
 pecs = sys.modules["pecs"]
+print(len(pecs.bands("imx636", 4)), "bands")
 if (Path(pecs.__file__).parent / "_lib/bin/pecs").exists():
     assert subprocess.check_output([pecs.program(), "--version"], text=True).split() == ["pecs", pecs.__version__]
 print(pecs.__file__, file=sys.stderr)
@@ -104,9 +105,8 @@ def test_it_carries_its_libraries(root, extension):
 
 def test_blender_installs_and_runs_it(blender, extension, tmp_path):
     """libpecs comes from the extension's wheel."""
-    result = blender(INSTALL_AND_RUN, extension, "bands", "-n", "4", "--illuminant", "a", "--json")
-    answer = next(line for line in result.stdout.splitlines() if line.startswith('{"bands"'))
-    assert len(json.loads(answer)["bands"]) == 4
+    result = blender(INSTALL_AND_RUN, extension)
+    assert "4 bands" in result.stdout.splitlines()
     assert str(tmp_path) in result.stderr.splitlines()[-1]
 
 

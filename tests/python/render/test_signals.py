@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support import ROOT
 from support.faults import device
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 32, "--lens", "none")
@@ -90,7 +91,9 @@ def test_closed_descriptors(root, tmp_path, closed):
     assert sorted(p.name for p in (tmp_path / "s").iterdir()) == ["frame_000000.exr", "stack.json"]
 
 
-@pytest.mark.parametrize("args", [("--help",), ("bands",), ("bands", "--json"), ("render", "--help")], ids=" ".join)
+@pytest.mark.parametrize(
+    "args", [("--help",), ("light", str(ROOT / "scenes/rotating_disk")), ("render", "--help")], ids=lambda args: args[0]
+)
 def test_a_standard_output_that_fails(tmp_path, args):
     with open(device(tmp_path / "full", 1, 7), "wb") as full:
         words = [sys.executable, "-m", "pecs_blender", *args]
