@@ -222,10 +222,6 @@ def _reconstruct(args: dict) -> None:
     write_out(f"{args['output']}: {count} video frames, by filter\n")
 
 
-def _merge(args: dict) -> None:
-    merge(args["shards"], args["output"])
-
-
 COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
     "render": (
         _render,
@@ -273,7 +269,7 @@ COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
         "pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25",
     ),
     "merge": (
-        _merge,
+        lambda args: merge(args["shards"], args["output"]),
         _merge_options,
         "join shards of a stack",
         "Joins stacks that differ only in their instants into the stack that one run would have written.",

@@ -43,7 +43,7 @@ class Uniform:
 
 def due(layers: list[Layer], instants: Timeline, index: int) -> list[Layer]:
     """Layers of an instant, then those of the interval after it, which move the scene on."""
-    here = [layer for layer in layers if layer.at == "instant" or index < len(instants.ends_ns)]
+    here = [layer for layer in layers if layer.at == "instant" or index + 1 < len(instants.bounds_ns)]
     return sorted(here, key=lambda layer: layer.at == "interval")
 
 

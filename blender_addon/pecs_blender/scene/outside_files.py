@@ -129,7 +129,7 @@ _READ: dict[type, Callable[[Any, bpy.types.Scene], list[str]]] = {
     bpy.types.Volume: _volume,
     bpy.types.CacheFile: _cache,
     bpy.types.VectorFont: _own(lambda font: not font.packed_file and font.filepath != BUILT_IN),
-    bpy.types.Camera: _own(lambda camera: camera.type == "CUSTOM" and _is_custom(camera), "custom_filepath"),
+    bpy.types.Camera: _own(lambda c: c.type == "CUSTOM" and c.custom_mode == "EXTERNAL", "custom_filepath"),
     bpy.types.MeshCacheModifier: _own(lambda _: True),
     bpy.types.MultiresModifier: _own(lambda modifier: modifier.is_external),
     bpy.types.OceanModifier: _own(lambda modifier: modifier.is_cached),
@@ -140,7 +140,3 @@ _READ: dict[type, Callable[[Any, bpy.types.Scene], list[str]]] = {
     bpy.types.ShaderNodeTexIES: _own(_is_external),
     bpy.types.GeometryNode: _node_inputs,
 }
-
-
-def _is_custom(camera: bpy.types.Camera) -> bool:
-    return camera.custom_mode == "EXTERNAL"

@@ -13,7 +13,7 @@ from typing import Any
 from pecs._config import Fields, is_number, read_json, wanted_number
 from pecs._errors import PecsError, PecsInputError, PecsNotFoundError, UsageError, bad_input, shown
 
-from ..spectral.spectra import Spectrum, spectrum
+from ..spectral.spectra import spectrum
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,8 @@ class SceneFile:
 
     def loaded(self) -> dict[str, Any]:
         """Parameters with spectra as Spectrum."""
-        values = {k: self._spectrum(v) if _is_spectral(k) else v for k, v in self.parameters.items()}
+        values = {k: spectrum(v, self.folder) if _is_spectral(k) else v for k, v in self.parameters.items()}
         return _Parameters(self.folder / "scene.json", values)
-
-    def _spectrum(self, value: float | str) -> Spectrum:
-        return spectrum(value, self.folder)
 
 
 def _is_spectral(key: str) -> bool:

@@ -20,11 +20,6 @@ class Timeline:
         """Bounds of the intervals between instants; with a period, the last instant begins an interval, too."""
         return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
 
-    @property
-    def ends_ns(self) -> list[int]:
-        """Ends of the intervals that begin at times_ns."""
-        return self.bounds_ns[1:]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Instants:

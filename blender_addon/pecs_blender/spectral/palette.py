@@ -107,12 +107,9 @@ def _seen(scene: SpectralScene) -> Iterator[tuple[object, ColourRole, bool, Shar
 def _kind_and_power(owner) -> tuple[str, float]:
     if isinstance(owner, bpy.types.Light):
         return ("sun" if owner.type == "SUN" else "lamp"), owner.energy
-    is_world = isinstance(owner, bpy.types.World) or getattr(owner, "node", None) and _is_background(owner.node)
+    node = getattr(owner, "node", None)
+    is_world = isinstance(owner, bpy.types.World) or node and node.bl_idname == "ShaderNodeBackground"
     return ("world" if is_world else "surface"), 1.0
-
-
-def _is_background(node) -> bool:
-    return node.bl_idname == "ShaderNodeBackground"
 
 
 def _shares(parts: list[np.ndarray]) -> Shares:

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Spectra of lamps and surfaces: tables of value over wavelength, linear in between, or one number for all wavelengths.
-Outside its table a power is zero, and a reflectance keeps its end value."""
+Outside its table a power is zero, and a reflectance keeps its end value. Refractive indices of glass."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs._errors import bad_input
 
 # Luminous efficacy at the peak of V(lambda) [lm/W]: SI Brochure, 9th edition, K_cd.
 K_CD_LM_PER_W = 683.0
 VISIBLE_NM = np.arange(380.0, 781.0)
+ABBE_RANGE_NM = 350.0, 1100.0  # of pecs.glass from n_d and the Abbe number; constant outside
 
 
 @dataclass(frozen=True)
@@ -97,3 +100,14 @@ def illuminance_lux(irradiance_per_unit, spectral_irradiance) -> float:
     return float(
         K_CD_LM_PER_W * np.sum(v(VISIBLE_NM) * irradiance_per_unit(VISIBLE_NM) * spectral_irradiance(VISIBLE_NM))
     )
+
+
+def glass(name_or_abbe: str | float, nd: float) -> Callable[[float], float]:
+    """Refractive index at a wavelength [nm]. A name of lens_data/glasses has its catalogue's formula. An Abbe number has
+    the shader's own index nd."""
+    if isinstance(name_or_abbe, str):
+        pecs.glass(name_or_abbe, 587.56)  # raises for an unknown name
+        return cache(lambda nm: float(pecs.glass(name_or_abbe, nm)))
+    if not 10 <= name_or_abbe <= 120:
+        raise bad_input("material", "pecs_glass", name_or_abbe, "an Abbe number in [10, 120] or a glass's name")
+    return cache(lambda nm: float(pecs.glass((nd, name_or_abbe), np.clip(nm, *ABBE_RANGE_NM))))

@@ -21,8 +21,7 @@ from pecs._errors import PecsError, bad_input
 
 from .bands import BandSet
 from .emitters import LUMINANCE, Emitters
-from .glass import glass
-from .spectra import Spectrum, spectrum
+from .spectra import Spectrum, glass, spectrum
 
 # Sockets that emit; all others reflect, transmit or absorb.
 EMISSION = {

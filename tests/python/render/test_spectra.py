@@ -5,7 +5,6 @@ import pytest
 
 light = pytest.importorskip("pecs_blender.spectral.emitters")
 spectra = pytest.importorskip("pecs_blender.spectral.spectra")
-glass = pytest.importorskip("pecs_blender.spectral.glass")
 NM = np.arange(400.0, 701.0, 5)
 
 
@@ -72,11 +71,11 @@ def test_glass_has_the_catalogues_formula(name):
     for nm in (400, 486.13, 587.56, 656.27, 900):
         um2 = (nm / 1000) ** 2
         n = np.sqrt(1 + sum(data[i] * um2 / (um2 - data[i + 3]) for i in range(3)))
-        assert glass.glass(name, 1.5)(nm) == pytest.approx(n, abs=1e-5)
+        assert spectra.glass(name, 1.5)(nm) == pytest.approx(n, abs=1e-5)
 
 
 def test_glass_of_an_abbe_number_keeps_the_shaders_index():
-    index = glass.glass(64.2, 1.52)
+    index = spectra.glass(64.2, 1.52)
     assert index(587.56) == pytest.approx(1.52, abs=1e-5)
     assert (index(587.56) - 1) / (index(486.13) - index(656.27)) == pytest.approx(64.2, rel=1e-3)
     assert index(300.0) == index(350.0)
