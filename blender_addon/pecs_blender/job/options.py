@@ -17,8 +17,7 @@ from ..truth import LAYERS
 
 SAMPLES = {"uniform": 8, "adaptive": 32}  # per pixel and band, by default
 TIMES = tuple(SAMPLES)
-POINTS = ("gauss", "uniform")  # placements of single wavelengths
-PLACEMENTS = ("means", *POINTS)
+PLACEMENTS = ("means", "gauss", "uniform")
 MOST_BANDS = 256
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 

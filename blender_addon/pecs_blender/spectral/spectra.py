@@ -103,7 +103,7 @@ def illuminance_lux(irradiance_per_unit, spectral_irradiance) -> float:
 
 
 def glass(name_or_abbe: str | float, nd: float) -> Callable[[float], float]:
-    """Refractive index at a wavelength [nm]. A name of lens_data/glasses has its catalogue's formula. An Abbe number has
+    """Refractive index at a wavelength [nm]. A name of lens_data/glasses has its catalogue's formula, an Abbe number
     the shader's own index nd."""
     if isinstance(name_or_abbe, str):
         pecs.glass(name_or_abbe, 587.56)  # raises for an unknown name
