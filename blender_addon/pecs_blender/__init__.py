@@ -25,7 +25,8 @@ def render(
     """Render a scene into an EXR stack in this process, as the command `pecs_blender render` does.
 
     The file that is open is replaced. After the render, the scene's .blend is open as it was before, or an empty file
-    after a scene folder; references to data of Blender from before the call are invalid.
+    after a scene folder; references to data of Blender from before the call are invalid. If `scene` is one of the open
+    file, the open file is then a temporary copy, and `bpy.data.filepath` its path: save it under a name of yours.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ written = pecs_blender.render(bpy.context.scene, output, pecs_blender.Options(**
 assert written == output, written
 with pecs.StackReader(written) as stack:
     assert stack.info["frames"] == 2 and stack.read_layer("depth", 1).shape == (2, 12, 16), stack.info
-assert tuple(bpy.data.materials["paint"].diffuse_color) == before
+assert tuple(bpy.data.materials["paint"].diffuse_color) == before and not bpy.context.scene.keys()
 assert pecs_blender.render(path, output, pecs_blender.Options(**options)) == output  # finds all frames
 assert Path(bpy.data.filepath) == path
 
