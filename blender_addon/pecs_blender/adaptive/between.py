@@ -37,7 +37,7 @@ LAMP_TOLERANCE = 0.5  # of other changes: those of lamps are everywhere, and cos
 Carried = tuple[pecs.CarriedLight, pecs.CarriedLight]  # photocurrent, and light as it is written
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class KeyframeInterval:
     """Between keyframes `first` and `second` at grid indices `start` and `end`. path_px: the longest of a surface
     point."""

@@ -83,8 +83,7 @@ class Adaptive:
         return self._output.has_layer("light", index) and all(one.is_written(self._output, index) for one in due)
 
     def write(self, index: int) -> None:
-        keys, ends, output = self._keyframes.keys, self._keyframes.ends, self._output
-        t_s = self._keyframes.time_s(index)
+        output, t_s = self._output, self._keyframes.time_s(index)
         for layer in self._instant_layers:
             if not layer.is_written(output, index):
                 self._stage.set_time(t_s)
@@ -92,17 +91,27 @@ class Adaptive:
         first = self.keyframe(index)
         if not output.has_layer("light", index):
             output.write_layer("light", index, self._judge.lit(first.written, self._stage.lamps.factors(t_s)))
-        if index < len(ends):
-            second = self.keyframe((index + 1) % len(keys))
-            motion = _rounded(self._motion.render(t_s, self._grid_s[ends[index]]))
+        if index < len(self._keyframes.ends):
+            self._write_interval(index, first)
+
+    def _write_interval(self, index: int, first: Picture) -> None:
+        """Writes the pictures between a keyframe and the next one, then the motion."""
+        start, end = self._keyframes.keys[index], self._keyframes.ends[index]
+        second = self.keyframe((index + 1) % len(self._keyframes.keys))
+        motion = _rounded(self._motion.render(self._keyframes.time_s(index), self._grid_s[end]))
+        if end - start > 1:
             ends_px = motion[[CHANNELS.index(name) for name in ("x_end", "y_end", "back_x_end", "back_y_end")]]
-            path_px = float(np.nanmax(np.hypot(ends_px[::2], ends_px[1::2]), initial=0))
-            if ends[index] - keys[index] > 1:
-                interval = KeyframeInterval(
-                    index, keys[index], ends[index], first, second, pecs.Carrier(motion), path_px
-                )
-                Between(self._stage, self._light, self._judge, output, self._grid_s, interval).refine()
-            output.write_layer("motion", index, motion)
+            interval = KeyframeInterval(
+                index=index,
+                start=start,
+                end=end,
+                first=first,
+                second=second,
+                carrier=pecs.Carrier(motion),
+                path_px=float(np.nanmax(np.hypot(ends_px[::2], ends_px[1::2]), initial=0)),
+            )
+            Between(self._stage, self._light, self._judge, self._output, self._grid_s, interval).refine()
+        self._output.write_layer("motion", index, motion)
 
     def keyframe(self, index: int) -> Picture:
         """A keyframe after sample sharing."""
