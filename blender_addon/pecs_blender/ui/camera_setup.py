@@ -137,14 +137,14 @@ class _SetUp(Action):
         before = snapshot(scene, thing.data)
         self.take_panel(scene)
         try:
-            found = set_up(scene, thing, before)
+            view = set_up(scene, thing, before)
         except Exception:
             for name, value in json.loads(before)["pecs"].items():
                 setattr(scene.pecs, name, value)
             raise
-        text = "{camera}: {width} x {height} pixels, {lens}" if found else NO_LENS
+        text = "{camera}: {width} x {height} pixels, {lens}" if view else NO_LENS
         size = {"width": scene.render.resolution_x, "height": scene.render.resolution_y}
-        return say(text, camera=thing.name, **size, lens=found and found.words())
+        return say(text, camera=thing.name, **size, lens=view and view.words())
 
 
 _CHOICES = {

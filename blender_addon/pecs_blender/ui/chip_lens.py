@@ -160,8 +160,8 @@ class PECS_OT_use_preset(Action, bpy.types.Operator):
 
     @classmethod
     def description(cls, _context, properties) -> str:
-        found = settings.published().get(properties.name)
-        return f"{found['description']}. {found['source']}" if found else say(cls.__doc__)
+        preset = settings.published().get(properties.name)
+        return f"{preset['description']}. {preset['source']}" if preset else say(cls.__doc__)
 
     def act(self, context) -> None:
         context.scene.pecs.sensor.preset = self.name

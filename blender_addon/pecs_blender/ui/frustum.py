@@ -106,11 +106,11 @@ def draw() -> None:
         wanted = setting(scene)
     except RuntimeError:  # invalid chip: reported in the panel
         return
-    found = fields.ask(wanted)[0] if wanted else None
-    if not found:
+    view = fields.ask(wanted)[0] if wanted else None
+    if not view:
         return
     distance = (wanted.focus_m or FAR_M) / scene.unit_settings.scale_length
-    segments, triangles = lines(found, distance)
+    segments, triangles = lines(view, distance)
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(scene.camera.matrix_world.normalized())
         gpu.state.blend_set("ALPHA")

@@ -82,10 +82,10 @@ def _field(name: str, film_mm: tuple[float, float] | None) -> str:
 def search(names_of: Callable[[], Iterable[str | tuple[str, str]]]) -> Callable[..., list]:
     """Search callback of a StringProperty, over names or pairs of name and description; searches both."""
 
-    def found(_self, _context, text: str) -> list:
+    def matching(_self, _context, text: str) -> list:
         return [one for one in names_of() if text.lower() in " ".join([one] if isinstance(one, str) else one).lower()]
 
-    return found
+    return matching
 
 
 def find(kind: str, name: str) -> str:

@@ -41,9 +41,10 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         name, used = scene.name, measured_with(scene)
 
         def done(job: BackgroundJob) -> str:
-            found = json.loads(next(line for line in job.answer if line.startswith("{")))  # beside Blender's own output
-            state.light[name] = found | {"settings": used}
-            return ": ".join(rows(found)[0])
+            line = next(line for line in job.answer if line.startswith("{"))  # beside Blender's own output
+            measured = json.loads(line)
+            state.light[name] = measured | {"settings": used}
+            return ": ".join(rows(measured)[0])
 
         command = operators.blender(scene, "light", None, *operators.frame_words(scene), "--json")
         return BackgroundJob("Probe Light", command, paths.stack(scene), done, for_file=True)
@@ -56,9 +57,9 @@ def measured_with(scene) -> list[str]:
     return [*words[:at], *words[at + 2 :], *map(str, settings.size(scene))]
 
 
-def rows(found: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
+def rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
-    return [(what.title(), value) for what, value in light_rows(found, scale, say)]
+    return [(what.title(), value) for what, value in light_rows(measured, scale, say)]
 
 
 class PECS_OT_set_lux(Action, bpy.types.Operator):
@@ -69,15 +70,16 @@ class PECS_OT_set_lux(Action, bpy.types.Operator):
 
     @classmethod
     def why_not(cls, context) -> str:
-        found = state.light.get(context.scene.name)
-        if not found:
+        measured = state.light.get(context.scene.name)
+        if not measured:
             return say("Probe the light first")
-        return "" if found["lux"] and found["lux"]["median"] > 0 else say("The probe found no lit surface in view")
+        lux = measured["lux"]
+        return "" if lux and lux["median"] > 0 else say("The probe found no lit surface in view")
 
     def act(self, context) -> None:
-        found = state.light[context.scene.name]
+        measured = state.light[context.scene.name]
         wanted = context.scene.pecs_light.wanted_lux
-        context.scene.pecs.light_scale = found["light_scale"] * wanted / found["lux"]["median"]
+        context.scene.pecs.light_scale = measured["light_scale"] * wanted / measured["lux"]["median"]
 
 
 def register() -> None:

@@ -122,11 +122,11 @@ class LiveView:
 
     def _tick(self) -> float | None:
         try:
-            found = self._find()
-            if not found:
+            viewport = self._find()
+            if not viewport:
                 end(self, say(STOPPED, reason=say("its viewport was closed")))
                 return None
-            return self._step(*found)
+            return self._step(*viewport)
         except Exception as e:
             end(self, say(STOPPED, reason=e))
             raise

@@ -141,13 +141,13 @@ def planned_with(scene) -> list[str]:
     return [*settings.render_arguments(scene), *frame_words(scene), *map(str, (*settings.size(scene), *at))]
 
 
-def plan_rows(found: dict) -> list[tuple[str, str]]:
+def plan_rows(plan: dict) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
     return [
-        ("Rendered", say("{count:,} of {of:,}", count=found["frames"], of=found["of"])),
-        ("Time", background.clock(found["frames"] * found["each_s"])),
-        ("Disk", readable(found["disk_bytes"])),
-        ("Memory", readable(found["memory_bytes"])),
+        ("Rendered", say("{count:,} of {of:,}", count=plan["frames"], of=plan["of"])),
+        ("Time", background.clock(plan["frames"] * plan["each_s"])),
+        ("Disk", readable(plan["disk_bytes"])),
+        ("Memory", readable(plan["memory_bytes"])),
     ]
 
 

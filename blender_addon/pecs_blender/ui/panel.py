@@ -96,11 +96,11 @@ def _camera(layout, scene, s) -> None:
     auto(layout.column(align=True), s, "focus_m", "fnumber")
     props(layout, scene.pecs_camera, "focus_object", "show_field")
     wanted = frustum.setting(scene)
-    found, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
+    view, wrong = frustum.fields.ask(wanted) if wanted else (None, "")
     if wrong:
         wrapped(layout, wrong, "ERROR", alert=True)
-    elif found:
-        wrapped(layout, say("{lens}; maximum aperture f/{number:.3g}", lens=found.words(), number=found.widest))
+    elif view:
+        wrapped(layout, say("{lens}; maximum aperture f/{number:.3g}", lens=view.words(), number=view.widest))
 
 
 class PECS_PT_camera(SubPanel, bpy.types.Panel):
@@ -127,10 +127,10 @@ class PECS_PT_camera_data(bpy.types.Panel):
             _camera(self.layout, context.scene, context.scene.pecs)
 
 
-def _answer(layout, found, now: list[str]):
+def _answer(layout, answer, now: list[str]):
     """A column for an answer, grey if the settings have changed since."""
     column = layout.column(align=True)
-    if found["settings"] != now:
+    if answer["settings"] != now:
         column.active = False
         column.label(text=say("Measured with other settings"), icon="INFO")
     return column
@@ -153,9 +153,9 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
-        if found := state.plan.get(scene.name):
-            column = _answer(layout, found, operators.planned_with(scene))
-            for label, value in operators.plan_rows(found):
+        if plan := state.plan.get(scene.name):
+            column = _answer(layout, plan, operators.planned_with(scene))
+            for label, value in operators.plan_rows(plan):
                 labelled(column, say(label)).label(text=value)
 
 
@@ -166,12 +166,12 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.probe_light", icon="LIGHT_SUN")
-        if found := state.light.get(scene.name):
-            scale = s.light_scale / found["light_scale"]
-            column = _answer(layout, found, light_probe.measured_with(scene))
-            for label, value in light_probe.rows(found, scale):
+        if measured := state.light.get(scene.name):
+            scale = s.light_scale / measured["light_scale"]
+            column = _answer(layout, measured, light_probe.measured_with(scene))
+            for label, value in light_probe.rows(measured, scale):
                 labelled(column, label).label(text=value)
-            corner = found["corner_hz"]
+            corner = measured["corner_hz"]
             if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
                 wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
         column = layout.column(align=True)
@@ -186,10 +186,10 @@ class PECS_PT_checks(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
-        found = state.problems.get(scene.name)
-        if found == []:
+        problems = state.problems.get(scene.name)
+        if problems == []:
             wrapped(layout, say("No problems found"), "CHECKMARK")
-        for one in found or ():
+        for one in problems or ():
             problem(layout, one)
 
 

@@ -66,19 +66,19 @@ def _nodes() -> Iterator[Problem]:
     owners = [one for kind in (bpy.data.materials, bpy.data.lights, bpy.data.worlds) for one in kind if one.users]
     trees = [(one.name, one.node_tree) for one in owners if one.node_tree]
     trees += [(group.name, group) for group in bpy.data.node_groups if group.users]
-    found = [words for name, tree in trees for node in tree.nodes for words in beyond_reach(node, name)]
-    if found:
-        yield Problem(_list(say("Approximated"), found), is_error=False)
+    kinds = [words for name, tree in trees for node in tree.nodes for words in beyond_reach(node, name)]
+    if kinds:
+        yield Problem(_list(say("Approximated"), kinds), is_error=False)
 
 
 def _noise(scene) -> Iterator[Problem]:
     """Frames share their samples, so noise flickers only at moving objects."""
     s = scene.pecs
-    found = state.light.get(scene.name)
-    if s.noise_events or not found or found["noise_thresholds"] is None:
+    measured = state.light.get(scene.name)
+    if s.noise_events or not measured or measured["noise_thresholds"] is None:
         return
     samples = s.samples or SAMPLES[s.time]
-    noise = found["noise_thresholds"] * math.sqrt(found["samples"] / samples)
+    noise = measured["noise_thresholds"] * math.sqrt(measured["samples"] / samples)
     if noise > MOST_NOISE:
         wanted = math.ceil(samples * (noise / MOST_NOISE) ** 2)
         text = (
@@ -174,9 +174,10 @@ class PECS_OT_check_scene(Action, bpy.types.Operator):
 
     def act(self, context) -> str:
         scene = context.scene
-        state.problems[scene.name] = found = check(scene, context.view_layer)
-        text = "1 problem found" if len(found) == 1 else "{count} problems found" if found else "No problems found"
-        return say(text, count=len(found))
+        state.problems[scene.name] = problems = check(scene, context.view_layer)
+        count = len(problems)
+        text = "1 problem found" if count == 1 else "{count} problems found" if count else "No problems found"
+        return say(text, count=count)
 
 
 class _Fix(Action):
