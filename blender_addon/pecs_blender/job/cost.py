@@ -12,8 +12,7 @@ from ..scene import cycles
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
 from .resources import peak_mb, readable
-from .stack import Render
-from .uniform import due, times_s
+from .stack import Render, due, times_s
 
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a time
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import bpy
 import pecs
@@ -20,12 +20,54 @@ from ..adaptive.keyframes import Keyframes
 from ..camera.light import Light
 from ..camera.plan import Plan
 from ..camera.stage import Stage
-from ..output import Output, free_folder, is_stack
+from ..output import Layer, Output, free_folder, is_stack
 from ..scene.cycles import Sampling
+from ..scene.timeline import Timeline
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
 from .resources import BYTES_PER_VALUE, MemoryGuard, check_disk
-from .uniform import Frames, Uniform
+
+
+class Frames(Protocol):
+    """Writes the frames of a stack. warm_up: frames until all caches are full."""
+
+    warm_up: int
+
+    def is_written(self, index: int) -> bool: ...
+
+    def write(self, index: int) -> None: ...
+
+
+class Uniform:
+    """Renders every instant, and the interval after it."""
+
+    warm_up = 0
+
+    def __init__(self, stage: Stage, instants: Timeline, layers: list[Layer], output: Output):
+        self._stage, self._instants, self._layers, self._output = stage, instants, layers, output
+
+    def is_written(self, index: int) -> bool:
+        return not self._missing(index)
+
+    def write(self, index: int) -> None:
+        self._stage.set_time(self._instants.times_ns[index] * 1e-9)
+        for layer in self._missing(index):
+            layer.write(self._output, index, *times_s(layer, self._instants, index))
+
+    def _missing(self, index: int) -> list[Layer]:
+        layers = due(self._layers, self._instants, index)
+        return [layer for layer in layers if not layer.is_written(self._output, index)]
+
+
+def due(layers: list[Layer], instants: Timeline, index: int) -> list[Layer]:
+    """Layers of an instant, then those of the interval after it, which move the scene on."""
+    here = [layer for layer in layers if layer.at == "instant" or index + 1 < len(instants.bounds_ns)]
+    return sorted(here, key=lambda layer: layer.at == "interval")
+
+
+def times_s(layer: Layer, instants: Timeline, index: int) -> list[float]:
+    bounds_s = [t * 1e-9 for t in instants.bounds_ns[index : index + 2]]
+    return bounds_s[:1] if layer.at == "instant" else bounds_s
 
 
 class Render:
