@@ -357,7 +357,7 @@ class Estimate:
         slopes = search.slopes(keys, x, both_sides=True)
         while (weakest := self._weakest(x, spread := self._spread(x, slopes))) is not None:
             key = self.keys.pop(weakest)
-            problem.fixed[key] = search.start[key] if key == LIGHT else self.profile[key]
+            problem.fixed[key] = self._if_kept(key)
             x, slopes = np.delete(x, weakest), np.delete(slopes, weakest, axis=1)
             if not self.keys:
                 raise PecsInputError(f"{', '.join(self.files)}: got no value that shows, wanted more events")
@@ -366,6 +366,9 @@ class Estimate:
             slopes = search.slopes(self.keys, x, both_sides=True)
             spread = self._spread(x, slopes)
         return self._fitted(x, slopes, spread)
+
+    def _if_kept(self, key: str) -> float:
+        return self.search.start[key] if key == LIGHT else self.profile[key]
 
     def _weigh(self, measured: Floats, x: Floats, floor: float) -> Floats:
         """Weights of the statistics from here on; their covariance."""
@@ -412,7 +415,11 @@ class Estimate:
         how well, then follows with this one kept. Without steps, what the thresholds depend on is never kept."""
         keys, sd = self.keys, np.sqrt(np.diag(spread))
         never = (*STILL_KEYS, LIGHT, "noise_std", *self.search.known) if self.slow else STILL_KEYS
-        relative = np.array([0.0 if key in never else self._relative(key, x[i]) for i, key in enumerate(keys)])
+        kept = np.array([forward(key, self._if_kept(key)) for key in keys])
+        excluded = np.abs(x - kept) > NORMAL_95 * sd  # by the recordings, as a long refractory period by short gaps
+        relative = np.array(
+            [0.0 if key in never or excluded[i] else self._relative(key, x[i]) for i, key in enumerate(keys)]
+        )
         i = int(np.argmax(relative * sd))
         if relative[i] * sd[i] < MAX_SD:
             if "leak_rate_hz" not in keys or self._leak_shows(x):

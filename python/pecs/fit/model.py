@@ -85,7 +85,7 @@ class Model:
         fixed = dict.fromkeys((*STILL_KEYS, "hot_pixel_fraction"), 0.0)
         sensor = Sensor(
             DISK_COLUMNS, len(white_fa), str(self.chip), overrides={**values, **fixed}, seed=self.seed,
-            photocurrent_a=1e-15, readout="ideal",
+            photocurrent_a=1e-15, readout="ideal", time_unit="us",
         )  # fmt: skip
         found = []
         with sensor:
@@ -120,7 +120,7 @@ class Model:
         fixed = {"hot_pixel_fraction": 0.0}
         return Sensor(
             COLUMNS, pixels // COLUMNS, str(self.chip), overrides={**overrides, **fixed}, seed=self.seed,
-            photocurrent_a=light_a, readout="ideal", **more,
+            photocurrent_a=light_a, readout="ideal", time_unit="us", **more,
         )  # fmt: skip
 
     def _once(self, *key: Any, make: Any) -> Any:
@@ -194,14 +194,18 @@ class Model:
 
     def _noise(self, light_a: float, overrides: Mapping[str, float]) -> Quiet:
         values = {**overrides, "background_on_hz": 0.0, "background_off_hz": 0.0}
-        settle = np.arange(0, SETTLE_S, SLOW_STEP_S) * 1e6 if values.get("leak_rate_hz", 0.0) > 0 else np.array([0.0])
-        lit = light_a > 0
+        lit, leaks = light_a > 0, values.get("leak_rate_hz", 0.0) > 0
         seconds, step_us = (NOISE_S, STEP_US) if lit else (DARK_S, DARK_STEP_US)
+        settle = np.arange(0, SETTLE_S, SLOW_STEP_S) * 1e6 if leaks and not lit else np.array([0.0])
         begin = settle[-1] + 1e6 * (NOISE_SETTLE_S if lit else DARK_SETTLE_S)
         fine = np.arange(settle[-1] + step_us, begin + seconds * 1e6, step_us)
         level, scale = (1.0, light_a) if lit else (0.0, 1e-15)
         with self._sensor(self.still_pixels, scale, values, labels=True) as sensor:
-            events = self._still(sensor, [settle, fine], level)
+            found = []
+            if leaks and lit:  # pixels begin at a random phase of their leak: in less light by part of a threshold
+                phase = np.random.default_rng(self.seed).uniform(0, overrides["contrast_threshold_on"], sensor.shape)
+                found, settle = [sensor.push(np.exp(-phase)[None], settle)], settle[1:]
+            events = np.concatenate([*found, self._still(sensor, [settle, fine], level)])
         return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, seconds, 1)
 
     def _slow(self, overrides: Mapping[str, float], seconds: float) -> Quiet:

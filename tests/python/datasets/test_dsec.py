@@ -45,7 +45,7 @@ def test_dsec_events_by_event_vision_library(sequence, dsec):
         camera = sequence.cameras[side]
         events = camera.events()
         small.same_events([dsec[f"{side}_{k}"] for k in ("t_s", "x", "y", "p")], events)
-        window = events[(events["t"] >= 20_500) & (events["t"] < 71_200)]
+        window = events[(events["t"] > 20_500) & (events["t"] <= 71_200)]
         small.same_events([dsec[f"{side}_window_{k}"] for k in ("t_s", "x", "y", "p")], window)
         np.testing.assert_array_equal(dsec[f"{side}_map"], camera.rectify_map())
         assert len(dsec[f"{side}_ms_to_idx"]) == 101 and dsec[f"{side}_ms_to_idx"][0] == 0

@@ -107,7 +107,7 @@ def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
     counts = found[1][2, 10:50]
     assert 0.5 < counts.var(ddof=1) / counts.mean() < 1.7  # Poisson
     assert len(pecs.simulate(still, t_us, time_unit="us", chip=chip, noise=False)) == 0
-    two = pecs.Sensor(60, 6, chip, overrides=overrides, readout="ideal")  # however the frames are given
+    two = pecs.Sensor(60, 6, chip, overrides=overrides, readout="ideal", time_unit="us")  # however the frames are given
     parts = [two.push(still[:4], t_us[:4]), two.push(still[4:], t_us[4:]), two.finish()]
     assert np.array_equal(np.concatenate(parts), e)
 

@@ -33,7 +33,7 @@ def dsec(folder):
     for side in ("left", "right"):
         loader = dsec_loader(folder, side, event_load_mode="cached")  # which looks at every time and place
         out |= {f"{side}_{k}": v for k, v in events_of(loader.load_events(0, loader.num_events)).items()}
-        out |= {f"{side}_window_{k}": v for k, v in events_of(loader.get_events_by_time(0.0205, 0.0712)).items()}
+        out |= {f"{side}_window_{k}": v for k, v in events_of(loader.get_events_by_time(0.0205005, 0.0712005)).items()}
         out[f"{side}_map"], out[f"{side}_ms_to_idx"] = loader.rectify_map, loader.ms_to_idx
     loader = dsec_loader(
         folder,

@@ -56,6 +56,7 @@ class ActivePixels {
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
   static constexpr float kStraight = 0.01f;  // of the noise: deviation from a straight line that does not count
   static constexpr float kStraight_us = 2;   // the same, where the path crosses
+  static constexpr float kShortest = 0x1p-21f;  // part of a step that is not split, relative to its end
 
   // Background events of this interval: each pixel's first into background_s_.
   void take_background(const IntervalTimes& t) {
@@ -294,6 +295,7 @@ class ActivePixels {
     const U32 u32;
     const M seeking = hn::AndNot(hn::Or(holds(g.ready), holds(g.leaf)), holds(g.live));
     if (!hn::AllFalse(f, holds(g.splits))) split(t, g);
+    wake(t, g, seeking);
     const V zero = hn::Zero(f), from = get(g.from), to = get(g.to), third = hn::Set(f, 1.0f / 3);
     const V begin = time_of(g, from), end = time_of(g, to), length = hn::Sub(end, begin);
     const Cubic<V> v = part_of(g);
@@ -316,18 +318,18 @@ class ActivePixels {
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
     const V blind = get(g.blind);
     const M sleeps = hn::And(seeking, hn::Ge(blind, end)), awake = hn::AndNot(sleeps, seeking);
-    const M wakes = hn::And(awake, hn::Gt(blind, begin));
     const M is_due = hn::Lt(get(g.background), end);
     const VU later = hn::Load(u32, g.later);
     const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
     const M ends_here = hn::And(is_candidate, hn::RebindMask(f, hn::Eq(later, hn::Load(u32, g.candidate_later))));
-    const M must = hn::Or(hn::Or(wakes, is_due), ends_here);
+    const M must = hn::Or(is_due, ends_here);
     const M many = hn::And(awake, hn::Or(must, hn::Ge(expected, hn::Set(f, kFewCrossings))));
     // Straight: by the noise's scale, or by time where the path crosses.
     const V h = hn::Mul(length, hn::Set(f, t.h_us));
     const M fine = hn::Or(hn::Lt(reach.std, hn::Set(f, kStraight * a_.noise_std)),
                           hn::And(crosses, hn::Lt(hn::Mul(reach.std, h), hn::Mul(hn::Set(f, kStraight_us), rise))));
-    const M full = hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3)));
+    const M full = hn::Or(hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3))),
+                          hn::Le(hn::Sub(to, from), hn::Mul(hn::Set(f, kShortest), to)));
     const M leaf = hn::And(many, hn::Or(fine, full));
     set(g.leaf, hn::Or(leaf, holds(g.leaf)));
     set(g.splits, hn::AndNot(leaf, many));
@@ -349,6 +351,33 @@ class ActivePixels {
       done = holds(is_done);
     }
     next_part(t, g, done);
+  }
+
+  // Where the refractory period ends in the part at work, the part begins there.
+  HWY_INLINE void wake(const IntervalTimes& t, ActiveLanes& g, M seeking) {
+    const F f;
+    const V blind = get(g.blind), from = get(g.from), begin = time_of(g, from), end = time_of(g, get(g.to));
+    const M which = hn::And(seeking, hn::And(hn::Gt(blind, begin), hn::Lt(blind, end)));
+    if (hn::AllFalse(f, which)) return;
+    const V length = hn::Sub(end, begin), before = hn::Sub(blind, begin), after = hn::Sub(end, blind);
+    const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x), u = hn::Div(before, length);
+    const V z = hn::MulAdd(u, hn::Sub(get(g.to), from), from);
+    const NoiseState<V> noise =
+        draw_between(noise_step(hn::Mul(rate, before), hn::Mul(b, before)),
+                     noise_step(hn::Mul(rate, after), hn::Mul(b, after)), {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)},
+                     hn::FirstN(f, 0), get(g.std), gaussian(g.random.next(which)), gaussian(g.random.next(which)));
+    set(g.blind, hn::IfThenZeroElse(which, blind));
+    begin_at(t, g, which, z, hn::Add(cubic(g.q).at(z), noise.z), noise);
+  }
+  // The reference of pixels is their output there, and the part at work begins at z.
+  HWY_INLINE void begin_at(const IntervalTimes& t, ActiveLanes& g, M which, V z, V output, const NoiseState<V>& noise) {
+    set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
+    output_.mark(t, g, which, time_of(g, z), noise.z);
+    if (is_noisy_) {
+      set(g.n0, hn::IfThenElse(which, noise.n, get(g.n0)));
+      set(g.z0, hn::IfThenElse(which, noise.z, get(g.z0)));
+    }
+    set(g.from, hn::IfThenElse(which, z, get(g.from)));
   }
 
   // Splits parts in the middle.
@@ -505,18 +534,11 @@ class ActivePixels {
     const V length = hn::Mul(hn::Sub(get(g.s1), get(g.s0)), hn::Sub(get(g.to), get(g.from)));
     return hn::Min(hn::Set(F(), 3.0f), hn::Mul(hn::Set(F(), t.amplifier.x), length));
   }
-  // References are the output at u, and the part begins there.
+  // The part begins at u of the leaf.
   HWY_INLINE void restart(const IntervalTimes& t, ActiveLanes& g, M which, V u) {
     const Cubic<V> noise = noise_of(t, g), v = part_of(g) + noise;
     const V from = get(g.from), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise_at_u = noise.at(u);
-    set(g.reference, hn::IfThenElse(which, v.at(u), get(g.reference)));
-    output_.mark(t, g, which, time_of(g, z), noise_at_u);
-    if (is_noisy_) {
-      const V n = hn::Add(noise_at_u, hn::Div(noise.slope(u), leaf_y(t, g)));
-      set(g.n0, hn::IfThenElse(which, n, get(g.n0)));
-      set(g.z0, hn::IfThenElse(which, noise_at_u, get(g.z0)));
-    }
-    set(g.from, hn::IfThenElse(which, z, from));
+    begin_at(t, g, which, z, v.at(u), {hn::Add(noise_at_u, hn::Div(noise.slope(u), leaf_y(t, g))), noise_at_u});
   }
 
   // A crossing before a candidate ends the search for it; at the part that ends with it, it is one. Returns the lanes

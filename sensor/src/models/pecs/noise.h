@@ -62,8 +62,10 @@ PECS_INLINE T phi1(T x, T ex) {
   return select(x < 0.5f, series, (1.0f - ex) / max(x, number<T>(0.5)));
 }
 
+// Beyond 1e5, and 1e5 times the photoreceptor's, the amplifier's speed changes nothing that single precision resolves.
 template <class T>
-PECS_INLINE NoiseStep<T> noise_step(T x, T y) {
+PECS_INLINE NoiseStep<T> noise_step(T x, T amplifier_y) {
+  const T y = min(amplifier_y, number<T>(1e5) * max(x, number<T>(1)));
   const T e = exp(-x), f = exp(-y), i1 = phi1(x + x, e * e);
   // k = y (e - f) / (y - x)
   const T apart = abs(y - x), larger = max(max(e, f), number<T>(1e-37));
