@@ -36,14 +36,36 @@ def resolve(options: Options, source: Source) -> Plan:
     that exclude each other."""
     _check(options)
     chip = pecs.Chip(options.chip)
-    threshold = lower_threshold(chip)
+    view = _view(options, source, chip)
+    bands = _bands(options, source, chip)
+    instants = Instants(
+        grid=timeline(options.frames, options.fps, source.period_s, source.duration_s),
+        only=options.only,
+        step_px=options.step_px if options.is_adaptive else None,
+        tolerance=TIME_TOLERANCE * lower_threshold(chip),
+    )
+    if view.path:
+        view.path.check(instants.grid)
+    needs_motion = options.is_adaptive and "motion" not in options.layers
+    return Plan(
+        view=view,
+        bands=bands,
+        sampling=_sampling(options, source, view.subpixels),
+        instants=instants,
+        light=not options.no_light,
+        layers=(*options.layers, "motion") if needs_motion else options.layers,
+        recorded=options.recorded() | {"film_width_mm": view.film_width_mm, "subpixels": view.subpixels},
+        verbosity={"quiet": options.quiet, "verbose": options.verbose},
+    )
+
+
+def _view(options: Options, source: Source, chip: pecs.Chip) -> View:
     subpixels = options.subpixels or (2 if options.is_adaptive else 1)
     pixels = _pixels(source.size, options.width, options.height)
-    film_width_mm = options.film_width_mm or film_width_mm_of(chip, pixels[0])
-    view = View(
+    return View(
         pixels=pixels,
         subpixels=subpixels,
-        film_width_mm=film_width_mm,
+        film_width_mm=options.film_width_mm or film_width_mm_of(chip, pixels[0]),
         film_shift_mm=tuple(options.film_shift_mm),
         film_tilt_deg=tuple(options.film_tilt_deg),
         lens=options.lens,
@@ -56,7 +78,10 @@ def resolve(options: Options, source: Source) -> Plan:
         moving_px=_moving_px(options.moving_px, pixels, subpixels),
         path=read_camera_path(Path(options.camera_path)) if options.camera_path else None,
     )
-    bands = Bands(
+
+
+def _bands(options: Options, source: Source, chip: pecs.Chip) -> Bands:
+    return Bands(
         chip=chip,
         count=options.bands,
         placement=options.placement,
@@ -66,11 +91,14 @@ def resolve(options: Options, source: Source) -> Plan:
         illuminant=spectrum(options.illuminant, source.folder),
         light_scale=options.light_scale,
         lux=options.lux,
-        tolerance=TOLERANCE * threshold,
+        tolerance=TOLERANCE * lower_threshold(chip),
     )
+
+
+def _sampling(options: Options, source: Source, subpixels: int) -> Sampling:
     denoise = options.is_adaptive and not options.no_denoise
     least = 2 if denoise else 1
-    sampling = Sampling(
+    return Sampling(
         samples=least * -(-options.samples_per_pixel // (least * subpixels**2)),
         seed=options.seed,
         bounces=source.bounces,
@@ -79,28 +107,6 @@ def resolve(options: Options, source: Source) -> Plan:
         denoise=denoise,
         light_tree=options.light_tree,
         noise_events=options.noise_events,
-    )
-    instants = Instants(
-        grid=timeline(options.frames, options.fps, source.period_s, source.duration_s),
-        only=options.only,
-        step_px=options.step_px if options.is_adaptive else None,
-        tolerance=TIME_TOLERANCE * threshold,
-    )
-    if view.path:
-        view.path.check(instants.grid)
-    needs_motion = options.is_adaptive and "motion" not in options.layers
-    layers = (*options.layers, "motion") if needs_motion else options.layers
-    recorded = options.recorded() | {"film_width_mm": film_width_mm, "subpixels": subpixels}
-    verbosity = {"quiet": options.quiet, "verbose": options.verbose}
-    return Plan(
-        view=view,
-        bands=bands,
-        sampling=sampling,
-        instants=instants,
-        light=not options.no_light,
-        layers=layers,
-        recorded=recorded,
-        verbosity=verbosity,
     )
 
 
