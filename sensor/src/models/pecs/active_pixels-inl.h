@@ -54,8 +54,8 @@ class ActivePixels {
  private:
   static constexpr float kNone = 2;                                // no event: beyond s = 1
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
-  static constexpr float kStraight = 0.01f;  // of the noise: deviation from a straight line that does not count
-  static constexpr float kStraight_us = 2;   // the same, where the path crosses
+  static constexpr float kStraight = 0.01f;     // of the noise: deviation from a straight line that does not count
+  static constexpr float kStraight_us = 2;      // the same, where the path crosses
   static constexpr float kShortest = 0x1p-21f;  // part of a step that is not split, relative to its end
 
   // Background events of this interval: each pixel's first into background_s_.
@@ -68,8 +68,9 @@ class ActivePixels {
       const std::uint32_t p = e.pixel - rows_.first;
       if (background_s_[p] < kNone) continue;
       background_s_[p] = in_interval(e, t);
-      rows_.gate[p] = kNoGate;
-      if (std::find(jobs_, jobs_ + jobs_count_, p) == jobs_ + jobs_count_) jobs_[jobs_count_++] = p;
+      const bool is_listed = std::find(jobs_, jobs_ + jobs_count_, p) != jobs_ + jobs_count_;
+      if (!is_listed || rows_.gate[p] != kFree) rows_.gate[p] = kNoGate;
+      if (!is_listed) jobs_[jobs_count_++] = p;
     }
   }
   static float in_interval(const BackgroundEvent& e, const IntervalTimes& t) {
@@ -359,13 +360,12 @@ class ActivePixels {
     const V blind = get(g.blind), from = get(g.from), begin = time_of(g, from), end = time_of(g, get(g.to));
     const M which = hn::And(seeking, hn::And(hn::Gt(blind, begin), hn::Lt(blind, end)));
     if (hn::AllFalse(f, which)) return;
-    const V length = hn::Sub(end, begin), before = hn::Sub(blind, begin), after = hn::Sub(end, blind);
-    const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x), u = hn::Div(before, length);
-    const V z = hn::MulAdd(u, hn::Sub(get(g.to), from), from);
-    const NoiseState<V> noise =
-        draw_between(noise_step(hn::Mul(rate, before), hn::Mul(b, before)),
-                     noise_step(hn::Mul(rate, after), hn::Mul(b, after)), {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)},
-                     hn::FirstN(f, 0), get(g.std), gaussian(g.random.next(which)), gaussian(g.random.next(which)));
+    const V before = hn::Sub(blind, begin), after = hn::Sub(end, blind), u = hn::Div(before, hn::Sub(end, begin));
+    const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from);
+    const NoiseState<V> noise = draw_between(
+        noise_step(hn::Mul(rate, before), hn::Mul(b, before)), noise_step(hn::Mul(rate, after), hn::Mul(b, after)),
+        {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(f, 0), get(g.std), gaussian(g.random.next(which)),
+        gaussian(g.random.next(which)));
     set(g.blind, hn::IfThenZeroElse(which, blind));
     begin_at(t, g, which, z, hn::Add(cubic(g.q).at(z), noise.z), noise);
   }
@@ -373,10 +373,8 @@ class ActivePixels {
   HWY_INLINE void begin_at(const IntervalTimes& t, ActiveLanes& g, M which, V z, V output, const NoiseState<V>& noise) {
     set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
     output_.mark(t, g, which, time_of(g, z), noise.z);
-    if (is_noisy_) {
-      set(g.n0, hn::IfThenElse(which, noise.n, get(g.n0)));
-      set(g.z0, hn::IfThenElse(which, noise.z, get(g.z0)));
-    }
+    set(g.n0, hn::IfThenElse(which, noise.n, get(g.n0)));
+    set(g.z0, hn::IfThenElse(which, noise.z, get(g.z0)));
     set(g.from, hn::IfThenElse(which, z, get(g.from)));
   }
 
