@@ -24,7 +24,7 @@ BATCH = 512  # frames
 # A disk: pixels at each light, relative to those before switches, in rows of DISK_COLUMNS; periods before the counted
 # one, and steps of half a period: in all but the last of these, and least and most in the counted one.
 DISK_PIXELS, DISK_COLUMNS = 16, 240
-DISK_PERIODS, DISK_COARSE, DISK_STEPS, DISK_BATCH = 10, 12, (24, 1000), 64
+DISK_PERIODS, DISK_COARSE, DISK_STEPS, DISK_BATCH = 24, 12, (24, 1000), 64
 DISK_STEP_US = 150.0
 COARSE, FAR, NEAR = 0.25, 5.0, 1.5  # share of these pixels far from the best values; margins of light, far and near
 SLOW_S, SETTLE_S, SLOW_STEP_S = 120.0, 600.0, 2.0  # leak and background: phases of leaks become random

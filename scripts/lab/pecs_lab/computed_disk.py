@@ -16,7 +16,7 @@ from pecs.fit.profile import read
 from .disk import Disk
 from .program import ask
 
-WARM_UP = 11  # periods of white and black before a recording
+WARM_UP = 25  # periods of white and black before a recording: where few edges make events, pixels need 20 to forget
 COARSER = 8  # steps of the warm-up, but not of its last period, relative to those of the recording
 RING = 0.2, 0.98  # of the radius, as pecs.delays
 STILL_PX = 6.0  # outermost part of the disk, which does not turn

@@ -30,7 +30,7 @@ def recording(tmp_path_factory):
     light = np.full((24, 4), CORNER_HZ), CONTRAST
     path = tmp_path_factory.mktemp("disk") / "disk.raw"
     seen = SIZE | {"duration_us": 400e3, "step_us": 200.0, "margin_px": computed_disk.MARGIN_PX}
-    events = computed_disk.simulate("imx636", CHIP, disk, *light, **seen, seed=1)
+    events = computed_disk.simulate("imx636", CHIP, disk, *light, **seen, seed=2)
     pecs.write(path, events, **SIZE)
     return path
 
