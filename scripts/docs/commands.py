@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Writes the page of all commands from what they say to --help.
 
-.venv/bin/python scripts/docs/commands.py -o docs/reference/commands.md
+.venv/bin/python scripts/docs/commands.py -o out/docs/commands.md
 """
 
 import argparse

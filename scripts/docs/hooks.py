@@ -61,8 +61,8 @@ def on_files(files, config):
         whole = path.endswith((".md", *PICTURES))
         given = {"abs_src_path": str(ROOT / path)} if whole else {"content": listing(path)}
         files.append(File.generated(config, site_path(path), **given))
-    for path in sorted((GENERATED / "c").rglob("*")):
-        if path.is_file():
+    for path in sorted(GENERATED.rglob("*")):
+        if path.is_file() and path.suffix != ".log":
             name = path.relative_to(GENERATED).as_posix()
             files.append(File.generated(config, f"reference/{name}", abs_src_path=str(path)))
     return files

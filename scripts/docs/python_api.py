@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Writes the page of the Python package from its docstrings.
 
-.venv/bin/python scripts/docs/python_api.py -o docs/reference/python_api.md
+.venv/bin/python scripts/docs/python_api.py -o out/docs/python_api.md
 """
 
 import argparse

@@ -11,7 +11,7 @@ import pytest
 from pecs import _command, demo
 from pecs._arguments import Parser, Quantity
 from pecs._progress import Line, Progress
-from support import small_stacks
+from support import load_script, small_stacks
 
 
 def events_of_a_bar():
@@ -89,9 +89,9 @@ def test_a_wrong_unit_is_one_line(pecs_program, text):
 
 @pytest.fixture(scope="module")
 def helps(root):
-    """Command -> its --help, `pecs` and `pecs_blender` alike, from the page that test_pages.py holds current."""
-    page = (root / "docs/reference/commands.md").read_text()
-    return dict(re.findall(r"^## (?:python -m )?(pecs[^\n]*)\n\n```text\n(.*?)\n```$", page, re.MULTILINE | re.DOTALL))
+    """Command -> its --help, `pecs` and `pecs_blender` alike."""
+    found = load_script(root / "scripts/docs/commands.py").all_commands()
+    return {name.removeprefix("python -m "): text for name, text in found if not name.startswith("scripts/")}
 
 
 def test_every_help_ends_with_examples_of_its_own(helps):

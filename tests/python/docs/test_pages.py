@@ -148,21 +148,6 @@ def helps():
     return dict(script.all_commands())
 
 
-def test_written_pages_are_current():
-    """If not, run what the message contains."""
-    found = load_script(ROOT / "scripts/docs/commands.py").page(helps().items())
-    done = subprocess.run(
-        [sys.executable, "-c", "import python_api; print(python_api.page(), end='')"],
-        env=os.environ | {"PYTHONPATH": f"{ROOT}/scripts/docs:{ROOT}/python"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for name, text in (("commands", found), ("python_api", done.stdout)):
-        page = ROOT / f"docs/reference/{name}.md"
-        assert text == page.read_text(), f"scripts/docs/{name}.py -o docs/reference/{name}.md"
-
-
 def written_commands(page):
     """Command lines in indented blocks, shell blocks and inline code."""
     text = re.sub(r"\\\n\s*", " ", text_of(page))
@@ -184,7 +169,7 @@ def test_options_that_pages_name_exist():
     """Of commands that are shown and not only of those that run: synopses too."""
     seen = 0
     for page in pages():
-        if page in ("CHANGELOG.md", "docs/reference/commands.md"):  # past commands; the helps themselves
+        if page == "CHANGELOG.md":  # past commands
             continue
         for line in written_commands(page):
             command = max((name for name in helps() if f"{line} ".startswith(f"{name} ")), key=len, default=None)
