@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The measurements of probe.py as rows of text. `say` translates a text and inserts values for its {names}."""
+"""The measurements of probe.py as rows of text."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
-
-Say = Callable[..., str]
 
 _LINES = (
     ("lux", "illuminance", "lux", 1.0),
@@ -16,27 +13,21 @@ _LINES = (
 )
 
 
-def _plain(text: str, **values: Any) -> str:
-    return text.format(**values)
-
-
-def light_rows(measured: dict[str, Any], scale: float = 1.0, say: Say = _plain) -> list[tuple[str, str]]:
+def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
     """Pairs of name and "MEDIAN UNIT (P5–P95)". scale: factor on the light since the measurement; the bandwidth is
     scaled with it, neglecting the dark current."""
     rows = []
     for name, what, unit, factor in _LINES:
         if spread := measured[name]:
             middle, low, high = (_number(spread[key] * factor * scale) for key in ("median", "p5", "p95"))
-            text = "{middle} {unit} ({low}–{high})"
-            rows.append((say(what), say(text, middle=middle, unit=unit, low=low, high=high)))
+            rows.append((what, f"{middle} {unit} ({low}–{high})"))
         else:
             missing = "no diffuse surface" if name == "lux" else "the camera has no f-number; set --fnumber"
-            rows.append((say(what), say(missing)))
+            rows.append((what, missing))
     if measured["noise_thresholds"] is not None:
-        noise = say("{noise} of a threshold", noise=_number(measured["noise_thresholds"]))
-        rows.append((say("render noise"), noise))
+        rows.append(("render noise", f"{_number(measured['noise_thresholds'])} of a threshold"))
     if measured["events_per_s"] is not None and scale == 1:
-        rows.append((say("events"), say("{events} per second", events=_number(measured["events_per_s"]))))
+        rows.append(("events", f"{_number(measured['events_per_s'])} per second"))
     return rows
 
 

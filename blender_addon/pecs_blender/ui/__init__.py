@@ -6,7 +6,6 @@ truth and job."""
 from importlib import import_module
 
 MODULES = (  # a class is registered before those that refer to it
-    "languages",
     "preferences",
     "settings",
     "background",

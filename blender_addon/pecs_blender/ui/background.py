@@ -26,7 +26,7 @@ from pecs._child import mortal
 from pecs._errors import ExitCode
 
 from . import disk
-from .interface import areas, redraw, say, wrapped
+from .interface import areas, redraw, wrapped
 
 POLL_S = 0.2  # interval of polls
 STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
@@ -112,19 +112,19 @@ class BackgroundJob:
     def step(self) -> str:
         """Such as "Frame 2 of 8" or "Simulate 25%"."""
         if not self._task:
-            return say(self.tasks.get("", "Starting {job}"), job=say(self.label))
+            return self.tasks.get("", "Starting {job}").format(job=self.label)
         if self._task == "render":
-            return say("Frame {number:,} of {total:,}", number=min(self._done + 1, self._total), total=self._total)
-        return f"{say(self.tasks.get(self._task, self.label))} {self.progress:.0%}"
+            return f"Frame {min(self._done + 1, self._total):,} of {self._total:,}"
+        return f"{self.tasks.get(self._task, self.label)} {self.progress:.0%}"
 
     @property
     def text(self) -> str:
         """The step and the time left, or the time so far if the time left is unknown."""
         now = time.monotonic()
         if self._stopping:
-            return say("{job}: stopping", job=say(self.label))
+            return f"{self.label}: stopping"
         if self._left_s is not None and self.progress < 1:
-            return f"{self.step}, " + say("{time} left", time=clock(self._left_s - (now - self._left_at)))
+            return f"{self.step}, " + f"{clock(self._left_s - (now - self._left_at))} left"
         return f"{self.step}, {clock(now - self._start)}"
 
     def returncode(self) -> int | None:
@@ -200,7 +200,7 @@ def poll() -> float | None:
     try:
         state.message = _ending(job, code)
     except Exception as e:  # the result cannot be shown; the panel must accept the next job
-        state.message, state.is_error = f"{say(job.label)}: {e}", True
+        state.message, state.is_error = f"{job.label}: {e}", True
     if state.queue and code == 0:
         state.job = state.queue.pop(0).make()
         return POLL_S
@@ -221,13 +221,13 @@ def _ending(job: BackgroundJob, code: int) -> str:
         return job.done(job)
     if job.is_stopping and code in STOPPED:
         text = "Stopped at {step}. Press {job} to resume" if job.continues else "Stopped at {step}"
-        return say(text, step=job.step, job=say(job.label))
+        return text.format(step=job.step, job=job.label)
     if number := -code if code < 0 else max(0, code - 128):
         text = "{job} was ended by signal {number} ({name}). Finished frames are kept"
         text = text if job.continues else "{job} was ended by signal {number} ({name})"
-        return say(text, job=say(job.label), number=number, name=signal.strsignal(number) or "?")
+        return text.format(job=job.label, number=number, name=signal.strsignal(number) or "?")
     line = job.last_line.partition("; --")[0]  # without the hint of command-line options
-    return line or say("{job} ended with code {code}", job=say(job.label), code=code)
+    return line or f"{job.label} ended with code {code}"
 
 
 @bpy.app.handlers.persistent

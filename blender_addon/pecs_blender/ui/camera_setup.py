@@ -13,7 +13,7 @@ from mathutils import Matrix, Vector
 
 from ..job.resolve import film_width_mm_of
 from . import field, frustum, library, settings
-from .interface import CONTEXT, Action, props, say
+from .interface import Action, props
 
 BEFORE = "pecs_before"  # custom property of the camera with its state before set_up
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -144,11 +144,11 @@ class _SetUp(Action):
             raise
         text = "{camera}: {width} x {height} pixels, {lens}" if view else NO_LENS
         size = {"width": scene.render.resolution_x, "height": scene.render.resolution_y}
-        return say(text, camera=thing.name, **size, lens=view and view.words())
+        return text.format(camera=thing.name, **size, lens=view and view.words())
 
 
 _CHOICES = {
-    "lens": StringProperty(name="Lens", translation_context=CONTEXT, search=settings.lenses),
+    "lens": StringProperty(name="Lens", search=settings.lenses),
     "chip": StringProperty(name="Chip", search=library.search(lambda: library.names("chip"))),
     "fnumber": FloatProperty(name="f-number", min=0, description="f-number of the lens; 0: wide open"),
     "focus": FloatProperty(
@@ -166,7 +166,7 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
     @classmethod
     def why_not(cls, context) -> str:
         text = "The scene has no camera. Add one with Add > Camera > Event Camera"
-        return "" if _camera(context.scene) else say(text)
+        return "" if _camera(context.scene) else text
 
     def act(self, context) -> str:
         return self.set_up(context, context.scene.camera)

@@ -19,7 +19,6 @@ from ..job.resources import readable
 from ..scene.timeline import MAX_INSTANTS
 from ..spectral.spectra import spectrum
 from . import disk, library, paths, settings
-from .interface import say
 
 
 @dataclass(frozen=True)
@@ -54,21 +53,21 @@ def run_problems(scene) -> list[Problem]:
 
 def _scene_problems(scene) -> Iterator[Problem]:
     if not scene.camera:
-        yield Problem(say("The scene has no camera"), fix="pecs.add_camera")
+        yield Problem("The scene has no camera", fix="pecs.add_camera")
     elif scene.camera.type != "CAMERA":
-        yield Problem(say("{name} is not a camera", name=scene.camera.name))
+        yield Problem(f"{scene.camera.name} is not a camera")
     if scene.frame_end < scene.frame_start:
-        yield Problem(say("The scene's end frame is before its start frame"))
+        yield Problem("The scene's end frame is before its start frame")
     if settings.frame_count(scene) > MAX_INSTANTS:
         text = "{count:,} frames exceed the maximum of {most:,}. Shorten the range"
-        yield Problem(say(text, count=settings.frame_count(scene), most=MAX_INSTANTS))
+        yield Problem(text.format(count=settings.frame_count(scene), most=MAX_INSTANTS))
 
     duration = settings.frame_count(scene) / scene.pecs.fps * scene.render.fps / scene.render.fps_base
     if duration < 1:
         text = "The rendered time is {share:.2g} of one frame of the scene"
-        yield Problem(say(text, share=duration), False, "pecs.whole_range")
+        yield Problem(text.format(share=duration), False, "pecs.whole_range")
     if _is_still(scene):
-        yield Problem(say("Nothing in the scene is animated, so only noise causes events"), False)
+        yield Problem("Nothing in the scene is animated, so only noise causes events", False)
 
 
 _MOVERS = "CLOTH DYNAMIC_PAINT EXPLODE FLUID MESH_SEQUENCE_CACHE MESH_CACHE NODES OCEAN PARTICLE_SYSTEM SOFT_BODY WAVE"
@@ -104,13 +103,13 @@ def _chip_problems(scene) -> Iterator[Problem]:
     try:
         chip = library.chip(scene.pecs.chip)
     except RuntimeError as e:
-        yield Problem(say("Chip: {error}", error=e))
+        yield Problem(f"Chip: {e}")
         return
     width, height = settings.size(scene)
     if (chip.width and width > chip.width) or (chip.height and height > chip.height):
         text = "{width} x {height} pixels exceed the chip's {most_width} x {most_height}"
         sizes = {"width": width, "height": height, "most_width": chip.width, "most_height": chip.height}
-        yield Problem(say(text, **sizes), fix="pecs.chip_resolution")
+        yield Problem(text.format(**sizes), fix="pecs.chip_resolution")
 
 
 def _lens_problems(scene) -> Iterator[Problem]:
@@ -121,15 +120,15 @@ def _lens_problems(scene) -> Iterator[Problem]:
         settings.lens_now(scene)
     except RuntimeError as e:
         too_wide = str(e).startswith("f-number")
-        yield Problem(say("Lens: {error}", error=e), fix="pecs.wide_open" if too_wide else "")
+        yield Problem(f"Lens: {e}", fix="pecs.wide_open" if too_wide else "")
     if not bpy.app.build_options.cycles_osl:
         text = (
             "This Blender was built without OSL and cannot render a lens. Use Blender from blender.org, or set Lens to "
             "none"
         )
-        yield Problem(say(text))
+        yield Problem(text)
     if s.device not in ("CPU", "OPTIX"):
-        yield Problem(say("A lens requires the device CPU or OPTIX; {device} is set", device=s.device))
+        yield Problem(f"A lens requires the device CPU or OPTIX; {s.device} is set")
 
 
 def spare_gpu(scene) -> str:
@@ -148,9 +147,9 @@ def _has_device(kind: str) -> bool:
 
 def _device_problems(scene) -> Iterator[Problem]:
     if scene.pecs.device != "CPU" and not _has_device(scene.pecs.device):
-        yield Problem(say("Cycles finds no {device} device on this computer", device=scene.pecs.device))
+        yield Problem(f"Cycles finds no {scene.pecs.device} device on this computer")
     if device := spare_gpu(scene):
-        text = say("Cycles' preferences select {device}, but the render uses the CPU", device=device)
+        text = f"Cycles' preferences select {device}, but the render uses the CPU"
         yield Problem(text, False, "pecs.use_gpu")
 
 
@@ -160,7 +159,7 @@ _has_denoiser = cache(denoise.is_available)
 def _denoiser_problems(scene) -> Iterator[Problem]:
     if not scene.pecs.no_denoise and not _has_denoiser():
         text = "This Blender was built without a denoiser. Use Blender from blender.org, or keep the render noise"
-        yield Problem(say(text), fix="pecs.keep_noise")
+        yield Problem(text, fix="pecs.keep_noise")
 
 
 def _light_problems(scene) -> Iterator[Problem]:
@@ -168,14 +167,14 @@ def _light_problems(scene) -> Iterator[Problem]:
     try:
         spectrum(s.illuminant, Path(bpy.data.filepath or ".").absolute().parent)
     except PecsError as e:
-        yield Problem(say("Lamp spectrum: {error}", error=e))
+        yield Problem(f"Lamp spectrum: {e}")
     if s.min_nm and s.max_nm and s.min_nm >= s.max_nm:
-        yield Problem(say("The minimum wavelength is not below the maximum wavelength"))
+        yield Problem("The minimum wavelength is not below the maximum wavelength")
     if s.moving_px and s.time == "uniform":
         try:
             RULES["moving_px"].parse(s.moving_px)
         except argparse.ArgumentTypeError as e:
-            yield Problem(say("Moving region: {error}", error=e))
+            yield Problem(f"Moving region: {e}")
 
 
 def _output_problems(scene) -> Iterator[Problem]:
@@ -184,12 +183,12 @@ def _output_problems(scene) -> Iterator[Problem]:
     wanted, free = settings.stack_bytes(scene), disk.place(folder).free
     if scene.pecs.time == "uniform" and free is not None and wanted > free:
         text = "The stack requires up to {wanted}; {free} are free"
-        yield Problem(say(text, wanted=readable(wanted), free=readable(free)))
+        yield Problem(text.format(wanted=readable(wanted), free=readable(free)))
 
 
 def _folder_problems(folder: Path) -> Iterator[Problem]:
     place = disk.place(folder)
     if not place.is_folder:
-        yield Problem(say("{path}: is a file; choose a folder", path=place.path))
+        yield Problem(f"{place.path}: is a file; choose a folder")
     elif not place.is_writable:
-        yield Problem(say("{path}: is not writable", path=place.path))
+        yield Problem(f"{place.path}: is not writable")

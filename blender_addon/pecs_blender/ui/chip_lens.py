@@ -9,7 +9,7 @@ import pecs
 from bpy.props import IntProperty, StringProperty
 
 from . import checks, library, paths, settings
-from .interface import Action, say
+from .interface import Action
 
 
 class PECS_OT_chip_resolution(Action, bpy.types.Operator):
@@ -24,7 +24,7 @@ class PECS_OT_chip_resolution(Action, bpy.types.Operator):
             chip = library.chip(context.scene.pecs.chip)
         except RuntimeError as e:
             return str(e)
-        return "" if chip.width and chip.height else say("This chip has no fixed resolution")
+        return "" if chip.width and chip.height else "This chip has no fixed resolution"
 
     def act(self, context) -> None:
         chip = library.chip(context.scene.pecs.chip)
@@ -68,7 +68,7 @@ class PECS_OT_keep_noise(Action, bpy.types.Operator):
 class _OnLens(Action):
     @classmethod
     def why_not(cls, context) -> str:
-        return "" if settings.has_lens(context.scene.pecs) else say("Choose a lens first")
+        return "" if settings.has_lens(context.scene.pecs) else "Choose a lens first"
 
 
 class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
@@ -91,7 +91,7 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
     def why_not(cls, context) -> str:
         camera = context.scene.camera
         if not camera or camera.type != "CAMERA":
-            return say("The scene has no camera")
+            return "The scene has no camera"
         return super().why_not(context)
 
     def act(self, context) -> None:
@@ -161,7 +161,7 @@ class PECS_OT_use_preset(Action, bpy.types.Operator):
     @classmethod
     def description(cls, _context, properties) -> str:
         preset = settings.published().get(properties.name)
-        return f"{preset['description']}. {preset['source']}" if preset else say(cls.__doc__)
+        return f"{preset['description']}. {preset['source']}" if preset else cls.__doc__
 
     def act(self, context) -> None:
         context.scene.pecs.sensor.preset = self.name
@@ -190,7 +190,7 @@ class PECS_OT_override_add(Action, bpy.types.Operator):
     def act(self, context) -> None:
         known, sensor = settings.parameters(context.scene.pecs), context.scene.pecs.sensor
         if self.name not in known:
-            raise RuntimeError(say(settings.UNKNOWN, name=self.name or "?"))
+            raise RuntimeError(settings.UNKNOWN.format(name=self.name or "?"))
         if self.name not in sensor.overrides:
             one = sensor.overrides.add()
             one.name, one.value = self.name, f"{known[self.name]['value']:.6g}"

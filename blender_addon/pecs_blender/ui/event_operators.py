@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, StringProperty
 from ..job.programs import pecs as program
 from . import background, checks, disk, event_view, library, operators, paths, settings
 from .background import BackgroundJob, Next
-from .interface import Action, areas, say
+from .interface import Action, areas
 from .preferences import preferences
 
 KINDS = {  # outputs of `pecs view`: label and description
@@ -28,7 +28,7 @@ def _command(*words: object) -> list[str]:
 def show_events(job: BackgroundJob) -> str:
     """Draws the new events over the viewport."""
     event_view.show(job.output)
-    return job.answer[-1] if job.answer else say("{path}: simulated", path=job.output)
+    return job.answer[-1] if job.answer else f"{job.output}: simulated"
 
 
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
@@ -42,7 +42,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
             return busy
         stack = paths.rendered(context.scene)
         if not disk.is_file(stack / "stack.json"):
-            return say("{path}: does not exist; render the stack first", path=stack)
+            return f"{stack}: does not exist; render the stack first"
         return next((one.text for one in checks.sensor_problems(context.scene)), "")
 
     @staticmethod
@@ -118,7 +118,7 @@ class _OnEvents(operators.InBackground):
     @classmethod
     def why_not(cls, context) -> str:
         events = paths.events(context.scene)
-        missing = "" if disk.is_file(events) else say("{path}: does not exist; simulate the events first", path=events)
+        missing = "" if disk.is_file(events) else f"{events}: does not exist; simulate the events first"
         return super().why_not(context) or missing
 
 
@@ -132,9 +132,7 @@ class PECS_OT_view(_OnEvents, bpy.types.Operator):
 
     @classmethod
     def description(cls, _context, properties) -> str:
-        return say(
-            "Add the video as a strip to the sequencer" if properties.to_sequencer else KINDS[properties.kind][1]
-        )
+        return "Add the video as a strip to the sequencer" if properties.to_sequencer else KINDS[properties.kind][1]
 
     def job(self, context) -> BackgroundJob:
         sensor, events = context.scene.pecs.sensor, paths.events(context.scene)
@@ -165,7 +163,7 @@ def sequencer_scene(context) -> bpy.types.Scene | None:
 def _add_strip(job: BackgroundJob) -> str:
     scene = sequencer_scene(bpy.context)
     if not scene:
-        return say("{path}: no sequencer is open", path=job.output)
+        return f"{job.output}: no sequencer is open"
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = editor.strips
     if not strips:
@@ -174,7 +172,7 @@ def _add_strip(job: BackgroundJob) -> str:
     if not getattr(bpy.context.workspace, "sequencer_scene", scene):  # Blender 5: otherwise the sequencer is empty
         bpy.context.workspace.sequencer_scene = scene
     strip = strips.new_movie(job.output.stem, str(job.output), channel, scene.frame_start, fit_method="FIT")
-    return say("{strip}: added to channel {channel} of the sequencer", strip=strip.name, channel=channel)
+    return f"{strip.name}: added to channel {channel} of the sequencer"
 
 
 class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
@@ -232,7 +230,7 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
         if self.filepath:
             sensor.recording = self.filepath
         if not sensor.recording:
-            raise RuntimeError(say("Choose a recording (an event file)"))
+            raise RuntimeError("Choose a recording (an event file)")
         window = sensor.compare_ms
         words = ["--window", f"{window:.6g}ms"] if window else []
         command = _command("compare", *_recording(context.scene), events, *words, "--json")
@@ -242,7 +240,7 @@ class PECS_OT_compare(_OnEvents, bpy.types.Operator):
 def _keep_scores(job: BackgroundJob) -> str:
     scores = json.loads("\n".join(job.answer))
     background.state.scores = scores | {"recording": Path(job.command[2]).name}
-    return "; ".join(scores["warnings"]) or say("Compared with {recording}", recording=Path(job.command[2]).name)
+    return "; ".join(scores["warnings"]) or f"Compared with {Path(job.command[2]).name}"
 
 
 ALIKE, CORRELATED = 0.1, 0.9  # deviation up to which two values count as alike; correlation from which on they do
@@ -280,7 +278,7 @@ def _ratio(real: float | None, sim: float | None, one_sided: bool = False) -> tu
 def _number(value: float | None) -> str:
     """Four characters, which fit the table's columns; null where there are too few events."""
     if value is None:
-        return say("none")
+        return "none"
     size, unit = next(((s, u) for s, u in ((1e9, "G"), (1e6, "M"), (1e4, "k")) if abs(value) >= s), (1, ""))
     value /= 1e3 if unit == "k" else size
     if abs(value) >= 100 or (unit and abs(value) >= 10):

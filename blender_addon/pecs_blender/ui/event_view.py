@@ -14,7 +14,7 @@ from bpy.props import BoolProperty
 from gpu_extras.presets import draw_texture_2d
 
 from . import disk, live_view, operators, paths
-from .interface import Action, redraw, say
+from .interface import Action, redraw
 
 IMAGE = "PECS Events"
 # Linear light, as in the live view: ON, OFF, and the image's background.
@@ -124,13 +124,13 @@ class PECS_OT_show_events(Action, bpy.types.Operator):
     @classmethod
     def why_not(cls, context) -> str:
         events = paths.events(context.scene)
-        return "" if disk.is_file(events) else say("{path}: does not exist; simulate the events first", path=events)
+        return "" if disk.is_file(events) else f"{events}: does not exist; simulate the events first"
 
     @classmethod
     def description(cls, _context, properties) -> str:
         if properties.in_editor:
-            return say("Show an image of the events that follows the timeline in the image editor")
-        return say(cls.__doc__)
+            return "Show an image of the events that follows the timeline in the image editor"
+        return cls.__doc__
 
     def act(self, context) -> str | None:
         if state.view and not self.in_editor:

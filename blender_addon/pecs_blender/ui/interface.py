@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Translated texts, labels that wrap (Blender's do not), areas of the windows, and what operators share."""
+"""Labels that wrap (Blender's do not), areas of the windows, and what operators share."""
 
 from __future__ import annotations
 
@@ -9,14 +9,7 @@ from functools import lru_cache
 
 import bpy
 
-CONTEXT = "PECS"  # translation context of texts that Blender itself has with another meaning
 PIXELS_PER_LETTER = 6.0  # mean letter width of Blender's font
-
-
-def say(text: str, **values) -> str:
-    """The translation of a text (languages/*.json) with `values` for its {names}. Blender itself translates labels,
-    properties and tooltips."""
-    return bpy.app.translations.pgettext_iface(text, CONTEXT).format(**values)
 
 
 def areas(*kinds: str) -> Iterator[bpy.types.Area]:
@@ -31,7 +24,7 @@ def redraw(*kinds: str) -> None:
 
 
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
-    """Draws a translated text as several labels that fit the width of the panel."""
+    """Draws a text as several labels that fit the width of the panel."""
     region = bpy.context.region
     width_px = (region.width if region else 400) / (bpy.context.preferences.system.ui_scale or 1) - 60
     column = layout.column(align=True)

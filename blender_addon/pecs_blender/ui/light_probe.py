@@ -13,7 +13,7 @@ from bpy.props import FloatProperty
 from ..job.brightness import light_rows
 from . import operators, paths, settings
 from .background import BackgroundJob, state
-from .interface import Action, say
+from .interface import Action
 
 DIM_HZ = 100.0  # photoreceptor bandwidth below which moving edges blur
 
@@ -59,7 +59,7 @@ def measured_with(scene) -> list[str]:
 
 def rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
-    return [(what.title(), value) for what, value in light_rows(measured, scale, say)]
+    return [(what.title(), value) for what, value in light_rows(measured, scale)]
 
 
 class PECS_OT_set_lux(Action, bpy.types.Operator):
@@ -72,9 +72,9 @@ class PECS_OT_set_lux(Action, bpy.types.Operator):
     def why_not(cls, context) -> str:
         measured = state.light.get(context.scene.name)
         if not measured:
-            return say("Probe the light first")
+            return "Probe the light first"
         lux = measured["lux"]
-        return "" if lux and lux["median"] > 0 else say("The probe found no lit surface in view")
+        return "" if lux and lux["median"] > 0 else "The probe found no lit surface in view"
 
     def act(self, context) -> None:
         measured = state.light[context.scene.name]

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import live_view
-from .interface import Action, props, say, wrapped
+from .interface import Action, props, wrapped
 from .live_view import state
 
 
@@ -19,7 +19,7 @@ def _restart(_self, context) -> None:
     try:
         state.view.settings(context.scene)
     except Exception as e:  # invalid chip, full disk
-        live_view.end(state.view, say(live_view.STOPPED, reason=e))
+        live_view.end(state.view, live_view.STOPPED.format(reason=e))
 
 
 class PecsLive(bpy.types.PropertyGroup):
@@ -102,10 +102,10 @@ class PECS_OT_live_record(Action, bpy.types.Operator):
     def act(self, context) -> str | None:
         sensor, name = state.view.sensor, context.scene.pecs_live.record
         if recording := sensor.recording:
-            return say("{path}: {count:,} events", path=recording.path, count=sensor.stop_recording())
+            return f"{recording.path}: {sensor.stop_recording():,} events"
         if name.startswith("//") and not bpy.data.filepath:
             text = "{name}: the .blend has no folder yet. Save it, or choose an absolute path"
-            raise ValueError(say(text, name=name))
+            raise ValueError(text.format(name=name))
         return live_view.record(state.view, Path(bpy.path.abspath(name)))
 
 
@@ -124,7 +124,7 @@ class PECS_PT_live(bpy.types.Panel):
         row.operator("pecs.live_record", text="Stop Recording" if recording else "Record", icon="REC")
         if state.message:
             wrapped(layout, state.message, "ERROR")
-        wrapped(layout, say("Preview in relative light, without spectra and lens"), "INFO")
+        wrapped(layout, "Preview in relative light, without spectra and lens", "INFO")
 
         quick = ["threshold"] if s.pixel == "QUICK" else []
         props(layout.column(align=True), s, "source", "width", "height", "pixel", *quick)

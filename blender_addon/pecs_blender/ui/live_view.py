@@ -23,7 +23,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix, Vector
 
 from . import library, live_sensor
-from .interface import redraw, say
+from .interface import redraw
 
 MANY_PX = 640 * 480  # sensor size from which on it uses two threads, since Blender waits for it
 BUSY_S, REST_S = 1 / 120, 0.1  # timer interval while the view changes, and at rest
@@ -124,11 +124,11 @@ class LiveView:
         try:
             viewport = self._find()
             if not viewport:
-                end(self, say(STOPPED, reason=say("its viewport was closed")))
+                end(self, STOPPED.format(reason="its viewport was closed"))
                 return None
             return self._step(*viewport)
         except Exception as e:
-            end(self, say(STOPPED, reason=e))
+            end(self, STOPPED.format(reason=e))
             raise
 
     def _step(self, window, area, region, space) -> float:
@@ -283,17 +283,17 @@ class LiveView:
 
     def _lines(self) -> list[tuple[str, tuple]]:
         height, width = self.sensor.last_s.shape
-        spent = ", ".join(f"{say(name)} {ms:.1f}" for name, ms in self.cost.ms.items())
+        spent = ", ".join(f"{name} {ms:.1f}" for name, ms in self.cost.ms.items())
         size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
         frames, share = self.speed()
         speed = {"frames": frames, "share": share, "dropped": self.clock.dropped, "spent": spent}
-        first = say("{width} x {height}, {rate}, subframes: {count}", **size, count=self._subframes)
-        cost = say("{frames:.1f} frames/s, {share:.0%} of real time, dropped frames: {dropped}, ms: {spent}", **speed)
-        lines = [(say(WORDS), WHITE), (first, WHITE), (cost, WHITE)]
+        first = "{width} x {height}, {rate}, subframes: {count}".format(**size, count=self._subframes)
+        cost = "{frames:.1f} frames/s, {share:.0%} of real time, dropped frames: {dropped}, ms: {spent}".format(**speed)
+        lines = [(WORDS, WHITE), (first, WHITE), (cost, WHITE)]
         if self._drawn and self._is_coarse:
-            lines.append((say("Waiting for the viewport's first full sample"), WHITE))
+            lines.append(("Waiting for the viewport's first full sample", WHITE))
         if recording := self.sensor.recording:
-            text = say("REC {name}: {count:,} events", name=recording.path.name, count=recording.count)
+            text = f"REC {recording.path.name}: {recording.count:,} events"
             lines.append((text, RED))
         return lines
 
@@ -318,8 +318,8 @@ def draws_offscreen(scene, space) -> bool:
 
 def rate_text(rate_hz: float) -> str:
     if rate_hz >= 1e6:
-        return say("{rate:.2f} Mevents/s", rate=rate_hz / 1e6)
-    return say("{rate:.1f} kevents/s", rate=rate_hz / 1e3)
+        return f"{rate_hz / 1e6:.2f} Mevents/s"
+    return f"{rate_hz / 1e3:.1f} kevents/s"
 
 
 def _clock(scene, playing: bool) -> tuple:

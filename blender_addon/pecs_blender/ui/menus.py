@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 from . import background, event_operators, library, paths, settings
-from .interface import Action, progress, say
+from .interface import Action, progress
 
 _PAGES = {"panel": "start/panel.md", "fit_camera": "howto/fit_camera.md"}  # in the zip as manual/NAME.html
 
@@ -55,7 +55,7 @@ class PECS_OT_fit_camera(Action, bpy.types.Operator):
 def _choices(layout, kind: str) -> None:
     """Chips or lenses, by the names that their makers gave them."""
     named = {library.title(kind, name): name for name, _ in library.names(kind)}
-    every = [(say("The scene's camera"), library.SCENES_CAMERA)] if kind == "lens" else []
+    every = [("The scene's camera", library.SCENES_CAMERA)] if kind == "lens" else []
     for title, name in [*every, *sorted(named.items())]:
         item = layout.operator("wm.context_set_string", text=title, translate=False)
         item.data_path, item.value = f"scene.pecs.{kind}", name
@@ -85,7 +85,7 @@ class PECS_MT_preset(bpy.types.Menu):
 
     def draw(self, _context) -> None:
         layout = self.layout
-        layout.operator("pecs.use_preset", text=say("The chip's values"), translate=False).name = ""
+        layout.operator("pecs.use_preset", text="The chip's values", translate=False).name = ""
         for name, preset in sorted(settings.published().items()):
             layout.operator("pecs.use_preset", text=f"{name}: {preset['description']}", translate=False).name = name
 
@@ -99,7 +99,7 @@ class PECS_MT_render(bpy.types.Menu):
             for name in group.split():
                 if name == "view":
                     for kind, (label, _) in event_operators.KINDS.items():
-                        layout.operator("pecs.view", text=say("View Events: {kind}", kind=say(label))).kind = kind
+                        layout.operator("pecs.view", text=f"View Events: {label}").kind = kind
                 else:
                     layout.operator(f"pecs.{name}")
             layout.separator()

@@ -18,7 +18,7 @@ from ..scene.cycles import fill
 from ..spectral.colour import linear_rgb
 from . import background, checks, paths, scene_checks, settings
 from .background import BackgroundJob
-from .interface import Action, areas, say
+from .interface import Action, areas
 from .preferences import ROOT
 
 PREVIEW_WIDTH = 320
@@ -37,11 +37,11 @@ class InBackground(Action):
 
     @classmethod
     def why_not(cls, context) -> str:
-        return say(BUSY) if background.state.job else ""
+        return BUSY if background.state.job else ""
 
     def act(self, context) -> None:
         if background.state.job:
-            raise RuntimeError(say(BUSY))
+            raise RuntimeError(BUSY)
         background.start(self.job(context))
 
 
@@ -110,7 +110,7 @@ class PECS_OT_render(Renders, bpy.types.Operator):
 
         def done(job: BackgroundJob) -> str:
             remember_stack(name, job.folder)
-            return say("{path}: rendered", path=job.folder)
+            return f"{job.folder}: rendered"
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
         return BackgroundJob("Render Stack", command, output, done, continues=True, tasks=TASKS)
@@ -129,7 +129,7 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
         def done(job: BackgroundJob) -> str:
             background.state.plan[name] = job.plan | {"settings": used}
             (_, frames), (_, duration), *_rest = plan_rows(job.plan)
-            return say("Plan: {frames} frames, {time}", frames=frames, time=duration)
+            return f"Plan: {frames} frames, {duration}"
 
         command = blender(scene, "render", output, *frame_words(scene), "--plan")
         return BackgroundJob("Plan", command, output, done, for_file=True, tasks=TASKS)
@@ -144,7 +144,7 @@ def planned_with(scene) -> list[str]:
 def plan_rows(plan: dict) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
     return [
-        ("Rendered", say("{count:,} of {of:,}", count=plan["frames"], of=plan["of"])),
+        ("Rendered", "{count:,} of {of:,}".format(count=plan["frames"], of=plan["of"])),
         ("Time", background.clock(plan["frames"] * plan["each_s"])),
         ("Disk", readable(plan["disk_bytes"])),
         ("Memory", readable(plan["memory_bytes"])),
@@ -191,7 +191,7 @@ def show_image(image: bpy.types.Image) -> str:
         area.spaces.active.image = image
         bpy.app.timers.register(lambda area=area: _fit(area), first_interval=0.2)  # after its first draw
     text = "{image}: shown in the image editor" if editors else "{image}: open an image editor to see it"
-    return say(text, image=image.name)
+    return text.format(image=image.name)
 
 
 def _open_editor() -> None:

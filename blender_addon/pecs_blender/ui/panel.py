@@ -11,7 +11,7 @@ from pecs._errors import PecsError
 from ..job.resources import readable
 from . import checks, event_operators, event_view, frustum, library, light_probe, operators, paths, settings
 from .background import state
-from .interface import CONTEXT, auto, duration, labelled, problem, progress, props, say, wrapped
+from .interface import auto, duration, labelled, problem, progress, props, wrapped
 from .presets import PECS_PT_presets
 
 
@@ -85,11 +85,11 @@ def _camera(layout, scene, s) -> None:
     layout.menu("PECS_MT_chip", text=library.title("chip", s.chip), icon="TEXTURE", translate=False)
     chip = library.chip(s.chip)
     text = "{width} x {height} pixels, {pitch:.4g} µm" if chip.width else "Any size, pixel pitch {pitch:.4g} µm"
-    layout.label(text=say(text, width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
+    layout.label(text=text.format(width=chip.width, height=chip.height, pitch=chip.pixel_pitch_m * 1e6))
     width, height = settings.size(scene)
     if width <= chip.width and height <= chip.height and (width, height) != (chip.width, chip.height):
         layout.operator("pecs.chip_resolution", icon="FULLSCREEN_ENTER")
-    lens = library.title("lens", s.lens).partition(" (")[0] if settings.has_lens(s) else say("The scene's camera")
+    lens = library.title("lens", s.lens).partition(" (")[0] if settings.has_lens(s) else "The scene's camera"
     layout.menu("PECS_MT_lens", text=lens, icon="PROP_ON", translate=False)
     if not settings.has_lens(s):
         return
@@ -100,7 +100,7 @@ def _camera(layout, scene, s) -> None:
     if wrong:
         wrapped(layout, wrong, "ERROR", alert=True)
     elif view:
-        wrapped(layout, say("{lens}; maximum aperture f/{number:.3g}", lens=view.words(), number=view.widest))
+        wrapped(layout, f"{view.words()}; maximum aperture f/{view.widest:.3g}")
 
 
 class PECS_PT_camera(SubPanel, bpy.types.Panel):
@@ -132,7 +132,7 @@ def _answer(layout, answer, now: list[str]):
     column = layout.column(align=True)
     if answer["settings"] != now:
         column.active = False
-        column.label(text=say("Measured with other settings"), icon="INFO")
+        column.label(text="Measured with other settings", icon="INFO")
     return column
 
 
@@ -149,14 +149,14 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         count, passes = settings.frame_count(scene), s.pass_count
         text = "{count:,} frames, {time}, {passes} passes each"
         text = text if passes > 1 else "{count:,} frames, {time}, 1 pass each"
-        layout.label(text=say(text, count=count, time=duration(count / s.fps), passes=passes))
+        layout.label(text=text.format(count=count, time=duration(count / s.fps), passes=passes))
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
         if plan := state.plan.get(scene.name):
             column = _answer(layout, plan, operators.planned_with(scene))
             for label, value in operators.plan_rows(plan):
-                labelled(column, say(label)).label(text=value)
+                labelled(column, label).label(text=value)
 
 
 class PECS_PT_probe(SubPanel, bpy.types.Panel):
@@ -173,7 +173,7 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
                 labelled(column, label).label(text=value)
             corner = measured["corner_hz"]
             if corner and 0 < corner["median"] * scale < light_probe.DIM_HZ:
-                wrapped(layout, say("Low light: the photoreceptor is slow and blurs moving edges"), "INFO")
+                wrapped(layout, "Low light: the photoreceptor is slow and blurs moving edges", "INFO")
         column = layout.column(align=True)
         column.prop(scene.pecs_light, "wanted_lux")
         column.operator("pecs.set_lux")
@@ -188,7 +188,7 @@ class PECS_PT_checks(SubPanel, bpy.types.Panel):
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
         problems = state.problems.get(scene.name)
         if problems == []:
-            wrapped(layout, say("No problems found"), "CHECKMARK")
+            wrapped(layout, "No problems found", "CHECKMARK")
         for one in problems or ():
             problem(layout, one)
 
@@ -202,7 +202,7 @@ class PECS_PT_events(SubPanel, bpy.types.Panel):
         props(layout, s.sensor, "format", "noise", "seed")
         for one in checks.sensor_problems(scene):
             problem(layout, one)
-        layout.label(text=say("Input: {name}", name=paths.rendered(scene).name))
+        layout.label(text=f"Input: {paths.rendered(scene).name}")
         layout.operator("pecs.sense", icon="PARTICLES")
 
 
@@ -243,14 +243,14 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
             return
         box = layout.box()
         row = box.row()
-        row.label(text=say("{recording}, {time}", **state.scores, time=duration(state.scores["window_us"] / 1e6)))
+        row.label(text="{recording}, {time}".format(**state.scores, time=duration(state.scores["window_us"] / 1e6)))
         row.operator("pecs.close_scores", icon="X", text="", emboss=False)
         column = box.column(align=True)
         column.scale_y = 0.8
-        _score(column, "", say("Rec."), say("Sim."), say("Ratio"), "BLANK1")
+        _score(column, "", "Rec.", "Sim.", "Ratio", "BLANK1")
         for label, real, sim, ratio, alike in event_operators.score_rows(state.scores):
-            _score(column, say(label), real, sim, ratio, "CHECKMARK" if alike else "ERROR")
-        wrapped(box, say("Distances of the recording are between its two halves. Ratios up to 10 % off are ticked"))
+            _score(column, label, real, sim, ratio, "CHECKMARK" if alike else "ERROR")
+        wrapped(box, "Distances of the recording are between its two halves. Ratios up to 10 % off are ticked")
 
 
 def _score(layout, label: str, real: str, sim: str, ratio: str, icon: str) -> None:
@@ -275,7 +275,7 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
-        name = s.sensor.preset or say("The chip's values")
+        name = s.sensor.preset or "The chip's values"
         layout.menu("PECS_MT_preset", text=name, icon="PRESET", translate=False)
         props(layout, s.sensor, "model", *(() if s.sensor.preset else ("readout",)))
 
@@ -298,7 +298,7 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             row = column.row()
             row.alignment = "RIGHT"
-            row.label(text=say("{low:g} to {high:g}{unit}", low=low, high=high, unit=unit))
+            row.label(text=f"{low:g} to {high:g}{unit}")
         layout.operator("pecs.override_add", icon="ADD")
 
 
@@ -323,11 +323,10 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
     bl_label = "Lens"
     bl_parent_id = "PECS_PT_advanced"
     bl_options = {"DEFAULT_CLOSED"}
-    bl_translation_context = CONTEXT
 
     def fill(self, layout, scene, s) -> None:
         if not settings.has_lens(s):
-            layout.label(text=say("No lens is set"))
+            layout.label(text="No lens is set")
             return
         auto(layout, s, "film_width_mm")
         layout.prop(s, "film_shift_mm")
@@ -366,5 +365,5 @@ class PECS_PT_stack(SubPanel, bpy.types.Panel):
         props(layout, s, "exists", "time", "step_px" if s.time == "adaptive" else "moving_px")
         layout.column(align=True).prop(s, "layers")
         if s.time == "uniform":
-            layout.label(text=say("Up to {size}", size=readable(settings.stack_bytes(scene))))
+            layout.label(text=f"Up to {readable(settings.stack_bytes(scene))}")
         layout.operator("pecs.render", icon="RENDER_STILL")

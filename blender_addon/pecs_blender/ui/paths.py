@@ -11,7 +11,6 @@ from pathlib import Path
 import bpy
 import pecs
 
-from .interface import say
 from .preferences import preferences
 
 
@@ -45,7 +44,7 @@ def open_outside(path: Path) -> str:
         opened = webbrowser.open(path.as_uri())
     except (OSError, webbrowser.Error):
         opened = False
-    return str(path) if opened else say("{path}: the system has no program to open it", path=path)
+    return str(path) if opened else f"{path}: the system has no program to open it"
 
 
 @cache

@@ -18,7 +18,7 @@ from ..spectral.spectral_scene import beyond_reach
 from . import settings
 from .background import state
 from .checks import Problem
-from .interface import Action, say
+from .interface import Action
 
 TIMES = 8  # sampled times of the rendered range
 MOST_PX = 1.0  # motion between frames above which the light jumps
@@ -44,9 +44,9 @@ def check(scene, view_layer) -> list[Problem]:
 
 def files(scene) -> Iterator[Problem]:
     if missing := list(missing_files(scene)):
-        yield Problem(_list(say("Missing files"), missing), fix="file.find_missing_files")
+        yield Problem(_list("Missing files", missing), fix="file.find_missing_files")
     if not scene.pecs.allow_scripts and (drivers := list(python_drivers())):
-        yield Problem(_list(say("Python scripts to run"), drivers), fix="pecs.allow_scripts")
+        yield Problem(_list("Python scripts to run", drivers), fix="pecs.allow_scripts")
 
 
 def _left_out(scene) -> Iterator[Problem]:
@@ -58,7 +58,7 @@ def _lamps(scene) -> Iterator[Problem]:
     lights = {o.data for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
     white = [light for light in lights if "pecs_spectrum" not in light and not getattr(light, "use_temperature", False)]
     if white:
-        text = say("Lamps without a spectrum, rendered as {spectrum}", spectrum=scene.pecs.illuminant)
+        text = f"Lamps without a spectrum, rendered as {scene.pecs.illuminant}"
         yield Problem(_list(text, sorted(light.name for light in white)), is_error=False)
 
 
@@ -68,7 +68,7 @@ def _nodes() -> Iterator[Problem]:
     trees += [(group.name, group) for group in bpy.data.node_groups if group.users]
     kinds = [words for name, tree in trees for node in tree.nodes for words in beyond_reach(node, name)]
     if kinds:
-        yield Problem(_list(say("Approximated"), kinds), is_error=False)
+        yield Problem(_list("Approximated", kinds), is_error=False)
 
 
 def _noise(scene) -> Iterator[Problem]:
@@ -85,7 +85,7 @@ def _noise(scene) -> Iterator[Problem]:
             "Render noise of about {noise:.2g} contrast thresholds flickers at moving objects and causes false events. "
             "Use at least {samples} samples, or limit the noise events"
         )
-        text = say(text, noise=noise, samples=wanted)
+        text = text.format(noise=noise, samples=wanted)
         yield Problem(text, is_error=False, fix="pecs.set_noise_events")
 
 
@@ -97,7 +97,7 @@ def _clip(scene, view_layer) -> Iterator[Problem]:
     far = _farthest(camera, view_layer)
     if far > camera.data.clip_end:
         text = "The camera's clip end is {end:g}, but objects extend to {far:.4g}"
-        text = say(text, end=camera.data.clip_end, far=far)
+        text = text.format(end=camera.data.clip_end, far=far)
         yield Problem(text, is_error=False, fix="pecs.extend_clip_end")
 
 
@@ -125,7 +125,7 @@ def _motion(scene, view_layer) -> Iterator[Problem]:
             "Objects move up to {pixels:.3g} pixels between frames, so their light jumps. Use adaptive steps, or a "
             "frame rate {times} times as high"
         )
-        yield Problem(say(text, pixels=fastest, times=math.ceil(fastest)), is_error=False, fix="pecs.use_adaptive")
+        yield Problem(text.format(pixels=fastest, times=math.ceil(fastest)), is_error=False, fix="pecs.use_adaptive")
 
 
 def _motion_px(scene, view_layer, from_s: float, to_s: float) -> float:
@@ -164,7 +164,7 @@ def _set_time(scene, t_s: float, width: int, height: int) -> Matrix:
 
 def _list(what: str, names: list[str]) -> str:
     text = f"{what}: {', '.join(names[:SHOWN])}"
-    return text if len(names) <= SHOWN else say("{names}, and {count} more", names=text, count=len(names) - SHOWN)
+    return text if len(names) <= SHOWN else f"{text}, and {len(names) - SHOWN} more"
 
 
 class PECS_OT_check_scene(Action, bpy.types.Operator):
@@ -177,7 +177,7 @@ class PECS_OT_check_scene(Action, bpy.types.Operator):
         state.problems[scene.name] = problems = check(scene, context.view_layer)
         count = len(problems)
         text = "1 problem found" if count == 1 else "{count} problems found" if count else "No problems found"
-        return say(text, count=count)
+        return text.format(count=count)
 
 
 class _Fix(Action):

@@ -28,7 +28,6 @@ from ..job.resources import BYTES_PER_VALUE
 from ..spectral.bands import passes
 from ..truth import LAYERS, layer_class
 from . import disk, library
-from .interface import CONTEXT, say
 from .preferences import preferences
 
 # Render options in the panel: label, and arguments of the Blender property. 0 stands for an option that is not set.
@@ -167,7 +166,7 @@ def lenses(self, context, text: str) -> list:
         film = film_mm(context.scene)
     except RuntimeError:  # invalid chip
         film = None
-    every = [(library.SCENES_CAMERA, say("The scene's camera")), *library.lenses(film)]
+    every = [(library.SCENES_CAMERA, "The scene's camera"), *library.lenses(film)]
     return library.search(lambda: every)(self, context, text)
 
 
@@ -350,7 +349,6 @@ class PecsSettings(bpy.types.PropertyGroup):
     )
     lens: StringProperty(
         name="Lens",
-        translation_context=CONTEXT,
         default=library.SCENES_CAMERA,
         search=lenses,
         search_options={"SORT", "SUGGESTION"},
@@ -499,14 +497,14 @@ def parameters(settings) -> dict[str, dict]:
 def override_error(override, known: dict[str, dict]) -> str:
     """The error in an override; empty if it is valid."""
     if override.name not in known:
-        return say(UNKNOWN, name=override.name)
+        return UNKNOWN.format(name=override.name)
     low, high = known[override.name]["range"]
     try:
         valid = low <= float(override.value) <= high
     except ValueError:
         valid = False
     text = "{name}: got {value!r}, wanted a number in [{low:g}, {high:g}]"
-    return "" if valid else say(text, name=override.name, value=override.value, low=low, high=high)
+    return "" if valid else text.format(name=override.name, value=override.value, low=low, high=high)
 
 
 def sensor_error(scene: bpy.types.Scene) -> str:

@@ -22,14 +22,19 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
 FAULT = 64
 READ = f"""import json, sys
+from importlib.util import find_spec
 from pecs._errors import PecsError
+if not find_spec("pecs_blender"):
+    sys.exit()
 from pecs_blender import cli
+from pecs_blender.job.options import DEFAULTS, Options
+from pecs_blender.scene.scene_file import load_scene
 for words in json.load(sys.stdin):
     try:
         args = vars(cli._parser().parse_args(words))
-        cli._options(args)
+        Options(**{{name: args[name] for name in DEFAULTS}})
         if args["scene"].suffix != ".blend":
-            cli.load_scene(args["scene"], args["set"])
+            load_scene(args["scene"], args["set"])
     except PecsError as e:
         print(e)
         sys.exit({FAULT})
@@ -76,6 +81,8 @@ def fault_of(jobs: list[list[str]]) -> str:
     """What is wrong with the options of renders; "" if nothing is, or if there is no pecs_blender to read them."""
     python, environment = _python()
     done = subprocess.run([python, "-c", READ], input=json.dumps(jobs), capture_output=True, text=True, env=environment)
+    if done.returncode not in (0, FAULT) and "Traceback" in done.stderr:
+        raise PecsError(f"options of renders: {done.stderr.strip().splitlines()[-1]}", 1)
     return done.stdout.strip() if done.returncode == FAULT else ""
 
 

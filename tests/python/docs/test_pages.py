@@ -221,7 +221,8 @@ def test_links_lead_somewhere():
 
 def test_every_page_is_in_the_navigation():
     """And every entry is a page."""
-    entries = re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1])
+    entries = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1]))
+    entries -= {"reference/commands.md", "reference/python_api.md"}  # scripts/docs.sh writes these
     there = [page.removeprefix("docs/") for page in pages() if page.startswith("docs/")]
     assert sorted(entries) == there
 
@@ -235,7 +236,7 @@ def test_scripts_that_pages_call_find_their_python(tmp_path):
     }
     scripts = (ROOT / "scripts").glob("*/*.py")
     scripts = [path for path in scripts if path.read_text().startswith("#!") or f"scripts/tools/{path.name}" in called]
-    assert len(called) > 1 and len(scripts) > 10
+    assert called and len(scripts) > 10
     for path in scripts:
         assert ".venv/bin/python" in path.read_text().split("\n")[0] and os.access(path, os.X_OK), path
     bare = {"PATH": "/usr/bin:/bin"}

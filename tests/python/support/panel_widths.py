@@ -55,31 +55,31 @@ class Layout:
         pass
 
     def label(self, text="", icon="NONE", **_):
-        self._add(Item(translated(text), icon, 4))
+        self._add(Item(text, icon, 4))
 
     def operator(self, name, text=None, icon="NONE", **_):
         module, _dot, verb = name.partition(".")
-        title = translated(getattr(getattr(bpy.ops, module), verb).get_rna_type().name, "Operator")
-        self._add(Item(title if text is None else translated(text, "Operator"), icon))
+        title = getattr(getattr(bpy.ops, module), verb).get_rna_type().name
+        self._add(Item(title if text is None else text, icon))
         return SimpleNamespace()
 
     def menu(self, name, text=None, icon="NONE", **_):
-        self._add(Item(text or translated(getattr(bpy.types, name).bl_label), icon, PADDING_PX + 12))  # an arrow
+        self._add(Item(text or getattr(bpy.types, name).bl_label, icon, PADDING_PX + 12))  # an arrow
 
     def progress(self, factor, text):
         self._add(Item(text))
 
     def prop(self, owner, name, text=None, **_):
         one = owner.bl_rna.properties[name]
-        title = translated(one.name, one.translation_context) if text is None else text
+        title = one.name if text is None else text
         if one.type == "ENUM" and one.is_enum_flag:
             for item in one.enum_items:
-                self._add(Item(translated(item.name)))
+                self._add(Item(item.name))
             return
         if one.type == "BOOLEAN":
             value = [Item(title, "CHECKBOX")]
         elif one.type == "ENUM":
-            value = [Item(translated(i.name), padding_px=PADDING_PX + 12) for i in one.enum_items]
+            value = [Item(i.name, padding_px=PADDING_PX + 12) for i in one.enum_items]
         else:
             value = []
         if not self.use_property_split:
@@ -105,24 +105,14 @@ class Layout:
         return [c for one in self.items for c in one.cut(width_px)]
 
 
-_translations = {}  # of the language: English -> translation; bpy has no languages
-
-
-def translated(text, _context="*"):
-    return _translations.get(text, text)
-
-
-def cut(panels, context, language):
-    """Texts of panels that are cut: {panel: [(text, needed px, available px), …]}. language: English -> translation."""
-    _translations.clear()
-    _translations.update(language)
+def cut(panels, context):
+    """Texts of panels that are cut: {panel: [(text, needed px, available px), …]}."""
     narrow = SimpleNamespace(
         region=SimpleNamespace(width=REGION_PX),
         preferences=context.preferences,
         window_manager=context.window_manager,
     )
-    translations = SimpleNamespace(pgettext_iface=translated)
-    interface.bpy = SimpleNamespace(app=SimpleNamespace(translations=translations), context=narrow)
+    interface.bpy = SimpleNamespace(context=narrow)
     found = {}
     for cls in panels:
         layout = Layout()
