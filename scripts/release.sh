@@ -25,7 +25,6 @@ done
 same blender_addon/pecs_blender/blender_manifest.toml '^version = "([^"]+)"'
 same CITATION.cff '^version: (.+)$'
 same README.md '^  version = \{([^}]+)\}$'
-same scripts/packaging/debian/changelog '^pecs \(([0-9.]+)-'
 echo "all files say $VERSION"
 [ "${1:-}" != --versions ] || exit 0
 
@@ -51,7 +50,6 @@ scripts/demo.sh
 scripts/packaging/wheel_libraries.sh
 "$PY" scripts/packaging/make_wheels.py
 scripts/packaging/try_wheels.sh  # root
-scripts/packaging/make_debian.sh
 
 say "ready: what is left for a person"
 cat <<END
@@ -60,5 +58,5 @@ cat <<END
 3. git tag -s v$VERSION && git push origin v$VERSION
 4. Attach dist/* to the release of that tag, with the changelog's part as its text.
 5. Put out/site where the pages live.
-6. Raise VERSION, python/c/include/pecs.h, blender_manifest.toml, CITATION.cff and scripts/packaging/debian/changelog; begin '## Unreleased' in CHANGELOG.md.
+6. Raise VERSION, python/c/include/pecs.h, blender_manifest.toml and CITATION.cff; begin '## Unreleased' in CHANGELOG.md.
 END
