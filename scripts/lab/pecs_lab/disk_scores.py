@@ -1,4 +1,4 @@
-"""How near a stream of events of the rotating disk is to a recording's: what the studies of fitted models share.
+"""How near a stream of events of the rotating disk is to a recording's (scripts/studies/fits.py).
 
 Delays are behind the last edge of the event's polarity, in degrees of rotation. The 24 regions are 12 sectors by 2
 rings. Intervals (95 %) are of a jackknife, which leaves out one region at a time (a bootstrap draws streams that are
@@ -214,11 +214,11 @@ class Scored:
         self.exposure = exposed(pecs.delays(self.events, disk=self.disk.detected, **size))
 
     def scores(self, events: np.ndarray, disk: Disk | None = None) -> dict:
-        """Each measure, and its interval as `<measure>_interval`; None where there is none. `disk`: where it is in
+        """Of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where it is in
         `events`, if not where it is in the recording."""
         size = {"width": self.width, "height": self.height, "origin": "zero", "split_half": False}
         shared = pecs.compare(self.events, events, **size)
-        found = {k: shared[k] for k in ("chamfer", "chamfer_interval", "gaussian", "gaussian_interval")}
+        found = {k: [shared[k], *(shared[f"{k}_interval"] or ())] for k in ("chamfer", "gaussian")}
         sim = seen(events, disk or self.disk)
         logs, local = self.slowness.logs(sim, self.exposure), self.slowness.local
 
@@ -230,10 +230,9 @@ class Scored:
         without = [of(np.delete(every, r)) for r in every]
         for key, value in of(every).items():
             spread = np.array([w[key] for w in without]).std() * np.sqrt(REGIONS - 1)
-            there = np.isfinite(value) and np.isfinite(spread)
             low = value - 1.96 * spread if key in SIGNED else max(0.0, value - 1.96 * spread)
-            interval = [low, value + 1.96 * spread] if there else None
-            found |= {key: value if np.isfinite(value) else None, f"{key}_interval": interval}
+            ends = [low, value + 1.96 * spread] if np.isfinite(value) and np.isfinite(spread) else []
+            found[key] = [value if np.isfinite(value) else None, *ends]
         for p, name in ((1, "on"), (0, "off")):
             both = [[delays_of(s[s["ring"] == k], p) for k in range(4)] for s in (self.seen, sim)]
             found[f"rings_{name}_deg"] = [distance(a, b) if len(b) else None for a, b in zip(*both, strict=True)]

@@ -1,21 +1,24 @@
-"""Pixel models before the computed disk of a recording, with free values of their own: what the studies of fitted
-models share.
+"""Pixel models fitted to the computed disk of a recording (scripts/studies/fits.py).
 
 The disk is computed, not rendered. Its light is that of a long lamp above it (lamp_fit.py), normalised to a mean of 1
 in white; each model has the lamp's place, its brightness and the disk's contrast as values of its own, so that no
-model sees the light that was found with another one.
+model sees the light that was found with another one. The search is alike for all: points of a Sobol sequence over the
+ranges, then CMA-ES from the best of them.
 """
+
+import time
+import warnings
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pecs
+from scipy.stats import qmc
 
 from . import computed_disk, lamp_fit
 from .disk import Disk
 from .disk_scores import RING, Part, Scored, Slowness, between, deviance, on_grid
-from .search import search
 
 CHIP = "imx636"
 FIT_COARSER, SCORE_COARSER = 6, 2  # of the sensor's pixels, in x and y
@@ -54,6 +57,7 @@ BOXES = {
     | REFRACTORY
     | {"white_lux": (0.1, 1e4), "tau_us": (1.0, 1e4), "latency_us": (1.0, 1e4), "jitter_us": (1.0, 1e4)},
 }
+STARTS, SOBOL, POPULATION = 2, 256, 16
 OF_CHIP = {*THRESHOLDS, *MISMATCH, *REFRACTORY, "noise_std"}
 ICNS_LUX = 1e4  # of a frame's 1
 BRIGHTNESS = {"pecs": "white_fa", "icns": "white_lux"}  # of the recording's mean white; of the others white_grey
@@ -136,6 +140,56 @@ class Stage:
         return found[np.argsort(found["t"], kind="stable")]
 
 
+class Box:
+    """Free values as points of the unit cube; in their logarithm where a range's low end is above 0."""
+
+    def __init__(self, ranges: dict):
+        self.names = list(ranges)
+        low, high = np.array(list(ranges.values())).T
+        self.log = low > 0
+        self.low, self.high = (np.where(self.log, np.log(np.maximum(v, 1e-300)), v) for v in (low, high))
+
+    def values(self, x: np.ndarray) -> dict:
+        at = self.low + np.clip(x, 0, 1) * (self.high - self.low)
+        at = np.where(self.log, np.exp(np.where(self.log, at, 0)), at)
+        return {k: float(f"{v:.4g}") for k, v in zip(self.names, at.tolist(), strict=True)}
+
+    def point(self, values: dict) -> np.ndarray:
+        at = np.array([values[k] for k in self.names])
+        at = np.where(self.log, np.log(np.where(self.log, at, 1)), at)
+        return np.clip((at - self.low) / (self.high - self.low), 0, 1)
+
+
+def search(loss: Callable[[dict], float], ranges: dict, evaluations: int, start: dict | None = None) -> dict:
+    """The values of the least loss, and how they were found. `start`: values to start from, instead of a sequence."""
+    import cma
+
+    warnings.filterwarnings("ignore", module="cma")
+    box, done, began = Box(ranges), [], time.process_time()
+
+    def tried(x: np.ndarray) -> float:
+        done.append((loss(box.values(x)), np.clip(x, 0, 1)))
+        return done[-1][0]
+
+    if start:
+        starts, width = [box.point(start)], 0.1
+        tried(starts[0])
+    else:
+        points = qmc.Sobol(len(box.names), seed=1).random(SOBOL)
+        starts, width = points[np.argsort([tried(x) for x in points])[:STARTS]], 0.2
+    after_first, rest, ends = min(miss for miss, _ in done), (evaluations - len(done)) // len(starts), []
+    for i, x in enumerate(starts):
+        options = {"bounds": [0, 1], "popsize": POPULATION, "seed": i + 1, "verbose": -9, "maxfevals": rest}
+        before = len(done)
+        cma.fmin2(tried, x, width, options)
+        ends.append(min(miss for miss, _ in done[before:]))
+    miss, x = min(done, key=lambda d: d[0])
+    at_bound = [k for k, v in zip(box.names, x.tolist(), strict=True) if min(v, 1 - v) < 0.01]
+    spent = {"evaluations": len(done), "cpu_s": round(time.process_time() - began)}
+    row = {"parameters": len(box.names), "objective": miss, "objective_after_sobol": after_first}
+    return row | {"objective_of_starts": ends, "at_bound": at_bound} | spent | {"values": box.values(x)}
+
+
 def misses(simulate: Callable, disk: Disk, part: Part, target: np.ndarray) -> Callable[[dict], float]:
     """The objective: of values, how far `simulate` is from the recording's `target` cells."""
     return lambda values: deviance(target, part.cells(simulate(values), disk))
@@ -171,13 +225,15 @@ class Halves:
         """The second half, and the scores of the recording's pixels between its own."""
         size, disk = (self.events.width, self.events.height), self.disk.coarser(SCORE_COARSER)
         slowness = Slowness.of(self.events, self.disk, *size, self.duration_us)
-        halves = [
-            between(on_grid(self.events, SCORE_COARSER, offset), at, self.middle_us, self.duration_us)
-            for offset, at in ((1, disk), (0, disk.moved(0.5, 0.5)))
-        ]
+        half = between(on_grid(self.events, SCORE_COARSER, 1), disk, self.middle_us, self.duration_us)
         small = [n // SCORE_COARSER for n in size]
-        scored = Scored(*halves[0], *small, self.duration_us - self.middle_us, slowness)
-        return scored, scored.scores(*halves[1])
+        scored = Scored(*half, *small, self.duration_us - self.middle_us, slowness)
+        return scored, scored.scores(*self.beside())
+
+    def beside(self) -> tuple[np.ndarray, Disk]:
+        """Second half of the pixels between those that are scored."""
+        disk = self.disk.coarser(SCORE_COARSER).moved(0.5, 0.5)
+        return between(on_grid(self.events, SCORE_COARSER, 0), disk, self.middle_us, self.duration_us)
 
     def of_second(self, events: np.ndarray) -> np.ndarray:
         return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]

@@ -1,12 +1,42 @@
-"""Measurements that benches share: a program's time and memory, medians of passes, pairs of events."""
+"""What studies and benches share: a command line, a program's time and memory, medians of passes, pairs of events."""
 
+import argparse
+import inspect
+import json
 import os
 import statistics
 import subprocess
+import sys
 import time
+import types
+import typing
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+
+def command(work: Callable[..., object]) -> None:
+    """Calls `work` with the words of the command line. A parameter without a default is an argument, another one an
+    option; bool: a flag; list: several words. A result is printed as JSON, with the load of the machine."""
+    about = sys.modules[work.__module__].__doc__
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, hint in typing.get_type_hints(work).items():
+        default = inspect.signature(work).parameters[name].default if name != "return" else None
+        if isinstance(hint, types.UnionType):
+            hint = hint.__args__[0]
+        several = {"nargs": "*"} if typing.get_origin(hint) is list else {}
+        kind = {"type": hint.__args__[0] if several else hint} | several
+        if default is inspect.Parameter.empty:
+            parser.add_argument(name, **kind)
+        elif hint is bool:
+            parser.add_argument(f"--{name.replace('_', '-')}", action="store_true")
+        elif name != "return":
+            parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
+    load = [round(os.getloadavg()[0], 1)]
+    found = work(**vars(parser.parse_args()))
+    if found is not None:
+        print(json.dumps({"load": [*load, round(os.getloadavg()[0], 1)]} | found, indent=1))
 
 
 @dataclass(frozen=True)
@@ -18,16 +48,21 @@ class Run:
     errors: str  # standard error
 
 
-def measured(command: list) -> Run:
+def measured(words: list) -> Run:
     start = time.perf_counter()
-    child = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    child = subprocess.Popen(list(map(str, words)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     errors = child.stderr.read().decode()
     _, status, usage = os.wait4(child.pid, 0)
     seconds, code = time.perf_counter() - start, os.waitstatus_to_exitcode(status)
     return Run(code, seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, errors)
 
 
-def median_s(work, passes: int) -> tuple[float, object]:
+def answer(*words: object) -> str:
+    """Standard output of a program."""
+    return subprocess.run(list(map(str, words)), check=True, capture_output=True, text=True).stdout
+
+
+def median_s(work: Callable[[], object], passes: int) -> tuple[float, object]:
     """Median wall time of the passes, and what `work` returned last."""
     seconds, value = [], None
     for _ in range(passes):
@@ -37,7 +72,7 @@ def median_s(work, passes: int) -> tuple[float, object]:
     return statistics.median(seconds), value
 
 
-def by_pixel(events, width: int) -> tuple[np.ndarray, np.ndarray]:
+def by_pixel(events: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Keys (pixel, polarity) and times of events, sorted by key and time."""
     key = (events["y"].astype(np.int64) * width + events["x"]) * 2 + events["p"]
     order = np.lexsort((events["t"], key))

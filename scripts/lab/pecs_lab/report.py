@@ -1,7 +1,11 @@
-"""Tables of results, as Markdown."""
+"""Results of studies: tables as Markdown, files as JSON."""
 
+import json
 import math
+import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
@@ -12,6 +16,21 @@ def cell(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.3g}"
 
 
-def with_interval(row: dict, key: str) -> str:
-    low_high = row.get(f"{key}_interval")
-    return cell(row[key]) + (" ({}…{})".format(*map(cell, low_high)) if low_high else "")
+def with_interval(found: Sequence[float | None]) -> str:
+    """Of a value alone, or of a value and the ends of its interval."""
+    value, *ends = map(cell, found)
+    return value + (f" ({ends[0]}…{ends[1]})" if ends else "")
+
+
+def write(path: Path, results: dict[str, Any]) -> None:
+    """With seven digits; a list of values is one line."""
+
+    def short(of: Any) -> Any:
+        if isinstance(of, dict):
+            return {key: short(value) for key, value in of.items()}
+        if isinstance(of, (list, tuple)):
+            return [short(value) for value in of]
+        return float(f"{of:.7g}") if isinstance(of, float) else of
+
+    text = json.dumps(short(results), indent=1)
+    path.write_text(re.sub(r"\[[^][{}]*\]", lambda of: json.dumps(json.loads(of[0])), text) + "\n")
