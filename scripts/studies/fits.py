@@ -310,7 +310,7 @@ PARTS = {
 
 
 def main(
-    part: str, recording: str = "", output: Path = RESULTS, only: list[str] = [], evaluations: int = 0,  # noqa: B006
+    part: str, recording: str = "", *, output: Path = RESULTS, only: list[str] = (), evaluations: int = 0,
     keep: Path | None = None, v2e: str = "", icns: str = "",
 ) -> None:  # fmt: skip
     if part not in PARTS:

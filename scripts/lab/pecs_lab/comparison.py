@@ -5,77 +5,20 @@ import json
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from pecs import Chip, Light, sense
 from pecs._files import write_json
-from pecs.datasets.sequence import Camera, Sequence
+from pecs.datasets.sequence import Camera, Sequence, sequences
 from pecs.learning.clips import WHITE_PERCENTILE
 
 from . import report
 
 OURS = "pecs"
 TITLE_PX = 22  # of the head of a picture
-
-
-def log_uniform(key: list[int], low: float, high: float) -> float:
-    """A number that depends on the two integers of the key alone."""
-    return math.exp(np.random.Generator(np.random.Philox(key=key)).uniform(math.log(low), math.log(high)))
-
-
-def chip_of(camera: Camera) -> str:
-    return str(camera.info["chip"])
-
-
-def overrides_of(how: dict, threshold: float | None) -> dict[str, float]:
-    out = dict(how.get("overrides", {}))
-    return out if threshold is None else out | {f"contrast_threshold_{p}": threshold for p in ("on", "off")}
-
-
-def sensed(
-    sequence: Sequence, camera: Camera, output: Path, how: dict, threshold: float | None, light: float, seed: int
-) -> int:
-    """Number of events of a simulator: `model` or `preset`, and, where given, `chip`, `noise`, `overrides`. Models that
-    take pictures see white where the networks are shown it. light: share of it, behind a neutral filter."""
-    name = how.get("chip", chip_of(camera))
-    overrides = overrides_of(how, threshold) | {"peak_qe": light * Chip(name).peak_qe}
-    given = {key: how[key] for key in ("model", "preset") if key in how}
-    given |= {"chip": name, "overrides": overrides, "noise": how.get("noise", True)}
-    if how.get("model") != OURS:
-        chip = Chip(name, overrides={"peak_qe": overrides["peak_qe"]})
-        with Light(camera.folder / "stack", chip, threads=1) as stack:
-            values = stack.at(camera.truth.times_us[::10])
-        given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
-    output.parent.mkdir(parents=True, exist_ok=True)
-    more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
-    more |= {key: how[key] for key in ("warmup_us",) if key in how}
-    record = sense(camera.folder / "stack", output, seed=seed, **given, **more)
-    return int(record["results"]["events"])
-
-
-def matched(path: Path, ours: Callable[[], int], count: Callable[[float], int], tolerance: float) -> float:
-    """The threshold with which `count` is near that of ours: the secant method on logarithms of both; kept."""
-    if not path.exists():
-        wanted = ours()
-        tried: list[tuple[float, int]] = []
-        value = 0.3
-        while not tried or abs(tried[-1][1] / wanted - 1) > tolerance:
-            got = count(value)
-            tried.append((value, got))
-            print(f"{path}: threshold {value:.4f}: {got} events, wanted {wanted}", file=sys.stderr, flush=True)
-            slope = -1.0
-            if len(tried) > 1:
-                slope = math.log(tried[-1][1] / tried[-2][1]) / math.log(tried[-1][0] / tried[-2][0])
-            value *= (wanted / got) ** (1 / min(slope, -0.3))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, {"threshold": tried[-1][0], "tried": tried, "wanted": wanted})
-    return float(json.loads(path.read_text())["threshold"])
-
-
-def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
-    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
 
 
 def kept(path: Path, make: Callable[[], dict]) -> dict:
@@ -85,13 +28,99 @@ def kept(path: Path, make: Callable[[], dict]) -> dict:
     return json.loads(path.read_text())
 
 
-def table(
-    results: dict[str, dict[str, list[dict[str, float]]]],
-    keys: list[tuple[str, str]],
-    baselines: tuple[str, ...] = (),
-) -> str:
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """root: of light, events, runs, scores. plan: camera, simulators, matching, draws."""
+
+    root: Path
+    plan: dict
+
+    def chosen(self, only: list[str]) -> list[str]:
+        """Simulators; all of the plan, without `only`."""
+        if unknown := set(only) - set(self.plan["simulators"]):
+            sys.exit(f"--only: got {', '.join(unknown)}, wanted some of {', '.join(self.plan['simulators'])}")
+        return list(only) or [name for name, how in self.plan["simulators"].items() if not how.get("later")]
+
+    def camera(self, sequence: Sequence) -> Camera:
+        return sequence.cameras[self.plan["camera"]]
+
+    def sequences(self, split: str) -> list[Sequence]:
+        return sequences(self.root / "light", split)
+
+    def sensed(
+        self, sequence: Sequence, output: Path, how: dict, threshold: float | None, light: float = 1.0, draw: int = 0
+    ) -> int:
+        """Number of events of a simulator: `model` or `preset`, and, where given, `chip`, `noise`, `overrides`. Models
+        that take pictures see white where the networks are shown it. light: share of it, behind a neutral filter."""
+        camera = self.camera(sequence)
+        name, overrides = how.get("chip", str(camera.info["chip"])), dict(how.get("overrides", {}))
+        overrides |= {f"contrast_threshold_{p}": threshold for p in ("on", "off") if threshold is not None}
+        overrides["peak_qe"] = light * Chip(name).peak_qe
+        given = {key: how[key] for key in ("model", "preset", "warmup_us") if key in how}
+        given |= {"chip": name, "overrides": overrides, "noise": how.get("noise", True)}
+        if how.get("model") != OURS:
+            chip = Chip(name, overrides={"peak_qe": overrides["peak_qe"]})
+            with Light(camera.folder / "stack", chip, threads=1) as stack:
+                values = stack.at(camera.truth.times_us[::10])
+            given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
+        output.parent.mkdir(parents=True, exist_ok=True)
+        more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
+        seed = 1 + 100 * draw + int(sequence.name)
+        record = sense(camera.folder / "stack", output, seed=seed, **given, **more)
+        return int(record["results"]["events"])
+
+    def threshold(self, name: str) -> float | None:
+        """With which there are as many events as ours are, in all of the light; else the plan's."""
+        how = self.plan["simulators"]
+        path, matching = self.root / "events" / name / "threshold.json", self.plan["matching"]
+        if not how[name].get("matched"):
+            return self.plan.get("threshold")
+        some = self.sequences(matching["split"])[:: matching["every"]]
+
+        def count(of: str, threshold: float | None) -> int:
+            return sum(self.sensed(s, path.with_name("try.h5"), how[of], threshold) for s in some)
+
+        return kept(path, lambda: matched(name, count, self.plan.get("threshold"), matching["tolerance"]))["threshold"]
+
+    def events(self, name: str, sequence: Sequence, draw: int = 0) -> Path:
+        """In a share of the light that is drawn, the same for all simulators; so is a factor on the threshold, where
+        the plan has one."""
+        path = self.root / "events" / name / f"{sequence.name}_{draw}.h5"
+        if not path.exists():
+            how, draws, key = self.plan["simulators"][name], self.plan["draws"], 1000 * draw + int(sequence.name)
+            light, threshold = log_uniform([1, key], *draws["light"]), self.threshold(name)
+            if "threshold" in draws:
+                threshold *= log_uniform([2, key], *draws["threshold"])
+            self.sensed(sequence, path, how, threshold, how.get("light", light), draw)
+        return path
+
+
+def log_uniform(key: list[int], low: float, high: float) -> float:
+    """A number that depends on the two integers of the key alone."""
+    return math.exp(np.random.Generator(np.random.Philox(key=key)).uniform(math.log(low), math.log(high)))
+
+
+def matched(name: str, count: Callable, ours: float | None, tolerance: float) -> dict:
+    """The threshold with which `count` is near that of ours: the secant method on logarithms of both."""
+    wanted, tried, value = count(OURS, ours), [], 0.3
+    while not tried or abs(tried[-1][1] / wanted - 1) > tolerance:
+        got = count(name, value)
+        tried.append((value, got))
+        print(f"{name}: threshold {value:.4f}: {got} events, wanted {wanted}", file=sys.stderr, flush=True)
+        slope = -1.0
+        if len(tried) > 1:
+            slope = math.log(tried[-1][1] / tried[-2][1]) / math.log(tried[-1][0] / tried[-2][0])
+        value *= (wanted / got) ** (1 / min(slope, -0.3))
+    return {"threshold": tried[-1][0], "tried": tried, "wanted": wanted}
+
+
+def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
+def table(results: dict[str, dict[str, list[dict[str, float]]]], keys: list[tuple[str, str]]) -> str:
     """keys: (tested on, metric), one column each. Mean ± standard deviation over seeds; in brackets the mean of the
-    paired differences to ours ± its standard error."""
+    paired differences to ours ± its standard error. Methods without training have one score."""
     lines = []
     for name, row in results.items():
         cells = [name]
@@ -99,7 +128,7 @@ def table(
             values = np.array([r[metric] for r in row[on]])
             ours = np.array([r[metric] for r in results.get(OURS, {}).get(on, [])])
             cell = f"{values.mean():.3f}" + (f" ± {values.std(ddof=1):.3f}" if len(values) > 1 else "")
-            if name not in (OURS, *baselines) and len(values) == len(ours) > 1:
+            if name != OURS and len(values) == len(ours) > 1:
                 apart = values - ours
                 cell += f" ({apart.mean():+.3f} ± {apart.std(ddof=1) / math.sqrt(len(apart)):.3f})"
             cells.append(cell)

@@ -17,22 +17,24 @@ import numpy as np
 
 
 def command(work: Callable[..., object]) -> None:
-    """Calls `work` with the words of the command line. A parameter without a default is an argument, another one an
-    option; bool: a flag; list: several words. A result is printed as JSON, with the load of the machine."""
+    """Calls `work` with the words of the command line. Its keyword-only parameters are options, those before them
+    arguments; bool: a flag; list: several words. A result is printed as JSON, with the load of the machine."""
     about = sys.modules[work.__module__].__doc__
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, hint in typing.get_type_hints(work).items():
-        default = inspect.signature(work).parameters[name].default if name != "return" else None
-        if isinstance(hint, types.UnionType):
-            hint = hint.__args__[0]
-        several = {"nargs": "*"} if typing.get_origin(hint) is list else {}
-        kind = {"type": hint.__args__[0] if several else hint} | several
-        if default is inspect.Parameter.empty:
-            parser.add_argument(name, **kind)
-        elif hint is bool:
-            parser.add_argument(f"--{name.replace('_', '-')}", action="store_true")
-        elif name != "return":
-            parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
+    hints = typing.get_type_hints(work)
+    for name, one in inspect.signature(work).parameters.items():
+        kind = typing.get_args(hints[name])[0] if isinstance(hints[name], types.UnionType) else hints[name]
+        how = {"default": None if one.default is one.empty else one.default}
+        if kind is bool:
+            how["action"] = "store_true"
+        else:
+            several = typing.get_origin(kind) is list
+            how["type"] = typing.get_args(kind)[0] if several else kind
+            if one.kind is not one.KEYWORD_ONLY and one.default is not one.empty:
+                how["nargs"] = "*" if several else "?"
+            elif several:
+                how["nargs"] = "+"
+        parser.add_argument(f"--{name.replace('_', '-')}" if one.kind is one.KEYWORD_ONLY else name, **how)
     load = [round(os.getloadavg()[0], 1)]
     found = work(**vars(parser.parse_args()))
     if found is not None:

@@ -1,5 +1,5 @@
 """A recording of the lab's turning disk as footage: its events on a coarser grid, with the aligned scene's render at
-the same instants, cut to the disk."""
+the same instants, cut to the disk; scores of reconstructed pictures. Needs PyTorch and piq."""
 
 import os
 import subprocess
@@ -8,21 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+import piq
+import torch
 from pecs.datasets.rgb import srgb
 from pecs.learning.clips import WHITE_PERCENTILE
 from pecs.learning.footage import Footage
 
 from . import sequences
 from .disk import Disk, edges
-from .video_scores import picture_scores
 
-CENTRE_PX, RADIUS_PX = (956.76, 361.68), 303.0  # of R_360_L, by `pecs align detect`
+MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001)  # of scales: those that 107 pixels have room for, scaled to sum 1
 PLANNED = ("--fps", "--frames", "--bands", "--samples")
-
-
-def disk_of(sequence: sequences.Sequence) -> Disk:
-    p = sequence.parameters
-    return Disk(CENTRE_PX, RADIUS_PX, 6 * p["rpm"], p["phase_deg"], p["sectors"])
 
 
 def rendered(name: str, folder: Path, plan: dict) -> Path:
@@ -41,25 +37,13 @@ def rendered(name: str, folder: Path, plan: dict) -> Path:
     return folder / "stack"
 
 
-def _box(sequence: sequences.Sequence, factor: int) -> tuple[int, ...]:
-    """left, top, right, bottom of the disk on the coarse grid."""
-    return tuple(v // factor for v in sequence.render["moving_px"])
-
-
-def photocurrent(folder: Path, plan: dict) -> np.ndarray:
-    """Of the disk's pixels at the plan's instants, A [n, H, W]."""
-    sequence = sequences.load(plan["sequence"])
-    left, top, right, bottom = _box(sequence, plan["coarser"])
-    stack = rendered(plan["sequence"], folder, plan)
-    with pecs.Chip(sequence.sense["chip"]) as chip:
-        return chip.photocurrent(stack, range(plan["frames"]))[:, top:bottom, left:right]
-
-
 def load(real: Path, folder: Path, plan: dict) -> tuple[Footage, Disk]:
     """plan: "real" of scripts/studies/reconstruction.json."""
     sequence, factor = sequences.load(plan["sequence"]), plan["coarser"]
-    left, top, right, bottom = _box(sequence, factor)
-    light = photocurrent(folder, plan)
+    left, top, right, bottom = (v // factor for v in sequence.render["moving_px"])
+    with pecs.Chip(sequence.sense["chip"]) as chip:
+        stack = rendered(plan["sequence"], folder, plan)
+        light = chip.photocurrent(stack, range(plan["frames"]))[:, top:bottom, left:right]
     pictures = srgb(light / np.percentile(light, WHITE_PERCENTILE))
     times_us = (plan["first_frame"] + np.arange(plan["frames"])) * 1e6 / plan["fps"]
 
@@ -69,7 +53,19 @@ def load(real: Path, folder: Path, plan: dict) -> tuple[Footage, Disk]:
     inside = (x >= 0) & (x < right - left) & (y >= 0) & (y < bottom - top)
     cut = np.asarray(kept[inside])
     cut["x"], cut["y"] = x[inside], y[inside]
-    return Footage(plan["sequence"], cut, times_us, pictures), disk_of(sequence).coarser(factor).moved(-left, -top)
+    return Footage(plan["sequence"], cut, times_us, pictures), sequence.disk.coarser(factor).moved(-left, -top)
+
+
+def picture_scores(picture: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+    """Both [H, W], 0 ... 1. PSNR in dB; SSIM, MS-SSIM, HaarPSI."""
+    a, b = (torch.from_numpy(np.ascontiguousarray(p, np.float32))[None, None].clamp(0, 1) for p in (picture, truth))
+    weights = torch.tensor(MS_SSIM_WEIGHTS) / sum(MS_SSIM_WEIGHTS)
+    return {
+        "psnr": float(piq.psnr(a, b)),
+        "ssim": float(piq.ssim(a, b, downsample=False)),
+        "ms_ssim": float(piq.multi_scale_ssim(a, b, scale_weights=weights)),
+        "haarpsi": float(piq.haarpsi(a, b)),
+    }
 
 
 def scores(method, footage: Footage, disk: Disk, plan: dict) -> dict[str, float]:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 from pecs._arguments import words
 
+from .disk import Disk
+
+CENTRE_PX, RADIUS_PX = (956.76, 361.68), 303.0  # of R_360_L, by `pecs align detect`
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -18,6 +21,11 @@ class Sequence:
     render: dict
     sense: dict
     published: dict  # Table 1 of the paper
+
+    @property
+    def disk(self) -> Disk:
+        p = self.parameters
+        return Disk(CENTRE_PX, RADIUS_PX, 6 * p["rpm"], p["phase_deg"], p["sectors"])
 
 
 def load(name: str) -> Sequence:

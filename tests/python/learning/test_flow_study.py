@@ -9,8 +9,7 @@ import pytest
 pytest.importorskip("torch", reason="needs .venv-datasets")
 import torch
 from pecs_lab.disk import Disk
-from pecs_lab.flow_net import FlowConfig, FlowNet, batch_of, end_point_error, turned
-from pecs_lab.flow_windows import Window, rotation, sharpness
+from pecs_lab.flow import FlowConfig, FlowNet, Window, batch_of, end_point_error, rotation, sharpness, turned
 from support import ROOT, load_script
 
 torch.set_num_threads(1)
@@ -87,10 +86,10 @@ def test_the_study_in_small(trainable, tmp_path):
     root = tmp_path / "study"
     root.mkdir()
     (root / "light").symlink_to(trainable)
-    study.main([str(root), "--only", "pecs,esim", "--seeds", "1", "--picture", str(tmp_path / "p.webp")])
+    study.main(root, only=["pecs", "esim"], seeds=[1], picture=tmp_path / "p.webp")
     results = json.loads((root / "results.json").read_text())["results"]
     assert set(results) == {"pecs", "esim", "zero", "mean", "farneback"} and (tmp_path / "p.webp").is_file()
     assert all(set(row["gen3_vga"][0]) == set(test["metrics"]) for row in results.values())
     assert results["zero"]["gen3_vga"][0]["relative"] == pytest.approx(1)
-    views, config = study.training_views(root, "pecs"), FlowConfig(crop=32, intervals=(1,))
+    views, config = study.training_views(study.Comparison(root, study.PLAN), "pecs"), FlowConfig(crop=32, intervals=(1,))
     assert torch.equal(batch_of(views, config, 0)[0], batch_of(views, config, 0)[0])

@@ -29,8 +29,6 @@ from pecs.learning.networks import NetworkConfig, network, start_states
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window
 from pecs.learning.train import TrainConfig, _Log, _resume, _save, train, trained
 from pecs.representations import voxel_grid
-from pecs_lab.disk import Disk, edges
-from pecs_lab.drawn_disk import Drawn, Turning, sensed
 from support import ROOT, load_script, run_module
 
 torch.set_num_threads(1)
@@ -284,63 +282,23 @@ def test_another_device_is_refused(trainable, tmp_path):
 
 
 def test_the_study_in_small(trainable, tmp_path):
-    """reconstruction.py from light to scores, at its full size's kind of network; --only has all simulators."""
+    """reconstruction.py from light to scores, and a simulator that it does not have."""
     study = load_script(ROOT / "scripts/studies/reconstruction.py")
-    full = study.PLAN["full"]
-    assert NetworkConfig(full["network"], 5, full["channels"], full["levels"]) == NetworkConfig("e2vid", 5, 32, 3)
-    small = {"channels": 2, "levels": 1, "windows": 3, "crop": 32, "batch": 1, "steps": 1}
+    small = {"channels": 2, "windows": 3, "crop": 32, "batch": 1, "steps": 1}
     study.PLAN |= {"camera": "left", "matching": study.PLAN["matching"] | {"every": 1, "tolerance": 0.2}}
-    study.PLAN |= {"test": study.PLAN["test"] | {"split": "train"}, "full": full | small}
+    study.PLAN |= {"test": study.PLAN["test"] | {"split": "train"}, "training": study.PLAN["training"] | small}
     root = tmp_path / "study"
     root.mkdir()
     (root / "light").symlink_to(trainable)
-    every = list(study.simulators())
-    assert {"v2e_as_published", "voltmeter", "icns"} <= set(every)
-    words = [root, "--full", "--seeds", 1, "--only", "pecs,v2e_as_published,voltmeter,icns"]
-    weights = weights_of_lpips(tmp_path, "alex")
-    study.main([*map(str, words), "--lpips-weights", str(weights)])
-    results = json.loads((root / "full/results.json").read_text())["results"]
-    assert set(results) == {"pecs", "v2e_as_published", "voltmeter", "icns", "filter"}
+    study.main(root, only=["pecs", "v2e_as_published", "esim"], seeds=[1], picture=tmp_path / "p.png")
+    results = json.loads((root / "results.json").read_text())["results"]
+    assert set(results) == {"pecs", "v2e_as_published", "esim", "shipped", "filter"} and (tmp_path / "p.png").is_file()
     for row in results.values():
-        assert all(set(scores[0]) == {"psnr", "ssim", "ms_ssim", "haarpsi", "lpips"} for scores in row.values())
-    assert (root / "full/runs/icns_1/network.onnx").is_file() and not (root / "runs").exists()
-    matched = json.loads((root / "events/icns/threshold.json").read_text())
+        assert all(set(scores[0]) == {"psnr", "ssim", "ms_ssim", "haarpsi"} for scores in row.values())
+    matched = json.loads((root / "events/esim/threshold.json").read_text())
     assert abs(matched["tried"][-1][1] / matched["wanted"] - 1) < 0.2
-    try:
-        study.main([str(root), "--only", "dvs"])
-        raise AssertionError("an unknown simulator")
-    except SystemExit as e:
-        assert e.code == 2
-
-
-def test_drawn_disks():
-    """Their edges are where the disk has them; slow pixels follow late, in light and in events; flow carries them."""
-    disk = Disk((30.2, 31.1), 30.0, -2000.0, 20.0, 4)
-    white = np.full((60, 60), 1e-15)
-    what, times = Drawn(disk, white, white / 12), 2000.0 * np.arange(20)
-    both = []
-    for fast in (True, False):
-        events, followed = sensed(what, times, "imx636", fast=fast, warm_up_us=300e3, step_us=250)
-        assert followed.shape == (20, 60, 60)
-        ahead = [edges(picture * 1e15, disk, t)[0] for picture, t in zip(followed, times, strict=True)]
-        right, up = events["x"] + 0.5 - disk.centre_px[0], disk.centre_px[1] - events["y"] - 0.5
-        at_deg = np.degrees(np.arctan2(up, right))
-        late_deg = np.mod(at_deg - 20 + 2000e-6 * events["t"], 180)[(events["p"] == 1) & (np.hypot(right, up) > 10)]
-        both.append((np.nanmedian(ahead), np.isfinite(ahead).mean(), np.median(late_deg)))
-    (sharp, found, soon), (behind, _, late) = both
-    assert abs(sharp) < 0.3 and found == 1 and soon < 5, both
-    assert behind < -3 and 30 < late < 85, both
-    ranges = {"sectors": [2, 4], "deg_per_window": [2, 9], "contrast": [5, 15], "corner_hz": [2, 12]}
-    how = ranges | {"side_px": 48, "windows": 6, "fps": 500, "warm_up_us": 100e3, "step_us": 500.0}
-    for seed in range(4):
-        source = Turning(how, "imx636", seed)
-        before, now = (torch.from_numpy(source.pictures[k] / 255)[None, None] for k in (3, 4))
-        flow = torch.from_numpy(source.flow_back(3).astype(np.float64))[None]
-        errors = [
-            float((came - now).abs()[known].mean()) for came, known in (warped(before, flow), warped(before, -flow))
-        ]
-        assert errors[0] < 0.5 * errors[1], errors
-        assert Clips([source], SMALL, 1, 1)[0]["grid"].shape == (5, 5, 32, 32) and len(source.events)
+    with pytest.raises(SystemExit, match="got dvs, wanted some of pecs"):
+        study.main(root, only=["dvs"])
 
 
 def test_onnx_is_the_network(trainable, tmp_path):
