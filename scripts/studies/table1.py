@@ -1,43 +1,111 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Table 1 of the paper: five pixel models on the same rendered frames of each sequence, against the recording where
-there is one, else against `pecs`. Stacks come from scripts/tools/sequences.py.
+there is one, else against `pecs`; and what each part of the chain is worth on R_360_L.
 
-    scripts/studies/table1.py -o out/sequences [--real R_360_L=FILE ...]
+    scripts/tools/sequences.py all -o out/sequences --coarser 4 -- --bands 3 --samples 4
+    scripts/studies/table1.py out/sequences [--real NAME=FILE ...] [--sensor-grid]
+    scripts/studies/table1.py out/chain --parts [--coarser 4]
 
-Writes table1.json and table1.md into the folder. They list published numbers, and ours in the paper's arithmetic
-and in shared normalisation (docs/reference/metrics.md), with 95 % intervals. On the disk, delays behind the edge too:
-the earth mover's distance of `pecs compare --disk`, in degrees. A stack coarser than the sensor is compared with the
-recording's pixels at its pixels' centres, in the sensor's coordinates. Default recording:
+Writes table1.json and table1.md, or chain.json, into the folder: published numbers, and ours in the paper's arithmetic
+and in shared normalisation (docs/reference/metrics.md), with 95 % intervals; on the disk, the earth mover's distance of
+the delays, too. A stack coarser than the sensor is compared with the recording's pixels at its pixels' centres, or with
+--sensor-grid its light is interpolated to the sensor's pixels, so that all events count. Default recording:
 ../shared/data/real/R_360_L.hdf5 if there.
+
+--parts renders R_360_L five times (whole, without a lens, without diffraction, one band, three single wavelengths;
+uniform steps, 4 samples) and simulates the first with five more sensors. With --coarser 4, 20 minutes of two cores and
+4 GB; each halving takes eight times as long.
 """
 
-import argparse
 import json
+import re
+import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pecs
 from pecs_lab import sequences
-from pecs_lab.report import table
-from pecs_lab.sensor_grid import WIDTH, onto_sensor, scores
+from pecs_lab.disk import Disk
+from pecs_lab.measure import command
+from pecs_lab.report import cell, table, write
+from pecs_lab.sequences import Sequence
 
-ROOT = Path(__file__).resolve().parents[2]
+REAL = sequences.ROOT.parent / "shared/data/real/R_360_L.hdf5"
+WIDTH, HEIGHT = 1280, 720  # of the sensor
+DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
+NO_DIFFRACTION = (
+    "import sys; from pecs.lens import Camera; Camera.diffract = lambda *_, **__: None; "
+    "from pecs_blender.cli import main; sys.exit(main(sys.argv[1:]))"
+)
+PECS = ["-m", "pecs_blender"]
+RENDERED = {  # left out: program, options of the render, f-number of a pinhole: the lens's
+    "nothing": (PECS, [], None),
+    "lens (pinhole)": (PECS, ["--lens", "none"], 18.86),
+    "diffraction": (["-c", NO_DIFFRACTION], [], None),
+    "bands (one)": (PECS, ["--bands", "1"], None),
+    "means over bands (three wavelengths)": (PECS, ["--placement", "gauss"], None),
+}
+SENSED = {
+    "amplifier": {"overrides": {"amplifier_cutoff_hz": 0}},
+    "photoreceptor, with its noise": {"overrides": {"corner_hz_per_a": 0, "amplifier_cutoff_hz": 0, "noise_std": 0}},
+    "threshold mismatch": {"overrides": {"threshold_mismatch": 0}},
+    "noise": {"overrides": {"noise_std": 0, "background_on_hz": 0, "background_off_hz": 0}},
+    "readout (ideal)": {"readout": "ideal"},
+}
+DISTANCES = {f"{m}_{kind}": f"{m.title()}: {kind}" for m in ("chamfer", "gaussian") for kind in ("paper", "shared")}
+DELAYS = {"delay_on_deg": "delays ON, °", "delay_off_deg": "OFF, °"}
 
 
-def sensed(sequence, folder: Path, info: dict, model: str):
+def onto_sensor(folder: Path, fnumber: float | None = None) -> Path:
+    """A folder whose stack has the sensor's own pixels: light between a coarser stack's pixels is linear, and one band
+    stands for all, with the same photocurrent. fnumber: for a stack of radiance."""
+    chip, fine = pecs.Chip("imx636"), folder / "onto_sensor"
+    info = json.loads((folder / "stack/stack.json").read_text())
+    band = info["bands"][len(info["bands"]) // 2]
+    (ampere,) = chip.amperes_per_unit([band])
+    fnumber = {"fnumber": fnumber} if fnumber else {}
+    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None, "quantity": "irradiance"}
+    fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
+    with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
+        for i in range(len(info["times_ns"])):
+            if not writer.has_frame(i):
+                light = chip.photocurrent(reader, i, **fnumber) / np.float32(ampere)
+                grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+                writer.write_frame(i, np.ascontiguousarray(grown[None]))
+    return fine
+
+
+def scores(sequence: Sequence, reference: np.ndarray, found: np.ndarray) -> dict:
+    p, size, disk = sequence.parameters, {"width": WIDTH, "height": HEIGHT}, None
+    if "rpm" in p:
+        disk = Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 6 * p["rpm"], p["phase_deg"]).detected
+    paper = pecs.compare(reference, found, normalisation="paper", split_half=False, **size)
+    shared = pecs.compare(reference, found, disk=disk, **size)
+    row = {"floor": shared["split_half"]}
+    for kind, d in (("paper", paper), ("shared", shared)):
+        for metric in ("chamfer", "gaussian"):
+            row[f"{metric}_{kind}"], row[f"{metric}_{kind}_interval"] = d[metric], d[f"{metric}_interval"]
+    if shared["delays"]:
+        row |= {f"delay_{p}_deg": shared["delays"][p]["earth_mover_deg"] for p in ("off", "on")}
+    return row
+
+
+def sensed(sequence: Sequence, folder: Path, model: str = "pecs", name: str = "", **options: object) -> np.ndarray:
     """Events on the stack's grid; time as in the recording, where there is one."""
-    parameters = {}
     if model == "icns":  # its photoreceptor follows the light
-        parameters["white_lux"] = sequence.parameters["illuminance_lux"]
-    output, periodic = folder / f"{model}.raw", info["period_ns"] is not None
+        options["parameters"] = {"white_lux": sequence.parameters["illuminance_lux"]}
+    output = folder / f"{name or model}.raw"
+    periodic = json.loads((folder / "stack/stack.json").read_text())["period_ns"] is not None
     window = sequence.sense if periodic else {"chip": sequence.sense["chip"]}  # a part of a period is not looped
-    pecs.sense(folder / "stack", output, model=model, parameters=parameters, **window)
+    pecs.sense(folder / "stack", output, model=model, **window, **options)
     events = pecs.read(output)
-    events["t"] += sequence.sense.get("start_us", 0) if periodic else 0  # a window's events count from its start
+    events["t"] += window.get("start_us", 0)  # a window's events count from its start
     return events
 
 
-def on_the_sensor(events, factor: int):
+def on_the_sensor(events: np.ndarray, factor: int) -> np.ndarray:
     """Events of a grid `factor` times coarser, each at the pixel that decimating a recording keeps."""
     events = events.copy()
     for axis in "xy":
@@ -45,17 +113,15 @@ def on_the_sensor(events, factor: int):
     return events
 
 
-def decimated(events, factor: int):
+def decimated(events: np.ndarray, factor: int) -> np.ndarray:
     """A recording's pixels at the coarse grid's, in the sensor's coordinates."""
-    kept = (events["x"] % factor == factor // 2) & (events["y"] % factor == factor // 2)
-    return events[kept]
+    return events[(events["x"] % factor == factor // 2) & (events["y"] % factor == factor // 2)]
 
 
 def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
     sequence = sequences.load(name)
-    info = json.loads((folder / "stack/stack.json").read_text())
-    factor = WIDTH // info["width"]
-    streams = {m: on_the_sensor(sensed(sequence, folder, info, m), factor) for m in sequence.published["chamfer"]}
+    factor = WIDTH // json.loads((folder / "stack/stack.json").read_text())["width"]
+    streams = {m: on_the_sensor(sensed(sequence, folder, m), factor) for m in sequence.published["chamfer"]}
     reference = decimated(pecs.read(real), factor) if real else streams["pecs"]
     rows = []
     for model, events in streams.items():
@@ -69,65 +135,54 @@ def rows_of(name: str, folder: Path, real: Path | None) -> list[dict]:
     return rows
 
 
-def cell(row: dict, key: str) -> str:
-    value, interval = row.get(key), row.get(f"{key}_interval")
-    if value is None:
-        return "–"
-    return f"{value:.3g}" + (f" ({interval[0]:.3g} … {interval[1]:.3g})" if interval else "")
+def shown(row: dict, key: str) -> str:
+    low_high = row.get(f"{key}_interval")
+    return cell(row.get(key)) + (" ({} … {})".format(*map(cell, low_high)) if low_high else "")
 
 
-COLUMNS = (
-    ("sequence", "sequence"),
-    ("against", "against"),
-    ("model", "model"),
-    ("events", "events"),
-    ("chamfer_published", "Chamfer: published"),
-    ("chamfer_paper", "paper's arithmetic"),
-    ("chamfer_shared", "shared"),
-    ("gaussian_published", "Gaussian: published"),
-    ("gaussian_paper", "paper's arithmetic"),
-    ("gaussian_shared", "shared"),
-    ("delay_on_deg", "delays ON, °"),
-    ("delay_off_deg", "OFF, °"),
-)
+def chain(output: Path, coarser: int) -> None:
+    """The sequence with one part left out at a time."""
+    sequence, real, rows = sequences.load("R_360_L"), pecs.read(REAL), []
+    folders = {}
+    for label, (program, options, fnumber) in RENDERED.items():
+        folder = output / re.sub(r"\W+", "_", label)
+        words = sequences.render_arguments(sequence, coarser, None)
+        words = [sys.executable, *program, "render", sequence.scene, *words, "--bands", 3, "--samples", 4, *options]
+        print(label, file=sys.stderr, flush=True)
+        subprocess.run([*map(str, words), "-o", folder / "stack", "--quiet"], check=True)  # nothing, if it is complete
+        folders[label] = onto_sensor(folder, fnumber)
+    for label, options in (dict.fromkeys(RENDERED, {}) | SENSED).items():
+        folder = folders.get(label, folders["nothing"])
+        found = sensed(sequence, folder, name=re.sub(r"\W+", "_", label), **options)
+        rows.append({"left_out": label, "events": len(found)} | scores(sequence, real, found))
+    write(output / "chain.json", {"coarser": coarser, "rows": rows})
+    keys = DISTANCES | DELAYS
+    cells = [[r["left_out"], f"{r['events']:,}", *(cell(r[k]) for k in keys)] for r in rows]
+    print(table(["left out", "events", *keys.values()], cells))
 
 
-def cells(row: dict) -> list[str]:
-    return [str(row[key]) if isinstance(row.get(key), (str, int)) else cell(row, key) for key, _ in COLUMNS]
-
-
-def write(rows: list[dict], folder: Path) -> None:
-    (folder / "table1.json").write_text(json.dumps(rows, indent=1))
-    shown = table([title for _, title in COLUMNS], map(cells, rows))
-    (folder / "table1.md").write_text(shown + "\n")
-    print(shown)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out/sequences"), help="of scripts/tools/sequences.py"
-    )
-    parser.add_argument("--real", action="append", default=[], metavar="NAME=FILE", help="a sequence's recording")
-    parser.add_argument(
-        "--onto-sensor",
-        action="store_true",
-        help="interpolate a coarser stack's light to the sensor's own pixels, so that all events of a recording count",
-    )
-    args = parser.parse_args()
-    real = dict(text.split("=", 1) for text in args.real)
-    shared = ROOT.parent / "shared/data/real/R_360_L.hdf5"
-    if shared.is_file():
-        real.setdefault("R_360_L", shared)
-    done = [name for name in sequences.names() if (args.output / name / "stack/stack.json").is_file()]
+def main(
+    folder: Path, *, real: list[str] = (), sensor_grid: bool = False, parts: bool = False, coarser: int = 4
+) -> None:
+    if parts:
+        return chain(folder, coarser)
+    recordings = ({"R_360_L": REAL} if REAL.is_file() else {}) | dict(text.split("=", 1) for text in real)
+    done = [name for name in sequences.names() if (folder / name / "stack/stack.json").is_file()]
     if not done:
-        sys.exit(f"table1.py: {args.output}: got no stacks, wanted those of scripts/tools/sequences.py")
+        sys.exit(f"table1.py: {folder}: got no stacks, wanted those of scripts/tools/sequences.py")
     rows = []
     for name in done:
-        folder = args.output / name
-        rows += rows_of(name, onto_sensor(folder) if args.onto_sensor else folder, real.get(name))
-    write(rows, args.output)
+        stack = onto_sensor(folder / name) if sensor_grid else folder / name
+        rows += rows_of(name, stack, recordings.get(name))
+    (folder / "table1.json").write_text(json.dumps(rows, indent=1))
+    published = {f"{metric}_published": f"{metric.title()}: published" for metric in ("chamfer", "gaussian")}
+    keys = published | DISTANCES | DELAYS
+    head = ["sequence", "against", "model", "events", *keys.values()]
+    text = table(head, [[*(str(r[k]) for k in head[:4]), *(shown(r, k) for k in keys)] for r in rows])
+    (folder / "table1.md").write_text(text + "\n")
+    print(text)
+    return None
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -85,17 +85,10 @@ def test_table_of_five_models(root, rendered, tmp_path):
     import pecs
 
     table1 = load_script(root / "scripts/studies/table1.py")
-    info = json.loads((rendered / "R_360_L/stack/stack.json").read_text())
-    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", info, "esim")
+    first = table1.sensed(table1.sequences.load("R_360_L"), rendered / "R_360_L", "esim")
     pecs.write(tmp_path / "real.raw", table1.on_the_sensor(first, 8), width=1280, height=720)
-    command = [
-        sys.executable,
-        root / "scripts/studies/table1.py",
-        "-o",
-        rendered,
-        "--real",
-        f"R_360_L={tmp_path}/real.raw",
-    ]
+    command = [sys.executable, root / "scripts/studies/table1.py", rendered]
+    command += ["--real", f"R_360_L={tmp_path}/real.raw"]
     result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     rows = {(r["sequence"], r["model"]): r for r in json.loads((rendered / "table1.json").read_text())}
