@@ -54,8 +54,9 @@ SENSED = {
     "noise": {"overrides": {"noise_std": 0, "background_on_hz": 0, "background_off_hz": 0}},
     "readout (ideal)": {"readout": "ideal"},
 }
-DISTANCES = {f"{m}_{kind}": f"{m.title()}: {kind}" for m in ("chamfer", "gaussian") for kind in ("paper", "shared")}
-DELAYS = {"delay_on_deg": "delays ON, °", "delay_off_deg": "OFF, °"}
+KINDS = {"published": "published", "paper": "paper's arithmetic", "shared": "shared"}
+COLUMNS = {f"{m}_{kind}": f"{m.title()}: {title}" for m in ("chamfer", "gaussian") for kind, title in KINDS.items()}
+COLUMNS |= {"delay_on_deg": "delays ON, °", "delay_off_deg": "OFF, °"}
 
 
 def onto_sensor(folder: Path, fnumber: float | None = None) -> Path:
@@ -156,7 +157,7 @@ def chain(output: Path, coarser: int) -> None:
         found = sensed(sequence, folder, name=re.sub(r"\W+", "_", label), **options)
         rows.append({"left_out": label, "events": len(found)} | scores(sequence, real, found))
     write(output / "chain.json", {"coarser": coarser, "rows": rows})
-    keys = DISTANCES | DELAYS
+    keys = {key: title for key, title in COLUMNS.items() if key in rows[0]}
     cells = [[r["left_out"], f"{r['events']:,}", *(cell(r[k]) for k in keys)] for r in rows]
     print(table(["left out", "events", *keys.values()], cells))
 
@@ -175,10 +176,8 @@ def main(
         stack = onto_sensor(folder / name) if sensor_grid else folder / name
         rows += rows_of(name, stack, recordings.get(name))
     (folder / "table1.json").write_text(json.dumps(rows, indent=1))
-    published = {f"{metric}_published": f"{metric.title()}: published" for metric in ("chamfer", "gaussian")}
-    keys = published | DISTANCES | DELAYS
-    head = ["sequence", "against", "model", "events", *keys.values()]
-    text = table(head, [[*(str(r[k]) for k in head[:4]), *(shown(r, k) for k in keys)] for r in rows])
+    head = ["sequence", "against", "model", "events"]
+    text = table([*head, *COLUMNS.values()], [[*(r[k] for k in head), *(shown(r, k) for k in COLUMNS)] for r in rows])
     (folder / "table1.md").write_text(text + "\n")
     print(text)
     return None
