@@ -2,16 +2,15 @@
 """How well `pecs fit` finds chips that it does not know: drawn chips, recorded by the sensor with all noise, and fitted
 from the stock profile.
 
-    scripts/studies/fit_hidden.py [--screen] [--chips 20] [--first-seed 100] [-o fit_hidden.json]
+    scripts/studies/fit_hidden.py [lamp|screen|disk] [--chips 20] [--first-seed 100] [--output fit_hidden.json]
 
 Each chip is drawn in the ranges of published parts (RANGES), and stands before a lamp that switches through four
-levels, and before still light, or with --screen before a screen that plays the page of `pecs stimulus`, with the cap
-on at the end. The photocurrent of level 1 is drawn, too, and not known to the fit. Events are written
-as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has the truth, and the median
-of the relative error. One to two minutes a chip on two cores.
+levels, and before still light; before a screen that plays the page of `pecs stimulus`, with the cap on at the end; or
+before a turning disk (4 to 12 sectors, either direction). The photocurrent of level 1 is drawn, too, and not known to
+the fit. Events are written as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has
+the truth, and the median of the relative error. One to two minutes a chip on two cores.
 """
 
-import argparse
 import json
 import tempfile
 import time
@@ -21,7 +20,11 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs.fit import Disk as Recording
 from pecs.fit import Steps, Still, Stimulus, fit, stimulus
+from pecs_lab import computed_disk
+from pecs_lab.disk import Disk
+from pecs_lab.measure import command
 from pecs_lab.report import table
 
 CHIP = "imx636"  # overridden by the drawn values
@@ -33,6 +36,11 @@ WARM_S = 600  # the camera has been on
 # A screen: refresh, time constant of its pixels, groups of rows that are written one after the other.
 REFRESH_HZ, RESPONSE_S, ROWS = 59.94, 0.004, 16
 SCREEN_US = 500.0  # between values of its light, which are its frames
+# A disk.
+SIZE, RADIUS_PX, DISK_US = {"width": 160, "height": 128}, 50.0, {"duration_us": 4e5, "step_us": 100.0}
+PERIOD_US, CONTRAST = (4e4, 1.2e5), (8.0, 20.0)
+SLOWNESS = 1.0, 1.8  # the corner in white, times the period / ON threshold: about 1.5 in R_360_L
+LIGHT_RATIO = 1.5  # over the disk
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),
@@ -49,17 +57,17 @@ EVENLY = {"leak_rate_hz": (0.0, 0.1), "hot_pixel_fraction": (0.0, 0.005)}
 CORNER_HZ = 200.0, 3000.0  # of the photoreceptor at level 1
 
 
+def between(rng: np.random.Generator, pair: tuple[float, float]) -> float:
+    return float(np.exp(rng.uniform(*np.log(pair))))
+
+
 def draw(seed: int) -> tuple[dict[str, float], float]:
     """A chip's values, and the photocurrent of level 1."""
     rng = np.random.default_rng(seed)
-
-    def between(pair: tuple[float, float]) -> float:
-        return float(np.exp(rng.uniform(*np.log(pair))))
-
-    values = {key: between(pair) for key, pair in RANGES.items()}
-    values |= {key: values["contrast_threshold_on"] * between(pair) for key, pair in RATIOS.items()}
+    values = {key: between(rng, pair) for key, pair in RANGES.items()}
+    values |= {key: values["contrast_threshold_on"] * between(rng, pair) for key, pair in RATIOS.items()}
     values |= {key: float(rng.uniform(*pair)) for key, pair in EVENLY.items()}
-    return values, between(CORNER_HZ) / values["corner_hz_per_a"]
+    return values, between(rng, CORNER_HZ) / values["corner_hz_per_a"]
 
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
@@ -132,7 +140,23 @@ def record(folder: Path, values: dict, light_a: float, seed: int, suffix: str = 
     return recordings + [record_still(folder, values, light_a, seed, suffix, level) for level in STILLS]
 
 
-def one(seed: int, make: Callable = record, pixels: int = 1024) -> dict:
+def record_disk(folder: Path, values: dict, light_a: float, seed: int, suffix: str = "raw") -> list[Recording]:
+    rng = np.random.default_rng([seed, 1])
+    sectors = 2 * int(rng.integers(2, 7))
+    period_us, contrast = between(rng, PERIOD_US), between(rng, CONTRAST)
+    speed = 720e6 / sectors / period_us * float(rng.choice((-1, 1)))
+    centre = SIZE["width"] / 2 + rng.uniform(-2, 2), SIZE["height"] / 2 + rng.uniform(-2, 2)
+    disk = Disk(centre, RADIUS_PX + computed_disk.STILL_PX, speed, float(rng.uniform(0, 360)), sectors)
+    around = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
+    shape = np.exp(np.log(LIGHT_RATIO) / 2 * np.cos(around + rng.uniform(0, 2 * np.pi))) * np.ones(4)
+    corner_hz = between(rng, SLOWNESS) * values["contrast_threshold_on"] / period_us * 1e6 * shape
+    seen = SIZE | DISK_US | {"margin_px": computed_disk.MARGIN_PX}
+    path = folder / f"disk.{suffix}"
+    pecs.write(path, computed_disk.simulate("imx636", values, disk, corner_hz, contrast, **seen, seed=seed), **SIZE)
+    return [Recording(path, contrast)]
+
+
+def one(seed: int, make: Callable, pixels: int) -> dict:
     values, light_a = draw(seed)
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
@@ -168,20 +192,18 @@ def summary(chips: list[dict]) -> list[list[object]]:
     return rows
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--screen", action="store_true")
-    parser.add_argument("--chips", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=100)
-    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
-    args = parser.parse_args()
-    chips: list[dict] = []
-    for seed in range(args.first_seed, args.first_seed + args.chips):
-        chips.append(one(seed, record_screen if args.screen else record))
-        print(json.dumps(chips[-1], default=float), flush=True)
-        args.output.write_text(json.dumps({"chips": chips}, indent=1, default=float) + "\n")
-    print(table(["value", "fitted", "truth in the 95 % interval", "median relative error"], summary(chips)))
+def main(
+    before: str = "lamp", *, chips: int = 20, first_seed: int = 100, pixels: int = 1024,
+    output: Path = Path(__file__).with_suffix(".json"),
+) -> None:  # fmt: skip
+    make = {"lamp": record, "screen": record_screen, "disk": record_disk}[before]
+    found: list[dict] = []
+    for seed in range(first_seed, first_seed + chips):
+        found.append(one(seed, make, pixels))
+        print(json.dumps(found[-1], default=float), flush=True)
+        output.write_text(json.dumps({"chips": found}, indent=1, default=float) + "\n")
+    print(table(["value", "fitted", "truth in the 95 % interval", "median relative error"], summary(found)))
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -9,8 +9,6 @@ Medians alone do not tell thresholds from the corner, so thresholds, mismatch an
 ampere and the second stage are fitted; then also the OFF threshold. Some minutes on two cores.
 """
 
-import argparse
-
 import numpy as np
 import pecs
 from pecs.fit.estimate import Estimate
@@ -18,6 +16,7 @@ from pecs.fit.model import Model
 from pecs.fit.recordings import Switches
 from pecs.fit.search import Problem
 from pecs_lab import over_light
+from pecs_lab.measure import command
 
 CYCLES = 4
 SD = 0.03  # of the logarithm of a median: spread over regions
@@ -58,13 +57,10 @@ def fit(keep: tuple[str, ...], pixels: int) -> None:
             print(f"{c.recording}, {c.switch}: {np.expm1(c.measured):.1f} us, model {np.expm1(c.simulated):.1f} us")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pixels", type=int, default=256, help="simulated")
-    args = parser.parse_args()
+def main(*, pixels: int = 256) -> None:
     for keep in KEPT:
-        fit(keep, args.pixels)
+        fit(keep, pixels)
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

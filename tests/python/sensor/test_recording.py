@@ -173,7 +173,7 @@ def test_real_recording(root, shared, pecs_program):
     if not recording.is_file():
         pytest.skip(f"needs {recording}")
     environment = os.environ | {"PECS_PROGRAM": str(pecs_program("--version").args[0])}
-    command = [sys.executable, root / "scripts/studies/fit_disk.py", "--recording", recording]
+    command = [sys.executable, root / "scripts/studies/fit_disk.py", recording]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     r = json.loads(done.stdout)
