@@ -20,7 +20,7 @@ from .table import Value
 from .work import beside, pixels
 
 WITH_PICTURES = ("evreal", "event_cnn", "radiance")  # exports that require an RGB camera on the pixels of events
-WITHOUT_EVENTS = ("coco", "thumbnails")
+WITHOUT_EVENTS = ("coco",)
 FIRST = 1000  # sequences among which a scene's first one is looked for
 
 

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 from pecs.datasets import writers
-from support import HERE, ROOT, small_sequence
+from support import HERE, ROOT
 
 
 @pytest.fixture(scope="session")
@@ -17,7 +17,7 @@ def exported(sequence, tmp_path_factory):
     def export(name):
         if name not in done:
             folder = tmp_path_factory.mktemp("out") / name
-            done[name] = folder, writers.write(name, [sequence], folder, **small_sequence.EXPORT.get(name, {}))
+            done[name] = folder, writers.write(name, [sequence], folder)
         return done[name]
 
     return export

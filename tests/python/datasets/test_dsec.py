@@ -63,29 +63,6 @@ def test_dsec_events_by_dsecs_own_slicer(sequence, exported):
             small.same_events([found[k] for k in "txyp"], want, seconds=False)
 
 
-def test_the_test_set_of_e_raft(sequence, exported):
-    """As its loader takes it: every second time but the ends, and the steps before and after each. Its EventSlicer is
-    DSEC's."""
-    from support.outside.dsec_eventslicer import EventSlicer
-
-    at, events = exported("e_raft")[0] / "train" / "0000", sequence.cameras["left"].events()
-    images = np.loadtxt(at / "image_timestamps.txt", dtype="int64")
-    instants = images[::2][1:-1]
-    samples = np.genfromtxt(at / "test_forward_flow_timestamps.csv", delimiter=",")
-    np.testing.assert_array_equal(samples[:, 0], instants)
-    np.testing.assert_array_equal(images[samples[:, 2].astype(int)], instants)
-    with h5py.File(at / "events_left" / "rectify_map.h5") as file:
-        np.testing.assert_array_equal(file["rectify_map"], sequence.cameras["left"].rectify_map())
-    with h5py.File(at / "events_left" / "events.h5") as file:
-        slicer = EventSlicer(file)
-        for t in instants:
-            for start, end in ((t - 10_000, t), (t, t + 10_000)):
-                found = slicer.get_events(start, end)
-                want = events[(events["t"] >= start) & (events["t"] < end)]
-                small.same_events([found[k] for k in "txyp"], want, seconds=False)
-    assert len(instants) == 9 and instants[-1] + 10_000 == small.DURATION_US
-
-
 def test_dsec_disparity_is_the_scenes(dsec):
     left, right, *_ = small.rig()
     np.testing.assert_array_equal(np.rint(dsec["disparity_times"] * 1e6), small.TRUTH_US)

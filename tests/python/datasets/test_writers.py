@@ -99,42 +99,6 @@ def test_count_of_boxes_by_rvts_own_filters(generation, training, sequence):
     np.testing.assert_array_equal(ours, kept["track_id"])
 
 
-# --- M3ED -------------------------------------------------------------------------------------------------------------
-
-
-def test_m3ed(sequence, exported):
-    """As M3ED's own scripts read it: event_loading_by_ms.py, image_and_event_loading.py."""
-    folder, _ = exported("m3ed")
-    left = small.rig()[0]
-    events = sequence.cameras["left"].events()
-    with h5py.File(folder / "train" / "0000_data.h5") as file:
-        start, stop = file["/prophesee/left/ms_map_idx"][20], file["/prophesee/left/ms_map_idx"][21]
-        found = [file[f"/prophesee/left/{k}"][start:stop] for k in "txyp"]
-        small.same_events(found, events[events["t"] // 1000 == 20], seconds=False)
-        assert file["/prophesee/right/p"].dtype == np.int8
-        at = int(file["/ovc/ts_map_prophesee_left_t"][2])
-        assert events["t"][at - 1] < file["/ovc/ts"][2] == 50_000 <= events["t"][at]
-        path = sequence.cameras["rgb"].frames()[2].path
-        np.testing.assert_array_equal(file["/ovc/rgb/data"][2], cv2.imread(str(path))[..., ::-1])
-        np.testing.assert_array_equal(file["/ovc/left/data"][2, ..., 0], grey(path))
-        calibration = file["/prophesee/right/calib"]
-        right = small.rig()[1]
-        np.testing.assert_allclose(calibration["T_to_prophesee_left"], right.rig_from_camera)
-        np.testing.assert_allclose(calibration["intrinsics"], [92, 92.92, 48.8, 34.7])
-        np.testing.assert_allclose(calibration["distortion_coeffs"], [-0.1, 0.02, 0, 0.001])
-        assert calibration["resolution"][:].tolist() == [W, H]
-        np.testing.assert_allclose(file["/ovc/imu/accel"][:], np.tile([0, -9.81, 0], (101, 1)))
-        assert file["/ovc/imu/ts"][5] == 5000
-    with h5py.File(folder / "train" / "0000_depth_gt.h5") as file:
-        np.testing.assert_array_equal(file["ts"][:], small.TRUTH_US)
-        z, now = left.picture(left.look(30_000)[1]), left.world_from_camera(30_000)
-        np.testing.assert_allclose(file["/depth/prophesee/left"][3], z, rtol=1e-6)
-        first = left.world_from_camera(0)
-        point = np.array([0.3, 4, 1, 1])
-        moved = file["Cn_T_C0"][3] @ np.linalg.inv(first) @ point
-        np.testing.assert_allclose(moved, np.linalg.inv(now) @ point, atol=1e-9)
-
-
 # --- Video reconstruction ---------------------------------------------------------------------------------------------
 
 
@@ -232,7 +196,7 @@ def test_e2vid_text_and_euroc_imu(sequence, exported):
     assert (at / "depth.txt").read_text().splitlines()[4] == "0.040000 depth/00000004.npy"
 
 
-# --- COCO, WebDataset, thumbnails -------------------------------------------------------------------------------------
+# --- COCO, WebDataset -------------------------------------------------------------------------------------
 
 
 def test_coco_by_pycocotools(sequence, exported, capsys):
@@ -321,16 +285,6 @@ def test_radiance_by_a_loader_of_radiance_fields(sequence, exported, outside):
         assert angle.max() * left.K[0, 0] < 0.02  # pixels
 
 
-def test_thumbnails(sequence, tmp_path):
-    writers.write("thumbnails", [sequence], tmp_path / "t", width=40)
-    names = {p.name for p in (tmp_path / "t").glob("*.png")}
-    assert {"0000_left.png", "0000_left_strip.png", "0000_left_depth.png", "0000_rgb.png"} <= names
-    assert cv2.imread(str(tmp_path / "t" / "0000_rgb.png")).shape == (30, 40, 3)
-    assert cv2.imread(str(tmp_path / "t" / "0000_left_strip.png")).shape == (15, 200, 3)
-    depth = cv2.imread(str(tmp_path / "t" / "0000_left_depth.png"), cv2.IMREAD_UNCHANGED)
-    assert depth.max() > 240 and depth.min() < 160  # the card is nearer than the wall
-
-
 def test_picture_of_events():
     from pecs.datasets.writers._pictures import event_picture
 
@@ -350,8 +304,7 @@ def hashes(folder):
 @pytest.mark.parametrize("name", writers.WRITERS)
 def test_same_bytes_again_and_a_report(name, sequence, exported, tmp_path):
     folder, report = exported(name)
-    options = small.EXPORT.get(name, {})
-    assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name, **options) == report
+    assert writers.write(name, [Sequence(sequence.folder)], tmp_path / name) == report
     assert hashes(tmp_path / name) == hashes(folder) and len(hashes(folder)) > 1
     assert json.loads((folder / "export.json").read_text()) == report
     assert report["format"] == name and any(report["sequences"]["0000"].values())
@@ -372,9 +325,8 @@ def test_only_events(tmp_path, sequence):
         (bare / "left" / name).write_bytes((sequence.folder / "left" / name).read_bytes())
     alone = Sequence(bare)
     assert isinstance(alone.cameras["left"], Camera)
-    expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes", "m3ed": "depth_gt, pose_gt"}
+    expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes"}
     expected |= {
-        "e_raft": "all but the left events",
         "ecd": "imu.txt, imu0/data.csv",
         "coco": "camera left",
         "webdataset": "camera left",
@@ -383,8 +335,8 @@ def test_only_events(tmp_path, sequence):
     for name in picture_formats:
         fails(pecs.PecsInputError, f"{name}: no RGB camera has the same pixels", name, [alone], tmp_path / name)
     for name in set(writers.WRITERS) - {*picture_formats}:
-        report = writers.write(name, [alone], tmp_path / name, **small.EXPORT.get(name, {}))
-        assert name == "thumbnails" or expected[name] in left_out(report), name
+        report = writers.write(name, [alone], tmp_path / name)
+        assert expected[name] in left_out(report), name
     with h5py.File(tmp_path / "prophesee" / "train" / "bare_td.h5") as file:
         assert len(file["events/t"]) == len(alone.cameras["left"].events())
 
@@ -401,31 +353,24 @@ def test_what_cannot_be_written(sequence, tmp_path):
     fails(pecs.PecsInputError, "got a name twice in 0000, 0000", "ecd", [sequence, sequence], tmp_path / "a")
     (tmp_path / "full").mkdir()
     fails(pecs.PecsOutputError, "full: exists", "ecd", [sequence], tmp_path / "full")
-    writers.write("thumbnails", [sequence], tmp_path / "full", replace=True)
-    assert (tmp_path / "full" / "0000_left.png").is_file()
+    writers.write("coco", [sequence], tmp_path / "full", replace=True)
+    assert (tmp_path / "full/annotations/train_left.json").is_file()
     (tmp_path / "file").touch()
     fails(pecs.PecsOutputError, "Not a directory", "ecd", [sequence], tmp_path / "file" / "x")
     fails(pecs.PecsInputError, "got generation 'gen2'", "prophesee", [sequence], tmp_path / "a", generation="gen2")
     fails(
         pecs.PecsInputError, "samples_per_shard: got 0", "webdataset", [sequence], tmp_path / "a", samples_per_shard=0
     )
-    fails(
-        pecs.PecsInputError,
-        "duration: got 100000 us, wanted at least 3 steps of 100000",
-        "e_raft",
-        [sequence],
-        tmp_path / "a",
-    )
     skewed = Sequence(sequence.folder)
     skewed.cameras["right"].R_rect = np.eye(3)
     fails(pecs.PecsInputError, "wanted a rectified pair", "dsec", [skewed], tmp_path / "a")
     (skewed,) = [Sequence(sequence.folder)]
     skewed.cameras = {"rgb": skewed.cameras["rgb"]}
-    fails(pecs.PecsInputError, "got no event camera", "m3ed", [skewed], tmp_path / "a")
+    fails(pecs.PecsInputError, "got no event camera", "dsec", [skewed], tmp_path / "a")
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("name", ["dsec", "m3ed", "ecd", "webdataset", "coco"])
+@pytest.mark.parametrize("name", ["dsec", "ecd", "webdataset", "coco"])
 def test_a_full_disk(name, sequence, small_disk):
     fails(pecs.PecsOutputError, "space", name, [sequence], small_disk / "a")
     assert not (small_disk / "a").exists() and (small_disk / "a.partial").is_dir()

@@ -149,7 +149,7 @@ def folders(recording, sequence, tmp_path):
     """Commands that write a folder."""
     set_ = sequence.folder.parents[1]
     yield lambda output: learning("reconstruct", recording, "-o", output)
-    yield lambda output: datasets(set_, "--export", "thumbnails", "-o", output)
+    yield lambda output: datasets(set_, "--export", "coco", "-o", output)
 
 
 def test_the_partial_folder_of_others_stays(recording, sequence, tmp_path):
@@ -216,7 +216,7 @@ def test_names_that_give_one_file(sequence, tmp_path):
     other = Sequence(sequence.folder)
     other.name = f"{sequence.name}_left"
     with pytest.raises(pecs.PecsInputError, match="got a name twice in 0000, 0000_left, or with those of cameras"):
-        writers.write("thumbnails", [sequence, other], tmp_path / "t")
+        writers.write("coco", [sequence, other], tmp_path / "t")
 
 
 # Video

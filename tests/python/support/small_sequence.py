@@ -11,7 +11,6 @@ from pecs.stack import StackWriter
 
 DURATION_US = 100_000
 TRUTH_US = np.arange(0, DURATION_US + 1, 10_000)
-EXPORT = {"e_raft": {"flow_us": 10_000}}  # options of writers: the sequence is shorter than E-RAFT's steps
 CARD, WALL = 1, 2  # ids; the wall has no class
 CARD_SIZE = np.array([0.9, 0.7])  # m, in x and up
 WALL_Y, WALL_SLOPE = 4.0, 0.2  # y = WALL_Y + WALL_SLOPE x

@@ -28,16 +28,13 @@ from ..sequence import Sequence
 WRITERS = {
     "dsec": "DSEC: stereo events, rectification, flow, disparity, images",
     "dsec_detection": "DSEC-Detection: DSEC with boxes and pictures in the view of the event camera",
-    "e_raft": "E-RAFT's test set: left events and times of 100 ms steps",
     "prophesee": "Prophesee automotive (RVT): events and boxes of each event camera",
-    "m3ed": "M3ED: HDF5 of events, pictures and IMU; depth and poses",
     "evreal": "EVREAL (event_utils' memory maps): events with the pictures of the same pixels",
     "event_cnn": "event_cnn_minimal (E2VID+ training) HDF5: events, pictures, flow",
     "ecd": "Event Camera Dataset, E2VID: text, TUM poses, EuRoC IMU",
     "radiance": "radiance fields: transforms.json, sharp and blurred pictures, events, E2NeRF's counts",
     "coco": "COCO: instances with RLE masks, one file for each camera",
     "webdataset": "WebDataset: tar shards, one sample for each interval of the truth",
-    "thumbnails": "PNG: what each camera saw, small",
 }
 REPORT = "export.json"
 
