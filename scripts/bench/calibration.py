@@ -2,7 +2,7 @@
 three lenses; poses, speeds, phases and clocks drawn at random.
 
     .venv/bin/python scripts/bench/calibration.py [board|disk|intrinsics ...] [--cases N] [--only I] [--real FILE]
-                                          [--keep FOLDER] > out.json
+                                          [--keep FOLDER]
 
 20 boards, 20 disks and 10 cameras make the 50 cases. Pictures of 640 x 360 pixels of 9.72 um: the film of 1280 x 720,
 four times as fast. Boards are aligned from the recording alone, except the clock: it is found with the camera's turn
@@ -13,7 +13,6 @@ a simulation of the first result; `first_` tells the errors before that. Needs l
 Remove the lines to measure another build on the same recordings, the folder after changes of the sensor.
 """
 
-import argparse
 import contextlib
 import json
 import subprocess
@@ -25,6 +24,7 @@ import numpy as np
 import pecs
 from pecs import program
 from pecs_lab.lab_views import Board, Camera, Disk, record, rotation, turn_of
+from pecs_lab.measure import command
 from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -243,7 +243,7 @@ def intrinsics(index: int, keep: Path) -> dict:
     }
 
 
-def real(recording: str) -> dict:
+def aligned_twice(recording: str) -> dict:
     """The real disk: aligned, simulated in its own dim light with the slow pixels of that light, aligned again with the
     simulation, simulated again; then the same search in both recordings."""
     lens, crop = LENSES[0], (640, 720)  # the right half of the picture is simulated
@@ -307,45 +307,45 @@ LIMITS = {
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    kinds = {"board": (board, 20), "disk": (disk, 20), "intrinsics": (intrinsics, 10)}
-    parser.add_argument("kinds", nargs="*", default=list(kinds), help=", ".join(kinds))
-    parser.add_argument("--cases", type=int)
-    parser.add_argument("--only", type=int, help="one case")
-    parser.add_argument("--keep", type=Path, help="folder of recordings and results")
-    parser.add_argument("--real", help="a recording of scenes/rotating_disk's disk (R_360_L)")
-    a = parser.parse_args()
-    folder = tempfile.TemporaryDirectory()
-    keep = (a.keep or Path(folder.name)).resolve()
-    keep.mkdir(parents=True, exist_ok=True)
+def cases_of(kind: str, cases: list[int], keep: Path) -> dict:
+    lines = keep / f"{kind}.jsonl"
+    done = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+    rows = [row for row in done if row["case"] in cases]
+    for i in sorted(set(cases) - {row["case"] for row in rows}):
+        rows.append({"case": i, "lens": LENSES[i % 3][0]})
+        try:
+            rows[-1] |= KINDS[kind][0](i, keep)
+        except RuntimeError as e:
+            rows[-1]["failed"] = str(e)
+        print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+        with lines.open("a") as out:
+            out.write(json.dumps(rows[-1]) + "\n")
+    worst = {}
+    for key, limit in LIMITS.items():
+        if values := [abs(row[key]) for row in rows if key in row]:
+            within = f"{sum(v <= limit for v in values)}/{len(rows)}"
+            worst[key] = {"median": float(np.median(values)), "worst": max(values), "within": within}
+    return {"summary": worst, "failed": sum("failed" in row for row in rows), "cases": rows}
+
+
+KINDS = {"board": (board, 20), "disk": (disk, 20), "intrinsics": (intrinsics, 10)}
+
+
+def main(
+    kinds: list[str] = tuple(KINDS), *, cases: int | None = None, only: int | None = None, keep: Path | None = None,
+    real: str = "",
+) -> dict:  # fmt: skip
     report = {"limits": LIMITS, "white_photocurrent_a": WHITE_A}
-    if a.real:
-        report["real"] = real(a.real)
-        a.kinds = []
-    for kind in a.kinds:
-        function, count = kinds[kind]
-        cases = [a.only] if a.only is not None else range(a.cases or count)
-        lines = keep / f"{kind}.jsonl"
-        done = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
-        rows = [row for row in done if row["case"] in cases]
-        for i in sorted(set(cases) - {row["case"] for row in rows}):
-            rows.append({"case": i, "lens": LENSES[i % 3][0]})
-            try:
-                rows[-1] |= function(i, keep)
-            except RuntimeError as e:
-                rows[-1]["failed"] = str(e)
-            print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-            with lines.open("a") as out:
-                out.write(json.dumps(rows[-1]) + "\n")
-        worst = {}
-        for key, limit in LIMITS.items():
-            if values := [abs(row[key]) for row in rows if key in row]:
-                within = f"{sum(v <= limit for v in values)}/{len(rows)}"
-                worst[key] = {"median": float(np.median(values)), "worst": max(values), "within": within}
-        report[kind] = {"summary": worst, "failed": sum("failed" in row for row in rows), "cases": rows}
-    json.dump(report, sys.stdout, indent=1)
+    if real:
+        return report | {"real": aligned_twice(real)}
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = (keep or Path(scratch)).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
+        for kind in kinds:
+            some = [only] if only is not None else list(range(cases or KINDS[kind][1]))
+            report[kind] = cases_of(kind, some, folder)
+    return report
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

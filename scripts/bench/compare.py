@@ -1,18 +1,17 @@
 """Speed of pecs.compare beside scipy's KD-tree doing the same distances on the same cores; prints JSON.
 
-    python scripts/bench/compare.py [--events 350000] [--passes 3] [--files REAL SIM]
+    python scripts/bench/compare.py [REAL SIM] [--events 350000] [--passes 3] [--no-scipy]
 
-Without files: two draws of a disk of four sectors that turns, 1280x720. Needs scipy.
+Without files: two draws of a disk of four sectors that turns, 1280x720. --no-scipy: for the memory of very large
+streams.
 """
 
-import argparse
-import json
 import os
 import resource
 
 import numpy as np
 import pecs
-from pecs_lab.measure import median_s
+from pecs_lab.measure import command, median_s
 from scipy.spatial import cKDTree
 
 WIDTH, HEIGHT = 1280, 720
@@ -41,27 +40,21 @@ def scipy_chamfer(a: np.ndarray, b: np.ndarray) -> float:
     return cKDTree(b).query(a, workers=-1)[0].mean() + cKDTree(a).query(b, workers=-1)[0].mean()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--events", type=int, default=350_000)
-    parser.add_argument("--passes", type=int, default=3)
-    parser.add_argument("--files", nargs=2)
-    parser.add_argument("--no-scipy", action="store_true", help="for the memory of very large streams")
-    args = parser.parse_args()
-    a, b = [pecs.read(f) for f in args.files] if args.files else [disk(args.events, seed) for seed in (1, 2)]
+def main(files: list[str] = (), *, events: int = 350_000, passes: int = 3, no_scipy: bool = False) -> dict:
+    a, b = [pecs.read(f) for f in files] if files else [disk(events, seed) for seed in (1, 2)]
 
     def ours() -> float:
         return pecs.compare(a, b, width=WIDTH, height=HEIGHT, normalisation="eq16", split_half=False)["chamfer"]
 
-    seconds, value = median_s(ours, args.passes)
+    seconds, value = median_s(ours, passes)
     result = {"cores": os.cpu_count(), "events": [len(a), len(b)], "pecs_s": seconds, "chamfer": value}
     result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    if not args.no_scipy:
-        result["scipy_s"], reference = median_s(lambda: scipy_chamfer(a, b), args.passes)
+    if not no_scipy:
+        result["scipy_s"], reference = median_s(lambda: scipy_chamfer(a, b), passes)
         result["speedup"] = result["scipy_s"] / seconds
         assert abs(value - reference) < 1e-3 * reference, (value, reference)
-    print(json.dumps(result, indent=2))
+    return result
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -6,53 +6,40 @@ pecs_lab/over_light.py has the measurement. Without --measured: medians of the f
 also least and largest delays, and medians at other biases.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
-import pecs
-from pecs_lab.over_light import MEDIANS_US, first_delays_us, nist_fa, over_regions, square_wave
+from pecs_lab.measure import command
+from pecs_lab.over_light import MEDIANS_US, delays_us, over_regions
 
 BIASES = ((-64, -26), (-42, -17), (-21, -9), (0, 0), (35, 47), (70, 95))  # of the tables: diff_on, diff_off
 FACTORY = BIASES.index((0, 0))
 
 
-def simulated(chip: str, seed: int = 1, biases: dict[str, int] | None = None) -> dict[str, np.ndarray]:
-    """[irradiance, pixel, cycle]: delay of the first event, us."""
-    frames, t_us = square_wave(nist_fa(chip))
-    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=seed, readout="ideal", biases=biases or {})
-    return first_delays_us(events)
-
-
-def measured(path: Path, camera: str, name: str, setting: int = FACTORY) -> dict[str, list[float]]:
-    tables = json.loads(path.read_text())["tables"]
-    rows = {s: tables[f"{camera}/nolens/{s}/{name.upper()}"] for s in ("median", "min", "max")}
+def tables(path: Path, camera: str, name: str, setting: int = FACTORY) -> dict[str, list[float]]:
+    every = json.loads(path.read_text())["tables"]
+    rows = {s: every[f"{camera}/nolens/{s}/{name.upper()}"] for s in ("median", "min", "max")}
     cell = {s: [[v for v in row[setting] if v is not None] for row in rows[s]] for s in rows}
     return {s: [float(np.median(v)) if v else float("nan") for v in cell[s]] for s in rows}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--chip", default="imx636")
-    parser.add_argument("--measured", type=Path, help="decoded tables of NIST's figures")
-    parser.add_argument("--camera", default="CAM1", help="of --measured")
-    args = parser.parse_args()
+def main(*, chip: str = "imx636", measured: Path | None = None, camera: str = "CAM1") -> dict:
     report = {}
-    for name, delays in simulated(args.chip).items():
+
+    def beside(name: str, delays: np.ndarray, setting: int = FACTORY) -> tuple[dict, dict, dict]:
         ours = over_regions(delays)
-        theirs = measured(args.measured, args.camera, name) if args.measured else {"median": MEDIANS_US[name]}
-        ratio = {s: [round(a / b, 2) for a, b in zip(ours[s], v, strict=True)] for s, v in theirs.items()}
-        report[name] = {"simulated": ours, "measured": theirs, "ratio": ratio}
-    for setting, (on, off) in enumerate(BIASES if args.measured else ()):
-        for name, delays in simulated(args.chip, biases={"diff_on": on, "diff_off": off}).items():
-            ours, theirs = (
-                of["median"] for of in (over_regions(delays), measured(args.measured, args.camera, name, setting))
-            )
-            ratio = [round(a / b, 2) for a, b in zip(ours, theirs, strict=True)]
+        theirs = tables(measured, camera, name, setting) if measured else {"median": MEDIANS_US[name]}
+        return ours, theirs, {s: [round(a / b, 2) for a, b in zip(ours[s], v, strict=True)] for s, v in theirs.items()}
+
+    for name, delays in delays_us(chip).items():
+        report[name] = dict(zip(("simulated", "measured", "ratio"), beside(name, delays), strict=True))
+    for setting, (on, off) in enumerate(BIASES if measured else ()):
+        for name, delays in delays_us(chip, biases={"diff_on": on, "diff_off": off}).items():
+            ratio = beside(name, delays, setting)[2]["median"]
             report[name].setdefault("ratio of medians at diff_on, diff_off", {})[f"{on}, {off}"] = ratio
-    print(json.dumps(report, indent=1))
+    return report
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -1,13 +1,12 @@
 """The lens camera in Cycles, as JSON: its cost relative to the built-in camera, and noise of both channel modes at
 equal time.
 
-    .venv/bin/python scripts/bench/lens_camera.py [cost|modes ...] [--lens LENS ...] > lens_camera.json
+    .venv/bin/python scripts/bench/lens_camera.py [cost|modes ...] [--lens LENS ...]
 
 Needs bpy in the interpreter that runs it (it renders in child processes) and libpecs (scripts/setup.sh). Times are wall
 times of one rendering thread (another spins in wait for it, which a process' CPU time would count): run it alone.
 """
 
-import argparse
 import json
 import statistics
 import subprocess
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_lab.films import covered
+from pecs_lab.measure import command
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -79,18 +79,11 @@ def modes(names):
     return out
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", default=["cost", "modes"])
-    parser.add_argument("--lens", nargs="*", default=["cmount_8mm_f2p8", "dgauss_50mm_tronnier"])
-    arguments = parser.parse_args()
+def main(parts: list[str] = ("cost", "modes"), *, lens: list[str] = ("cmount_8mm_f2p8", "dgauss_50mm_tronnier")) -> dict:
     report = {"blender": render(osl=None, hfov_deg=40, scene="empty", width=8, height=8, samples=1)[2]}
-    if "cost" in arguments.parts:
-        report["cost"] = cost()
-    if "modes" in arguments.parts:
-        report["modes"] = modes(arguments.lens)
-    json.dump(report, sys.stdout, indent=1)
+    works = {"cost": cost, "modes": lambda: modes(lens)}
+    return report | {part: works[part]() for part in parts}
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

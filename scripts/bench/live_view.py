@@ -1,19 +1,17 @@
 """What the live view's sensor takes of a frame, without a window: `push` (light to events, and each event's time into
 the picture that is drawn) on one thread, and the sum over RGBA before it. 24 frames a second of a textured disk that
 crosses a textured ground ("busy": eight times as fast, and turning). CPU time of the process (others share the
-machine), median and 95 % over the frames, best median of the passes. JSON, one line a setting.
+machine), median and 95 % over the frames, best median of the passes. JSON.
 
 PYTHONPATH=python:blender_addon .venv/bin/python scripts/bench/live_view.py [--passes 5] [--frames 48]
 """
 
-import argparse
 import itertools
-import json
-import os
 import time
 
 import numpy as np
 from pecs_blender.ui.live_sensor import QUICK, LiveSensor
+from pecs_lab.measure import command
 
 FPS = 24
 
@@ -54,18 +52,15 @@ def measure(width: int, height: int, chip: str, rgba: np.ndarray) -> dict:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--passes", type=int, default=5)
-    parser.add_argument("--frames", type=int, default=48)
-    args = parser.parse_args()
+def main(*, passes: int = 5, frames: int = 48) -> dict:
+    rows = []
     for (width, height), busy in itertools.product(((346, 260), (1280, 720)), (False, True)):
-        rgba = pictures(width, height, args.frames, busy)
+        rgba = pictures(width, height, frames, busy)
         for chip in (QUICK, "imx636"):
-            runs = [measure(width, height, chip, rgba) for _ in range(args.passes)]
-            best = min(runs, key=lambda run: run["push_ms"])
-            print(json.dumps({"busy": busy} | best | {"load": round(os.getloadavg()[0], 1)}), flush=True)
+            runs = [measure(width, height, chip, rgba) for _ in range(passes)]
+            rows.append({"busy": busy} | min(runs, key=lambda run: run["push_ms"]))
+    return {"settings": rows}
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -1,33 +1,42 @@
 """What rendering at keyframes costs and loses against uniform steps, for the same events: CPU seconds, and recall,
 precision and time error of events against a reference: keyframes 6 pixels apart, pictures between at steps of a quarter
 pixel, many samples, no denoising. "ceiling" is a second reference with another seed. noise_events is the share that
-`pecs sense` estimates from the stack alone. Prints JSON and a table.
+`pecs sense` estimates from the stack alone. Prints JSON.
 
-    .venv/bin/python scripts/bench/motion.py -o out/motion [--scenes room shadow …] [--samples 8] [--variants …]
+    .venv/bin/python scripts/bench/motion.py out/motion [--scenes room shadow …] [--samples 8] [--variants …]
 
 The scenes are those of motion_scenes.py and two of the lab's; pixels are ideal (no noise, threshold 0.2). Stacks that
 are there are taken as they are.
 """
 
-import argparse
-import json
-import os
 import shutil
-import subprocess
 import sys
-import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab.measure import measured
+from pecs_lab.measure import answer, command, measured
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE_SAMPLES = 128
 THRESHOLDS = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
 SENSOR = THRESHOLDS | {"corner_hz_per_a": 1e18, "amplifier_cutoff_hz": 0}
+
+
+VARIANTS = {
+    "uniform": (),
+    "seed": ("--seed", 2),
+    "adaptive": ("--time", "adaptive"),
+    "no denoise": ("--time", "adaptive", "--no-denoise"),
+    "step 6": ("--time", "adaptive", "--step", 6),
+    "step 12": ("--time", "adaptive", "--step", 12),
+    "step 32": ("--time", "adaptive", "--step", 32),
+    "step 64": ("--time", "adaptive", "--step", 64),
+    "no subpixels": ("--time", "adaptive", "--subpixels", 1),
+    "4 subpixels": ("--time", "adaptive", "--subpixels", 4),
+}
 
 
 @dataclass(frozen=True)
@@ -44,14 +53,6 @@ PINHOLE = ("--lens", "none", "--focal", 15.02, "--width", 96)
 BLENDS = ("room", "shadow", "mirror", "glass", "flicker", "character")
 SCENES = [Scene(name, 1000, 0.063) for name in BLENDS]
 SCENES += [Scene("rotating_disk", 875, 0.0731, PINHOLE), Scene("board", 150, 0.4266, PINHOLE)]
-
-
-def make_scenes(folder: Path) -> Path:
-    if not folder.is_dir():
-        subprocess.run(
-            [sys.executable, ROOT / "scripts/bench/motion_scenes.py", folder], check=True, stdout=subprocess.DEVNULL
-        )
-    return folder
 
 
 def render(scene: Scene, folder: Path, scenes: Path, fps: float, *options) -> float | None:
@@ -116,52 +117,27 @@ def score(reference: np.ndarray, found: np.ndarray, window_us: float) -> dict:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--scenes", nargs="+", default=[s.name for s in SCENES])
-    parser.add_argument("--samples", type=int, help="by default those of the renderer")
-    parser.add_argument("--variants", nargs="+", default=["uniform", "adaptive"])
-    args = parser.parse_args()
-    made = make_scenes(args.output / "scenes")
-    results = {"samples": args.samples, "load": os.getloadavg()[0], "date": time.strftime("%F"), "scenes": {}}
-    for scene in SCENES:
-        if scene.name not in args.scenes:
-            continue
+def main(
+    output: Path, *, scenes: list[str] = (), samples: int | None = None, variants: list[str] = ("uniform", "adaptive")
+) -> dict:
+    made = output / "scenes"
+    if not made.is_dir():
+        answer(sys.executable, ROOT / "scripts/bench/motion_scenes.py", made)
+    results = {}
+    for scene in (s for s in SCENES if not scenes or s.name in scenes):
         step_us = 1e6 / scene.fps
-        truth = reference_events(scene, args.output, made)
-        rows = results["scenes"][scene.name] = {"step_us": step_us, "events": len(truth)}
-        rows["ceiling"] = score(truth, reference_events(scene, args.output, made, seed=78), step_us)
-        for variant in args.variants:
-            folder = args.output / variant / scene.name
-            options = [*(["--samples", args.samples] if args.samples else []), *VARIANTS[variant]]
+        truth = reference_events(scene, output, made)
+        rows = results[scene.name] = {"step_us": step_us, "events": len(truth)}
+        rows["ceiling"] = score(truth, reference_events(scene, output, made, seed=78), step_us)
+        for variant in variants:
+            folder = output / variant / scene.name
+            options = [*(["--samples", samples] if samples else []), *VARIANTS[variant]]
             seconds = render(scene, folder, made, scene.fps, *options)
             found, share = simulated(folder)
             rows[variant] = {"cpu_s": seconds, "noise_events": share, **score(truth, found, step_us)}
-        for variant in ("ceiling", *args.variants):
-            row = rows[variant]
-            share = row.get("noise_events")
-            print(
-                f"{scene.name:14s} {variant:12s} {row.get('cpu_s', 0):7.1f} s  recall {row['recall']:.3f}  precision "
-                f"{row['precision']:.3f}  median {row['median_us']:5.0f} us ({row['median_us'] / step_us:.2f} px)"
-                + (f"  noise events {share:.3f}" if share is not None else ""),
-                file=sys.stderr,
-            )
-    print(json.dumps(results, indent=1))
+            print(scene.name, variant, rows[variant], file=sys.stderr, flush=True)
+    return {"samples": samples, "scenes": results}
 
-
-VARIANTS = {
-    "uniform": (),
-    "seed": ("--seed", 2),
-    "adaptive": ("--time", "adaptive"),
-    "no denoise": ("--time", "adaptive", "--no-denoise"),
-    "step 6": ("--time", "adaptive", "--step", 6),
-    "step 12": ("--time", "adaptive", "--step", 12),
-    "step 32": ("--time", "adaptive", "--step", 32),
-    "step 64": ("--time", "adaptive", "--step", 64),
-    "no subpixels": ("--time", "adaptive", "--subpixels", 1),
-    "4 subpixels": ("--time", "adaptive", "--subpixels", 4),
-}
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -9,9 +9,6 @@ network and by the filter in turn. Prints JSON: medians over passes, by the cloc
 (on a machine with other work the clock says more about that), and the load.
 """
 
-import argparse
-import json
-import os
 import tempfile
 import time
 from pathlib import Path
@@ -24,6 +21,7 @@ from pecs.learning.clips import ClipConfig, Clips, recordings
 from pecs.learning.networks import NetworkConfig, network
 from pecs.learning.reconstruct import WEIGHTS, reconstruct
 from pecs.learning.train import TrainConfig, learn
+from pecs_lab.measure import command
 
 STEPS, PASSES, SECONDS = 16, 5, 1.0  # of training; of reconstruction, each of so long a recording
 CLOCKS = "clock", "cpu"
@@ -81,17 +79,10 @@ def reconstruction(weights: Path, threads: int) -> dict:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", type=Path)
-    parser.add_argument("--weights", type=Path, default=WEIGHTS)
-    parser.add_argument("--threads", type=int, default=1, help="more than are free slow all down (default: 1)")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    load = [os.getloadavg()[0]]
-    out = {"training": training(args.set), "reconstruction": reconstruction(args.weights, args.threads)}
-    print(json.dumps(out | {"load": [*load, os.getloadavg()[0]], "threads": args.threads}, indent=1))
+def main(folder: Path, *, weights: Path = WEIGHTS, threads: int = 1) -> dict:
+    torch.set_num_threads(threads)  # more than are free slow all down
+    return {"training": training(folder), "reconstruction": reconstruction(weights, threads), "threads": threads}
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -4,8 +4,6 @@ Plain and banded rounds alternate; seconds are CPU seconds of all threads, which
     .venv/bin/python scripts/bench/render.py [--width 480] [--samples 16] [--frames 5]
 """
 
-import argparse
-import json
 import statistics
 import time
 from pathlib import Path
@@ -18,6 +16,7 @@ from pecs_blender.scene.scene_file import load_scene
 from pecs_blender.spectral.bands import points
 from pecs_blender.spectral.spectra import load
 from pecs_blender.spectral.spectral_scene import SpectralScene
+from pecs_lab.measure import command
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "room"
 PASSES = points([430.0, 480.0, 520.0]), points([560.0, 610.0, 680.0])
@@ -29,19 +28,15 @@ def seconds(film) -> float:
     return time.process_time() - start
 
 
-def measure(args, banded: bool) -> list[list[float]]:
+def measure(width: int, samples: int, frames: int, banded: bool) -> list[list[float]]:
     """[frames][passes], without the first frame."""
     source = FolderScene(load_scene(SCENE, []))
-    cycles.configure(
-        source.scene,
-        args.width,
-        args.width * 9 // 16,
-        cycles.Sampling(samples=args.samples, seed=1, bounces=source.bounces),
-    )
+    sampling = cycles.Sampling(samples=samples, seed=1, bounces=source.bounces)
+    cycles.configure(source.scene, width, width * 9 // 16, sampling)
     source.make_camera(5.0, 6.2208)
     spectral = SpectralScene(load("d65"), source.folder) if banded else None
     rows, film = [], cycles.Film(source.scene)
-    for frame in range(args.frames + 1):
+    for frame in range(frames + 1):
         source.set_time(frame * 1e-3)
         row = []
         for bands in PASSES:
@@ -52,33 +47,18 @@ def measure(args, banded: bool) -> list[list[float]]:
     return rows[1:]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--width", type=int, default=480)
-    parser.add_argument("--samples", type=int, default=16)
-    parser.add_argument("--frames", type=int, default=5)
-    parser.add_argument("--rounds", type=int, default=3)
-    args = parser.parse_args()
+def main(*, width: int = 480, samples: int = 16, frames: int = 5, rounds: int = 3) -> dict:
     plain, banded = [], []
-    for _ in range(args.rounds):
-        plain += measure(args, False)
-        banded += measure(args, True)
-    median = statistics.median
-    result = {
-        "blender": bpy.app.version_string,
-        "width": args.width,
-        "samples": args.samples,
-        "plain_s": median(t for row in plain for t in row),
-        "band_pass_s": median(t for row in banded for t in row),
-        "plain_first_s": median(row[0] for row in plain),
-        "plain_again_s": median(row[1] for row in plain),
-        "band_first_of_frame_s": median(row[0] for row in banded),
-        "band_second_of_frame_s": median(row[1] for row in banded),
-        "resident_mb": resident_mb(),
-    }
-    result["overhead"] = result["band_pass_s"] / result["plain_s"] - 1
-    print(json.dumps(result, indent=2))
+    for _ in range(rounds):
+        plain += measure(width, samples, frames, False)
+        banded += measure(width, samples, frames, True)
+    result = {"blender": bpy.app.version_string, "width": width, "samples": samples, "resident_mb": resident_mb()}
+    for name, rows in (("plain", plain), ("band", banded)):
+        result[f"{name}_s"] = statistics.median(t for row in rows for t in row)
+        result[f"{name}_first_of_frame_s"] = statistics.median(row[0] for row in rows)
+        result[f"{name}_second_of_frame_s"] = statistics.median(row[1] for row in rows)
+    return result | {"overhead": result["band_s"] / result["plain_s"] - 1}
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -60,6 +60,13 @@ def first_delays_us(events: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+def delays_us(chip: str, seed: int = 1, biases: dict[str, int] | None = None) -> dict[str, np.ndarray]:
+    """[irradiance, pixel, cycle] of a chip."""
+    frames, t_us = square_wave(nist_fa(chip))
+    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=seed, readout="ideal", biases=biases or {})
+    return first_delays_us(events)
+
+
 def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float) -> dict[str, np.ndarray]:
     """Of the pixels' first events at each irradiance, not a number where half of the pixels are silent. Frames of
     sensor(width, height) are in units of fA * per_fa."""
