@@ -4,22 +4,22 @@ events of 61 bands? A ColorChecker on the rotating disk, and the same disk in gr
 One dense stack (5 nm) per scene is rendered by Cycles; radiance over the lamp is smooth, so single wavelengths are read
 off it as Cycles would render them. Means over bands are rendered. No noise, so what differs is the wavelengths.
 
-    .venv/bin/python scripts/studies/ablation.py -o out/ablation [--width 64] [--frames 40]
+    .venv/bin/python scripts/studies/ablation.py out/ablation [--width 64] [--frames 40]
 
 Writes ablation.json, ablation.md and ablation.png (matplotlib).
 """
 
-import argparse
 import json
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pecs
 from pecs_blender.spectral.spectra import load
-from pecs_lab.measure import by_pixel
-from pecs_lab.report import table
+from pecs_lab.measure import by_pixel, command
+from pecs_lab.report import cell, table
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTS = (1, 3, 4, 6, 7, 9, 11, 12, 16, 31)
@@ -28,6 +28,15 @@ PLACEMENTS = {"uniform": COUNTS, "gauss": COUNTS, "means": MEANS}
 LIGHT = (10, 30, 60, 80, 100, 120, 140, 160)  # C of Table 3, in % of the light
 LO_NM, HI_NM = 400.0, 700.0
 WITHIN_US = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 2000, 5000, 10000)
+
+
+@dataclass(frozen=True)
+class Setting:
+    width: int
+    frames: int
+    fps: float
+    lamp: str
+    photocurrent_a: float
 
 
 def response(nm):
@@ -43,22 +52,22 @@ def bands(placement: str, n: int, lamp) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.array([b[key] for b in chosen]) for key in ("lambda_nm", "weight_nm"))
 
 
-def render(folder: Path, args, grey: int, placement: str, count: int) -> None:
+def render(folder: Path, how, grey: int, placement: str, count: int) -> None:
     command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
     command += ["--lens", "none", "--focal", 25, "--placement", placement, "--bands", count, "--min-wavelength", LO_NM]
-    command += ["--max-wavelength", HI_NM, "--width", args.width, "--samples", 4, "--fps", args.fps]
-    command += ["--frames", args.frames]
-    command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={args.lamp}"]
+    command += ["--max-wavelength", HI_NM, "--width", how.width, "--samples", 4, "--fps", how.fps]
+    command += ["--frames", how.frames]
+    command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={how.lamp}"]
     subprocess.run(list(map(str, command)), check=True)
 
 
-def dense(folder: Path, args, grey: int) -> tuple[np.ndarray, np.ndarray]:
+def dense(folder: Path, how, grey: int) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
-    render(folder, args, grey, "uniform", 61)
+    render(folder, how, grey, "uniform", 61)
     with pecs.StackReader(folder) as stack:
         nm = np.array([b["lambda_nm"] for b in stack.info["bands"]])
-        frames = np.array([stack.read_frame(i) for i in range(args.frames)])
-    return nm, frames / load(args.lamp)(nm)[None, :, None, None]
+        frames = np.array([stack.read_frame(i) for i in range(how.frames)])
+    return nm, frames / load(how.lamp)(nm)[None, :, None, None]
 
 
 def photocurrent(nm, frames, placement, n, lamp):
@@ -72,21 +81,21 @@ def photocurrent(nm, frames, placement, n, lamp):
     return (light / light.mean()).astype(np.float32)
 
 
-def of_means(folder: Path, args, grey: int, n: int) -> np.ndarray:
+def of_means(folder: Path, how, grey: int, n: int) -> np.ndarray:
     """[T, H, W]: of a render with n bands, gain removed."""
-    render(folder, args, grey, "means", n)
+    render(folder, how, grey, "means", n)
     with pecs.Chip("imx636") as chip:
         light = chip.photocurrent(folder, fnumber=8.0)
     return light / light.mean()
 
 
-def events(light, args):
-    t_us = np.arange(len(light)) * 1e6 / args.fps
-    return pecs.simulate(light, t_us, chip="imx636", noise=False, photocurrent_a=args.photocurrent_a)
+def events(light, how):
+    t_us = np.arange(len(light)) * 1e6 / how.fps
+    return pecs.simulate(light, t_us, chip="imx636", noise=False, photocurrent_a=how.photocurrent_a)
 
 
-def score(reference, light, truth, args) -> dict:
-    found = events(light, args)
+def score(reference, light, truth, how) -> dict:
+    found = events(light, how)
     h, w = light.shape[1:]
     if len(found) == 0:
         return {"events": 0}
@@ -114,38 +123,31 @@ def delay_us(a, b, width) -> np.ndarray:
     return tb[same[kb]] - ta[same[ka]]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--width", type=int, default=64)
-    parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--fps", type=float, default=2000.0)
-    parser.add_argument("--lamp", default="led_b3")
-    parser.add_argument("--photocurrent-a", type=float, default=1e-11)
-    args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
-    lamp = load(args.lamp)
-    result = {"lamp": args.lamp, "width": args.width, "frames": args.frames, "fps": args.fps, "bands": [], "light": []}
+def main(
+    output: Path, *, width: int = 64, frames: int = 40, fps: float = 2000.0, lamp: str = "led_b3",
+    photocurrent_a: float = 1e-11,
+) -> None:  # fmt: skip
+    how, spectrum = Setting(width, frames, fps, lamp, photocurrent_a), load(lamp)
+    output.mkdir(parents=True, exist_ok=True)
+    result = {"lamp": lamp, "width": width, "frames": frames, "fps": fps, "bands": [], "light": []}
     for scene, grey in (("colour", 0), ("grey", 1)):
-        nm, frames = dense(args.output / f"stack_{scene}", args, grey)
-        truth = photocurrent(nm, frames, "gauss", 61, lamp)
-        reference = events(truth, args)
+        nm, rendered = dense(output / f"stack_{scene}", how, grey)
+        truth = photocurrent(nm, rendered, "gauss", 61, spectrum)
+        reference = events(truth, how)
         for placement, counts in PLACEMENTS.items():
             for n in counts:
                 if placement == "means":
-                    light = of_means(args.output / f"means_{scene}_{n}", args, grey, n)
+                    light = of_means(output / f"means_{scene}_{n}", how, grey, n)
                 else:
-                    light = photocurrent(nm, frames, placement, n, lamp)
-                row = {"scene": scene, "placement": placement, "n": n, **score(reference, light, truth, args)}
+                    light = photocurrent(nm, rendered, placement, n, spectrum)
+                row = {"scene": scene, "placement": placement, "n": n, **score(reference, light, truth, how)}
                 result["bands"].append(row)
         if scene == "colour":
-            for c in LIGHT:
-                row = {"c": c, **score(reference, truth * np.float32(c / 100), truth, args)}
-                result["light"].append(row)
-    (args.output / "ablation.json").write_text(json.dumps(result, indent=1))
-    (args.output / "ablation.md").write_text(page(result))
-    plot(result, args.output / "ablation.png")
-    print(args.output / "ablation.md")
+            result["light"] = [{"c": c, **score(reference, truth * np.float32(c / 100), truth, how)} for c in LIGHT]
+    (output / "ablation.json").write_text(json.dumps(result, indent=1))
+    (output / "ablation.md").write_text(page(result))
+    plot(result, output / "ablation.png")
+    print(output / "ablation.md")
 
 
 def plot(result, path: Path) -> None:
@@ -184,12 +186,9 @@ def plot(result, path: Path) -> None:
 
 
 def page(result) -> str:
-    def number(value):
-        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
     keys = ("log_rms_percent", "events", "chamfer", "gaussian", "paired_percent", "delay_us_median", "delay_us_p95")
-    bands = [[r["scene"], r["placement"], r["n"], *(number(r.get(k)) for k in keys)] for r in result["bands"]]
-    light = [[r["c"], *(number(r.get(k)) for k in keys)] for r in result["light"]]
+    bands = [[r["scene"], r["placement"], r["n"], *(cell(r.get(k)) for k in keys)] for r in result["bands"]]
+    light = [[r["c"], *(cell(r.get(k)) for k in keys)] for r in result["light"]]
     return (
         f"# Wavelengths and light: events against 61 bands\n{table(('scene', 'placement', 'N', *keys), bands)}\n\n"
         f"## Light level (Table 3's C, in %)\n{table(('C', *keys), light)}\n"
@@ -197,4 +196,4 @@ def page(result) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

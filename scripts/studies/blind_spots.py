@@ -8,16 +8,14 @@ of them, or the scene, is altered. The table lists the measures, the picture the
 in standard deviations of the five. Requires libpecs.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pecs
 from pecs_lab import lab_views
 from pecs_lab.disk import Disk
+from pecs_lab.measure import command
 from pecs_lab.report import table
-
-ROOT = Path(__file__).resolve().parents[2]
 
 SIZE, PITCH_MM = (320, 180), 0.01944
 WHITE_A, WARM_UP_S, SPAN_S = 1.9e-15, 0.9, 0.0545
@@ -99,7 +97,7 @@ def measured(real: np.ndarray, sim: np.ndarray, disk: dict, origin: str = "zero"
     return np.array(values, float)
 
 
-def picture(path: Path, rows: list[str], deviations: np.ndarray) -> None:
+def draw(path: Path, rows: list[str], deviations: np.ndarray) -> None:
     """A field per row and measure: white within what chance does, dark a thousand times that."""
     import matplotlib
 
@@ -118,10 +116,7 @@ def picture(path: Path, rows: list[str], deviations: np.ndarray) -> None:
     figure.savefig(path)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--picture", type=Path)
-    args = parser.parse_args()
+def main(*, picture: Path | None = None) -> None:
     real, *others = recordings(list(range(1, SEEDS + 1)))
     disk = detected()
     chance = np.array([measured(real, other, disk) for other in others])
@@ -137,11 +132,11 @@ def main() -> None:
     shown = [[name, *(f"{v:.3g}" for v in values)] for name, values in rows.items()]
     shown.append(["(standard deviation by chance)", *(f"{v:.1g}" for v in chance.std(axis=0, ddof=1))])
     print(table(["", *MEASURES], shown))
-    if args.picture:
+    if picture:
         names = list(rows)[1:]
         away = np.abs(np.array([rows[n] for n in names]) - chance.mean(axis=0)) / chance.std(axis=0, ddof=1)
-        picture(args.picture, names, away)
+        draw(picture, names, away)
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

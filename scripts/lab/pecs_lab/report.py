@@ -13,6 +13,8 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
 
 
 def cell(value: float | None) -> str:
+    if isinstance(value, int):
+        return str(value)
     return "–" if value is None or not math.isfinite(value) else f"{value:.3g}"
 
 
